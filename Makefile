@@ -1,0 +1,115 @@
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+MAKEFLAGS += --no-builtin-rules
+.DEFAULT_GOAL := help
+
+# A python3 of 3.10 to 3.13, and the folder of the environment: make env PYTHON=python3.12 VENV=.venv312
+PYTHON ?= python3
+VENV ?= .venv
+
+BIN := $(VENV)/bin
+STAMPS := $(VENV)/.stamps
+PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
+
+# The environment is closed: a sourced ROS, or a process of another environment that runs make, must not leak in.
+ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
+unexport LD_LIBRARY_PATH
+endif
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
+
+.PHONY: help env test lint types colcon pytest demo bench clean distclean FORCE
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+# --- environment ------------------------------------------------------------------------------------------
+# Each step leaves a stamp when it has succeeded. The first holds where the environment was made and with
+# which Python, so that a copied folder or another PYTHON makes a new one.
+
+env: $(STAMPS)/complete ## .venv with everything, the messages and the project (PYTHON=..., VENV=...)
+
+VERSION_OF = $(shell "$(1)" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+BUILT := $(shell cat "$(STAMPS)/python" 2>/dev/null)
+ifneq ($(firstword $(BUILT)),$(abspath $(VENV)))
+$(STAMPS)/python: FORCE
+else ifneq ($(origin PYTHON),file)
+ifneq ($(lastword $(BUILT)),$(call VERSION_OF,$(PYTHON)))
+$(STAMPS)/python: FORCE
+endif
+endif
+
+$(STAMPS)/python:
+	@tools/check_machine.sh "$(PYTHON)"
+	@echo "make env: new environment $(VENV) with $$("$(PYTHON)" --version)"
+	@rm -rf "$(VENV)"
+	@"$(PYTHON)" -m venv "$(VENV)"
+	@mkdir "$(STAMPS)"
+	@echo "$(abspath $(VENV)) $(call VERSION_OF,$(PYTHON))" >$@
+
+$(STAMPS)/packages: setup.py constraints.txt $(STAMPS)/python
+	@rm -f $(STAMPS)/complete
+	@echo "make env: installing packages, about a minute"
+	@$(PIP) install 'setuptools>=70.1,<80' wheel
+	@$(PIP) install --no-build-isolation -c constraints.txt -e '.[all]'
+	@touch $@
+
+$(STAMPS)/messages: msg_defs/CMakeLists.txt msg_defs/package.xml $(wildcard msg_defs/msg msg_defs/srv msg_defs/*/*) tools/build_messages.sh $(STAMPS)/packages
+	@rm -f $(STAMPS)/complete
+	@echo "make env: building aircraft_sysid_msgs"
+	@tools/build_messages.sh "$(VENV)" build/messages
+	@touch $@
+
+$(STAMPS)/complete: $(STAMPS)/messages
+	@touch $@
+
+# --- checks -----------------------------------------------------------------------------------------------
+
+test: env ## everything that a change must pass: lint, types, colcon build, tests
+	@$(MAKE) --no-print-directory lint
+	@$(MAKE) --no-print-directory types
+	@$(MAKE) --no-print-directory colcon
+	@$(MAKE) --no-print-directory pytest
+
+lint: env ## ruff
+	$(BIN)/ruff check .
+
+types: env ## mypy
+	$(BIN)/mypy
+
+# Runs do not hear each other, nor anything else on the network.
+pytest: export ROS_DOMAIN_ID := $(shell echo $$(( 60 + $$$$ % 40 )))
+pytest: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+pytest: export ROS_LOG_DIR := $(abspath build/ros_log)
+pytest: env ## the tests alone; ARGS='-k name -x' selects
+	$(BIN)/python -m pytest $(ARGS)
+
+COLCON_WS := build/colcon
+COLCON_SOURCES = $(shell find aircraft_sysid_ros msg_defs resource config launch setup.py setup.cfg package.xml -type f -not -path '*/__pycache__/*')
+NODES := $(COLCON_WS)/install/aircraft_sysid_ros/lib/aircraft_sysid_ros
+
+colcon: env $(COLCON_WS)/complete ## both packages in a workspace, as on an ordinary ROS 2
+
+$(COLCON_WS)/complete: $(COLCON_SOURCES) $(STAMPS)/messages
+	@if [ ! $@ -nt $(STAMPS)/messages ]; then rm -rf $(COLCON_WS); fi
+	@rm -rf $(COLCON_WS)/*/aircraft_sysid_ros && mkdir -p $(COLCON_WS)
+	PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH="$(abspath $(VENV))" CMAKE_PREFIX_PATH="$(abspath $(VENV))" \
+	colcon --log-base $(COLCON_WS)/log build --base-paths . msg_defs \
+	    --build-base $(COLCON_WS)/build --install-base $(COLCON_WS)/install --event-handlers console_direct- summary+ \
+	    --cmake-args -G Ninja -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$(abspath $(BIN))/python"
+	test -x $(NODES)/state_estimator -a -x $(NODES)/parameter_estimator -a -x $(NODES)/aircraft-sysid
+	touch $@
+
+# --- use --------------------------------------------------------------------------------------------------
+
+demo: env ## a simulated flight from recording to report
+	$(BIN)/aircraft-sysid demo
+
+bench: env ## speed and accuracy against the stated goals
+	$(BIN)/python benchmarks/run.py
+
+clean: ## build products; the environment stays
+	rm -rf build install log dist ./*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
+
+distclean: clean ## the environment too
+	rm -rf "$(VENV)"

@@ -1,0 +1,1 @@
+"""What an aeroplane is: frames, earth, atmosphere, geometry and mass, the aerodynamic model and its terms."""

@@ -1,0 +1,120 @@
+"""The aerodynamic model as data: a list of regressor expressions per axis, (6.8)-(6.13) of the summary by default.
+
+``C_axis = sum_j parameter_j * term_j(signals)``, coefficients in body axes, per rad, rates normalised.
+Nothing in the code knows the textbook terms specially: they are the default of the aircraft file and no more.
+(6.9) of the summary prints C_X,da and C_X,dr: C_Y,da and C_Y,dr are meant. (6.11) prints a C_l,alpha term that its
+own parameter vector (6.25) does not have: it is left out, which gives 6+6+4+6+4+6 = 32 parameters.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, evaluate, link, parse_expression
+from aircraft_sysid_ros.errors import InputError
+
+AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+_LONGITUDINAL = ("1", "alpha", "q", "de")
+_LATERAL = ("1", "beta", "p", "r", "da", "dr")
+TEXTBOOK_TERMS: dict[str, tuple[str, ...]] = {
+    "CX": ("1", "alpha", "alpha**2", "q", "de", "Tc"),
+    "CY": _LATERAL,
+    "CZ": _LONGITUDINAL,
+    "Cl": _LATERAL,
+    "Cm": _LONGITUDINAL,
+    "Cn": _LATERAL,
+}
+
+
+def term_label(term: str) -> str:
+    """Name of a term inside a parameter name: ``1`` is 0, ``alpha**2`` is alpha2, others stay as they are."""
+    if term == "1":
+        return "0"
+    base, power, exponent = term.partition("**")
+    return base + exponent if power and base in SIGNALS and exponent.isdigit() else term
+
+
+@dataclass(frozen=True)
+class AerodynamicModel:
+    """Terms per axis, in the order of AXES. Build it with ``model_from_terms``."""
+
+    programs: tuple[tuple[Program, ...], ...]
+
+    @cached_property
+    def terms(self) -> dict[str, tuple[str, ...]]:
+        """Canonical text of the terms, by axis."""
+        return {axis: tuple(p.text for p in programs) for axis, programs in zip(AXES, self.programs, strict=True)}
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """``CX_0 CX_alpha …`` of INTERFACE.md, axis by axis."""
+        return tuple(f"{axis}_{term_label(t)}" for axis, terms in self.terms.items() for t in terms)
+
+    @cached_property
+    def offsets(self) -> npt.NDArray[np.int64]:
+        """Where each axis starts among the parameters, shape (7,)."""
+        return np.cumsum([0, *(len(programs) for programs in self.programs)]).astype(np.int64)
+
+    @cached_property
+    def identifier(self) -> str:
+        """Id of this version: the same terms have the same id."""
+        return hashlib.sha256(repr(self.terms).encode()).hexdigest()[:8]
+
+    @cached_property
+    def linked(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+        """Code and offsets of all terms for ``expression.evaluate_programs``."""
+        return link([p for programs in self.programs for p in programs])
+
+    @cached_property
+    def signals_used(self) -> frozenset[str]:
+        """Names of the signals that any term reads."""
+        return frozenset(
+            SIGNALS[int(row[1])] for programs in self.programs for p in programs for row in p.code if row[0] == 1
+        )
+
+    def axis_slice(self, axis: str) -> slice:
+        """Where the parameters of an axis stand among all."""
+        i = AXES.index(axis)
+        return slice(int(self.offsets[i]), int(self.offsets[i + 1]))
+
+    def regressors(self, axis: str, signals: Mapping[str, npt.ArrayLike]) -> npt.NDArray[np.float64]:
+        """Regressor matrix of one axis, shape (n, terms), for arrays of signals by name."""
+        return evaluate(self.programs[AXES.index(axis)], dict(signals))
+
+    def coefficients(
+        self, parameters: Mapping[str, float], signals: Mapping[str, npt.ArrayLike]
+    ) -> npt.NDArray[np.float64]:
+        """C_X … C_n, shape (n, 6), for parameters by name and arrays of signals by name."""
+        values = np.array([parameters[name] for name in self.parameter_names])
+        columns = [self.regressors(axis, signals) @ values[self.axis_slice(axis)] for axis in AXES]
+        return np.stack(columns, axis=1)
+
+
+def model_from_terms(terms: Mapping[str, Sequence[str | int]]) -> AerodynamicModel:
+    """Model from terms per axis; an axis that is left out has no terms. Raises InputError for bad axes or terms."""
+    unknown = [axis for axis in terms if axis not in AXES]
+    if unknown:
+        raise InputError(f"the model names the axis '{unknown[0]}': the axes are {' '.join(AXES)}")
+    programs = []
+    for axis in AXES:
+        listed = terms.get(axis, ())
+        if isinstance(listed, str) or not isinstance(listed, Sequence):
+            raise InputError(f"the terms of {axis} must be a list such as [1, alpha, q, de]")
+        parsed = tuple(parse_expression(str(term)) for term in listed)
+        texts = [program.text for program in parsed]
+        twice = next((text for text in texts if texts.count(text) > 1), None)
+        if twice is not None:
+            raise InputError(f"the model has the term '{twice}' twice in {axis}: remove one")
+        programs.append(parsed)
+    return AerodynamicModel(tuple(programs))
+
+
+def textbook_model() -> AerodynamicModel:
+    """The 32 terms of (6.25)."""
+    return model_from_terms(TEXTBOOK_TERMS)

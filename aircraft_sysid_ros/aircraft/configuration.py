@@ -1,0 +1,289 @@
+"""The aircraft file: geometry, mass, sensors and model of one aeroplane, checked once when it is loaded."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, model_from_terms, textbook_model
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
+from aircraft_sysid_ros.errors import InputError
+
+Vector = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One sensor: noise is one sigma per sample and axis, in the sensor's unit; rate [Hz]; delay [s]."""
+
+    noise: tuple[float, ...]
+    rate: float
+    delay: float = 0.0
+    noise_is_given: bool = False  # by the aircraft file: then it goes before the covariance of the messages
+
+
+#: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad, rad,
+#: Pa, Pa, rad, m.
+DEFAULT_SENSORS: dict[str, Sensor] = {
+    "accelerometer": Sensor((0.1,), 100.0),
+    "gyro": Sensor((0.005,), 100.0),
+    "attitude": Sensor((0.03,), 50.0),
+    "magnetometer": Sensor((0.1,), 10.0),
+    "gps_position": Sensor((1.5, 1.5, 3.0), 5.0),
+    "gps_velocity": Sensor((0.2, 0.2, 0.4), 5.0),
+    "airspeed": Sensor((0.5,), 50.0),
+    "angle_of_attack": Sensor((0.01,), 50.0),
+    "sideslip": Sensor((0.01,), 50.0),
+    "static_pressure": Sensor((20.0,), 50.0),
+    "five_hole_probe": Sensor((5.0,), 50.0),
+    "control_surfaces": Sensor((0.002,), 50.0),
+    "height_above_ground": Sensor((0.2,), 10.0),
+}
+#: Sensors that share a message may be set together; the noise is then one number for each member.
+SENSOR_GROUPS: dict[str, tuple[str, ...]] = {
+    "imu": ("accelerometer", "gyro"),
+    "gps": ("gps_position", "gps_velocity"),
+    "air_data": ("airspeed", "angle_of_attack", "sideslip"),
+}
+SENSOR_ALIASES = {
+    "gyroscope": "gyro", "alpha": "angle_of_attack", "beta": "sideslip", "true_airspeed": "airspeed",
+    "orientation": "attitude", "controls": "control_surfaces",
+}  # fmt: skip
+#: Random walks [unit of the state per square root of a second].
+DEFAULT_PROCESS_NOISE = {"accelerometer_bias": 5e-4, "gyro_bias": 2e-5, "wind": 0.2}
+SURFACES = ("elevator", "aileron", "rudder", "flaps")
+_REQUIRED = ("name", "mass", "wing_area", "span", "chord", "inertia")
+_OPTIONAL = (
+    "imu_position", "air_data_position", "gps_position", "aerodynamic_reference", "sensors", "process_noise", "model",
+    "coefficients", "surface_signs", "ground_altitude", "magnetic_declination", "minimum_airspeed", "trim_airspeed",
+)  # fmt: skip
+#: Lift coefficient that few small aircraft exceed: sets the default airspeed below which it cannot be flying.
+_MAXIMUM_LIFT = 1.6
+
+
+@dataclass(frozen=True)
+class Aircraft:
+    """One aeroplane. Lengths [m], mass [kg], inertia [kg m^2], positions FRD from the centre of gravity [m]."""
+
+    name: str
+    mass: float
+    wing_area: float
+    span: float
+    chord: float
+    inertia: Vector  # (3, 3), with the products of inertia negative as in (6.19)
+    imu_position: Vector
+    air_data_position: Vector
+    gps_position: Vector
+    aerodynamic_reference: Vector
+    sensors: dict[str, Sensor]
+    process_noise: dict[str, float]
+    model: AerodynamicModel
+    coefficients: dict[str, float]  # known or prior values by parameter name; empty when nobody knows
+    surface_signs: dict[str, float]  # +1 or -1 by surface, on what the recording holds
+    ground_altitude: float | None = None  # [m] as the GPS reports it
+    magnetic_declination: float | None = None  # [rad]; without it a magnetometer only starts the heading
+    minimum_airspeed: float = 0.0  # [m/s] below it the aircraft is not flying and air data are not fused
+    trim_airspeed: float | None = None  # [m/s] of simulated flights
+    source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, for writing copies
+
+
+def load_aircraft(path: str | Path) -> Aircraft:
+    """Read and check an aircraft file; raises InputError naming the file, the key and what to mend."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise InputError(f"cannot read the aircraft file {path}: {reason}") from None
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}" if mark else ""
+        raise InputError(f"the aircraft file {path} is not valid YAML{where}") from None
+    try:
+        return aircraft_from_dict(data)
+    except InputError as error:
+        raise InputError(f"aircraft file {path}: {error}") from None
+
+
+def aircraft_from_dict(data: Any) -> Aircraft:
+    """Check the content of an aircraft file; raises InputError."""
+    if not isinstance(data, Mapping):
+        raise InputError("it must be a YAML mapping with the keys " + ", ".join(_REQUIRED))
+    _check_keys(data, (*_REQUIRED, *_OPTIONAL), "key")
+    missing = [key for key in _REQUIRED if data.get(key) is None]
+    if missing:
+        raise InputError(f"the required key '{missing[0]}' is missing: add it")
+    mass, wing_area = _positive(data, "mass"), _positive(data, "wing_area")
+    stall = np.sqrt(2.0 * mass * STANDARD_GRAVITY / (1.225 * wing_area * _MAXIMUM_LIFT))
+    model = textbook_model() if data.get("model") is None else _model(data["model"])
+    return Aircraft(
+        name=str(data["name"]),
+        mass=mass,
+        wing_area=wing_area,
+        span=_positive(data, "span"),
+        chord=_positive(data, "chord"),
+        inertia=_inertia(data["inertia"]),
+        imu_position=_position(data, "imu_position"),
+        air_data_position=_position(data, "air_data_position"),
+        gps_position=_position(data, "gps_position"),
+        aerodynamic_reference=_position(data, "aerodynamic_reference"),
+        sensors=_sensors(data.get("sensors") or {}),
+        process_noise=_process_noise(data.get("process_noise") or {}),
+        model=model,
+        coefficients=_coefficients(data.get("coefficients") or {}),
+        surface_signs=_surface_signs(data.get("surface_signs") or {}),
+        ground_altitude=_optional_number(data, "ground_altitude"),
+        magnetic_declination=_optional_number(data, "magnetic_declination"),
+        minimum_airspeed=_positive(data, "minimum_airspeed", default=0.8 * float(stall)),
+        trim_airspeed=_positive(data, "trim_airspeed") if data.get("trim_airspeed") is not None else None,
+        source=dict(data),
+    )
+
+
+def inertia_matrix(xx: float, yy: float, zz: float, xz: float) -> Vector:
+    """Inertia of (6.19), shape (3, 3), from moments and the product of inertia xz [kg m^2]."""
+    return np.array([[xx, 0.0, -xz], [0.0, yy, 0.0], [-xz, 0.0, zz]])
+
+
+def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], kind: str) -> None:
+    for key in data:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, 1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+            raise InputError(f"unknown {kind} '{key}': {hint}")
+
+
+def _number(value: Any, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise InputError(f"{what} must be a number, not {value!r}")
+    try:
+        number = float(value)  # PyYAML reads 1e-3 as text
+    except ValueError:
+        raise InputError(f"{what} must be a number, not {value!r}") from None
+    if not np.isfinite(number):
+        raise InputError(f"{what} must be a finite number, not {value}")
+    return number
+
+
+def _positive(data: Mapping[str, Any], key: str, default: float | None = None) -> float:
+    if default is not None and data.get(key) is None:
+        return default
+    number = _number(data[key], key)
+    if number <= 0.0:
+        raise InputError(f"{key} must be positive, not {number:g}")
+    return number
+
+
+def _optional_number(data: Mapping[str, Any], key: str) -> float | None:
+    return None if data.get(key) is None else _number(data[key], key)
+
+
+def _position(data: Mapping[str, Any], key: str) -> Vector:
+    value = data.get(key)
+    if value is None:
+        return np.zeros(3)
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise InputError(f"{key} must be three numbers [x forward, y right, z down] in m")
+    return np.array([_number(v, key) for v in value])
+
+
+def _inertia(data: Any) -> Vector:
+    if not isinstance(data, Mapping):
+        raise InputError("inertia must be a mapping with xx, yy, zz and xz in kg m^2")
+    _check_keys(data, ("xx", "yy", "zz", "xz"), "key of inertia")
+    for key in ("xx", "yy", "zz"):
+        if key not in data:
+            raise InputError(f"inertia needs '{key}' in kg m^2")
+    xx, yy, zz = (_positive(data, key) for key in ("xx", "yy", "zz"))
+    xz = _number(data.get("xz", 0.0), "xz of inertia")
+    if xz * xz >= xx * zz:
+        raise InputError("inertia is not that of a body: xz^2 must be less than xx*zz")
+    return inertia_matrix(xx, yy, zz, xz)
+
+
+def _noise(value: Any, name: str, sizes: tuple[int, ...]) -> tuple[float, ...]:
+    values = value if isinstance(value, (list, tuple)) else [value]
+    if len(values) not in sizes:
+        raise InputError(f"the noise of sensor {name} must have {' or '.join(map(str, sizes))} numbers")
+    noise = tuple(_number(v, f"the noise of sensor {name}") for v in values)
+    if min(noise) <= 0.0:
+        raise InputError(f"the noise of sensor {name} must be positive (one sigma)")
+    return noise
+
+
+def _sensors(data: Any) -> dict[str, Sensor]:
+    if not isinstance(data, Mapping):
+        raise InputError("sensors must be a mapping such as {gyro: {noise: 0.002, rate: 100, delay: 0}}")
+    _check_keys(data, (*DEFAULT_SENSORS, *SENSOR_GROUPS, *SENSOR_ALIASES), "sensor")
+    sensors = dict(DEFAULT_SENSORS)
+    for name in sorted(data, key=lambda key: key not in SENSOR_GROUPS):  # a single sensor goes before its group
+        value = data[name] or {}
+        if not isinstance(value, Mapping):
+            raise InputError(f"sensor {name} must be a mapping with noise, rate and delay")
+        _check_keys(value, ("noise", "rate", "delay"), f"key of sensor {name}:")
+        members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
+        for i, member in enumerate(members):
+            sensors[member] = _sensor(sensors[member], value, name, i, len(members), member)
+    return sensors
+
+
+def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: int, member: str) -> Sensor:
+    noise, given = base.noise, base.noise_is_given
+    if value.get("noise") is not None:
+        given = True
+        if members > 1:
+            noise = (_noise(value["noise"], name, (members,))[i],)
+        else:
+            noise = _noise(value["noise"], name, (1, 3) if member in ("gps_position", "gps_velocity") else (1,))
+        if member in ("gps_position", "gps_velocity") and len(noise) == 1:
+            noise = noise * 3
+    delay = _number(value.get("delay") if value.get("delay") is not None else base.delay, f"the delay of {name}")
+    if not 0.0 <= delay <= 2.0:
+        raise InputError(f"the delay of sensor {name} must be between 0 and 2 s, not {delay:g}")
+    rate = _positive(value, "rate", default=base.rate)
+    return Sensor(noise, rate, delay, given)
+
+
+def _process_noise(data: Any) -> dict[str, float]:
+    if not isinstance(data, Mapping):
+        raise InputError("process_noise must be a mapping such as {wind: 0.2}")
+    _check_keys(data, tuple(DEFAULT_PROCESS_NOISE), "key of process_noise:")
+    result = dict(DEFAULT_PROCESS_NOISE)
+    for key, value in data.items():
+        result[key] = _number(value, f"process_noise {key}")
+        if result[key] < 0.0:
+            raise InputError(f"process_noise {key} must not be negative")
+    return result
+
+
+def _model(data: Any) -> AerodynamicModel:
+    if not isinstance(data, Mapping):
+        raise InputError("model must be a mapping of axes to terms such as {CZ: [1, alpha, q, de]}")
+    return model_from_terms(data)
+
+
+def _coefficients(data: Any) -> dict[str, float]:
+    if not isinstance(data, Mapping):
+        raise InputError("coefficients must be a mapping of parameter names to numbers")
+    return {str(name): _number(value, f"coefficient {name}") for name, value in data.items()}
+
+
+def _surface_signs(data: Any) -> dict[str, float]:
+    if not isinstance(data, Mapping):
+        raise InputError("surface_signs must be a mapping such as {rudder: -1}")
+    _check_keys(data, SURFACES, "surface")
+    signs = {name: 1.0 for name in SURFACES}
+    for name, value in data.items():
+        if _number(value, f"surface_signs {name}") not in (1.0, -1.0):
+            raise InputError(f"surface_signs {name} must be 1 or -1")
+        signs[name] = float(value)
+    return signs

@@ -1,0 +1,210 @@
+"""Regressor expressions such as ``alpha**2`` or ``abs(beta)*da``: parsed, checked, never executed as Python.
+
+An expression is compiled once to a short postfix program, which one small numba loop evaluates sample by sample,
+so that a model of any terms costs the same in flight and in replay and gives the same bits in both.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.errors import InputError
+
+#: Signals of INTERFACE.md, in the order of a signal row. Rates are normalised: p b/2V, q c/V, r b/2V.
+SIGNALS: tuple[str, ...] = (
+    "alpha", "beta", "p", "q", "r", "de", "da", "dr", "flaps", "Tc", "throttle", "propeller_speed",
+    "V", "qbar", "mach", "height", "alpha_dot", "beta_dot", "time",
+)  # fmt: skip
+SIGNAL_INDEX = {name: i for i, name in enumerate(SIGNALS)}
+
+_CONSTANT, _SIGNAL, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _NEGATE, _POWER = range(8)
+_ABS, _SIN, _COS, _EXP, _SQRT, _TANH, _SIGN, _MAX, _MIN = range(8, 17)
+_FUNCTIONS = {
+    "abs": (_ABS, 1), "sin": (_SIN, 1), "cos": (_COS, 1), "exp": (_EXP, 1), "sqrt": (_SQRT, 1),
+    "tanh": (_TANH, 1), "sign": (_SIGN, 1), "max": (_MAX, 2), "min": (_MIN, 2),
+}  # fmt: skip
+_OPERATORS: dict[type[ast.operator], int] = {
+    ast.Add: _ADD, ast.Sub: _SUBTRACT, ast.Mult: _MULTIPLY, ast.Div: _DIVIDE,
+}  # fmt: skip
+STACK_SIZE = 16
+MAXIMUM_POWER = 9
+MAXIMUM_LENGTH = 200
+
+
+@dataclass(frozen=True)
+class Program:
+    """Postfix program of one expression: ``code`` has shape (n, 2), rows of (operation, argument)."""
+
+    text: str
+    code: npt.NDArray[np.float64]
+
+
+def parse_expression(text: str) -> Program:
+    """Compile an expression over SIGNALS; raises InputError that quotes it and says what is allowed."""
+    text = str(text).strip()
+    if len(text) > MAXIMUM_LENGTH:
+        raise InputError(f"the expression '{text[:30]}…' is longer than {MAXIMUM_LENGTH} characters: shorten it")
+    try:
+        tree = ast.parse(text, mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise InputError(f"'{text}' is not an expression: write it like alpha**2 or beta*dr") from None
+    rows: list[tuple[float, float]] = []
+    try:
+        _compile(tree, rows, text)
+    except RecursionError:
+        raise InputError(f"'{text}' is nested too deeply: simplify it") from None
+    if _stack_depth(rows) > STACK_SIZE:
+        raise InputError(f"'{text}' is nested too deeply: simplify it")
+    return Program(ast.unparse(tree).replace(" ", ""), np.array(rows))
+
+
+def _compile(node: ast.expr, rows: list[tuple[float, float]], text: str) -> None:
+    if isinstance(node, ast.Constant):
+        _compile_constant(node, rows, text)
+    elif isinstance(node, ast.Name):
+        if node.id not in SIGNAL_INDEX:
+            raise InputError(f"'{node.id}' in '{text}' is no signal: use one of {' '.join(SIGNALS)}")
+        rows.append((_SIGNAL, SIGNAL_INDEX[node.id]))
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
+        _compile(node.operand, rows, text)
+        if isinstance(node.op, ast.USub):
+            rows.append((_NEGATE, 0.0))
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+        _compile(node.left, rows, text)
+        rows.append((_POWER, _integer_power(node.right, text)))
+    elif isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        _compile(node.left, rows, text)
+        _compile(node.right, rows, text)
+        rows.append((_OPERATORS[type(node.op)], 0.0))
+    elif isinstance(node, ast.Call):
+        _compile_call(node, rows, text)
+    else:
+        raise InputError(f"'{text}' has '{ast.unparse(node)}', which is not allowed: use signals, numbers, + - * / ** "
+                         f"and {' '.join(_FUNCTIONS)}")  # fmt: skip
+
+
+def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text: str) -> None:
+    if isinstance(node.value, bool) or not isinstance(node.value, (int, float)):
+        raise InputError(f"'{node.value!r}' in '{text}' is not a number")
+    try:
+        value = float(node.value)
+    except OverflowError:
+        value = float("inf")
+    if not np.isfinite(value):
+        raise InputError(f"a number in '{text}' is not finite")
+    rows.append((_CONSTANT, value))
+
+
+def _compile_call(node: ast.Call, rows: list[tuple[float, float]], text: str) -> None:
+    name = node.func.id if isinstance(node.func, ast.Name) else ast.unparse(node.func)
+    if name not in _FUNCTIONS or node.keywords:
+        raise InputError(f"'{name}(…)' in '{text}' is not allowed: the functions are {' '.join(_FUNCTIONS)}")
+    operation, count = _FUNCTIONS[name]
+    if len(node.args) != count:
+        raise InputError(f"{name} in '{text}' takes {count} argument{'s' * (count > 1)}")
+    for argument in node.args:
+        _compile(argument, rows, text)
+    rows.append((operation, 0.0))
+
+
+def _integer_power(node: ast.expr, text: str) -> float:
+    value = node.value if isinstance(node, ast.Constant) else None
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAXIMUM_POWER:
+        raise InputError(f"a power in '{text}' must be a whole number from 1 to {MAXIMUM_POWER}")
+    return float(value)
+
+
+def _stack_depth(rows: Sequence[tuple[float, float]]) -> int:
+    depth = deepest = 0
+    for operation, _ in rows:
+        if operation in (_CONSTANT, _SIGNAL):
+            depth += 1
+        elif operation in (_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MAX, _MIN):
+            depth -= 1
+        deepest = max(deepest, depth)
+    return deepest
+
+
+def link(programs: Sequence[Program]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Join programs for evaluate_programs: code of shape (n, 2) and the offsets (len(programs) + 1,)."""
+    offsets = np.cumsum([0, *(len(program.code) for program in programs)]).astype(np.int64)
+    code = np.vstack([program.code for program in programs]) if programs else np.empty((0, 2))
+    return code, offsets
+
+
+@njit(cache=True)
+def evaluate_programs(code, offsets, signals, out):  # noqa: C901, PLR0912  one flat switch is the plainest form
+    """Evaluate linked programs on one row of SIGNALS, into ``out`` of shape (len(offsets) - 1,)."""
+    stack = np.empty(STACK_SIZE)
+    for k in range(len(offsets) - 1):
+        top = -1
+        for i in range(offsets[k], offsets[k + 1]):
+            operation = int(code[i, 0])
+            if operation == _CONSTANT:
+                top += 1
+                stack[top] = code[i, 1]
+            elif operation == _SIGNAL:
+                top += 1
+                stack[top] = signals[int(code[i, 1])]
+            elif operation == _ADD:
+                top -= 1
+                stack[top] += stack[top + 1]
+            elif operation == _SUBTRACT:
+                top -= 1
+                stack[top] -= stack[top + 1]
+            elif operation == _MULTIPLY:
+                top -= 1
+                stack[top] *= stack[top + 1]
+            elif operation == _DIVIDE:
+                top -= 1
+                divisor = stack[top + 1]
+                stack[top] = stack[top] / divisor if divisor != 0.0 else np.nan
+            elif operation == _NEGATE:
+                stack[top] = -stack[top]
+            elif operation == _POWER:
+                base, value = stack[top], stack[top]
+                for _ in range(int(code[i, 1]) - 1):
+                    value *= base
+                stack[top] = value
+            elif operation == _ABS:
+                stack[top] = abs(stack[top])
+            elif operation == _SIN:
+                stack[top] = np.sin(stack[top])
+            elif operation == _COS:
+                stack[top] = np.cos(stack[top])
+            elif operation == _EXP:
+                stack[top] = np.exp(stack[top])
+            elif operation == _SQRT:
+                stack[top] = np.sqrt(stack[top]) if stack[top] >= 0.0 else np.nan
+            elif operation == _TANH:
+                stack[top] = np.tanh(stack[top])
+            elif operation == _SIGN:
+                stack[top] = np.sign(stack[top])
+            elif operation == _MAX:
+                top -= 1
+                stack[top] = max(stack[top], stack[top + 1])
+            else:
+                top -= 1
+                stack[top] = min(stack[top], stack[top + 1])
+        out[k] = stack[0]
+
+
+def evaluate(programs: Sequence[Program], signals: Callable[[str], npt.ArrayLike] | dict[str, npt.ArrayLike]
+             ) -> npt.NDArray[np.float64]:  # fmt: skip
+    """Evaluate programs on arrays of signals: result of shape (n, len(programs)); a missing signal is NaN."""
+    columns = signals if isinstance(signals, dict) else {name: signals(name) for name in SIGNALS}
+    size = max((np.size(value) for value in columns.values()), default=1)
+    rows = np.full((size, len(SIGNALS)), np.nan)
+    for name, value in columns.items():
+        rows[:, SIGNAL_INDEX[name]] = value
+    code, offsets = link(programs)
+    out = np.empty((size, len(programs)))
+    for row, result in zip(rows, out, strict=True):
+        evaluate_programs(code, offsets, row, result)
+    return out

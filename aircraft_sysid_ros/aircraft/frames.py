@@ -1,0 +1,159 @@
+"""Rotations between body axes (FRD) and the local level world (NED).
+
+A quaternion is ``(w, x, y, z)`` and turns body vectors into NED vectors, ``v_n = C(q) v_b``, C of (6.23) of the
+summary. It is regular at theta = +-90 deg; Euler angles are only for people and are derived from it.
+Small attitude errors are rotation vectors in body axes: ``C = C_hat exp([delta x])``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SMALL_ANGLE = 1e-5
+
+
+@njit(cache=True)
+def cross_matrix(v):
+    """Matrix [v x] of shape (3, 3) with ``[v x] w = v x w``."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+@njit(cache=True)
+def rotation_matrix(q):
+    """C(q), shape (3, 3): body to NED, L_EB of (6.23)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    c = np.empty((3, 3))
+    c[0, 0] = w * w + x * x - y * y - z * z
+    c[0, 1] = 2.0 * (x * y - w * z)
+    c[0, 2] = 2.0 * (x * z + w * y)
+    c[1, 0] = 2.0 * (x * y + w * z)
+    c[1, 1] = w * w - x * x + y * y - z * z
+    c[1, 2] = 2.0 * (y * z - w * x)
+    c[2, 0] = 2.0 * (x * z - w * y)
+    c[2, 1] = 2.0 * (y * z + w * x)
+    c[2, 2] = w * w - x * x - y * y + z * z
+    return c
+
+
+@njit(cache=True)
+def quaternion_product(a, b):
+    """a (x) b: first turn by b, then by a."""
+    p = np.empty(4)
+    p[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
+    p[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
+    p[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
+    p[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+    return p
+
+
+@njit(cache=True)
+def quaternion_conjugate(q):
+    """The inverse turn of a unit quaternion."""
+    return np.array([q[0], -q[1], -q[2], -q[3]])
+
+
+@njit(cache=True)
+def quaternion_exp(v):
+    """Unit quaternion of the rotation vector v [rad], regular at v = 0."""
+    angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if angle < SMALL_ANGLE:  # sin(a/2)/a by its series, exact to double precision below the limit
+        s = 0.5 - angle * angle / 48.0
+    else:
+        s = np.sin(0.5 * angle) / angle
+    return np.array([np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2]])
+
+
+@njit(cache=True)
+def quaternion_log(q):
+    """Rotation vector [rad] of a unit quaternion, length at most pi."""
+    sign = 1.0 if q[0] >= 0.0 else -1.0
+    n = np.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if n < 0.5 * SMALL_ANGLE:
+        k = 2.0 * sign
+    else:
+        k = 2.0 * np.arctan2(n, sign * q[0]) / n * sign
+    return np.array([k * q[1], k * q[2], k * q[3]])
+
+
+@njit(cache=True)
+def right_jacobian(v):
+    """J with exp(v + d) = exp(v) exp(J d) to first order, shape (3, 3)."""
+    angle2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    s = cross_matrix(v)
+    if angle2 < 1e-8:
+        a, b = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
+    else:
+        angle = np.sqrt(angle2)
+        a, b = (1.0 - np.cos(angle)) / angle2, (angle - np.sin(angle)) / (angle2 * angle)
+    return np.eye(3) - a * s + b * (s @ s)
+
+
+@njit(cache=True)
+def euler_from_quaternion(q):
+    """Roll, pitch, yaw [rad] of (6.20)-(6.22). At pitch = +-90 deg roll is 0 and yaw holds the rest."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    sin_pitch = 2.0 * (w * y - x * z)
+    if abs(sin_pitch) > 1.0 - 1e-12:  # only roll - yaw (or roll + yaw) is defined there
+        pitch = np.copysign(0.5 * np.pi, sin_pitch)
+        return np.array([0.0, pitch, -2.0 * np.copysign(1.0, sin_pitch) * np.arctan2(x, w)])
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.array([roll, np.arcsin(sin_pitch), yaw])
+
+
+@njit(cache=True)
+def quaternion_from_euler(roll, pitch, yaw):
+    """Unit quaternion of yaw, then pitch, then roll [rad]."""
+    cr, sr = np.cos(0.5 * roll), np.sin(0.5 * roll)
+    cp, sp = np.cos(0.5 * pitch), np.sin(0.5 * pitch)
+    cy, sy = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
+
+
+@njit(cache=True)
+def quaternion_from_matrix(c):
+    """Unit quaternion of a rotation matrix of shape (3, 3), by the largest of the four components."""
+    trace = c[0, 0] + c[1, 1] + c[2, 2]
+    squares = np.array([trace, c[0, 0], c[1, 1], c[2, 2]])
+    largest = np.argmax(squares)
+    q = np.empty(4)
+    if largest == 0:
+        q[0] = 1.0 + trace
+        q[1], q[2], q[3] = c[2, 1] - c[1, 2], c[0, 2] - c[2, 0], c[1, 0] - c[0, 1]
+    elif largest == 1:
+        q[1] = 1.0 + 2.0 * c[0, 0] - trace
+        q[0], q[2], q[3] = c[2, 1] - c[1, 2], c[0, 1] + c[1, 0], c[0, 2] + c[2, 0]
+    elif largest == 2:
+        q[2] = 1.0 + 2.0 * c[1, 1] - trace
+        q[0], q[1], q[3] = c[0, 2] - c[2, 0], c[0, 1] + c[1, 0], c[1, 2] + c[2, 1]
+    else:
+        q[3] = 1.0 + 2.0 * c[2, 2] - trace
+        q[0], q[1], q[2] = c[1, 0] - c[0, 1], c[0, 2] + c[2, 0], c[1, 2] + c[2, 1]
+    if q[0] < 0.0:
+        q = -q
+    return q / np.sqrt(np.sum(q * q))
+
+
+@njit(cache=True)
+def air_data_from_velocity(v):
+    """True airspeed [m/s], angle of attack and sideslip [rad] of the air-relative body velocity (u, v, w)."""
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    alpha = np.arctan2(v[2], v[0])
+    beta = np.arctan2(v[1], np.sqrt(v[0] * v[0] + v[2] * v[2]))
+    return speed, alpha, beta
+
+
+@njit(cache=True)
+def velocity_from_air_data(speed, alpha, beta):
+    """Air-relative body velocity (u, v, w), shape (3,): V (cos a cos b, sin b, sin a cos b), (37) of the paper."""
+    return np.array(
+        [speed * np.cos(alpha) * np.cos(beta), speed * np.sin(beta), speed * np.sin(alpha) * np.cos(beta)]
+    )

@@ -1,0 +1,92 @@
+"""Rigid-body mechanics in body axes (FRD): forces and moments from coefficients and back, (6.14)-(6.19) of the summary.
+
+(6.14) and (6.16) of the summary call X aerodynamic. With T_c among the terms of C_X it holds the thrust too:
+X = m A_x with A_x the specific force at the centre of gravity, which is what an accelerometer there would read.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def cross(a, b):
+    """Vector product a x b, shape (3,)."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@njit(cache=True)
+def forces_and_moments(coefficients, dynamic_pressure, wing_area, span, chord):
+    """Force [N] and moment [N m], each (3,), of C_X C_Y C_Z C_l C_m C_n, shape (6,): (6.14), (6.15)."""
+    scale = dynamic_pressure * wing_area
+    force = scale * coefficients[:3]
+    moment = scale * coefficients[3:] * np.array([span, chord, span])
+    return force, moment
+
+
+@njit(cache=True)
+def coefficients_of(force, moment, dynamic_pressure, wing_area, span, chord):
+    """C_X C_Y C_Z C_l C_m C_n, shape (6,): inverse of forces_and_moments; not finite without dynamic pressure."""
+    scale = dynamic_pressure * wing_area
+    if scale <= 0.0:
+        return np.full(6, np.nan)
+    out = np.empty(6)
+    out[:3] = force / scale
+    out[3], out[4], out[5] = moment[0] / (scale * span), moment[1] / (scale * chord), moment[2] / (scale * span)
+    return out
+
+
+@njit(cache=True)
+def solve_inertia(inertia, vector):
+    """x of ``inertia x = vector`` for the matrix of (6.19), whose xy and yz products are zero; shape (3,)."""
+    determinant = inertia[0, 0] * inertia[2, 2] - inertia[0, 2] * inertia[2, 0]
+    return np.array(
+        [
+            (inertia[2, 2] * vector[0] - inertia[0, 2] * vector[2]) / determinant,
+            vector[1] / inertia[1, 1],
+            (inertia[0, 0] * vector[2] - inertia[2, 0] * vector[0]) / determinant,
+        ]
+    )
+
+
+@njit(cache=True)
+def angular_acceleration(moment, rates, inertia):
+    """d/dt (p, q, r) [rad/s^2] for the moment about the centre of gravity [N m]: (6.19)."""
+    return solve_inertia(inertia, moment - cross(rates, inertia @ rates))
+
+
+@njit(cache=True)
+def moment_of_motion(acceleration, rates, inertia):
+    """Moment about the centre of gravity [N m] behind an angular acceleration [rad/s^2]: inverse of (6.19)."""
+    return inertia @ acceleration + cross(rates, inertia @ rates)
+
+
+@njit(cache=True)
+def moment_at_centre_of_gravity(moment, force, reference):
+    """M_cg = M_ref + r x F [N m], r from the centre of gravity to the aerodynamic reference point [m]."""
+    return moment + cross(reference, force)
+
+
+@njit(cache=True)
+def moment_at_reference(moment, force, reference):
+    """M_ref = M_cg - r x F [N m]: inverse of moment_at_centre_of_gravity."""
+    return moment - cross(reference, force)
+
+
+@njit(cache=True)
+def body_velocity_derivative(specific_force, rates, velocity, gravity_b):
+    """d/dt (u, v, w) [m/s^2] of the inertial velocity in body axes: (6.16)-(6.18), gravity in body axes."""
+    return specific_force + gravity_b - cross(rates, velocity)
+
+
+@njit(cache=True)
+def specific_force_at(position, specific_force, rates, acceleration):
+    """Specific force [m/s^2] at a position [m] from the centre of gravity, where it is ``specific_force``."""
+    return specific_force + cross(acceleration, position) + cross(rates, cross(rates, position))
+
+
+@njit(cache=True)
+def velocity_at(position, velocity, rates):
+    """Velocity [m/s], body axes, at a position [m] from the centre of gravity, where it is ``velocity``."""
+    return velocity + cross(rates, position)

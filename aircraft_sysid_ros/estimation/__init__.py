@@ -1,0 +1,1 @@
+"""Estimators on plain arrays, one per file, that know nothing of aeroplanes."""

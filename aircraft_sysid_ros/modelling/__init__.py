@@ -1,0 +1,1 @@
+"""Second step of the two-step method: measured coefficients, regressors, online parameters."""

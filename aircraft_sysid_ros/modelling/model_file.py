@@ -1,0 +1,88 @@
+"""A learnt model in a file: parameters for people, and the sums that let the recursion go on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
+
+_FORMAT = "aircraft_sysid_ros model 1"
+_LEARNT = ("theta", "p", "sums", "noise_square", "updates")
+
+
+def save_model(estimator: ParameterEstimator, path: str | Path) -> None:
+    """Write terms, parameters and the state of the recursion; raises InputError when the path cannot be written."""
+    content = {
+        "format": _FORMAT,
+        "model": estimator.model.identifier,
+        "terms": estimator.model.terms,
+        "parameters": parameters_json(estimator)["parameters"],
+        "learnt": {name: getattr(estimator.learning, name).tolist() for name in _LEARNT},
+    }
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    try:
+        temporary.write_text(json.dumps(content), encoding="utf8")
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"cannot write the model to {path}: {error.strerror}") from None
+
+
+def load_model(estimator: ParameterEstimator, path: str | Path) -> str:
+    """Go on from a saved model; returns its id. Raises InputError when it is damaged or has other terms."""
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf8"))
+    except (OSError, ValueError):
+        raise InputError(f"cannot read a model from {path}: give a file written by save_model") from None
+    if not isinstance(content, dict) or content.get("format") != _FORMAT:
+        raise InputError(f"{path} is not a model of this program: give a file written by save_model")
+    try:
+        terms = model_from_terms(content["terms"]).terms
+        learnt = {name: np.array(content["learnt"][name], dtype=np.float64) for name in _LEARNT}
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"the model file {path} is damaged: save it again") from None
+    if terms != estimator.model.terms:
+        raise InputError(f"the model in {path} has other terms than the aircraft file: load it with its own aircraft file")
+    _check_shapes(estimator, learnt, path)
+    estimator.reset()
+    for name, array in learnt.items():
+        getattr(estimator.learning, name)[:] = array
+    return estimator.model.identifier
+
+
+def _check_shapes(estimator: ParameterEstimator, learnt: dict[str, Any], path: str | Path) -> None:
+    for name, array in learnt.items():
+        if array.shape != getattr(estimator.learning, name).shape or not np.all(np.isfinite(array)):
+            raise InputError(f"the model file {path} is damaged or was saved with other options: save it again")
+
+
+def parameters_json(estimator: ParameterEstimator) -> dict[str, Any]:
+    """The content of parameters.json."""
+    estimates = estimator.snapshot()
+    return {
+        "model": estimates.model,
+        "parameters": [
+            {
+                "name": p.name,
+                "value": _number(p.value),
+                "std": _number(p.std),
+                "status": p.status.name,
+                "reason": p.reason,
+                "age": _number(p.age),
+                "excitation": _number(p.excitation),
+            }
+            for p in estimates.parameters
+        ],
+    }
+
+
+def _number(value: float) -> float | None:
+    """JSON has no NaN: null says that it is not known."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,257 @@
+"""The jitted loop of the second step: rows of signals in, measured coefficients and updated parameters out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_programs
+from aircraft_sysid_ros.estimation.lagged_moments import add_sample
+from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
+from aircraft_sysid_ros.estimation.window_average import window_average
+from aircraft_sysid_ros.modelling.signals import fill_signals, signal_noise
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, Column
+
+Array = npt.NDArray[np.float64]
+
+_SIGNAL_COUNT = len(SIGNALS)
+
+_ACCELEROMETER_BIAS_STD = Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
+
+# Columns of a history row, one per reconstructed state; terms follow, each times dynamic pressure.
+TIME, FLYING, QBAR = 0, 1, 2
+FORCE, RATE, CENTRIPETAL, GYROSCOPIC = 3, 6, 9, 12  # three columns each
+DOUBT = 15  # variance of the measured force coefficients from the accelerometer bias, three columns
+SIGNAL = 18
+NOISE = SIGNAL + _SIGNAL_COUNT
+TERM = NOISE + _SIGNAL_COUNT
+
+
+class Point:
+    """Columns of an evaluation: what the second step saw and made of it."""
+
+    TIME = 0
+    MEASURED = slice(1, 7)
+    PREDICTED = slice(7, 13)  # by the parameters before this sample
+    VALID = slice(13, 19)  # the axis could be evaluated
+    LEARNT = slice(19, 25)  # and its parameters were updated
+    SIGNALS = slice(25, 25 + _SIGNAL_COUNT)
+    TERMS = 25 + _SIGNAL_COUNT  # and on
+
+
+class Body(NamedTuple):
+    """Mass properties and geometry."""
+
+    mass: float
+    inertia: Array  # (3, 3)
+    imu: Array  # (3,) from the centre of gravity
+    reference: Array  # (3,) aerodynamic reference point from the centre of gravity
+    geometry: Array  # wing area, span, chord
+    gravity: float
+    minimum_airspeed: float
+
+
+class Learning(NamedTuple):
+    """Recursive estimates of all axes; rows padded to the longest axis."""
+
+    offsets: npt.NDArray[np.int64]  # (7,)
+    theta: Array  # (6, n)
+    p: Array  # (6, n, n)
+    sums: Array  # (6, lags, n + 2, n + 2) of lagged_moments
+    recent: Array  # (6, lags, n + 2)
+    term_mean: Array  # (parameters,) running mean and square of each term: is it moving now?
+    term_square: Array
+    noise_square: Array  # (parameters,) running mean of the noise variance of each term, while learning
+    updates: npt.NDArray[np.int64]  # (6,)
+    last_learnt: Array  # (parameters,) time [s]
+    last_valid: Array  # (6,) time [s] of the newest sample in the lagged sums
+    doubt: Array  # (6,) newest variance of the measured coefficient from the accelerometer bias
+
+
+class Tuning(NamedTuple):
+    """Options of the loop."""
+
+    half_width: float  # [s] of the differentiator
+    step: float  # [s] between evaluations
+    largest_gap: float  # [s] between states inside a window
+    forgetting: float  # per evaluation
+    motion_weight: float  # of the running mean that tells motion from rest
+    excitation: float  # how many sigma of noise a term must move before the axis learns
+    force_noise: float  # one sigma [N] of the specific force's white noise, averaged over the window, times mass
+
+
+@njit(cache=True)
+def fill_history(rows, controls, heights, body, sensors, code, code_offsets, start_time, out):
+    """History rows (n, TERM + terms) from states (n, Column.WIDTH), controls (n, 7) and heights (n,)."""
+    for i in range(len(rows)):
+        row, h = rows[i], out[i]
+        rate = row[44:47]
+        signals = h[SIGNAL:NOISE]
+        h[TIME] = row[0]
+        h[FLYING] = 1.0 if row[47] >= body.minimum_airspeed and row[53] > 0.0 else 0.0
+        fill_signals(row, controls[i], heights[i], start_time, body.geometry, body.gravity, signals)
+        signal_noise(signals, row, sensors, body.geometry, h[NOISE:TERM])
+        h[QBAR] = 0.5 * row[50] * row[47] * row[47]
+        h[RATE : RATE + 3] = rate
+        momentum = body.inertia @ rate
+        h[GYROSCOPIC : GYROSCOPIC + 3] = np.cross(rate, momentum)
+        h[CENTRIPETAL : CENTRIPETAL + 3] = np.cross(rate, np.cross(rate, body.imu))
+        h[FORCE : FORCE + 3] = body.mass * row[41:44]
+        for k in range(3):
+            doubt = body.mass * row[_ACCELEROMETER_BIAS_STD + k] / (h[QBAR] * body.geometry[0])
+            h[DOUBT + k] = doubt * doubt
+        evaluate_programs(code, code_offsets, signals, h[TERM:])
+        h[TERM:] *= h[QBAR]
+
+
+@njit(cache=True)
+def measured_coefficients(means, slopes, body, out):
+    """C_X … C_n (6,) from window means: m A / (qbar S) with A at the centre of gravity, and (6.19) for the moments."""
+    acceleration = slopes[RATE : RATE + 3]
+    at_cg = means[FORCE : FORCE + 3] - body.mass * (
+        np.cross(acceleration, body.imu) + means[CENTRIPETAL : CENTRIPETAL + 3]
+    )
+    moment = body.inertia @ acceleration + means[GYROSCOPIC : GYROSCOPIC + 3]
+    moment = moment - np.cross(body.reference, at_cg)  # from the centre of gravity to the aerodynamic reference
+    area = means[QBAR] * body.geometry[0]
+    out[0:3] = at_cg / area
+    out[3] = moment[0] / (area * body.geometry[1])
+    out[4] = moment[1] / (area * body.geometry[2])
+    out[5] = moment[2] / (area * body.geometry[1])
+
+
+@njit(cache=True)
+def term_noise(code, code_offsets, signals, noise, terms, out):
+    """One sigma of each term (n,) from the noise of the signals it reads, by finite differences."""
+    out[:] = 0.0
+    moved, shifted = signals.copy(), np.empty(len(terms))
+    for k in range(len(signals)):
+        if noise[k] > 0.0 and np.isfinite(noise[k]) and np.isfinite(signals[k]):
+            moved[k] = signals[k] + noise[k]
+            evaluate_programs(code, code_offsets, moved, shifted)
+            moved[k] = signals[k]
+            for j in range(len(terms)):
+                if np.isfinite(shifted[j]):
+                    out[j] += (shifted[j] - terms[j]) ** 2
+    for j in range(len(terms)):
+        out[j] = np.sqrt(out[j])
+
+
+@njit(cache=True)
+def _axis_moves(learning, first, last, noise, tuning):
+    """Some term of the axis moves by more than its noise just now; an axis of constants always learns."""
+    has_signal = False
+    for j in range(first, last):
+        if noise[j] > 0.0:
+            has_signal = True
+            variance = learning.term_square[j] - learning.term_mean[j] ** 2
+            if variance > (tuning.excitation * noise[j]) ** 2:
+                return True
+    return not has_signal
+
+
+@njit(cache=True)
+def _learn_axis(axis, point, terms, noise, doubt, known, learning, tuning):
+    """Predict, and update the parameters of one axis if it moves; fills the axis' columns of the point.
+
+    ``doubt`` is the variance of the measured coefficient from a bias that is not known yet, ``known`` that of its
+    white noise: the weight (4.5) of the sample is known / (known + doubt).
+    """
+    first, last = learning.offsets[axis], learning.offsets[axis + 1]
+    n = last - first
+    x, y = terms[first:last], point[1 + axis]
+    valid = np.isfinite(y) and n > 0
+    for j in range(n):
+        valid = valid and np.isfinite(x[j])
+    if not valid:
+        return
+    point[13 + axis] = 1.0
+    prediction = 0.0
+    for j in range(n):
+        prediction += x[j] * learning.theta[axis, j]
+    point[7 + axis] = prediction
+    if not _axis_moves(learning, first, last, noise, tuning):
+        return
+    point[19 + axis] = 1.0
+    root_weight = np.sqrt(known / (known + doubt))
+    x, y = root_weight * x, root_weight * y
+    rls_update(learning.theta[axis, :n], learning.p[axis, :n, :n], x, y, tuning.forgetting)
+    learning.doubt[axis] = doubt
+    recent = learning.recent[axis]
+    if point[0] - learning.last_valid[axis] > 1.5 * tuning.step:
+        recent[:] = np.nan
+    row = np.empty(n + 2)
+    row[:n], row[n], row[n + 1] = x, y, root_weight
+    sums = learning.sums[axis, :, : n + 2, : n + 2]
+    add_sample(sums, recent[:, : n + 2], row, tuning.forgetting)
+    learning.last_valid[axis] = point[0]
+    learning.updates[axis] += 1
+    for j in range(first, last):
+        share = root_weight**2 / sums[0, n + 1, n + 1]
+        learning.noise_square[j] += share * (noise[j] ** 2 - learning.noise_square[j])
+        variance = learning.term_square[j] - learning.term_mean[j] ** 2
+        if noise[j] == 0.0 or variance > (tuning.excitation * noise[j]) ** 2:
+            learning.last_learnt[j] = point[0]
+
+
+@njit(cache=True)
+def _follow_motion(terms, learning, tuning):
+    """Running mean and square of every term."""
+    for j in range(len(terms)):
+        if np.isfinite(terms[j]):
+            if np.isnan(learning.term_mean[j]):
+                learning.term_mean[j], learning.term_square[j] = terms[j], terms[j] ** 2
+            learning.term_mean[j] += tuning.motion_weight * (terms[j] - learning.term_mean[j])
+            learning.term_square[j] += tuning.motion_weight * (terms[j] ** 2 - learning.term_square[j])
+
+
+@njit(cache=True)
+def learn(history, next_index, body, code, code_offsets, learning, tuning, points):
+    """Evaluate and learn at every multiple of the step that the history covers.
+
+    history (n, TERM + terms) ascending in time; ``next_index`` the first multiple to look at. Returns the next one
+    and the number of points written to ``points`` (m, Point.TERMS + terms). A window with a gap, or on the ground,
+    is passed over.
+    """
+    times = history[:, TIME].copy()
+    count, low = 0, 0
+    means, slopes = np.empty(history.shape[1]), np.empty(history.shape[1])
+    n_terms = history.shape[1] - TERM
+    noise = np.empty(n_terms)
+    while True:
+        center = next_index * tuning.step
+        if center + tuning.half_width > times[-1] or count == len(points):
+            return next_index, count
+        next_index += 1
+        while low + 1 < len(times) and times[low + 1] <= center - tuning.half_width:
+            low += 1
+        high = low
+        usable = times[low] <= center - tuning.half_width
+        while usable and times[high] < center + tuning.half_width:
+            high += 1
+            usable = (
+                times[high] - times[high - 1] <= tuning.largest_gap
+                and history[high, FLYING] > 0.0
+                and history[high - 1, FLYING] > 0.0
+            )
+        if not usable:
+            continue
+        window_average(times, history, low, high, center, tuning.half_width, means, slopes)
+        point = points[count]
+        point[:] = np.nan
+        point[13:25] = 0.0
+        point[0] = center
+        measured_coefficients(means, slopes, body, point[1:7])
+        terms = means[TERM:] / means[QBAR]
+        point[25 : 25 + _SIGNAL_COUNT] = means[SIGNAL:NOISE]
+        point[25 + _SIGNAL_COUNT :] = terms
+        term_noise(code, code_offsets, means[SIGNAL:NOISE], means[NOISE:TERM], terms, noise)
+        _follow_motion(terms, learning, tuning)
+        known = (tuning.force_noise / (means[QBAR] * body.geometry[0])) ** 2
+        for axis in range(6):
+            doubt = means[DOUBT + axis] if axis < 3 else 0.0
+            _learn_axis(axis, point, terms, noise, doubt, known, learning, tuning)
+        count += 1

@@ -1,0 +1,78 @@
+"""May a controller use a parameter? USE, HOLD or REJECT, each with the reason in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class Trust(IntEnum):
+    """As in the message Parameter."""
+
+    USE = 0
+    HOLD = 1
+    REJECT = 2
+
+
+@dataclass(frozen=True)
+class TrustRules:
+    """Limits of trust."""
+
+    excitation: float = 4.0  # least ratio of what only this term moves to its noise; at 4 noise biases it by 6 %
+    relative_error: float = 0.25  # largest standard error over the value …
+    negligible: float = 0.05  # … unless its standard error moves the coefficient by less than this share
+    samples: int = 100  # evaluations before anything is trusted
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is known of one parameter."""
+
+    name: str
+    value: float
+    std: float
+    excitation: float
+    effect_of_std: float  # what one standard error contributes to the coefficient, over the coefficient's spread
+    samples: int
+    missing: tuple[str, ...]  # signals that its axis needs and that are not measured
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Status and reason."""
+
+    status: Trust
+    reason: str
+
+
+#: No aeroplane is beyond these, by axis and term: (lowest, highest).
+PHYSICAL_BOUNDS: dict[str, tuple[float, float]] = {
+    "CZ_alpha": (-15.0, 0.0), "Cm_q": (-200.0, 0.0), "Cl_p": (-3.0, 0.0), "Cn_r": (-3.0, 0.0), "CY_beta": (-5.0, 0.0),
+    "Cm_alpha": (-20.0, 20.0), "Cn_beta": (-1.0, 2.0), "Cl_beta": (-2.0, 1.0),
+}  # fmt: skip
+
+
+def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
+    """The verdict on one parameter."""
+    e = evidence
+    if e.missing:
+        return Verdict(Trust.HOLD, f"needs {', '.join(e.missing)}, which is not measured")
+    if e.samples < rules.samples or not np.isfinite(e.std):
+        return Verdict(Trust.HOLD, "not enough motion yet")
+    if e.excitation < rules.excitation:
+        return Verdict(
+            Trust.HOLD, f"its term hardly moves on its own: {e.excitation:.1f} times its noise, {rules.excitation:g} needed"
+        )
+    low, high = PHYSICAL_BOUNDS.get(e.name, (-np.inf, np.inf))
+    if e.value - 2.0 * e.std > high or e.value + 2.0 * e.std < low:
+        return Verdict(Trust.REJECT, f"{e.value:.3g} is outside of what aeroplanes have ({low:g} to {high:g})")
+    if e.std > rules.relative_error * abs(e.value) and e.effect_of_std > rules.negligible:
+        return Verdict(Trust.HOLD, f"its standard error is {100 * e.std / max(abs(e.value), 1e-12):.0f} % of its value")
+    if not low <= e.value <= high:
+        return Verdict(Trust.HOLD, f"{e.value:.3g} has the sign that aeroplanes do not have, within its error")
+    return Verdict(Trust.USE, "")

@@ -1,0 +1,183 @@
+"""What the nodes share: parameters from options, quality of service, messages from dictionaries, spinning."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.errors import InputError
+
+NANOSECONDS = 1_000_000_000
+#: Period [s] of the diagnostics.
+DIAGNOSTICS_PERIOD = 1.0
+#: Longest a loop waits for the next message [s] before it looks whether it should stop.
+SPIN_TIMEOUT = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class Option:
+    """Description and range of one ROS parameter."""
+
+    text: str
+    low: float
+    high: float
+
+
+def declare_options(node: LifecycleNode, defaults: Any, described: dict[str, Option]) -> None:
+    """Declare a ROS parameter for every described field of the dataclass instance ``defaults``."""
+    for name, option in described.items():
+        default = getattr(defaults, name)
+        descriptor = ParameterDescriptor(description=option.text)
+        if isinstance(default, int):
+            descriptor.integer_range = [IntegerRange(from_value=int(option.low), to_value=int(option.high), step=1)]
+        else:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=option.low, to_value=option.high)]
+        node.declare_parameter(name, default, descriptor)
+
+
+def read_options(node: LifecycleNode, kind: Callable[..., Any], described: dict[str, Option]) -> Any:
+    """Options of the dataclass ``kind`` from the parameters of the node."""
+    return kind(**{name: node.get_parameter(name).value for name in described})
+
+
+def declare_common(node: LifecycleNode) -> None:
+    """Parameters that every node has."""
+    text = ParameterDescriptor(description="Path of the aircraft file (YAML).")
+    node.declare_parameter("aircraft_file", "", text)
+    reliability = ParameterDescriptor(
+        description="best_effort matches every publisher of sensor data; reliable asks for every sample of a playback."
+    )
+    node.declare_parameter("input_reliability", "best_effort", reliability)
+    depth = ParameterDescriptor(
+        description="Samples that may wait per topic: 10 lose some when the machine stalls, 100 lost none.",
+        integer_range=[IntegerRange(from_value=1, to_value=100000, step=1)],
+    )
+    node.declare_parameter("input_depth", 100, depth)
+
+
+def configured_aircraft(node: LifecycleNode) -> Aircraft:
+    """The aircraft of the parameter ``aircraft_file``; raises InputError."""
+    path = node.get_parameter("aircraft_file").value
+    if not path:
+        raise InputError("the parameter aircraft_file is empty: set it to the path of the aircraft file")
+    return load_aircraft(path)
+
+
+def input_quality(node: LifecycleNode) -> QoSProfile:
+    """Best effort with a deep queue by default: a reliable subscription does not match MAVROS."""
+    wanted = node.get_parameter("input_reliability").value
+    if wanted not in ("best_effort", "reliable"):
+        raise InputError(f"input_reliability must be best_effort or reliable, not '{wanted}'")
+    reliability = ReliabilityPolicy.RELIABLE if wanted == "reliable" else ReliabilityPolicy.BEST_EFFORT
+    return QoSProfile(depth=node.get_parameter("input_depth").value, reliability=reliability)
+
+
+def state_quality() -> QoSProfile:
+    """Between our own nodes nothing may be lost."""
+    return QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def message_class(type_name: str) -> Any:
+    """Class of "package/msg/Name"."""
+    package, _, name = type_name.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
+
+
+def fill(message: Any, content: dict[str, Any]) -> Any:
+    """Set fields of a ROS message from a dictionary; a dotted name goes into the nested message."""
+    for name, value in content.items():
+        *path, last = name.split(".")
+        target = message
+        for part in path:
+            target = getattr(target, part)
+        setattr(target, last, value)
+    return message
+
+
+def stamp_of(message: Any, nanoseconds: int) -> Any:
+    """Set the stamp of a message's header."""
+    message.header.stamp.sec = nanoseconds // NANOSECONDS
+    message.header.stamp.nanosec = nanoseconds % NANOSECONDS
+    return message
+
+
+def diagnostics(node: LifecycleNode, level: int, text: str, values: dict[str, Any]) -> DiagnosticArray:
+    """One status of this node for /diagnostics."""
+    status = DiagnosticStatus(
+        level=bytes([level]),
+        name=node.get_fully_qualified_name().lstrip("/"),
+        message=text,
+        hardware_id="aircraft_sysid_ros",
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )
+    return stamp_of(DiagnosticArray(status=[status]), node.get_clock().now().nanoseconds)
+
+
+def cpu_share(before: tuple[float, float], now: tuple[float, float]) -> float:
+    """Share of one core that this process used between two ``process_times``."""
+    return (now[1] - before[1]) / max(now[0] - before[0], 1e-9)
+
+
+def process_times() -> tuple[float, float]:
+    """Wall time and processor time of this process [s]."""
+    times = os.times()
+    return times.elapsed, times.user + times.system
+
+
+def start(node: LifecycleNode) -> bool:
+    """Configure and activate a node; False if it refused, which it has logged."""
+    from rclpy.lifecycle import TransitionCallbackReturn
+
+    return (
+        node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+        and node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    )
+
+
+def make_executor(nodes: Sequence[LifecycleNode]) -> Any:
+    """The events executor where this rclpy has it (less than half the processor time), else the ordinary one."""
+    try:
+        from rclpy.experimental import EventsExecutor
+
+        executor = EventsExecutor()
+    except ImportError:
+        executor = SingleThreadedExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    return executor
+
+
+def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
+    """Run callbacks until ``finished`` or a shutdown. Not executor.spin(): in the wheels it runs no callback."""
+    while rclpy.ok() and not finished():
+        try:
+            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+        except ExternalShutdownException:
+            return
+
+
+def run_node(kind: Callable[[], LifecycleNode], arguments: Sequence[str] | None = None) -> int:
+    """Entry point of a node's executable: starts it and spins until a signal. Exit status 2: it could not start."""
+    rclpy.init(args=arguments)
+    node = kind()
+    try:
+        if node.get_parameter("autostart").value and not start(node):
+            return 2
+        spin_until(make_executor([node]), lambda: False)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,1 @@
+"""First step of the two-step method: state, IMU biases and wind from IMU, GPS and air data."""

@@ -1,0 +1,216 @@
+"""Where the filter starts: coarse attitude, velocity and position, and how uncertain they are.
+
+In the air two directions give the attitude (the TRIAD method, Black 1964): the specific force, which in NED is the
+acceleration from GPS minus gravity, and the motion through the air, which in NED is the GPS velocity minus the wind.
+On the ground the specific force gives roll and pitch and a magnetometer the heading; without one the filter waits
+until the aircraft moves. An attitude in the recording goes before all that.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
+from aircraft_sysid_ros.aircraft.frames import (
+    cross_matrix,
+    quaternion_exp,
+    quaternion_from_matrix,
+    rotation_matrix,
+    velocity_from_air_data,
+)
+from aircraft_sysid_ros.reconstruction.state import (
+    ACCELEROMETER_BIAS,
+    ATTITUDE,
+    D_ACCELEROMETER_BIAS,
+    D_ATTITUDE,
+    D_GYRO_BIAS,
+    D_POSITION,
+    D_VELOCITY,
+    D_WIND,
+    ERROR_SIZE,
+    GYRO_BIAS,
+    POSITION,
+    STATE_SIZE,
+    VELOCITY,
+    WIND,
+)
+from aircraft_sysid_ros.samples import Kind
+
+Array = npt.NDArray[np.float64]
+
+WINDOW = 1.0  # [s] of samples that the alignment rests on
+LARGEST_GAP = 0.25  # [s] between IMU samples in the window
+SLOWEST_COURSE = 3.0  # [m/s] below it a GPS course is noise
+LARGEST_GPS_AGE = 1.5  # [s]
+
+# One sigma at the start.
+POSITION_STD = 10.0  # [m]
+VELOCITY_STD = 2.0  # [m/s]
+TILT_STD = 0.15  # [rad]
+HEADING_STD = 0.7  # [rad]: course and heading differ by the wind
+MAGNETIC_HEADING_STD = 0.35  # [rad]
+ATTITUDE_STD = 0.1  # [rad] where the recording has an attitude
+ACCELEROMETER_BIAS_STD = 0.3  # [m/s^2]
+GYRO_BIAS_STD = 0.03  # [rad/s]
+WIND_STD = (6.0, 6.0, 1.0)  # [m/s]
+
+
+class Alignment:
+    """Collects samples in time order until a start is possible."""
+
+    def __init__(self, gravity: float, minimum_airspeed: float, declination: float | None) -> None:
+        self._gravity = gravity
+        self._flying_speed = max(0.8 * minimum_airspeed, SLOWEST_COURSE)
+        self._declination = declination or 0.0
+        self._imu: deque[tuple[float, Array]] = deque()
+        self._velocity: deque[tuple[float, Array]] = deque()
+        self._newest: dict[int, tuple[float, Array]] = {}
+        self.origin: Array | None = None
+
+    def forget(self) -> None:
+        """Drop what was collected: there was a gap. The origin of the position stays."""
+        self._imu.clear()
+        self._velocity.clear()
+        self._newest.clear()
+
+    def take(self, time: float, kind: int, values: Array) -> bool:
+        """Take one sample; True if it is an IMU sample at which a start may be possible."""
+        if kind == Kind.IMU:
+            if self._imu and time - self._imu[-1][0] > LARGEST_GAP:
+                self.forget()
+            self._imu.append((time, values.copy()))
+            _drop_before(self._imu, time - WINDOW)
+            return True
+        if kind == Kind.GPS_VELOCITY:
+            self._velocity.append((time, values[:3].copy()))
+            _drop_before(self._velocity, time - 2.0 * WINDOW)
+        if kind == Kind.GPS_POSITION and self.origin is None:
+            self.origin = values[:3].copy()
+        self._newest[kind] = (time, values.copy())
+        return False
+
+    def start(self, wind: Array) -> tuple[Array, Array] | None:
+        """State (19,) and covariance (18, 18) at the newest IMU sample, or None while that is not possible.
+
+        ``wind`` (3,) NED [m/s] is what is known of the wind, zero at the beginning.
+        """
+        now = self._imu[-1][0]
+        if now - self._imu[0][0] < 0.9 * WINDOW or self.origin is None:
+            return None
+        velocity = self._recent(Kind.GPS_VELOCITY, now, LARGEST_GPS_AGE)
+        position = self._recent(Kind.GPS_POSITION, now, LARGEST_GPS_AGE)
+        if velocity is None or position is None:
+            return None
+        acceleration = self._acceleration()
+        attitude = self._attitude(now, velocity[:3], acceleration, wind)
+        if attitude is None:
+            return None
+        rotation, attitude_covariance = attitude
+        x, p = np.zeros(STATE_SIZE), np.zeros((ERROR_SIZE, ERROR_SIZE))
+        x[VELOCITY] = velocity[:3] + acceleration * (now - self._newest[Kind.GPS_VELOCITY][0])
+        x[POSITION] = ned_from_geodetic(position[0], position[1], position[2], self.origin)
+        x[POSITION] += velocity[:3] * (now - self._newest[Kind.GPS_POSITION][0])
+        x[ATTITUDE] = quaternion_from_matrix(rotation)
+        x[WIND] = wind
+        _set_block(p, D_POSITION, np.eye(3) * POSITION_STD**2)
+        _set_block(p, D_VELOCITY, np.eye(3) * VELOCITY_STD**2)
+        _set_block(p, D_ATTITUDE, rotation.T @ attitude_covariance @ rotation)
+        _set_block(p, D_ACCELEROMETER_BIAS, np.eye(3) * ACCELEROMETER_BIAS_STD**2)
+        _set_block(p, D_GYRO_BIAS, np.eye(3) * GYRO_BIAS_STD**2)
+        _set_block(p, D_WIND, np.diag(np.square(WIND_STD)))
+        return x, p
+
+    def imu_samples(self) -> Iterable[tuple[float, Array]]:
+        """The IMU samples of the window."""
+        return self._imu
+
+    def _recent(self, kind: Kind, now: float, age: float) -> Array | None:
+        time, values = self._newest.get(kind, (-np.inf, None))
+        return values if now - time <= age else None
+
+    def _acceleration(self) -> Array:
+        """Mean acceleration NED (3,) [m/s^2] from GPS velocity; zero from fewer than two fixes."""
+        (first, before), (last, after) = self._velocity[0], self._velocity[-1]
+        return (after - before) / (last - first) if last - first > 0.15 else np.zeros(3)
+
+    def _mean_force(self) -> Array:
+        """Mean specific force (3,), in body axes of the newest sample: earlier ones are turned by the gyros."""
+        times = [time for time, _ in self._imu]
+        values = [value for _, value in self._imu]
+        turn, total = np.eye(3), values[-1][:3].copy()
+        for i in range(len(values) - 2, -1, -1):
+            rate = 0.5 * (values[i][3:6] + values[i + 1][3:6])
+            turn = turn @ rotation_matrix(quaternion_exp(-rate * (times[i + 1] - times[i])))
+            total += turn @ values[i][:3]
+        return total / len(values)
+
+    def _attitude(self, now: float, velocity: Array, acceleration: Array, wind: Array) -> tuple[Array, Array] | None:
+        """Rotation body to NED (3, 3) and covariance of its error in NED axes (3, 3)."""
+        given = self._recent(Kind.ATTITUDE, now, 0.5)
+        if given is not None:
+            return rotation_matrix(given[:4]), np.eye(3) * ATTITUDE_STD**2
+        force = self._mean_force()
+        through_air = velocity - wind
+        level = np.diag([TILT_STD**2, TILT_STD**2, HEADING_STD**2])
+        if np.linalg.norm(velocity) > self._flying_speed:
+            upward = acceleration - np.array([0.0, 0.0, self._gravity])
+            return triad(force, self._motion(now), upward, through_air), level
+        field = self._recent(Kind.MAGNETIC_FIELD, now, 1.0)
+        if field is None:
+            return None
+        north = np.array([np.cos(self._declination), np.sin(self._declination), 0.0])
+        level[2, 2] = MAGNETIC_HEADING_STD**2
+        upright = np.array([0.0, 0.0, -1.0])
+        return _level_with_field(force, field[:3], upright, north), level
+
+    def _motion(self, now: float) -> Array:
+        """Direction of motion through the air, body axes: from alpha and beta, else straight ahead."""
+        angles = [self._recent(kind, now, 0.5) for kind in (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)]
+        alpha, beta = (0.0 if a is None or abs(a[0]) > 1.0 else float(a[0]) for a in angles)
+        return np.asarray(velocity_from_air_data(1.0, alpha, beta))
+
+
+def triad(first_b: Array, second_b: Array, first_n: Array, second_n: Array) -> Array:
+    """Rotation body to NED (3, 3) that maps first_b on first_n exactly and second_b on second_n as far as it can."""
+    body, world = _triad_axes(first_b, second_b), _triad_axes(first_n, second_n)
+    return world @ body.T
+
+
+def _triad_axes(first: Array, second: Array) -> Array:
+    one = first / np.linalg.norm(first)
+    two = cross_matrix(one) @ second
+    size = np.linalg.norm(two)
+    if size < 1e-6 * np.linalg.norm(second):  # parallel (vertical flight): any direction across will do
+        two = cross_matrix(one) @ np.eye(3)[int(np.argmin(np.abs(one)))]
+        size = np.linalg.norm(two)
+    two = two / size
+    return np.stack([one, two, cross_matrix(one) @ two], axis=1)
+
+
+def _level_with_field(force: Array, field: Array, upright: Array, north: Array) -> Array:
+    """Rotation from the specific force at rest and the horizontal part of the magnetic field."""
+    down = -force / np.linalg.norm(force)
+    return triad(force, field - down * (down @ field), upright, north)
+
+
+def _drop_before(queue: deque[tuple[float, Array]], time: float) -> None:
+    while queue and queue[0][0] < time - 1e-9:
+        queue.popleft()
+
+
+def _set_block(p: Array, at: int, block: Array) -> None:
+    p[at : at + 3, at : at + 3] = block
+
+
+def keep_slow_states(x: Array, p: Array, x_before: Array, p_before: Array) -> None:
+    """Keep biases and wind over a gap: they change slowly, while attitude, velocity and position start anew."""
+    x[ACCELEROMETER_BIAS], x[GYRO_BIAS], x[WIND] = (
+        x_before[ACCELEROMETER_BIAS],
+        x_before[GYRO_BIAS],
+        x_before[WIND],
+    )
+    p[D_ACCELEROMETER_BIAS:, D_ACCELEROMETER_BIAS:] = p_before[D_ACCELEROMETER_BIAS:, D_ACCELEROMETER_BIAS:]

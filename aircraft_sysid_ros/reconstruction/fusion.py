@@ -1,0 +1,290 @@
+"""The jitted loop of the first step: samples in time order in, one row of reconstructed state per IMU sample out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, air_density, temperature
+from aircraft_sysid_ros.aircraft.frames import (
+    air_data_from_velocity,
+    quaternion_exp,
+    quaternion_product,
+    right_jacobian,
+)
+from aircraft_sysid_ros.estimation.iterated_ekf import gain, joseph_update, solve_factored, symmetrise
+from aircraft_sysid_ros.reconstruction.measurements import (
+    air_data_gradient,
+    air_velocity_at,
+    residual_and_jacobian,
+    velocity_jacobian,
+)
+from aircraft_sysid_ros.reconstruction.process import propagate
+from aircraft_sysid_ros.reconstruction.state import (
+    ACCELEROMETER_BIAS,
+    ATTITUDE,
+    D_ATTITUDE,
+    ERROR_SIZE,
+    GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+    WIND,
+    Column,
+    Status,
+)
+from aircraft_sysid_ros.samples import Kind
+
+_IMU, _AIR = int(Kind.IMU), int(Kind.AIR)
+_AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
+_GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
+
+#: A sensor that has not been fused for this long [s] is counted as lost.
+SENSOR_TIMEOUT = 2.0
+#: Weight of the newest update in the running innovation consistency.
+_NIS_WEIGHT = 0.01
+# Columns, as plain numbers for numba.
+_COLUMN_STD = Column.STANDARD_DEVIATIONS.start
+
+_OK, _NO_GPS, _NO_AIR_DATA, _INERTIAL_ONLY = Status.OK, Status.NO_GPS, Status.NO_AIR_DATA, Status.INERTIAL_ONLY
+
+RUNNING, GAP, DIVERGED = 0, 1, 2
+
+
+@njit(cache=True)
+def retract(x, delta):
+    """State x (19,) moved by the error delta (18,): added, and for the attitude turned."""
+    moved = np.empty_like(x)
+    moved[:6] = x[:6] + delta[:6]
+    moved[ATTITUDE] = quaternion_product(x[ATTITUDE], quaternion_exp(delta[D_ATTITUDE : D_ATTITUDE + 3]))
+    moved[ATTITUDE] /= np.sqrt(np.sum(moved[ATTITUDE] * moved[ATTITUDE]))
+    moved[10:] = x[10:] + delta[9:]
+    return moved
+
+
+@njit(cache=True)
+def _turn_attitude_columns(h, jacobian):
+    """h with its attitude columns times ``jacobian``: from the error at eta to the error at the prediction."""
+    for i in range(h.shape[0]):
+        a0, a1, a2 = h[i, D_ATTITUDE], h[i, D_ATTITUDE + 1], h[i, D_ATTITUDE + 2]
+        for j in range(3):
+            h[i, D_ATTITUDE + j] = a0 * jacobian[0, j] + a1 * jacobian[1, j] + a2 * jacobian[2, j]
+
+
+@njit(cache=True)
+def _reset_attitude_error(p, delta):
+    """Covariance of the error about the updated attitude, from that about the predicted one."""
+    jacobian = right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3])
+    rows = slice(D_ATTITUDE, D_ATTITUDE + 3)
+    p[rows, :] = jacobian @ np.ascontiguousarray(p[rows, :])
+    p[:, rows] = np.ascontiguousarray(p[:, rows]) @ jacobian.T
+    symmetrise(p)
+
+
+@njit(cache=True)
+def measurement_variance(kind, values, setup):
+    """Variance (3,): from the aircraft file if it says so, else from the message, else the default."""
+    variance = setup.variance[kind].copy()
+    first = 4 if kind == 1 else 3  # where ATTITUDE and GPS_POSITION carry theirs
+    if (kind == 1 or kind == _GPS_POSITION) and not setup.given[kind]:
+        for i in range(3):
+            if values[first + i] > 0.0:
+                variance[i] = values[first + i]
+    return variance
+
+
+@njit(cache=True)
+def fuse(kind, values, x, p, rate, time, setup, memory):
+    """One measurement update (3.15)-(3.18) on the state x (19,) and p (18, 18), in place, with its gate."""
+    residual, h_full = np.empty(3), np.empty((3, ERROR_SIZE))
+    variance = measurement_variance(kind, values, setup)
+    eta, delta = x, np.zeros(ERROR_SIZE)
+    count = 0
+    for iteration in range(setup.maximum_iterations):
+        count = residual_and_jacobian(kind, values, eta, rate, setup, residual, h_full)
+        if count == 0 or not np.all(np.isfinite(residual)):
+            memory.skipped[kind] += 1
+            return
+        h = h_full[:count].copy()
+        if iteration > 0:  # (3.15): the residual at eta is referred back to the prediction
+            _turn_attitude_columns(h, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
+        total = residual[:count].copy()
+        for i in range(count):
+            for k in range(ERROR_SIZE):
+                total[i] += h[i, k] * delta[k]
+        k_gain, factor = gain(p, h, variance)
+        if not np.isfinite(k_gain[0, 0]):
+            memory.skipped[kind] += 1
+            return
+        if iteration == 0 and not _passes_gate(kind, total, factor, time, setup, memory):
+            return
+        change, moved = 0.0, np.zeros(ERROR_SIZE)
+        for k in range(ERROR_SIZE):
+            for i in range(count):
+                moved[k] += k_gain[k, i] * total[i]
+            # (3.16) in standard deviations, since the states have different units
+            change = max(change, abs(moved[k] - delta[k]) / np.sqrt(p[k, k]))
+        delta = moved
+        eta = retract(x, delta)
+        if change <= setup.tolerance:
+            break
+    joseph_update(p, k_gain, h, variance)
+    _reset_attitude_error(p, delta)
+    x[:] = eta
+    memory.last_fused[kind] = time
+
+
+@njit(cache=True)
+def _passes_gate(kind, innovation, factor, time, setup, memory):
+    """Normalised innovation squared against its gate; keeps the counts and the consistency."""
+    m = len(innovation)
+    weighted = solve_factored(factor, innovation)
+    nis = 0.0
+    for i in range(m):
+        nis += innovation[i] * weighted[i]
+        memory.innovation[kind, i] = innovation[i]
+    if not nis <= setup.gate[m]:
+        memory.rejected[kind] += 1
+        memory.last_rejected[kind] = time
+        return False
+    memory.fused[kind] += 1
+    memory.nis_sum[kind] += nis
+    memory.degrees[kind] += m
+    memory.recent_nis[0] += _NIS_WEIGHT * (nis / m - memory.recent_nis[0])
+    return True
+
+
+@njit(cache=True)
+def _is_flying(x, rate, values, kind, setup):
+    """Air data mean something: measured or expected airspeed is above the least that flies."""
+    if kind == _AIRSPEED:
+        return values[0] >= setup.minimum_airspeed
+    v, _, _ = air_velocity_at(x, rate, setup.probe_from_imu)
+    return np.sqrt(np.sum(v * v)) >= setup.minimum_airspeed
+
+
+@njit(cache=True)
+def _take(kind, values, x, p, rate, time, setup, memory):
+    """Fuse or note one sample that is not an IMU sample."""
+    if kind == _AIR:
+        if values[0] > 0.0:
+            memory.air[0] = values[0]
+        elif values[1] > 0.0:
+            memory.air[0] = values[1] / (GAS_CONSTANT * temperature(setup.origin[2] - x[5]))
+        return
+    if (kind == _AIRSPEED or kind == _ALPHA or kind == _BETA) and not _is_flying(x, rate, values, kind, setup):
+        memory.skipped[kind] += 1
+        return
+    fuse(kind, values, x, p, rate, time, setup, memory)
+
+
+@njit(cache=True)
+def _status(time, memory):
+    gps = time - max(memory.last_fused[_GPS_POSITION], memory.last_fused[_GPS_VELOCITY]) < SENSOR_TIMEOUT
+    air = time - memory.last_fused[_AIRSPEED] < SENSOR_TIMEOUT
+    if gps:
+        return _OK if air else _NO_AIR_DATA
+    return _NO_GPS if air else _INERTIAL_ONLY
+
+
+@njit(cache=True)
+def _has_diverged(setup, memory):
+    """GPS position and velocity both rejected without a break: the state is wrong, not the sensors."""
+    for kind in (_GPS_POSITION, _GPS_VELOCITY):
+        if not memory.last_rejected[kind] - memory.last_fused[kind] > setup.divergence_time:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _write_row(row, x, p, force, rate, time, setup, memory):
+    """Row of Column at the centre of gravity."""
+    to_cg = -setup.imu_position
+    v, inner, c = air_velocity_at(x, rate, to_cg)
+    omega = rate - x[GYRO_BIAS]
+    speed, alpha, beta = air_data_from_velocity(v)
+    row[0] = time
+    row[1:4] = v
+    arm = np.array(
+        [
+            omega[1] * to_cg[2] - omega[2] * to_cg[1],
+            omega[2] * to_cg[0] - omega[0] * to_cg[2],
+            omega[0] * to_cg[1] - omega[1] * to_cg[0],
+        ]
+    )
+    for i in range(3):
+        row[4 + i] = x[3 + i] + c[i, 0] * to_cg[0] + c[i, 1] * to_cg[1] + c[i, 2] * to_cg[2]
+        row[7 + i] = x[i] + c[i, 0] * arm[0] + c[i, 1] * arm[1] + c[i, 2] * arm[2]
+    row[10:23] = x[6:19]
+    for i in range(ERROR_SIZE):
+        row[_COLUMN_STD + i] = np.sqrt(p[i, i])
+    row[41:44] = force - x[ACCELEROMETER_BIAS]
+    row[44:47] = omega
+    row[47], row[48], row[49] = speed, alpha, beta
+    density = memory.air[0]
+    row[50] = density if density > 0.0 else air_density(setup.origin[2] - x[5])
+    row[51] = _air_velocity_std(p, v, inner, c, to_cg)
+    row[52] = memory.recent_nis[0]
+    row[53] = _status(time, memory)
+    row[54] = np.sum(memory.fused)
+    row[55] = np.sum(memory.rejected)
+    row[57:60] = setup.origin
+
+
+@njit(cache=True)
+def _air_velocity_std(p, v, inner, c, place):
+    """Root mean square standard deviation [m/s] of the air velocity across the flow: what alpha and beta rest on."""
+    total = 0.0
+    h = np.zeros(ERROR_SIZE)
+    speed2 = max(np.sum(v * v), 1.0)
+    for kind in (_ALPHA, _BETA):
+        if v[0] * v[0] + v[2] * v[2] < 1e-6:
+            return np.nan
+        velocity_jacobian(air_data_gradient(kind, v), inner, c, place, h)
+        for i in range(ERROR_SIZE):
+            if h[i] != 0.0:
+                for j in range(ERROR_SIZE):
+                    total += h[i] * p[i, j] * h[j]
+    return np.sqrt(max(0.5 * total * speed2, 0.0))
+
+
+@njit(cache=True)
+def run(times, kinds, values, start, x, p, setup, memory, rows):
+    """Process samples ``start`` onward, up to the last IMU sample among them.
+
+    times (n,) [s] ascending, kinds (n,), values (n, WIDTH). The IMU input is interpolated between its samples, so
+    that every measurement is fused at its own time. Writes rows (at most n, Column.WIDTH). Returns the index of the
+    first sample that is not processed, the number of rows, and RUNNING, or GAP when the IMU was silent for longer
+    than setup.maximum_gap before that sample, or DIVERGED when GPS and state contradict each other for long.
+    """
+    count, i, n = 0, start, len(times)
+    memory_imu = memory.imu
+    while True:
+        j = i
+        while j < n and kinds[j] != _IMU:
+            j += 1
+        if j == n:
+            return i, count, RUNNING
+        begin, end = memory_imu[0], times[j]
+        interval = end - begin
+        if interval > setup.maximum_gap:
+            return i, count, GAP
+        force0, rate0 = memory_imu[1:4].copy(), memory_imu[4:7].copy()
+        force_step, rate_step = values[j, 0:3] - force0, values[j, 3:6] - rate0
+        now = begin
+        for k in range(i, j + 1):
+            until = min(max(times[k], now), end)
+            if until > now:
+                middle = (0.5 * (now + until) - begin) / interval
+                propagate(x, p, force0 + middle * force_step, rate0 + middle * rate_step, until - now, interval, setup)
+                now = until
+            if k < j:
+                at = (now - begin) / interval if interval > 0.0 else 0.0
+                _take(kinds[k], values[k], x, p, rate0 + at * rate_step, now, setup, memory)
+        memory_imu[0] = end
+        memory_imu[1:7] = values[j, 0:6]
+        i = j + 1
+        if interval > 0.0:  # a stamp that stands twice gives one row
+            _write_row(rows[count], x, p, values[j, 0:3], values[j, 3:6], end, setup, memory)
+            count += 1
+        if _has_diverged(setup, memory):
+            return i, count, DIVERGED

@@ -1,0 +1,175 @@
+"""Measurement functions h(x) and their Jacobians, for the state and error of ``state``.
+
+``residual_and_jacobian`` gives y - h(x) and H = dh/d(error) at x, where the attitude error is a rotation vector in
+body axes. Air data are measured at the probe: V, alpha, beta of v_air = C'(v - W) + omega x r (6.23).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
+from aircraft_sysid_ros.aircraft.frames import (
+    cross_matrix,
+    quaternion_conjugate,
+    quaternion_log,
+    quaternion_product,
+    right_jacobian,
+    rotation_matrix,
+)
+from aircraft_sysid_ros.reconstruction.state import (
+    ATTITUDE,
+    D_ATTITUDE,
+    D_GYRO_BIAS,
+    D_POSITION,
+    D_VELOCITY,
+    D_WIND,
+    GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+    WIND,
+)
+from aircraft_sysid_ros.samples import Kind
+
+_ATTITUDE, _MAGNETIC_FIELD = int(Kind.ATTITUDE), int(Kind.MAGNETIC_FIELD)
+_GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
+_AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
+
+
+@njit(cache=True)
+def wrap(angle):
+    """Angle [rad] within [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@njit(cache=True)
+def _put(h, row, column, block):
+    for i in range(3):
+        for j in range(3):
+            h[row + i, column + j] = block[i, j]
+
+
+@njit(cache=True)
+def air_velocity_at(x, rate, place):
+    """Air-relative body velocity (3,) at ``place`` (FRD from the IMU) and its rotation C."""
+    c = rotation_matrix(x[ATTITUDE])
+    omega = rate - x[GYRO_BIAS]
+    relative = x[VELOCITY] - x[WIND]
+    v = np.empty(3)
+    v[0] = c[0, 0] * relative[0] + c[1, 0] * relative[1] + c[2, 0] * relative[2]
+    v[1] = c[0, 1] * relative[0] + c[1, 1] * relative[1] + c[2, 1] * relative[2]
+    v[2] = c[0, 2] * relative[0] + c[1, 2] * relative[1] + c[2, 2] * relative[2]
+    inner = v.copy()
+    v[0] += omega[1] * place[2] - omega[2] * place[1]
+    v[1] += omega[2] * place[0] - omega[0] * place[2]
+    v[2] += omega[0] * place[1] - omega[1] * place[0]
+    return v, inner, c
+
+
+@njit(cache=True)
+def air_data_gradient(kind, v):
+    """Gradient (3,) of V, alpha or beta by the air-relative velocity v (3,)."""
+    uw2 = v[0] * v[0] + v[2] * v[2]
+    v2 = uw2 + v[1] * v[1]
+    if kind == _AIRSPEED:
+        return v / np.sqrt(v2)
+    if kind == _ALPHA:
+        return np.array([-v[2] / uw2, 0.0, v[0] / uw2])
+    root = np.sqrt(uw2)
+    return np.array([-v[0] * v[1] / (v2 * root), root / v2, -v[2] * v[1] / (v2 * root)])
+
+
+@njit(cache=True)
+def velocity_jacobian(gradient, inner, c, place, h):
+    """Row h (18,) of a scalar whose gradient by the air velocity at ``place`` is given."""
+    for j in range(3):
+        by_velocity = c[j, 0] * gradient[0] + c[j, 1] * gradient[1] + c[j, 2] * gradient[2]
+        h[D_VELOCITY + j] = by_velocity
+        h[D_WIND + j] = -by_velocity
+    # d(C' w)/d(delta) = [C' w x]; d(omega x r)/d(b_g) = [r x]
+    h[D_ATTITUDE] = gradient[1] * inner[2] - gradient[2] * inner[1]
+    h[D_ATTITUDE + 1] = gradient[2] * inner[0] - gradient[0] * inner[2]
+    h[D_ATTITUDE + 2] = gradient[0] * inner[1] - gradient[1] * inner[0]
+    h[D_GYRO_BIAS] = gradient[1] * place[2] - gradient[2] * place[1]
+    h[D_GYRO_BIAS + 1] = gradient[2] * place[0] - gradient[0] * place[2]
+    h[D_GYRO_BIAS + 2] = gradient[0] * place[1] - gradient[1] * place[0]
+
+
+@njit(cache=True)
+def _air_data(kind, value, x, rate, setup, residual, h):
+    v, inner, c = air_velocity_at(x, rate, setup.probe_from_imu)
+    uw = np.sqrt(v[0] * v[0] + v[2] * v[2])
+    if kind == _AIRSPEED:
+        residual[0] = value - np.sqrt(uw * uw + v[1] * v[1])
+    elif kind == _ALPHA:
+        residual[0] = wrap(value - np.arctan2(v[2], v[0]))
+    else:
+        residual[0] = value - np.arctan2(v[1], uw)
+    velocity_jacobian(air_data_gradient(kind, v), inner, c, setup.probe_from_imu, h[0])
+    return 1
+
+
+@njit(cache=True)
+def _gps(kind, values, x, rate, setup, residual, h):
+    c = rotation_matrix(x[ATTITUDE])
+    place = setup.gps_from_imu
+    if kind == _GPS_POSITION:
+        position = ned_from_geodetic(values[0], values[1], values[2], setup.origin)
+        arm = place
+        block = D_POSITION
+        state = x[POSITION]
+    else:
+        position = values[:3]
+        arm = cross_matrix(rate - x[GYRO_BIAS]) @ place
+        block = D_VELOCITY
+        state = x[VELOCITY]
+        _put(h, 0, D_GYRO_BIAS, c @ cross_matrix(place))
+    residual[:] = position - state - c @ arm
+    _put(h, 0, block, np.eye(3))
+    _put(h, 0, D_ATTITUDE, -(c @ cross_matrix(arm)))
+    return 3
+
+
+@njit(cache=True)
+def _attitude(values, x, residual, h):
+    error = quaternion_log(quaternion_product(quaternion_conjugate(x[ATTITUDE]), values[:4]))
+    residual[:] = error
+    # log(exp(-delta) exp(error)) = error - J_l(error)^-1 delta, and J_l(error) = J_r(-error)
+    _put(h, 0, D_ATTITUDE, np.linalg.inv(right_jacobian(-error)))
+    return 3
+
+
+@njit(cache=True)
+def _heading(values, x, setup, residual, h):
+    """Heading of the magnetic field: its horizontal direction in NED is the declination."""
+    c = rotation_matrix(x[ATTITUDE])
+    field = values[:3] / np.sqrt(np.sum(values[:3] * values[:3]))
+    level = c @ field
+    horizontal2 = level[0] ** 2 + level[1] ** 2
+    if horizontal2 < 0.04 or np.isnan(setup.declination):  # field nearly vertical: no heading in it
+        return 0
+    residual[0] = wrap(setup.declination - np.arctan2(level[1], level[0]))
+    turned = -(c @ cross_matrix(field))
+    for j in range(3):
+        h[0, D_ATTITUDE + j] = (level[0] * turned[1, j] - level[1] * turned[0, j]) / horizontal2
+    return 1
+
+
+@njit(cache=True)
+def residual_and_jacobian(kind, values, x, rate, setup, residual, h):
+    """Fill residual (3,) = y - h(x) and h (3, 18); returns the number of outputs, 0 where there is nothing to fuse.
+
+    ``rate`` is the angular rate as measured at that time (3,) [rad/s].
+    """
+    residual[:] = 0.0
+    h[:] = 0.0
+    if kind == _AIRSPEED or kind == _ALPHA or kind == _BETA:
+        return _air_data(kind, values[0], x, rate, setup, residual, h)
+    if kind == _GPS_POSITION or kind == _GPS_VELOCITY:
+        return _gps(kind, values, x, rate, setup, residual, h)
+    if kind == _ATTITUDE:
+        return _attitude(values, x, residual, h)
+    if kind == _MAGNETIC_FIELD:
+        return _heading(values, x, setup, residual, h)
+    return 0

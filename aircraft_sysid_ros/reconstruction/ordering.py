@@ -1,0 +1,148 @@
+"""Time order: samples arrive late and mixed; they leave in the order of the times at which they were taken.
+
+The stamps of the IMU are the clock, since it is the fastest sensor. A sample is held until the clock has passed it
+by the horizon plus the longest sensor delay, so that one that is late by less than the horizon takes its own place,
+and the result depends on stamps alone: live and replay are the same to the last bit. What comes later still is
+dropped and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, concatenate
+
+NANOSECONDS = 1_000_000_000
+#: An IMU stamp that leaps further ahead than this [ns] is believed only if the next one confirms it.
+_LARGEST_LEAP = 120 * NANOSECONDS
+#: Two stamps this close [ns] confirm each other.
+_CONFIRMATION = 1 * NANOSECONDS
+#: Samples further ahead of the clock than this [ns] have a wrong stamp.
+_FUTURE = 30 * NANOSECONDS
+_MOST_HELD = 200_000
+
+
+@dataclass
+class OrderCounts:
+    """What was dropped and why, by kind where that matters."""
+
+    received: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
+    invalid: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
+    late: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
+    wrong_stamp: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
+    restarts: int = 0
+
+
+@dataclass(frozen=True)
+class Released:
+    """Samples in time order, stamps with the sensor delay removed; ``restarted``: the clock began anew before them."""
+
+    samples: Samples
+    restarted: bool = False
+
+
+class TimeOrder:
+    """Holds samples for ``horizon`` [s] and releases them in time order; ``delays`` [s] by kind, shape (kinds,)."""
+
+    def __init__(self, horizon: float, delays: npt.NDArray[np.float64]) -> None:
+        self._delays = np.rint(np.asarray(delays) * NANOSECONDS).astype(np.int64)
+        self._lag = round(horizon * NANOSECONDS) + int(self._delays.max())
+        self._clock: int | None = None
+        self._suspect: Samples | None = None
+        self._held = concatenate([])
+        self.counts = OrderCounts()
+
+    @property
+    def clock(self) -> int | None:
+        """Newest believed IMU stamp [ns]."""
+        return self._clock
+
+    def push(self, samples: Samples) -> Iterator[Released]:
+        """Take samples in the order of arrival; yields what is due, in time order."""
+        np.add.at(self.counts.received, samples.kind, 1)
+        samples = samples[self._valid(samples)]
+        start = 0
+        for leap in self._leaps(samples):
+            if leap > start:
+                yield from self._advance(samples[start:leap])
+            yield from self._question(samples[leap : leap + 1])
+            start = leap + 1
+        if start < len(samples):
+            yield from self._advance(samples[start:])
+
+    def flush(self) -> Iterator[Released]:
+        """Everything that is still held, in time order: the recording ended or the clock began anew."""
+        held, self._held = self._held, concatenate([])
+        if len(held):
+            yield Released(held)
+
+    def _valid(self, samples: Samples) -> npt.NDArray[np.bool_]:
+        needed = REQUIRED_VALUES[samples.kind]
+        present = np.arange(samples.values.shape[1])[None, :] >= needed[:, None]
+        valid = np.all(np.isfinite(samples.values) | present, axis=1)
+        if not valid.all():
+            np.add.at(self.counts.invalid, samples.kind[~valid], 1)
+        return np.asarray(valid)
+
+    def _leaps(self, samples: Samples) -> list[int]:
+        """IMU samples whose stamp leaps back beyond the horizon or far ahead, and any IMU sample while in doubt."""
+        imu = np.flatnonzero(samples.kind == Kind.IMU)
+        if not len(imu):
+            return []
+        stamps = samples.stamp[imu]
+        previous = np.concatenate([[stamps[0] if self._clock is None else self._clock], stamps[:-1]])
+        step = stamps - np.maximum.accumulate(previous)
+        if self._suspect is None and not np.any((step > _LARGEST_LEAP) | (step < -self._lag)):
+            return []
+        return [int(i) for i in imu]  # rare: decide one by one
+
+    def _question(self, sample: Samples) -> Iterator[Released]:
+        """One IMU sample while stamps leap: a leap is believed once the next stamp confirms it."""
+        stamp = int(sample.stamp[0])
+        if self._clock is None or -self._lag <= stamp - self._clock <= _LARGEST_LEAP:
+            if self._suspect is not None:
+                self.counts.wrong_stamp[Kind.IMU] += 1
+                self._suspect = None
+            yield from self._advance(sample)
+        elif self._suspect is not None and abs(stamp - int(self._suspect.stamp[0])) <= _CONFIRMATION:
+            first, self._suspect = self._suspect, None
+            yield from self.flush()
+            self._clock = None
+            self.counts.restarts += 1
+            yield Released(concatenate([]), restarted=True)
+            yield from self._advance(concatenate([first, sample]))
+        else:
+            if self._suspect is not None:
+                self.counts.wrong_stamp[Kind.IMU] += 1
+            self._suspect = sample
+
+    def _advance(self, samples: Samples) -> Iterator[Released]:
+        """Samples without leaps: drop the late, hold the rest, release what the clock has passed."""
+        taken = samples.stamp - self._delays[samples.kind]
+        clock = self._clock_at_arrival(samples)
+        known = clock > np.iinfo(np.int64).min
+        late = known & (taken < np.where(known, clock, 0) - self._lag)
+        ahead = known & (samples.stamp > np.where(known, clock, 0) + _FUTURE) & (samples.kind != Kind.IMU)
+        np.add.at(self.counts.late, samples.kind[late], 1)
+        np.add.at(self.counts.wrong_stamp, samples.kind[ahead], 1)
+        keep = ~(late | ahead)
+        held = concatenate([self._held, Samples(taken[keep], samples.kind[keep], samples.values[keep])])
+        imu = samples.stamp[samples.kind == Kind.IMU]
+        if len(imu):
+            self._clock = int(imu.max()) if self._clock is None else max(self._clock, int(imu.max()))
+        held = held[np.lexsort((held.kind, held.stamp))]  # stable: equal stamps of a kind stay in order of arrival
+        due = 0 if self._clock is None else int(np.searchsorted(held.stamp, self._clock - self._lag, side="left"))
+        self._held = held[max(due, len(held) - _MOST_HELD) :]
+        if due:
+            yield Released(held[:due])
+
+    def _clock_at_arrival(self, samples: Samples) -> npt.NDArray[np.int64]:
+        """The clock just before each sample arrived, shape (n,); the smallest integer before the first IMU sample."""
+        lowest = np.iinfo(np.int64).min
+        stamps = np.where(samples.kind == Kind.IMU, samples.stamp, lowest)
+        before = np.concatenate([[lowest if self._clock is None else self._clock], stamps[:-1]])
+        return np.asarray(np.maximum.accumulate(before))

@@ -1,0 +1,132 @@
+"""Layouts of the reconstructed state, (6.24) of the summary.
+
+(6.24) carries the air-relative velocity u, v, w, for which (6.16)-(6.18) hold only while the wind is constant. The
+filter carries the velocity over ground in NED instead and forms the air-relative velocity with the wind, so that
+the wind may wander. Attitude is a quaternion with a rotation-vector error: regular in any attitude.
+The state belongs to the place of the IMU, which needs no angular acceleration; outputs belong to the centre of
+gravity.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+# Nominal state, 19 numbers.
+VELOCITY = slice(0, 3)
+POSITION = slice(3, 6)
+ATTITUDE = slice(6, 10)
+ACCELEROMETER_BIAS = slice(10, 13)
+GYRO_BIAS = slice(13, 16)
+WIND = slice(16, 19)
+STATE_SIZE = 19
+
+# Its error, 18 numbers; first index of each block.
+D_VELOCITY, D_POSITION, D_ATTITUDE, D_ACCELEROMETER_BIAS, D_GYRO_BIAS, D_WIND = 0, 3, 6, 9, 12, 15
+ERROR_SIZE = 18
+
+
+class Column:
+    """Columns of a row of reconstructed states, one row per IMU sample."""
+
+    TIME = 0
+    AIR_VELOCITY = slice(1, 4)
+    POSITION = slice(4, 7)
+    VELOCITY = slice(7, 10)
+    ATTITUDE = slice(10, 14)
+    ACCELEROMETER_BIAS = slice(14, 17)
+    GYRO_BIAS = slice(17, 20)
+    WIND = slice(20, 23)
+    STANDARD_DEVIATIONS = slice(23, 41)
+    SPECIFIC_FORCE = slice(41, 44)
+    ANGULAR_VELOCITY = slice(44, 47)
+    AIRSPEED = 47
+    ANGLE_OF_ATTACK = 48
+    SIDESLIP = 49
+    AIR_DENSITY = 50
+    AIR_VELOCITY_STD = 51
+    CONSISTENCY = 52
+    STATUS = 53
+    FUSED = 54
+    REJECTED = 55
+    LATE = 56
+    ORIGIN = slice(57, 60)  # latitude, longitude [rad], altitude [m] of POSITION
+    WIDTH = 60
+
+
+class Status:
+    """Values of Column.STATUS: what the state rests on."""
+
+    WAITING = 0
+    OK = 1
+    NO_GPS = 2
+    NO_AIR_DATA = 3
+    INERTIAL_ONLY = 4
+
+
+STATUS_TEXT = {
+    Status.WAITING: "waiting for IMU, GPS and motion",
+    Status.OK: "",
+    Status.NO_GPS: "no GPS: dead reckoning on air data",
+    Status.NO_AIR_DATA: "no air data: wind is held",
+    Status.INERTIAL_ONLY: "neither GPS nor air data: inertial only",
+}
+
+
+class Setup(NamedTuple):
+    """What the jitted loop needs to know of aircraft and options; arrays and numbers only."""
+
+    gravity: float  # [m/s^2]
+    origin: npt.NDArray[np.float64]  # latitude, longitude [rad], altitude [m]
+    imu_position: npt.NDArray[np.float64]  # FRD from the centre of gravity [m]
+    gps_from_imu: npt.NDArray[np.float64]
+    probe_from_imu: npt.NDArray[np.float64]
+    declination: float  # [rad], NaN: the magnetometer is not fused
+    minimum_airspeed: float  # [m/s]
+    variance: npt.NDArray[np.float64]  # (kinds, 3) of the measurement, from the aircraft file or its defaults
+    given: npt.NDArray[np.bool_]  # (kinds,) the aircraft file says it: goes before the message's covariance
+    accelerometer_variance: float
+    gyro_variance: float
+    accelerometer_walk: float  # [m/s^2 per sqrt(s)]
+    gyro_walk: float
+    wind_walk: float
+    gate: npt.NDArray[np.float64]  # (4,) largest normalised innovation squared for 1, 2, 3 outputs, by index
+    maximum_iterations: int
+    tolerance: float
+    maximum_gap: float  # [s] longest step between IMU samples that is still integrated
+    divergence_time: float  # [s] of rejected GPS after which the state is given up
+
+
+class Memory(NamedTuple):
+    """What the jitted loop changes besides state and covariance."""
+
+    imu: npt.NDArray[np.float64]  # (7,) time, specific force, angular rate as measured
+    air: npt.NDArray[np.float64]  # (1,) density [kg/m^3]
+    fused: npt.NDArray[np.int64]  # (kinds,)
+    rejected: npt.NDArray[np.int64]  # (kinds,)
+    skipped: npt.NDArray[np.int64]  # (kinds,) not usable now, such as air data on the ground
+    last_fused: npt.NDArray[np.float64]  # (kinds,) time [s]
+    last_rejected: npt.NDArray[np.float64]  # (kinds,)
+    nis_sum: npt.NDArray[np.float64]  # (kinds,) of fused samples
+    degrees: npt.NDArray[np.int64]  # (kinds,) degrees of freedom in nis_sum
+    recent_nis: npt.NDArray[np.float64]  # (1,) running mean per degree of freedom
+    innovation: npt.NDArray[np.float64]  # (kinds, 3) the newest
+
+
+def new_memory(kinds: int) -> Memory:
+    """Memory at the start of a flight."""
+    return Memory(
+        imu=np.zeros(7),
+        air=np.array([np.nan]),
+        fused=np.zeros(kinds, np.int64),
+        rejected=np.zeros(kinds, np.int64),
+        skipped=np.zeros(kinds, np.int64),
+        last_fused=np.full(kinds, -np.inf),
+        last_rejected=np.full(kinds, -np.inf),
+        nis_sum=np.zeros(kinds),
+        degrees=np.zeros(kinds, np.int64),
+        recent_nis=np.ones(1),
+        innovation=np.full((kinds, 3), np.nan),
+    )

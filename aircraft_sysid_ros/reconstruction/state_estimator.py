@@ -1,0 +1,289 @@
+"""First step: samples in, reconstructed states out. The live node and the replay drive the same object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.earth import gravity
+from aircraft_sysid_ros.reconstruction.alignment import Alignment, keep_slow_states
+from aircraft_sysid_ros.reconstruction.fusion import RUNNING, run
+from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, TimeOrder
+from aircraft_sysid_ros.reconstruction.state import (
+    D_ACCELEROMETER_BIAS,
+    D_GYRO_BIAS,
+    D_WIND,
+    ERROR_SIZE,
+    STATE_SIZE,
+    WIND,
+    Column,
+    Memory,
+    Setup,
+    Status,
+    new_memory,
+)
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate
+
+Array = npt.NDArray[np.float64]
+
+#: Which sensor of the aircraft file a kind of sample comes from.
+SENSOR_OF_KIND = {
+    Kind.IMU: "accelerometer",
+    Kind.ATTITUDE: "attitude",
+    Kind.MAGNETIC_FIELD: "magnetometer",
+    Kind.GPS_POSITION: "gps_position",
+    Kind.GPS_VELOCITY: "gps_velocity",
+    Kind.AIRSPEED: "airspeed",
+    Kind.ANGLE_OF_ATTACK: "angle_of_attack",
+    Kind.SIDESLIP: "sideslip",
+    Kind.AIR: "static_pressure",
+    Kind.CONTROLS: "control_surfaces",
+    Kind.HEIGHT: "height_above_ground",
+    Kind.FIVE_HOLE: "five_hole_probe",
+}
+#: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
+_EPOCH_STEP = 2**20 * NANOSECONDS
+
+
+@dataclass(frozen=True)
+class StateOptions:
+    """Options of the first step; the live node offers them as parameters."""
+
+    horizon: float = 0.5  # [s] how late a sample may come and still be fused at its own time
+    gate: float = 5.0  # [sigma] of a scalar innovation; more outputs at the same probability
+    maximum_iterations: int = 5
+    tolerance: float = 1e-3  # of (3.16), in standard deviations
+    maximum_gap: float = 0.5  # [s] between IMU samples; longer, and the filter aligns anew
+    divergence_time: float = 5.0  # [s] of GPS position and velocity rejected without a break: align anew
+
+
+def epoch_of(stamp: int) -> int:
+    """Reference [ns] from which the seconds of a recording are counted."""
+    return stamp // _EPOCH_STEP * _EPOCH_STEP
+
+
+def seconds(stamp: npt.NDArray[np.int64], epoch: int) -> Array:
+    """Stamps [ns] as seconds after the epoch; ``nanoseconds`` gives them back exactly."""
+    return (stamp - epoch).astype(np.float64) / NANOSECONDS
+
+
+def nanoseconds(time: Array, epoch: int) -> npt.NDArray[np.int64]:
+    """Inverse of ``seconds``."""
+    return np.asarray(np.rint(np.asarray(time) * NANOSECONDS).astype(np.int64) + epoch)
+
+
+def sensor_delays(aircraft: Aircraft) -> Array:
+    """Delay [s] by kind, shape (kinds,)."""
+    delays = np.zeros(len(Kind))
+    for kind, sensor in SENSOR_OF_KIND.items():
+        delays[kind] = aircraft.sensors[sensor].delay
+    return delays
+
+
+def gate_thresholds(sigma: float) -> Array:
+    """Largest normalised innovation squared for 0 to 3 outputs, at the probability of ``sigma`` in one output."""
+    from scipy.special import erf, gammaincinv  # imported here: 0.3 s that other users of this module do not need
+
+    inside = float(erf(sigma / np.sqrt(2.0)))
+    return np.array([0.0] + [2.0 * float(gammaincinv(0.5 * m, inside)) for m in (1, 2, 3)])
+
+
+class StateEstimator:
+    """Iterated extended Kalman filter over (6.24), fed in any order within the horizon.
+
+    ``push`` takes samples as they arrive and returns rows of ``state.Column``, one per IMU sample, complete up to
+    ``horizon`` plus the longest sensor delay before the newest IMU stamp.
+    """
+
+    def __init__(self, aircraft: Aircraft, options: StateOptions | None = None) -> None:
+        self.aircraft = aircraft
+        self.options = options or StateOptions()
+        self.order = TimeOrder(self.options.horizon, sensor_delays(aircraft))
+        self.epoch: int | None = None
+        self.realignments = 0
+        self._gate = gate_thresholds(self.options.gate)
+        self._alignment = self._new_alignment(9.80665)
+        self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
+        self._setup: Setup | None = None  # known once there is an origin
+        self._x = np.zeros(STATE_SIZE)
+        self._p = np.zeros((ERROR_SIZE, ERROR_SIZE))
+        self._aligned = False
+        self._has_slow_states = False
+        self.memory: Memory = new_memory(len(Kind))
+        self.last_row: Array | None = None
+
+    def push(self, samples: Samples) -> Array:
+        """Take n samples in the order of arrival; returns rows (m, Column.WIDTH), m >= 0."""
+        if self.epoch is None and len(samples):
+            self.epoch = epoch_of(int(samples.stamp[0]))
+        return self._collect(self.order.push(samples))
+
+    def flush(self) -> Array:
+        """Process what is still held, at the end of a recording."""
+        return self._collect(self.order.flush())
+
+    @property
+    def status(self) -> int:
+        """Value of ``state.Status``."""
+        return int(self.last_row[Column.STATUS]) if self._aligned and self.last_row is not None else Status.WAITING
+
+    def summary(self) -> dict[str, Any]:
+        """The content of state.json, without the timing: newest biases and wind with their standard deviations."""
+        sigma = np.sqrt(np.diag(self._p))
+        known = self._aligned or self._has_slow_states
+        result: dict[str, Any] = {}
+        for name, at, start in (
+            ("accelerometer_bias", 10, D_ACCELEROMETER_BIAS),
+            ("gyro_bias", 13, D_GYRO_BIAS),
+            ("wind_ned", 16, D_WIND),
+        ):
+            result[name] = [float(v) for v in self._x[at : at + 3]] if known else [None] * 3
+            result[name + "_std"] = [float(v) for v in sigma[start : start + 3]] if known else [None] * 3
+        return result
+
+    def counts(self) -> dict[str, dict[str, int]]:
+        """What became of the samples, by kind: received, fused, rejected, skipped, late, invalid, wrong_stamp."""
+        order, memory = self.order.counts, self.memory
+        return {
+            kind.name.lower(): {
+                "received": int(order.received[kind]),
+                "fused": int(memory.fused[kind]),
+                "rejected": int(memory.rejected[kind]),
+                "skipped": int(memory.skipped[kind]),
+                "late": int(order.late[kind]),
+                "invalid": int(order.invalid[kind]),
+                "wrong_stamp": int(order.wrong_stamp[kind]),
+            }
+            for kind in Kind
+        }
+
+    def _collect(self, released: Iterator[Any]) -> Array:
+        blocks = []
+        for part in released:
+            if part.restarted:
+                self._lose_alignment()
+            if len(part.samples):
+                assert self.epoch is not None
+                times = seconds(part.samples.stamp, self.epoch)
+                blocks.extend(self._process(times, part.samples.kind, part.samples.values))
+        return np.vstack(blocks) if blocks else np.empty((0, Column.WIDTH))
+
+    def _process(self, times: Array, kinds: npt.NDArray[np.int64], values: Array) -> Iterator[Array]:
+        """Samples in time order; those after the last IMU sample wait for the next one."""
+        if self._held is not None:
+            times = np.concatenate([self._held[0], times])
+            kinds = np.concatenate([self._held[1], kinds])
+            values = np.concatenate([self._held[2], values])
+            self._held = None
+        at = 0
+        while np.any(kinds[at:] == Kind.IMU):
+            if not self._aligned:
+                at = self._align(times, kinds, values, at)
+                continue
+            rows = np.full((int(np.sum(kinds[at:] == Kind.IMU)), Column.WIDTH), np.nan)
+            at, count, state = run(times, kinds, values, at, self._x, self._p, self._setup, self.memory, rows)
+            if count:
+                rows[:count, Column.LATE] = self.order.counts.late.sum()
+                self.last_row = rows[count - 1]
+                yield rows[:count]
+            if state != RUNNING:
+                self._lose_alignment()
+        self._held = (times[at:], kinds[at:], values[at:])
+
+    def _align(self, times: Array, kinds: npt.NDArray[np.int64], values: Array, at: int) -> int:
+        """Feed the alignment until it gives a start; returns the index of the next sample."""
+        for i in range(at, len(times)):
+            if not self._alignment.take(float(times[i]), int(kinds[i]), values[i]):
+                continue
+            known_wind = self._x[WIND].copy() if self._has_slow_states else np.zeros(3)
+            start = self._alignment.start(known_wind)
+            if start is not None:
+                self._begin(float(times[i]), values[i], *start)
+                return i + 1
+        return len(times)
+
+    def _begin(self, time: float, imu: Array, x: Array, p: Array) -> None:
+        if self._has_slow_states:
+            keep_slow_states(x, p, self._x, self._p)
+        self._x, self._p = x, p
+        if self._setup is None:
+            self._setup = self._new_setup(imu)
+        self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
+        self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak
+        self.memory.last_rejected[:] = -np.inf
+        self._aligned = self._has_slow_states = True
+
+    def _lose_alignment(self) -> None:
+        if self._aligned:
+            self.realignments += 1
+        self._aligned = False
+        self._held = None
+        self._alignment.forget()
+
+    def _new_alignment(self, gravity_here: float) -> Alignment:
+        return Alignment(gravity_here, self.aircraft.minimum_airspeed, self.aircraft.magnetic_declination)
+
+    def _imu_variance(self, sensor: str, carried: float) -> float:
+        """From the aircraft file if it says so, else from the message, else the default."""
+        configured = self.aircraft.sensors[sensor]
+        if carried > 0.0 and not configured.noise_is_given:
+            return carried
+        return float(configured.noise[0] ** 2)
+
+    def _new_setup(self, imu: Array) -> Setup:
+        aircraft, options = self.aircraft, self.options
+        origin = self._alignment.origin
+        assert origin is not None
+        variance, given = np.ones((len(Kind), 3)), np.zeros(len(Kind), np.bool_)
+        for kind, name in SENSOR_OF_KIND.items():
+            variance[kind] = np.square(aircraft.sensors[name].noise)
+            given[kind] = aircraft.sensors[name].noise_is_given
+        declination = aircraft.magnetic_declination
+        return Setup(
+            gravity=float(gravity(origin[0], origin[2])),
+            origin=origin,
+            imu_position=aircraft.imu_position,
+            gps_from_imu=aircraft.gps_position - aircraft.imu_position,
+            probe_from_imu=aircraft.air_data_position - aircraft.imu_position,
+            declination=np.nan if declination is None else float(declination),
+            minimum_airspeed=float(aircraft.minimum_airspeed),
+            variance=variance,
+            given=given,
+            accelerometer_variance=self._imu_variance("accelerometer", float(imu[6])),
+            gyro_variance=self._imu_variance("gyro", float(imu[7])),
+            accelerometer_walk=float(aircraft.process_noise["accelerometer_bias"]),
+            gyro_walk=float(aircraft.process_noise["gyro_bias"]),
+            wind_walk=float(aircraft.process_noise["wind"]),
+            gate=self._gate,
+            maximum_iterations=int(options.maximum_iterations),
+            tolerance=float(options.tolerance),
+            maximum_gap=float(options.maximum_gap),
+            divergence_time=float(options.divergence_time),
+        )
+
+
+def warm_up(aircraft: Aircraft) -> None:
+    """Compile (or load from the cache) the jitted loop before the first sample of a flight."""
+    from aircraft_sysid_ros.samples import samples_of
+
+    estimator = StateEstimator(aircraft)
+    stamp = np.arange(0, 3 * NANOSECONDS, NANOSECONDS // 50)
+    ones = np.ones(len(stamp))
+    level = np.outer(ones, [0.0, 0.0, -9.80665, 0.0, 0.0, 0.0])
+    speed = 2.0 * aircraft.minimum_airspeed
+    estimator.push(
+        concatenate(
+            [
+                samples_of(Kind.GPS_POSITION, stamp, 0.1 * ones, 0.1 * ones, 100.0 * ones),
+                samples_of(Kind.GPS_VELOCITY, stamp, speed * ones, 0.0 * ones, 0.0 * ones),
+                samples_of(Kind.AIRSPEED, stamp, speed * ones),
+                samples_of(Kind.IMU, stamp, level),
+            ]
+        )
+    )
+    estimator.flush()

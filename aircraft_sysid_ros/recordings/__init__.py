@@ -1,0 +1,1 @@
+"""Recordings in and out: rosbag2, ULog, DataFlash and .mat files."""

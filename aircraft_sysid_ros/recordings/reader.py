@@ -1,0 +1,129 @@
+"""A recording as samples: rosbag2 in, everything that the estimators use out, in the order in which it arrived."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages, read_raw
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS, USED_FIELDS, samples_and_rows
+from aircraft_sysid_ros.recordings.tables import table_of
+from aircraft_sysid_ros.samples import Samples, concatenate
+
+#: No message holds more samples than this.
+_SAMPLES_PER_MESSAGE = 8
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The samples of a recording in order of arrival, and what it holds."""
+
+    path: Path
+    samples: Samples
+    topics: dict[str, int]  # messages by topic, relative names as in TOPICS
+    ignored: dict[str, int]  # messages by the full name of the topics that are not used
+    skipped: dict[str, int]  # messages by topic that could not be decoded
+    notes: tuple[str, ...] = ()  # what was wrong with it, for the user
+
+    @property
+    def start(self) -> int:
+        """Earliest stamp [ns]."""
+        return int(self.samples.stamp.min())
+
+    @property
+    def end(self) -> int:
+        """Latest stamp [ns]."""
+        return int(self.samples.stamp.max())
+
+    @property
+    def duration(self) -> float:
+        """Time between the earliest and the latest stamp [s]."""
+        return (self.end - self.start) / NANOSECONDS
+
+    def require(self, topics: Iterable[str]) -> None:
+        """Raises InputError that names the topics that are missing and what was found."""
+        missing = [topic for topic in topics if not self.topics.get(topic)]
+        if missing:
+            found = [*self.topics, *self.ignored]
+            raise InputError(
+                f"the recording {self.path} lacks {', '.join('/' + topic for topic in missing)}: it holds "
+                f"{', '.join('/' + topic.lstrip('/') for topic in found)}"
+            )
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read a rosbag2 folder (MCAP or sqlite3) or a bare .mcap or .db3 file.
+
+    A topic counts with or without a namespace before it: /uav1/imu/data is imu/data. Raises InputError for what is
+    not a recording and for a recording without any of TOPICS.
+    """
+    raw = read_raw(path)
+    wanted, notes = _wanted_channels(raw)
+    topics: dict[str, int] = {}
+    skipped: dict[str, int] = {}
+    batches: list[Samples] = []
+    orders: list[Integers] = []
+    for key, topic in wanted.items():
+        table = table_of(raw, key, USED_FIELDS[topic])
+        topics[topic] = topics.get(topic, 0) + len(table.rows)
+        skipped[topic] = skipped.get(topic, 0) + table.skipped
+        if not len(table.rows):
+            continue
+        for place, (samples, rows) in enumerate(samples_and_rows(topic, table.stamp, table.fields)):
+            batches.append(samples)
+            orders.append(table.rows[rows] * _SAMPLES_PER_MESSAGE + place)
+    _require_samples(path, batches, raw, skipped)
+    order = np.argsort(np.concatenate(orders), kind="stable")
+    skipped = {topic: count for topic, count in skipped.items() if count}
+    notes += [f"{count} messages of /{topic} could not be decoded" for topic, count in skipped.items()]
+    ignored = _counts(raw, raw.channels.keys() - wanted.keys())
+    return Recording(Path(path), concatenate(batches)[order], topics, ignored, skipped, (*raw.notes, *notes))
+
+
+def _counts(raw: RawMessages, keys: Iterable[int]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for key in sorted(keys):
+        topic = raw.channels[key].topic
+        counts[topic] = counts.get(topic, 0) + len(raw.rows(key))
+    return counts
+
+
+def _wanted_channels(raw: RawMessages) -> tuple[dict[int, str], list[str]]:
+    """Relative topic by channel for those that are used, and notes on those that should be but are not."""
+    namespace = _namespace(raw)
+    wanted: dict[int, str] = {}
+    notes = []
+    for key, channel in raw.channels.items():
+        topic = channel.topic.strip("/").removeprefix(namespace)
+        if topic not in TOPICS or not len(raw.rows(key)):
+            continue
+        if channel.type == TOPICS[topic]:
+            wanted[key] = topic
+        else:
+            notes.append(f"{channel.topic} is ignored: its type is {channel.type}, not {TOPICS[topic]}")
+    return wanted, notes
+
+
+def _namespace(raw: RawMessages) -> str:
+    """What stands before the most known topics, such as "uav1/"; "" before the alphabet, so that none goes first."""
+    namespaces: dict[str, int] = {}
+    for channel in raw.channels.values():
+        name = channel.topic.strip("/")
+        for topic in TOPICS:
+            if name == topic or name.endswith("/" + topic):
+                prefix = name.removesuffix(topic)
+                namespaces[prefix] = namespaces.get(prefix, 0) + 1
+    return min(namespaces, key=lambda prefix: (-namespaces[prefix], prefix), default="")
+
+
+def _require_samples(path: str | Path, batches: list[Samples], raw: RawMessages, skipped: Mapping[str, int]) -> None:
+    if any(len(batch) for batch in batches):
+        return
+    if any(skipped.values()):
+        raise InputError(f"no message of the recording {path} could be decoded: it is damaged or of another version")
+    needed = ", ".join("/" + topic for topic in TOPICS)
+    raise InputError(f"the recording {path} has none of the topics {needed}: it holds {raw.topic_names()}")

@@ -1,0 +1,183 @@
+"""Writes recordings: rosbag2 folders with one MCAP file, or a bare MCAP file, readable without this package.
+
+Everything is kept until the end, put in order of log time and written beside the target, which then takes the new
+name at once: an error or a kill leaves no half-written recording behind.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings import cdr_layout
+from aircraft_sysid_ros.recordings.message_definitions import PACKAGE
+from aircraft_sysid_ros.recordings.message_types import known_types, message_from_dict
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+
+_FRAME = "header.frame_id"
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Serialised messages (n, length) of a connection and their log times (n,)."""
+
+    connection: tuple[str, str]
+    log_time: npt.NDArray[np.int64]
+    messages: npt.NDArray[np.uint8]
+
+
+class RecordingWriter:
+    """Context manager that writes a recording to a folder (rosbag2) or to a file when the path ends in .mcap.
+
+    Raises InputError where the path is taken; ``overwrite`` replaces a recording, but never another folder.
+    """
+
+    def __init__(self, path: str | Path, *, overwrite: bool = False) -> None:
+        self.path = Path(path)
+        self._batches: list[_Batch] = []
+        self._connections: dict[str, str] = {}
+        _check_target(self.path, overwrite)
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if error is None:
+            self._finish()
+
+    def write(
+        self,
+        topic: str,
+        type_name: str,
+        stamp: npt.ArrayLike,
+        fields: Mapping[str, Any],
+        *,
+        log_time: npt.ArrayLike | None = None,
+        frame_id: str = "",
+    ) -> None:
+        """n messages of a fixed layout: ``stamp`` [ns] (n,) and flat fields (n,) or (n, k), or one value for all.
+
+        A text may be one for all or a sequence of n. Numbers that are not given are 0, as in ROS, but NaN in our
+        own messages. ``log_time`` [ns] (n,) is when they arrived, by default their stamps. Raises KeyError for a
+        field that the type does not have.
+        """
+        stamps = np.atleast_1d(np.asarray(stamp, dtype=np.int64))
+        arrivals = stamps if log_time is None else np.atleast_1d(np.asarray(log_time, dtype=np.int64))
+        columns = {
+            _FRAME: frame_id,
+            "header.stamp.sec": stamps // NANOSECONDS,
+            "header.stamp.nanosec": stamps % NANOSECONDS,
+            **fields,
+        }
+        connection = self._connection(topic, type_name)
+        for rows in _equal_texts(columns, len(stamps)):
+            part = {name: _rows_of(value, rows, len(stamps)) for name, value in columns.items()}
+            missing = np.nan if type_name.startswith(PACKAGE) else 0.0
+            table = cdr_layout.encode(known_types().fielddefs, type_name, len(rows), part, missing)
+            messages = table.view(np.uint8).reshape(len(rows), -1)
+            self._batches.append(_Batch(connection, arrivals[rows], messages))
+
+    def write_message(self, topic: str, type_name: str, log_time: int, message: Any) -> None:
+        """One message of any type: a mapping of fields (a time as int [ns]) or an object with its attributes."""
+        if isinstance(message, Mapping):
+            message = message_from_dict(type_name, message)
+        content = np.frombuffer(known_types().serialize_cdr(message, type_name), np.uint8)
+        times = np.array([log_time], dtype=np.int64)
+        self._batches.append(_Batch(self._connection(topic, type_name), times, content[None, :]))
+
+    def _connection(self, topic: str, type_name: str) -> tuple[str, str]:
+        topic = "/" + topic.lstrip("/")
+        if self._connections.setdefault(topic, type_name) != type_name:
+            raise ValueError(f"{topic} already has the type {self._connections[topic]}")
+        return topic, type_name
+
+    def _finish(self) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:
+                bag = Path(folder) / self.path.stem
+                self._write_bag(bag)
+                _put_in_place(next(bag.glob("*.mcap")) if self.path.suffix == ".mcap" else bag, self.path, folder)
+        except OSError as error:
+            raise InputError(f"cannot write the recording {self.path}: {error.strerror or error}") from None
+
+    def _write_bag(self, folder: Path) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        log_times = np.concatenate([batch.log_time for batch in self._batches] or [np.empty(0, np.int64)])
+        batch_of = np.repeat(np.arange(len(self._batches)), [len(batch.log_time) for batch in self._batches])
+        row_of = np.concatenate([np.arange(len(batch.log_time)) for batch in self._batches] or [np.empty(0, int)])
+        order = np.argsort(log_times, kind="stable")
+        contents = [(batch.connection[0], _split(batch.messages)) for batch in self._batches]
+        with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            connections = {
+                topic: writer.add_connection(topic, type_name, typestore=known_types())
+                for topic, type_name in self._connections.items()
+            }
+            for i, row, log_time in zip(
+                batch_of[order].tolist(), row_of[order].tolist(), log_times[order].tolist(), strict=True
+            ):
+                topic, content = contents[i]
+                writer.write(connections[topic], log_time, content[row])
+
+
+def _split(messages: npt.NDArray[np.uint8]) -> list[bytes]:
+    """Rows (n, length) as n byte strings."""
+    return np.ascontiguousarray(messages).view(np.dtype((np.void, messages.shape[1]))).ravel().tolist()
+
+
+def _check_target(path: Path, overwrite: bool) -> None:
+    if not path.exists():
+        return
+    if not overwrite:
+        raise InputError(f"{path} is already there: give another name or overwrite it (--overwrite)")
+    is_file = path.suffix == ".mcap"
+    is_recording = path.is_file() if is_file else path.is_dir() and _is_replaceable(path)
+    if not is_recording:
+        raise InputError(f"{path} is not a recording and is not overwritten: give another name")
+
+
+def _is_replaceable(folder: Path) -> bool:
+    """An empty folder or a rosbag2: nothing else is ever deleted."""
+    contents = list(folder.iterdir())
+    return not contents or (folder / "metadata.yaml").exists()
+
+
+def _put_in_place(new: Path, target: Path, folder: str) -> None:
+    """Rename ``new`` to ``target``; what was there goes into ``folder``, which is deleted."""
+    if target.exists():
+        target.rename(Path(folder) / "replaced")
+    shutil.move(new, target)
+
+
+def _is_texts(value: Any) -> bool:
+    return not isinstance(value, str) and np.asarray(value).dtype.kind == "U"
+
+
+def _equal_texts(columns: Mapping[str, Any], count: int) -> list[npt.NDArray[np.int64]]:
+    """Rows in groups within which every text is the same, so that the messages of a group have one layout."""
+    texts = [np.asarray(value) for value in columns.values() if _is_texts(value)]
+    if not texts:
+        return [np.arange(count)]
+    _, group = np.unique(np.stack(texts, axis=1), axis=0, return_inverse=True)
+    group = group.reshape(count)
+    return [np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)]
+
+
+def _rows_of(value: Any, rows: npt.NDArray[np.int64], count: int) -> Any:
+    if _is_texts(value):
+        return str(np.asarray(value)[rows[0]])
+    if isinstance(value, str) or np.ndim(value) == 0 or len(value) != count:
+        return value
+    return np.asarray(value)[rows]

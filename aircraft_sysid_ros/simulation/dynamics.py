@@ -1,0 +1,245 @@
+"""Six degrees of freedom of one aeroplane whose aerodynamics are exactly the terms of its file: (6.8)-(6.19).
+
+The velocity over ground is the state and the air-relative velocity follows from it with the wind, so that the
+motion is right while the wind changes, which (6.16)-(6.18) with air-relative u, v, w are not.
+Thrust reaches the aeroplane only through the terms that hold T_c, so that every coefficient is known exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft import atmosphere, rigid_body
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, model_from_terms, term_label
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, evaluate_programs, parse_expression
+from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, quaternion_product, rotation_matrix
+from aircraft_sysid_ros.errors import InputError
+
+# Layout of the state: position, velocity over ground [NED], quaternion, rates, actual controls.
+POSITION, VELOCITY, ATTITUDE, RATES, CONTROLS = 0, 3, 6, 10, 13
+STATE_SIZE = 17
+#: Controls of the state and of commands: elevator, aileron, rudder [rad], throttle 0..1.
+CONTROL_COUNT = 4
+DEFLECTION_LIMIT = np.radians(25.0)
+#: First-order lags of the servos and of the motor [1/s].
+ACTUATOR_RATES = np.array([20.0, 20.0, 20.0, 5.0])
+
+_ALPHA, _BETA, _P, _Q, _R = (SIGNAL_INDEX[name] for name in ("alpha", "beta", "p", "q", "r"))
+_DE, _DA, _DR, _FLAPS = (SIGNAL_INDEX[name] for name in ("de", "da", "dr", "flaps"))
+_TC, _THROTTLE, _PROPELLER = (SIGNAL_INDEX[name] for name in ("Tc", "throttle", "propeller_speed"))
+_V, _QBAR, _MACH, _HEIGHT = (SIGNAL_INDEX[name] for name in ("V", "qbar", "mach", "height"))
+_ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[name] for name in ("alpha_dot", "beta_dot", "time"))
+#: The flow rates depend on the forces that they cause: so many passes leave nothing of a 5 % coupling.
+_FLOW_RATE_PASSES = 6
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One more term of the true aerodynamics: ``C_axis += value * expression``."""
+
+    axis: str
+    expression: str
+    value: float
+
+
+class Airframe(NamedTuple):
+    """What the jitted loop needs of an aeroplane; SI."""
+
+    mass: float
+    wing_area: float
+    span: float
+    chord: float
+    inertia: npt.NDArray[np.float64]  # (3, 3)
+    reference: npt.NDArray[np.float64]  # (3,) aerodynamic reference from the centre of gravity
+    code: npt.NDArray[np.float64]  # all terms, linked
+    term_offsets: npt.NDArray[np.int64]
+    axis_offsets: npt.NDArray[np.int64]  # (7,)
+    parameters: npt.NDArray[np.float64]
+    has_flow_rates: bool  # a term reads alpha_dot or beta_dot
+    static_thrust: float  # [N] at full throttle
+    pitch_speed: float  # [m/s] airspeed without thrust
+    propeller_speed: float  # [rad/s] at full throttle
+
+
+class Place(NamedTuple):
+    """Where the flight is: constant gravity [m/s^2], altitude of the NED origin and of the ground [m]."""
+
+    gravity: float
+    altitude: float
+    ground: float
+
+
+class Motion(NamedTuple):
+    """What acts on the aeroplane at one instant."""
+
+    coefficients: npt.NDArray[np.float64]  # (6,)
+    specific_force: npt.NDArray[np.float64]  # (3,) [m/s^2] body
+    angular_acceleration: npt.NDArray[np.float64]  # (3,) [rad/s^2]
+    air_velocity: npt.NDArray[np.float64]  # (3,) [m/s] body
+    signals: npt.NDArray[np.float64]  # (19,) row of expression.SIGNALS
+    thrust: float  # [N]
+
+
+def trim_airspeed_of(aircraft: Aircraft) -> float:
+    """Airspeed [m/s] of simulated flights: that of the file, or the one at a lift coefficient of 0.4."""
+    wing_loading = aircraft.mass * STANDARD_GRAVITY / aircraft.wing_area
+    return aircraft.trim_airspeed or float(np.sqrt(2.0 * wing_loading / (1.225 * 0.4)))
+
+
+def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
+    """Airframe of an aircraft file with hidden effects; InputError names coefficients that the file lacks."""
+    model, values = with_effects(aircraft.model, aircraft.coefficients, effects)
+    missing = [name for name in model.parameter_names if name not in values]
+    if missing:
+        raise InputError(
+            f"aircraft '{aircraft.name}' cannot be simulated: its file lacks the coefficients {' '.join(missing)}"
+        )
+    code, term_offsets = model.linked
+    return Airframe(
+        aircraft.mass, aircraft.wing_area, aircraft.span, aircraft.chord,
+        np.ascontiguousarray(aircraft.inertia), aircraft.aerodynamic_reference.copy(),
+        code, term_offsets, model.offsets, np.array([values[name] for name in model.parameter_names]),
+        bool({"alpha_dot", "beta_dot"} & model.signals_used),
+        static_thrust=0.6 * aircraft.mass * STANDARD_GRAVITY,
+        pitch_speed=2.2 * trim_airspeed_of(aircraft),
+        propeller_speed=80.0 * trim_airspeed_of(aircraft) / aircraft.span,
+    )  # fmt: skip
+
+
+def with_effects(
+    model: AerodynamicModel, coefficients: dict[str, float], effects: Sequence[Effect]
+) -> tuple[AerodynamicModel, dict[str, float]]:
+    """Model and coefficients with the terms of the effects; a term that is there already has its value raised."""
+    terms = {axis: list(listed) for axis, listed in model.terms.items()}
+    values = dict(coefficients)
+    for effect in effects:
+        text = parse_expression(effect.expression).text
+        if effect.axis not in terms:
+            raise InputError(f"the effect names the axis '{effect.axis}': the axes are {' '.join(terms)}")
+        name = f"{effect.axis}_{term_label(text)}"
+        if text not in terms[effect.axis]:
+            terms[effect.axis].append(text)
+            values[name] = 0.0
+        values[name] = values.get(name, 0.0) + effect.value
+    return model_from_terms(terms), values
+
+
+@njit(cache=True)
+def thrust_of(airframe, throttle, airspeed):
+    """Thrust [N] of a fixed propeller: in proportion to throttle, falling with speed to nothing at its pitch speed."""
+    return airframe.static_thrust * throttle * (1.0 - airspeed / airframe.pitch_speed)
+
+
+@njit(cache=True)
+def signal_row(airframe, place, state, air_velocity, time):
+    """Row of expression.SIGNALS, shape (19,), without the flow rates, and the thrust [N]."""
+    out = np.zeros(len(SIGNALS))
+    speed, alpha, beta = air_data_from_velocity(air_velocity)
+    altitude = place.altitude - state[POSITION + 2]
+    throttle = state[CONTROLS + 3]
+    thrust = thrust_of(airframe, throttle, speed)
+    qbar = 0.5 * atmosphere.air_density(altitude) * speed * speed
+    out[_ALPHA], out[_BETA] = alpha, beta
+    out[_P] = state[RATES] * airframe.span / (2.0 * speed)
+    out[_Q] = state[RATES + 1] * airframe.chord / speed
+    out[_R] = state[RATES + 2] * airframe.span / (2.0 * speed)
+    out[_DE], out[_DA], out[_DR] = state[CONTROLS], state[CONTROLS + 1], state[CONTROLS + 2]
+    out[_FLAPS] = 0.0
+    out[_TC] = thrust / (qbar * airframe.wing_area)
+    out[_THROTTLE], out[_PROPELLER] = throttle, airframe.propeller_speed * np.sqrt(throttle)
+    out[_V], out[_QBAR], out[_MACH] = speed, qbar, speed / atmosphere.speed_of_sound(altitude)
+    out[_HEIGHT], out[_TIME] = altitude - place.ground, time
+    return out, thrust
+
+
+@njit(cache=True)
+def aerodynamic_coefficients(airframe, signals):
+    """C_X … C_n, shape (6,), of one signal row: (6.8)-(6.13) or whatever terms the file lists."""
+    regressors = np.empty(len(airframe.parameters))
+    evaluate_programs(airframe.code, airframe.term_offsets, signals, regressors)
+    out = np.empty(6)
+    for axis in range(6):
+        a, b = airframe.axis_offsets[axis], airframe.axis_offsets[axis + 1]
+        out[axis] = np.dot(regressors[a:b], airframe.parameters[a:b])
+    return out
+
+
+@njit(cache=True)
+def motion(airframe, place, state, wind, wind_rate, time):
+    """What acts in a state, shape (17,), in a wind NED [m/s] that changes at wind_rate [m/s^2]: a Motion."""
+    to_body = rotation_matrix(state[ATTITUDE : ATTITUDE + 4]).T.copy()
+    air_velocity = to_body @ (state[VELOCITY : VELOCITY + 3] - wind)
+    fall = to_body @ (np.array([0.0, 0.0, place.gravity]) - wind_rate)
+    rates = state[RATES : RATES + 3].copy()
+    signals, thrust = signal_row(airframe, place, state, air_velocity, time)
+    for _ in range(_FLOW_RATE_PASSES if airframe.has_flow_rates else 1):
+        coefficients = aerodynamic_coefficients(airframe, signals)
+        force, moment = rigid_body.forces_and_moments(
+            coefficients, signals[_QBAR], airframe.wing_area, airframe.span, airframe.chord
+        )
+        specific_force = force / airframe.mass
+        change = rigid_body.body_velocity_derivative(specific_force, rates, air_velocity, fall)
+        alpha_dot, beta_dot = flow_rates(air_velocity, change)
+        signals[_ALPHA_DOT] = alpha_dot * airframe.chord / (2.0 * signals[_V])
+        signals[_BETA_DOT] = beta_dot * airframe.span / (2.0 * signals[_V])
+    moment = rigid_body.moment_at_centre_of_gravity(moment, force, airframe.reference)
+    acceleration = rigid_body.angular_acceleration(moment, rates, airframe.inertia)
+    return Motion(coefficients, specific_force, acceleration, air_velocity, signals, thrust)
+
+
+@njit(cache=True)
+def flow_rates(velocity, change):
+    """d alpha/dt and d beta/dt [rad/s] of an air-relative velocity and its derivative, both (3,) in body axes."""
+    u, v, w = velocity
+    ahead2 = u * u + w * w
+    ahead = np.sqrt(ahead2)
+    alpha_dot = (u * change[2] - w * change[0]) / ahead2
+    ahead_dot = (u * change[0] + w * change[2]) / ahead
+    return alpha_dot, (ahead * change[1] - v * ahead_dot) / (ahead2 + v * v)
+
+
+@njit(cache=True)
+def state_derivative(airframe, place, state, command, wind, wind_rate, time):
+    """d/dt of the state, shape (17,), for commanded controls (4,)."""
+    acting = motion(airframe, place, state, wind, wind_rate, time)
+    out = np.empty(STATE_SIZE)
+    out[POSITION : POSITION + 3] = state[VELOCITY : VELOCITY + 3]
+    attitude = state[ATTITUDE : ATTITUDE + 4]
+    out[VELOCITY : VELOCITY + 3] = rotation_matrix(attitude) @ acting.specific_force
+    out[VELOCITY + 2] += place.gravity
+    p, q, r = state[RATES : RATES + 3]
+    out[ATTITUDE : ATTITUDE + 4] = 0.5 * quaternion_product(attitude, np.array([0.0, p, q, r]))
+    out[RATES : RATES + 3] = acting.angular_acceleration
+    out[CONTROLS:] = ACTUATOR_RATES * (limited(command) - state[CONTROLS:])
+    return out
+
+
+@njit(cache=True)
+def limited(command):
+    """Commands within what the surfaces and the motor can do, shape (4,)."""
+    out = np.minimum(np.maximum(command, -DEFLECTION_LIMIT), DEFLECTION_LIMIT)
+    out[3] = min(max(command[3], 0.0), 1.0)
+    return out
+
+
+@njit(cache=True)
+def runge_kutta_step(airframe, place, state, command, wind, wind_next, time, step):
+    """State one step [s] later: classical fourth order, wind linear within the step, controls held."""
+    rate = (wind_next - wind) / step
+    middle = 0.5 * (wind + wind_next)
+    half = 0.5 * step
+    k1 = state_derivative(airframe, place, state, command, wind, rate, time)
+    k2 = state_derivative(airframe, place, state + half * k1, command, middle, rate, time + half)
+    k3 = state_derivative(airframe, place, state + half * k2, command, middle, rate, time + half)
+    k4 = state_derivative(airframe, place, state + step * k3, command, wind_next, rate, time + step)
+    out = state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    out[ATTITUDE : ATTITUDE + 4] /= np.sqrt(np.sum(out[ATTITUDE : ATTITUDE + 4] ** 2))
+    return out

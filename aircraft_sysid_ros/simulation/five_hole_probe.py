@@ -1,0 +1,35 @@
+"""Pressures of a five-hole probe whose calibration is known: (36) of the two-stage paper, turned round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProbeCalibration:
+    """(36): V = (1 + scale_V) sqrt(2 q_c / rho) + offset_V, alpha = (1 + scale_a) D_a / (K_a q_c) + offset_a, beta alike.
+
+    D_a and D_b are the differences of opposite holes, q_c total minus static pressure.
+    """
+
+    alpha_sensitivity: float = 3.9  # [1/rad] K_a
+    beta_sensitivity: float = 3.9  # [1/rad] K_b
+    airspeed_scale: float = 0.0
+    airspeed_offset: float = 0.0  # [m/s]
+    alpha_scale: float = 0.0
+    alpha_offset: float = 0.0  # [rad]
+    beta_scale: float = 0.0
+    beta_offset: float = 0.0  # [rad]
+
+    def pressures(self, airspeed: Array, alpha: Array, beta: Array, density: Array) -> Array:
+        """Dynamic, alpha and beta pressure [Pa], shape (n, 3), at true airspeed [m/s] and angles [rad], each (n,)."""
+        indicated = (airspeed - self.airspeed_offset) / (1.0 + self.airspeed_scale)
+        impact = 0.5 * density * indicated**2
+        alpha_pressure = (alpha - self.alpha_offset) / (1.0 + self.alpha_scale) * self.alpha_sensitivity * impact
+        beta_pressure = (beta - self.beta_offset) / (1.0 + self.beta_scale) * self.beta_sensitivity * impact
+        return np.stack([impact, alpha_pressure, beta_pressure], axis=1)

@@ -1,0 +1,149 @@
+"""A test flight of the textbook aeroplane: the dynamics, the autopilot and the plan, stepped together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft import atmosphere, earth
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.autopilot import (
+    Autopilot,
+    autopilot_controls,
+    autopilot_for,
+    excitation_for,
+)
+from aircraft_sysid_ros.simulation.dynamics import (
+    ATTITUDE,
+    CONTROLS,
+    POSITION,
+    RATES,
+    STATE_SIZE,
+    VELOCITY,
+    Airframe,
+    Effect,
+    Place,
+    airframe_of,
+    motion,
+    runge_kutta_step,
+    trim_airspeed_of,
+)
+from aircraft_sysid_ros.simulation.manoeuvres import Excitation, Plan
+from aircraft_sysid_ros.simulation.trim import Trim, derivatives_at, trim_level
+from aircraft_sysid_ros.simulation.truth import Truth
+
+Array = npt.NDArray[np.float64]
+
+#: Where flights begin: latitude, longitude [rad]; the altitude is HEIGHT above the ground of the aircraft file.
+LATITUDE, LONGITUDE = np.radians(44.7), np.radians(-93.1)
+HEIGHT = 120.0  # [m]
+_SPEED = SIGNAL_INDEX["V"]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """An aeroplane in trim at a place, ready to be flown."""
+
+    airframe: Airframe
+    place: Place
+    origin: Array  # (3,) latitude, longitude [rad], altitude [m]
+    trim: Trim
+    autopilot: Autopilot
+    excitation: Excitation
+
+
+def flight_origin(aircraft: Aircraft) -> Array:
+    """Latitude, longitude [rad], altitude [m], shape (3,), of the beginning of a simulated flight."""
+    return np.array([LATITUDE, LONGITUDE, HEIGHT + (aircraft.ground_altitude or 0.0)])
+
+
+def prepare(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Setup:
+    """Trim an aeroplane and give it an autopilot; InputError when its file does not allow it."""
+    origin = flight_origin(aircraft)
+    place = Place(float(earth.gravity(origin[0], origin[2])), float(origin[2]), float(origin[2] - HEIGHT))
+    airframe = airframe_of(aircraft, effects)
+    trim = trim_level(airframe, place, trim_airspeed_of(aircraft))
+    slopes = derivatives_at(airframe, place, trim)
+    qbar = 0.5 * atmosphere.air_density(place.altitude) * trim.airspeed**2
+    autopilot = autopilot_for(aircraft, trim, slopes)
+    return Setup(airframe, place, origin, trim, autopilot, excitation_for(aircraft, qbar, trim, slopes))
+
+
+def fly(setup: Setup, plan: Plan, wind: Array) -> Truth:
+    """Fly a plan (n equal steps) in a wind NED (n, 3) [m/s], from trim in the wind at the beginning.
+
+    Raises InputError when the aeroplane does not stay in the air.
+    """
+    step = float(plan.time[1] - plan.time[0])
+    start = setup.trim.state.copy()
+    start[VELOCITY : VELOCITY + 3] += wind[0]
+    log = _run(
+        setup.airframe, setup.place, setup.autopilot, start,
+        plan.controls, plan.bank, plan.airspeed, np.ascontiguousarray(wind), step,
+    )  # fmt: skip
+    truth = _truth(setup, plan.time, wind, *log)
+    lost = ~np.isfinite(truth.airspeed) | (truth.height < 0.0) | (np.abs(truth.alpha) > 1.0)
+    if lost.any():
+        raise InputError(
+            f"the simulated aircraft goes out of control after {plan.time[np.argmax(lost)]:.1f} s: "
+            "its coefficients make it unstable or the wind is too strong for it"
+        )
+    return truth
+
+
+@njit(cache=True)
+def _run(airframe, place, pilot, start, additions, bank, airspeed, wind, step):
+    """States and what acts in them at every step."""
+    n = len(wind)
+    states, signals = np.empty((n, STATE_SIZE)), np.empty((n, len(SIGNALS)))
+    force, acceleration, air_velocity = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    coefficients, thrust = np.empty((n, 6)), np.empty(n)
+    state = start
+    for i in range(n):
+        following = wind[min(i + 1, n - 1)]
+        time = i * step
+        acting = motion(airframe, place, state, wind[i], (following - wind[i]) / step, time)
+        states[i], signals[i], force[i] = state, acting.signals, acting.specific_force
+        acceleration[i], air_velocity[i] = acting.angular_acceleration, acting.air_velocity
+        coefficients[i], thrust[i] = acting.coefficients, acting.thrust
+        command = autopilot_controls(pilot, state, acting.signals[_SPEED], bank[i], airspeed[i]) + additions[i]
+        state = runge_kutta_step(airframe, place, state, command, wind[i], following, time, step)
+    return states, signals, force, acceleration, air_velocity, coefficients, thrust
+
+
+def _truth(
+    setup: Setup, time: Array, wind: Array, states: Array, signals: Array, force: Array, acceleration: Array,
+    air_velocity: Array, coefficients: Array, thrust: Array,
+) -> Truth:  # fmt: skip
+    def column(name: str) -> Array:
+        return signals[:, SIGNAL_INDEX[name]]
+
+    surfaces = states[:, CONTROLS : CONTROLS + 3]
+    controls = np.column_stack([surfaces, column("flaps"), column("throttle"), thrust, column("propeller_speed")])
+    altitude = setup.place.altitude - states[:, POSITION + 2]
+    return Truth(
+        time=time,
+        position=states[:, POSITION : POSITION + 3],
+        velocity=states[:, VELOCITY : VELOCITY + 3],
+        quaternion=states[:, ATTITUDE : ATTITUDE + 4],
+        rates=states[:, RATES : RATES + 3],
+        angular_acceleration=acceleration,
+        specific_force=force,
+        air_velocity=air_velocity,
+        airspeed=column("V"),
+        alpha=column("alpha"),
+        beta=column("beta"),
+        density=np.array([atmosphere.air_density(h) for h in altitude]),
+        static_pressure=np.array([atmosphere.pressure(h) for h in altitude]),
+        height=column("height"),
+        controls=controls,
+        wind=wind,
+        coefficients=coefficients,
+        origin=setup.origin,
+    )

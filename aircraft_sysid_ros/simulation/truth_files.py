@@ -1,0 +1,88 @@
+"""A simulated flight on disk: its recording, and the truth beside it.
+
+``truth.json`` has the coefficients, biases and wind; ``truth.npz`` the time series. Both lie in the folder of a
+rosbag2, whose readers look only at what its metadata lists, and beside a bare MCAP file.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.simulation.sensors import EPOCH, stamps_of
+from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight
+from aircraft_sysid_ros.simulation.truth import SERIES
+
+#: Rate [Hz] of the time series in truth.npz.
+TRUTH_RATE = 50.0
+
+
+def write_flight(flight: SimulatedFlight, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write the recording, log times being arrivals, and the truth beside it; InputError where the path is taken."""
+    with RecordingWriter(path, overwrite=overwrite) as writer:
+        for stream in flight.streams:
+            topic_type = TOPICS[stream.topic]
+            writer.write(stream.topic, topic_type, stream.stamp, stream.fields, log_time=stream.arrival)
+    document, series = truth_path(path, ".json"), truth_path(path, ".npz")
+    document.write_text(json.dumps(truth_document(flight), indent=1) + "\n", encoding="utf8")
+    np.savez_compressed(series, **truth_series(flight))
+
+
+def truth_path(recording: str | Path, suffix: str) -> Path:
+    """Where the truth of a recording is: ``truth.json`` in a folder, ``NAME.truth.json`` beside NAME.mcap."""
+    recording = Path(recording)
+    if recording.suffix == ".mcap":
+        return recording.with_suffix(".truth" + suffix)
+    return recording / ("truth" + suffix)
+
+
+def load_truth(recording: str | Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """Content of truth.json and arrays of truth.npz of a recording; InputError when it has none."""
+    try:
+        document = json.loads(truth_path(recording, ".json").read_text(encoding="utf8"))
+        with np.load(truth_path(recording, ".npz"), allow_pickle=False) as archive:
+            return document, {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{recording} has no truth beside it: it is not a simulated flight ({error})") from None
+
+
+def truth_document(flight: SimulatedFlight) -> dict[str, Any]:
+    """truth.json: biases (FRD) and wind (NED) at the end of the flight, and at its beginning or on average."""
+    truth, biases = flight.truth, flight.biases
+    return {
+        "aircraft": flight.aircraft.name,
+        "simulator": flight.simulator,
+        "seed": flight.seed,
+        "duration": float(truth.time[-1] - truth.time[0]),
+        "model": flight.aircraft.model.identifier,
+        "coefficients": flight.aircraft.coefficients if flight.simulator == "textbook" else None,
+        "effects": [{"axis": e.axis, "expression": e.expression, "value": e.value} for e in flight.effects],
+        "accelerometer_bias": biases.accelerometer[-1].tolist(),
+        "gyro_bias": biases.gyro[-1].tolist(),
+        "accelerometer_bias_start": biases.accelerometer[0].tolist(),
+        "gyro_bias_start": biases.gyro[0].tolist(),
+        "wind_ned": truth.wind[-1].tolist(),
+        "wind_ned_mean": truth.wind.mean(axis=0).tolist(),
+        "origin": {"latitude": truth.origin[0], "longitude": truth.origin[1], "altitude": truth.origin[2]},
+    }
+
+
+def truth_series(flight: SimulatedFlight) -> dict[str, npt.NDArray[Any]]:
+    """Arrays of truth.npz: the fields of Truth and the biases, ``stamp`` [ns], ``time`` [s] since the first stamp."""
+    first = min(stream.stamp[0] for stream in flight.streams)
+    begin = (first - EPOCH) / NANOSECONDS
+    time = begin + np.arange(int((flight.truth.time[-1] - begin) * TRUTH_RATE) + 1) / TRUTH_RATE
+    truth, stamp = flight.truth.at(time), stamps_of(time)
+    series = {name: getattr(truth, name) for name in SERIES}
+    for name in ("accelerometer", "gyro"):
+        values = getattr(flight.biases, name)
+        columns = [np.interp(stamp, flight.biases.stamp, column) for column in values.T]
+        series[name + "_bias"] = np.stack(columns, axis=1)
+    return {**series, "stamp": stamp, "time": time - begin, "origin": truth.origin}

