@@ -20,12 +20,18 @@ def config_path(name: str) -> Path:
     for folder in folders:
         if (folder / name).is_file():
             return folder / name
-    raise InputError(f"the configuration file {name} is in none of {', '.join(map(str, folders))}: reinstall the package")
+    raise InputError(
+        f"the configuration file {name} is in none of {', '.join(map(str, folders))}: reinstall the package"
+    )
 
 
 def _folders() -> Iterator[Path]:
     """Source tree (also pip -e), then what colcon and pip install."""
     yield Path(__file__).resolve().parents[1] / "config"
-    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix, site.getuserbase()]
+    prefixes = [
+        *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)),
+        sys.prefix,
+        site.getuserbase(),
+    ]
     for prefix in dict.fromkeys(prefixes):
         yield Path(prefix) / "share" / PACKAGE / "config"

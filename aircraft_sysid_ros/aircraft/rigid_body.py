@@ -1,7 +1,8 @@
-"""Rigid-body mechanics in body axes (FRD): forces and moments from coefficients and back, (6.14)-(6.19) of the summary.
+"""Rigid-body mechanics in body axes (FRD): (6.14)-(6.19) of the summary, and their inverses.
 
 (6.14) and (6.16) of the summary call X aerodynamic. With T_c among the terms of C_X it holds the thrust too:
-X = m A_x with A_x the specific force at the centre of gravity, which is what an accelerometer there would read.
+X = m A_x with A_x the specific force at the centre of gravity, which is what an accelerometer there would
+read.
 """
 
 from __future__ import annotations
@@ -27,13 +28,17 @@ def forces_and_moments(coefficients, dynamic_pressure, wing_area, span, chord):
 
 @njit(cache=True)
 def coefficients_of(force, moment, dynamic_pressure, wing_area, span, chord):
-    """C_X C_Y C_Z C_l C_m C_n, shape (6,): inverse of forces_and_moments; not finite without dynamic pressure."""
+    """C_X … C_n, shape (6,): inverse of forces_and_moments; NaN without dynamic pressure."""
     scale = dynamic_pressure * wing_area
     if scale <= 0.0:
         return np.full(6, np.nan)
     out = np.empty(6)
     out[:3] = force / scale
-    out[3], out[4], out[5] = moment[0] / (scale * span), moment[1] / (scale * chord), moment[2] / (scale * span)
+    out[3], out[4], out[5] = (
+        moment[0] / (scale * span),
+        moment[1] / (scale * chord),
+        moment[2] / (scale * span),
+    )
     return out
 
 
@@ -58,7 +63,7 @@ def angular_acceleration(moment, rates, inertia):
 
 @njit(cache=True)
 def moment_of_motion(acceleration, rates, inertia):
-    """Moment about the centre of gravity [N m] behind an angular acceleration [rad/s^2]: inverse of (6.19)."""
+    """Moment about the centre of gravity [N m] of an angular acceleration [rad/s^2]: inverse of (6.19)."""
     return inertia @ acceleration + cross(rates, inertia @ rates)
 
 
@@ -78,15 +83,3 @@ def moment_at_reference(moment, force, reference):
 def body_velocity_derivative(specific_force, rates, velocity, gravity_b):
     """d/dt (u, v, w) [m/s^2] of the inertial velocity in body axes: (6.16)-(6.18), gravity in body axes."""
     return specific_force + gravity_b - cross(rates, velocity)
-
-
-@njit(cache=True)
-def specific_force_at(position, specific_force, rates, acceleration):
-    """Specific force [m/s^2] at a position [m] from the centre of gravity, where it is ``specific_force``."""
-    return specific_force + cross(acceleration, position) + cross(rates, cross(rates, position))
-
-
-@njit(cache=True)
-def velocity_at(position, velocity, rates):
-    """Velocity [m/s], body axes, at a position [m] from the centre of gravity, where it is ``velocity``."""
-    return velocity + cross(rates, position)

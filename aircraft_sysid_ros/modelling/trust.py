@@ -23,7 +23,7 @@ class Trust(IntEnum):
 class TrustRules:
     """Limits of trust."""
 
-    excitation: float = 4.0  # least ratio of what only this term moves to its noise; at 4 noise biases it by 6 %
+    excitation: float = 3.0  # least ratio of what only this term moves to its noise; at 3 noise biases it by 11 %
     relative_error: float = 0.25  # largest standard error over the value …
     negligible: float = 0.05  # … unless its standard error moves the coefficient by less than this share
     samples: int = 100  # evaluations before anything is trusted

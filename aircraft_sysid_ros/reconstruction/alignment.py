@@ -9,7 +9,6 @@ until the aircraft moves. An attitude in the recording goes before all that.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
@@ -24,19 +23,19 @@ from aircraft_sysid_ros.aircraft.frames import (
 )
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
+    AIR_VELOCITY,
     ATTITUDE,
     D_ACCELEROMETER_BIAS,
+    D_AIR_VELOCITY,
     D_ATTITUDE,
     D_GYRO_BIAS,
     D_POSITION,
     D_VELOCITY,
-    D_WIND,
     ERROR_SIZE,
     GYRO_BIAS,
     POSITION,
     STATE_SIZE,
     VELOCITY,
-    WIND,
 )
 from aircraft_sysid_ros.samples import Kind
 
@@ -51,7 +50,11 @@ LARGEST_GPS_AGE = 1.5  # [s]
 POSITION_STD = 10.0  # [m]
 VELOCITY_STD = 2.0  # [m/s]
 TILT_STD = 0.15  # [rad]
-HEADING_STD = 0.7  # [rad]: course and heading differ by the wind
+HEADING_STD = 0.1  # [rad] besides the angle by which course and heading differ in the wind
+LARGEST_HEADING_STD = 0.7  # [rad]
+AIRSPEED_STD = 1.0  # [m/s]
+AIR_ANGLE_STD = 0.05  # [rad] of measured alpha and beta
+UNKNOWN_ANGLE_STD = 0.15  # [rad] where they are not measured
 MAGNETIC_HEADING_STD = 0.35  # [rad]
 ATTITUDE_STD = 0.1  # [rad] where the recording has an attitude
 ACCELEROMETER_BIAS_STD = 0.3  # [m/s^2]
@@ -93,10 +96,10 @@ class Alignment:
         self._newest[kind] = (time, values.copy())
         return False
 
-    def start(self, wind: Array) -> tuple[Array, Array] | None:
+    def start(self, wind: Array, wind_std: Array) -> tuple[Array, Array] | None:
         """State (19,) and covariance (18, 18) at the newest IMU sample, or None while that is not possible.
 
-        ``wind`` (3,) NED [m/s] is what is known of the wind, zero at the beginning.
+        ``wind`` (3,) NED [m/s] and its standard deviations (3,) are what is known of the wind.
         """
         now = self._imu[-1][0]
         if now - self._imu[0][0] < 0.9 * WINDOW or self.origin is None:
@@ -106,7 +109,7 @@ class Alignment:
         if velocity is None or position is None:
             return None
         acceleration = self._acceleration()
-        attitude = self._attitude(now, velocity[:3], acceleration, wind)
+        attitude = self._attitude(now, velocity[:3], acceleration, wind, wind_std)
         if attitude is None:
             return None
         rotation, attitude_covariance = attitude
@@ -115,18 +118,30 @@ class Alignment:
         x[POSITION] = ned_from_geodetic(position[0], position[1], position[2], self.origin)
         x[POSITION] += velocity[:3] * (now - self._newest[Kind.GPS_POSITION][0])
         x[ATTITUDE] = quaternion_from_matrix(rotation)
-        x[WIND] = wind
         _set_block(p, D_POSITION, np.eye(3) * POSITION_STD**2)
         _set_block(p, D_VELOCITY, np.eye(3) * VELOCITY_STD**2)
         _set_block(p, D_ATTITUDE, rotation.T @ attitude_covariance @ rotation)
         _set_block(p, D_ACCELEROMETER_BIAS, np.eye(3) * ACCELEROMETER_BIAS_STD**2)
         _set_block(p, D_GYRO_BIAS, np.eye(3) * GYRO_BIAS_STD**2)
-        _set_block(p, D_WIND, np.diag(np.square(WIND_STD)))
+        self._start_air_velocity(now, x, p, rotation, wind, wind_std)
         return x, p
 
-    def imu_samples(self) -> Iterable[tuple[float, Array]]:
-        """The IMU samples of the window."""
-        return self._imu
+    def _start_air_velocity(self, now: float, x: Array, p: Array, rotation: Array, wind: Array, std: Array) -> None:
+        """From air data where they are there, whatever the heading; else from velocity, attitude and wind."""
+        airspeed = self._recent(Kind.AIRSPEED, now, 0.5)
+        if airspeed is not None and airspeed[0] > self._flying_speed:
+            x[AIR_VELOCITY] = airspeed[0] * self._motion(now)
+            across = AIR_ANGLE_STD if self._has_angles(now) else UNKNOWN_ANGLE_STD
+            _set_block(p, D_AIR_VELOCITY, np.diag([AIRSPEED_STD**2, *[(airspeed[0] * across) ** 2] * 2]))
+            return
+        x[AIR_VELOCITY] = rotation.T @ (x[VELOCITY] - wind)
+        p[D_AIR_VELOCITY:, D_AIR_VELOCITY:] = 0.0
+        to_air = np.zeros((3, ERROR_SIZE))
+        to_air[:, D_VELOCITY : D_VELOCITY + 3] = rotation.T
+        to_air[:, D_ATTITUDE : D_ATTITUDE + 3] = cross_matrix(x[AIR_VELOCITY])
+        p[D_AIR_VELOCITY:] = to_air @ p
+        p[:, D_AIR_VELOCITY:] = p @ to_air.T
+        p[D_AIR_VELOCITY:, D_AIR_VELOCITY:] = to_air @ p[:, D_AIR_VELOCITY:] + rotation.T @ np.diag(std**2) @ rotation
 
     def _recent(self, kind: Kind, now: float, age: float) -> Array | None:
         time, values = self._newest.get(kind, (-np.inf, None))
@@ -148,14 +163,17 @@ class Alignment:
             total += turn @ values[i][:3]
         return total / len(values)
 
-    def _attitude(self, now: float, velocity: Array, acceleration: Array, wind: Array) -> tuple[Array, Array] | None:
+    def _attitude(
+        self, now: float, velocity: Array, acceleration: Array, wind: Array, wind_std: Array
+    ) -> tuple[Array, Array] | None:
         """Rotation body to NED (3, 3) and covariance of its error in NED axes (3, 3)."""
         given = self._recent(Kind.ATTITUDE, now, 0.5)
         if given is not None:
             return rotation_matrix(given[:4]), np.eye(3) * ATTITUDE_STD**2
         force = self._mean_force()
         through_air = velocity - wind
-        level = np.diag([TILT_STD**2, TILT_STD**2, HEADING_STD**2])
+        heading = np.hypot(HEADING_STD, np.max(wind_std[:2]) / max(np.linalg.norm(velocity), SLOWEST_COURSE))
+        level = np.diag([TILT_STD**2, TILT_STD**2, min(heading, LARGEST_HEADING_STD) ** 2])
         if np.linalg.norm(velocity) > self._flying_speed:
             upward = acceleration - np.array([0.0, 0.0, self._gravity])
             return triad(force, self._motion(now), upward, through_air), level
@@ -166,6 +184,9 @@ class Alignment:
         level[2, 2] = MAGNETIC_HEADING_STD**2
         upright = np.array([0.0, 0.0, -1.0])
         return _level_with_field(force, field[:3], upright, north), level
+
+    def _has_angles(self, now: float) -> bool:
+        return all(self._recent(kind, now, 0.5) is not None for kind in (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP))
 
     def _motion(self, now: float) -> Array:
         """Direction of motion through the air, body axes: from alpha and beta, else straight ahead."""
@@ -206,11 +227,9 @@ def _set_block(p: Array, at: int, block: Array) -> None:
     p[at : at + 3, at : at + 3] = block
 
 
-def keep_slow_states(x: Array, p: Array, x_before: Array, p_before: Array) -> None:
-    """Keep biases and wind over a gap: they change slowly, while attitude, velocity and position start anew."""
-    x[ACCELEROMETER_BIAS], x[GYRO_BIAS], x[WIND] = (
-        x_before[ACCELEROMETER_BIAS],
-        x_before[GYRO_BIAS],
-        x_before[WIND],
-    )
-    p[D_ACCELEROMETER_BIAS:, D_ACCELEROMETER_BIAS:] = p_before[D_ACCELEROMETER_BIAS:, D_ACCELEROMETER_BIAS:]
+def keep_biases(x: Array, p: Array, x_before: Array, p_before: Array) -> None:
+    """Keep the biases over a gap: they change slowly, while attitude and velocities start anew."""
+    both = slice(ACCELEROMETER_BIAS.start, GYRO_BIAS.stop)
+    x[both] = x_before[both]
+    errors = slice(D_ACCELEROMETER_BIAS, D_GYRO_BIAS + 3)
+    p[errors, errors] = p_before[errors, errors]

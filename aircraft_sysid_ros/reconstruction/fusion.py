@@ -8,27 +8,28 @@ from numba import njit
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, air_density, temperature
 from aircraft_sysid_ros.aircraft.frames import (
     air_data_from_velocity,
+    cross_matrix,
     quaternion_exp,
     quaternion_product,
     right_jacobian,
+    rotation_matrix,
 )
 from aircraft_sysid_ros.estimation.iterated_ekf import gain, joseph_update, solve_factored, symmetrise
 from aircraft_sysid_ros.reconstruction.measurements import (
     air_data_gradient,
     air_velocity_at,
     residual_and_jacobian,
-    velocity_jacobian,
 )
 from aircraft_sysid_ros.reconstruction.process import propagate
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
+    AIR_VELOCITY,
     ATTITUDE,
+    D_AIR_VELOCITY,
     D_ATTITUDE,
+    D_VELOCITY,
     ERROR_SIZE,
     GYRO_BIAS,
-    POSITION,
-    VELOCITY,
-    WIND,
     Column,
     Status,
 )
@@ -158,7 +159,7 @@ def _is_flying(x, rate, values, kind, setup):
     """Air data mean something: measured or expected airspeed is above the least that flies."""
     if kind == _AIRSPEED:
         return values[0] >= setup.minimum_airspeed
-    v, _, _ = air_velocity_at(x, rate, setup.probe_from_imu)
+    v = air_velocity_at(x, rate, setup.probe_from_imu)
     return np.sqrt(np.sum(v * v)) >= setup.minimum_airspeed
 
 
@@ -199,7 +200,8 @@ def _has_diverged(setup, memory):
 def _write_row(row, x, p, force, rate, time, setup, memory):
     """Row of Column at the centre of gravity."""
     to_cg = -setup.imu_position
-    v, inner, c = air_velocity_at(x, rate, to_cg)
+    v = air_velocity_at(x, rate, to_cg)
+    c = rotation_matrix(x[ATTITUDE])
     omega = rate - x[GYRO_BIAS]
     speed, alpha, beta = air_data_from_velocity(v)
     row[0] = time
@@ -214,15 +216,19 @@ def _write_row(row, x, p, force, rate, time, setup, memory):
     for i in range(3):
         row[4 + i] = x[3 + i] + c[i, 0] * to_cg[0] + c[i, 1] * to_cg[1] + c[i, 2] * to_cg[2]
         row[7 + i] = x[i] + c[i, 0] * arm[0] + c[i, 1] * arm[1] + c[i, 2] * arm[2]
-    row[10:23] = x[6:19]
-    for i in range(ERROR_SIZE):
+    row[10:20] = x[6:16]
+    for i in range(D_AIR_VELOCITY):
         row[_COLUMN_STD + i] = np.sqrt(p[i, i])
+    row[20:23] = wind_of(x)
+    jacobian = wind_jacobian(x)
+    for i in range(3):
+        row[_COLUMN_STD + D_AIR_VELOCITY + i] = np.sqrt(max(_quadratic(jacobian[i], p), 0.0))
     row[41:44] = force - x[ACCELEROMETER_BIAS]
     row[44:47] = omega
     row[47], row[48], row[49] = speed, alpha, beta
     density = memory.air[0]
     row[50] = density if density > 0.0 else air_density(setup.origin[2] - x[5])
-    row[51] = _air_velocity_std(p, v, inner, c, to_cg)
+    row[51] = _air_velocity_std(p, v)
     row[52] = memory.recent_nis[0]
     row[53] = _status(time, memory)
     row[54] = np.sum(memory.fused)
@@ -231,20 +237,52 @@ def _write_row(row, x, p, force, rate, time, setup, memory):
 
 
 @njit(cache=True)
-def _air_velocity_std(p, v, inner, c, place):
-    """Root mean square standard deviation [m/s] of the air velocity across the flow: what alpha and beta rest on."""
+def wind_of(x):
+    """Wind NED (3,): velocity over ground minus C u (6.23)."""
+    c = rotation_matrix(x[ATTITUDE])
+    wind = np.empty(3)
+    for i in range(3):
+        wind[i] = x[i] - (c[i, 0] * x[16] + c[i, 1] * x[17] + c[i, 2] * x[18])
+    return wind
+
+
+@njit(cache=True)
+def wind_jacobian(x):
+    """Derivative of the wind by the error of the state, shape (3, 18)."""
+    c = rotation_matrix(x[ATTITUDE])
+    h = np.zeros((3, ERROR_SIZE))
+    by_attitude = c @ cross_matrix(x[AIR_VELOCITY])
+    for i in range(3):
+        h[i, D_VELOCITY + i] = 1.0
+        for j in range(3):
+            h[i, D_ATTITUDE + j] = by_attitude[i, j]
+            h[i, D_AIR_VELOCITY + j] = -c[i, j]
+    return h
+
+
+@njit(cache=True)
+def _quadratic(h, p):
+    """h p h' for a row h with few numbers that are not 0."""
     total = 0.0
-    h = np.zeros(ERROR_SIZE)
-    speed2 = max(np.sum(v * v), 1.0)
+    for i in range(len(h)):
+        if h[i] != 0.0:
+            for j in range(len(h)):
+                total += h[i] * p[i, j] * h[j]
+    return total
+
+
+@njit(cache=True)
+def _air_velocity_std(p, v):
+    """Root mean square standard deviation [m/s] of the air velocity across the flow: what alpha and beta rest on."""
+    if v[0] * v[0] + v[2] * v[2] < 1e-6:
+        return np.nan
+    total = 0.0
     for kind in (_ALPHA, _BETA):
-        if v[0] * v[0] + v[2] * v[2] < 1e-6:
-            return np.nan
-        velocity_jacobian(air_data_gradient(kind, v), inner, c, place, h)
-        for i in range(ERROR_SIZE):
-            if h[i] != 0.0:
-                for j in range(ERROR_SIZE):
-                    total += h[i] * p[i, j] * h[j]
-    return np.sqrt(max(0.5 * total * speed2, 0.0))
+        g = air_data_gradient(kind, v)
+        for i in range(3):
+            for j in range(3):
+                total += g[i] * p[D_AIR_VELOCITY + i, D_AIR_VELOCITY + j] * g[j]
+    return np.sqrt(max(0.5 * total * np.sum(v * v), 0.0))
 
 
 @njit(cache=True)

@@ -1,7 +1,7 @@
 """Measurement functions h(x) and their Jacobians, for the state and error of ``state``.
 
 ``residual_and_jacobian`` gives y - h(x) and H = dh/d(error) at x, where the attitude error is a rotation vector in
-body axes. Air data are measured at the probe: V, alpha, beta of v_air = C'(v - W) + omega x r (6.23).
+body axes. Air data are measured at the probe: V, alpha, beta of u + omega x r with the air-relative velocity u.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from aircraft_sysid_ros.aircraft.frames import (
     rotation_matrix,
 )
 from aircraft_sysid_ros.reconstruction.state import (
+    AIR_VELOCITY,
     ATTITUDE,
+    D_AIR_VELOCITY,
     D_ATTITUDE,
     D_GYRO_BIAS,
     D_POSITION,
     D_VELOCITY,
-    D_WIND,
     GYRO_BIAS,
     POSITION,
     VELOCITY,
-    WIND,
 )
 from aircraft_sysid_ros.samples import Kind
 
@@ -52,19 +52,13 @@ def _put(h, row, column, block):
 
 @njit(cache=True)
 def air_velocity_at(x, rate, place):
-    """Air-relative body velocity (3,) at ``place`` (FRD from the IMU) and its rotation C."""
-    c = rotation_matrix(x[ATTITUDE])
+    """Air-relative body velocity (3,) at ``place`` (FRD from the IMU)."""
     omega = rate - x[GYRO_BIAS]
-    relative = x[VELOCITY] - x[WIND]
-    v = np.empty(3)
-    v[0] = c[0, 0] * relative[0] + c[1, 0] * relative[1] + c[2, 0] * relative[2]
-    v[1] = c[0, 1] * relative[0] + c[1, 1] * relative[1] + c[2, 1] * relative[2]
-    v[2] = c[0, 2] * relative[0] + c[1, 2] * relative[1] + c[2, 2] * relative[2]
-    inner = v.copy()
+    v = x[AIR_VELOCITY].copy()
     v[0] += omega[1] * place[2] - omega[2] * place[1]
     v[1] += omega[2] * place[0] - omega[0] * place[2]
     v[2] += omega[0] * place[1] - omega[1] * place[0]
-    return v, inner, c
+    return v
 
 
 @njit(cache=True)
@@ -81,24 +75,9 @@ def air_data_gradient(kind, v):
 
 
 @njit(cache=True)
-def velocity_jacobian(gradient, inner, c, place, h):
-    """Row h (18,) of a scalar whose gradient by the air velocity at ``place`` is given."""
-    for j in range(3):
-        by_velocity = c[j, 0] * gradient[0] + c[j, 1] * gradient[1] + c[j, 2] * gradient[2]
-        h[D_VELOCITY + j] = by_velocity
-        h[D_WIND + j] = -by_velocity
-    # d(C' w)/d(delta) = [C' w x]; d(omega x r)/d(b_g) = [r x]
-    h[D_ATTITUDE] = gradient[1] * inner[2] - gradient[2] * inner[1]
-    h[D_ATTITUDE + 1] = gradient[2] * inner[0] - gradient[0] * inner[2]
-    h[D_ATTITUDE + 2] = gradient[0] * inner[1] - gradient[1] * inner[0]
-    h[D_GYRO_BIAS] = gradient[1] * place[2] - gradient[2] * place[1]
-    h[D_GYRO_BIAS + 1] = gradient[2] * place[0] - gradient[0] * place[2]
-    h[D_GYRO_BIAS + 2] = gradient[0] * place[1] - gradient[1] * place[0]
-
-
-@njit(cache=True)
 def _air_data(kind, value, x, rate, setup, residual, h):
-    v, inner, c = air_velocity_at(x, rate, setup.probe_from_imu)
+    place = setup.probe_from_imu
+    v = air_velocity_at(x, rate, place)
     uw = np.sqrt(v[0] * v[0] + v[2] * v[2])
     if kind == _AIRSPEED:
         residual[0] = value - np.sqrt(uw * uw + v[1] * v[1])
@@ -106,7 +85,11 @@ def _air_data(kind, value, x, rate, setup, residual, h):
         residual[0] = wrap(value - np.arctan2(v[2], v[0]))
     else:
         residual[0] = value - np.arctan2(v[1], uw)
-    velocity_jacobian(air_data_gradient(kind, v), inner, c, setup.probe_from_imu, h[0])
+    g = air_data_gradient(kind, v)
+    h[0, D_AIR_VELOCITY : D_AIR_VELOCITY + 3] = g
+    h[0, D_GYRO_BIAS] = g[1] * place[2] - g[2] * place[1]  # d(omega x r)/d(b_g) = [r x]
+    h[0, D_GYRO_BIAS + 1] = g[2] * place[0] - g[0] * place[2]
+    h[0, D_GYRO_BIAS + 2] = g[0] * place[1] - g[1] * place[0]
     return 1
 
 

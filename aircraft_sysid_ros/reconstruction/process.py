@@ -1,9 +1,11 @@
 """Propagation (3.10), (3.11) of the reconstructed state with the IMU as input.
 
-    v' = C(q) f + g,  p' = v,  q' = q (x) exp(omega dt),  f = f_m - b_a - w_a,  omega = omega_m - b_g - w_g,
+    v' = C(q) f + g,  p' = v,  q' = q (x) exp(omega dt),  u' = f + C(q)' g - omega x u  (6.16)-(6.18),
 
-biases and wind random walks. f and omega are the measured specific force (6.4) and rate (6.5), taken at the middle
-of the step. White noise of an IMU sample of variance s^2 held over T has the density s^2 T.
+with the velocity over ground v, the air-relative velocity u in body axes, f = f_m - b_a - w_a,
+omega = omega_m - b_g - w_g. Biases are random walks; a random walk of the wind enters u. f and omega are the measured
+specific force (6.4) and rate (6.5) at the middle of the step. White noise of an IMU sample of variance s^2, held
+over T, has the density s^2 T.
 """
 
 from __future__ import annotations
@@ -21,17 +23,16 @@ from aircraft_sysid_ros.aircraft.frames import (
 from aircraft_sysid_ros.estimation.iterated_ekf import symmetrise
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
+    AIR_VELOCITY,
     ATTITUDE,
     D_ACCELEROMETER_BIAS,
+    D_AIR_VELOCITY,
     D_ATTITUDE,
     D_GYRO_BIAS,
     D_POSITION,
     D_VELOCITY,
-    D_WIND,
     ERROR_SIZE,
     GYRO_BIAS,
-    POSITION,
-    VELOCITY,
 )
 
 
@@ -41,102 +42,124 @@ def propagate_state(x, force, rate, dt, gravity):
     f = force - x[ACCELEROMETER_BIAS]
     omega = rate - x[GYRO_BIAS]
     attitude = x[ATTITUDE].copy()
+    begin = rotation_matrix(attitude)
     half = rotation_matrix(quaternion_product(attitude, quaternion_exp(0.5 * dt * omega)))
-    for i in range(3):
-        acceleration = half[i, 0] * f[0] + half[i, 1] * f[1] + half[i, 2] * f[2]
-        if i == 2:
-            acceleration += gravity
-        x[3 + i] += dt * x[i] + 0.5 * dt * dt * acceleration
-        x[i] += dt * acceleration
     attitude = quaternion_product(attitude, quaternion_exp(dt * omega))
-    x[ATTITUDE] = attitude / np.sqrt(np.sum(attitude * attitude))
+    attitude /= np.sqrt(np.sum(attitude * attitude))
+    end = rotation_matrix(attitude)
+    through_air = np.empty(3)  # NED, at the end, for steady wind
+    for i in range(3):
+        step = dt * (half[i, 0] * f[0] + half[i, 1] * f[1] + half[i, 2] * f[2])
+        if i == 2:
+            step += dt * gravity
+        through_air[i] = begin[i, 0] * x[16] + begin[i, 1] * x[17] + begin[i, 2] * x[18] + step
+        x[3 + i] += dt * (x[i] + 0.5 * step)
+        x[i] += step
+    for i in range(3):
+        x[16 + i] = end[0, i] * through_air[0] + end[1, i] * through_air[1] + end[2, i] * through_air[2]
+    x[ATTITUDE] = attitude
 
 
 @njit(cache=True)
-def transition_blocks(x, force, rate, dt):
-    """Blocks of the transition matrix (3.9) that are neither 0 nor I, each (3, 3).
+def transition_blocks(x, force, rate, dt, gravity):
+    """Blocks of the transition matrix (3.9) that are neither 0 nor I, each (3, 3), at the state before the step.
 
-    velocity by attitude, accelerometer bias, gyro bias; position by the same three; attitude by attitude and by
-    gyro bias. Position by velocity is dt I.
+    Velocity by attitude, accelerometer bias, gyro bias; attitude by attitude, gyro bias; air velocity by attitude,
+    accelerometer bias, gyro bias. Air velocity by itself is as attitude by attitude; position is dt times the mean of
+    velocity before and after.
     """
     f = force - x[ACCELEROMETER_BIAS]
     omega = rate - x[GYRO_BIAS]
-    half = rotation_matrix(quaternion_product(x[ATTITUDE], quaternion_exp(0.5 * dt * omega)))
+    begin = rotation_matrix(x[ATTITUDE])
+    turn_half = rotation_matrix(quaternion_exp(0.5 * dt * omega))
+    half = begin @ turn_half
     turned = half @ cross_matrix(f)
-    turn = rotation_matrix(quaternion_exp(-dt * omega))
-    jacobian = right_jacobian(dt * omega)
-    back = rotation_matrix(quaternion_exp(-0.5 * dt * omega))  # error at the start seen at mid-step
+    back_half = np.ascontiguousarray(turn_half.T)
+    back = rotation_matrix(quaternion_exp(-dt * omega))
+    down = begin[2] * gravity  # gravity in body axes, before the step
+    u_end = back @ (x[AIR_VELOCITY] + dt * (turn_half @ f + down))
+    by_rate = right_jacobian(dt * omega) * dt
     return (
-        -dt * (turned @ back),
+        -dt * (turned @ back_half),
         -dt * half,
         0.5 * dt * dt * turned,
-        -0.5 * dt * dt * (turned @ back),
-        -0.5 * dt * dt * half,
-        dt**3 / 6.0 * turned,
-        turn,
-        -dt * jacobian,
+        back,
+        -by_rate,
+        dt * (back @ cross_matrix(down)),
+        -dt * (back @ turn_half),
+        -(cross_matrix(u_end) @ by_rate) + 0.5 * dt * dt * (back @ turn_half @ cross_matrix(f)),
     )
 
 
 @njit(cache=True)
-def transition_matrix(x, force, rate, dt):
+def transition_matrix(x, force, rate, dt, gravity):
     """Whole transition matrix, shape (18, 18), for tests and smoothers."""
-    va, vb, vg, pa, pb, pg, aa, ag = transition_blocks(x, force, rate, dt)
     phi = np.eye(ERROR_SIZE)
-    for i in range(3):
-        phi[D_POSITION + i, D_VELOCITY + i] = dt
-        for j in range(3):
-            phi[D_VELOCITY + i, D_ATTITUDE + j] = va[i, j]
-            phi[D_VELOCITY + i, D_ACCELEROMETER_BIAS + j] = vb[i, j]
-            phi[D_VELOCITY + i, D_GYRO_BIAS + j] = vg[i, j]
-            phi[D_POSITION + i, D_ATTITUDE + j] = pa[i, j]
-            phi[D_POSITION + i, D_ACCELEROMETER_BIAS + j] = pb[i, j]
-            phi[D_POSITION + i, D_GYRO_BIAS + j] = pg[i, j]
-            phi[D_ATTITUDE + i, D_ATTITUDE + j] = aa[i, j]
-            phi[D_ATTITUDE + i, D_GYRO_BIAS + j] = ag[i, j]
+    _apply_transition(phi, transition_blocks(x, force, rate, dt, gravity), dt)
     return phi
+
+
+@njit(cache=True)
+def _row(block, i, a0, a1, a2):
+    return block[i, 0] * a0 + block[i, 1] * a1 + block[i, 2] * a2
 
 
 @njit(cache=True)
 def _apply_transition(m, blocks, dt):
     """Phi m for m (18, n), in place; the zero and identity blocks are not multiplied."""
-    va, vb, vg, pa, pb, pg, aa, ag = blocks
+    va, vb, vg, aa, ag, ua, ub, ug = blocks
     for c in range(m.shape[1]):
-        a0, a1, a2 = m[6, c], m[7, c], m[8, c]
-        b0, b1, b2 = m[9, c], m[10, c], m[11, c]
-        g0, g1, g2 = m[12, c], m[13, c], m[14, c]
+        a0, a1, a2 = m[D_ATTITUDE, c], m[D_ATTITUDE + 1, c], m[D_ATTITUDE + 2, c]
+        b0, b1, b2 = m[D_ACCELEROMETER_BIAS, c], m[D_ACCELEROMETER_BIAS + 1, c], m[D_ACCELEROMETER_BIAS + 2, c]
+        g0, g1, g2 = m[D_GYRO_BIAS, c], m[D_GYRO_BIAS + 1, c], m[D_GYRO_BIAS + 2, c]
+        u0, u1, u2 = m[D_AIR_VELOCITY, c], m[D_AIR_VELOCITY + 1, c], m[D_AIR_VELOCITY + 2, c]
         for i in range(3):
-            m[D_POSITION + i, c] += (
-                dt * m[D_VELOCITY + i, c]
-                + (pa[i, 0] * a0 + pa[i, 1] * a1 + pa[i, 2] * a2)
-                + (pb[i, 0] * b0 + pb[i, 1] * b1 + pb[i, 2] * b2)
-                + (pg[i, 0] * g0 + pg[i, 1] * g1 + pg[i, 2] * g2)
+            step = _row(va, i, a0, a1, a2) + _row(vb, i, b0, b1, b2) + _row(vg, i, g0, g1, g2)
+            m[D_POSITION + i, c] += dt * (m[D_VELOCITY + i, c] + 0.5 * step)
+            m[D_VELOCITY + i, c] += step
+            m[D_ATTITUDE + i, c] = _row(aa, i, a0, a1, a2) + _row(ag, i, g0, g1, g2)
+            m[D_AIR_VELOCITY + i, c] = (
+                _row(aa, i, u0, u1, u2)
+                + _row(ua, i, a0, a1, a2)
+                + _row(ub, i, b0, b1, b2)
+                + _row(ug, i, g0, g1, g2)
             )
-            m[D_VELOCITY + i, c] += (
-                (va[i, 0] * a0 + va[i, 1] * a1 + va[i, 2] * a2)
-                + (vb[i, 0] * b0 + vb[i, 1] * b1 + vb[i, 2] * b2)
-                + (vg[i, 0] * g0 + vg[i, 1] * g1 + vg[i, 2] * g2)
-            )
-            m[D_ATTITUDE + i, c] = (aa[i, 0] * a0 + aa[i, 1] * a1 + aa[i, 2] * a2) + (
-                ag[i, 0] * g0 + ag[i, 1] * g1 + ag[i, 2] * g2
-            )
+
+
+@njit(cache=True)
+def process_noise(x, dt, sample_time, setup):
+    """Covariance (18, 18) of Gamma w over dt [s] (3.11), at the state after the step.
+
+    The noise of the accelerometer moves both velocities; that of the gyro turns u together with the attitude.
+    """
+    q = np.zeros((ERROR_SIZE, ERROR_SIZE))
+    c = rotation_matrix(x[ATTITUDE])
+    arm = cross_matrix(x[AIR_VELOCITY])
+    force = setup.accelerometer_variance * sample_time * dt
+    rate = setup.gyro_variance * sample_time * dt
+    by_rate = rate * (arm @ arm.T)
+    for i in range(3):
+        q[D_VELOCITY + i, D_VELOCITY + i] = force
+        q[D_ATTITUDE + i, D_ATTITUDE + i] = rate
+        q[D_ACCELEROMETER_BIAS + i, D_ACCELEROMETER_BIAS + i] = setup.accelerometer_walk**2 * dt
+        q[D_GYRO_BIAS + i, D_GYRO_BIAS + i] = setup.gyro_walk**2 * dt
+        q[D_AIR_VELOCITY + i, D_AIR_VELOCITY + i] = force + setup.wind_walk**2 * dt
+        for j in range(3):
+            q[D_AIR_VELOCITY + i, D_AIR_VELOCITY + j] += by_rate[i, j]
+            q[D_VELOCITY + i, D_AIR_VELOCITY + j] = force * c[i, j]
+            q[D_AIR_VELOCITY + j, D_VELOCITY + i] = force * c[i, j]
+            q[D_AIR_VELOCITY + i, D_ATTITUDE + j] = rate * arm[i, j]
+            q[D_ATTITUDE + j, D_AIR_VELOCITY + i] = rate * arm[i, j]
+    return q
 
 
 @njit(cache=True)
 def propagate(x, p, force, rate, dt, sample_time, setup):
     """State and covariance (3.10), (3.11) by dt [s], in place; sample_time is the interval between IMU samples."""
-    blocks = transition_blocks(x, force, rate, dt)
+    blocks = transition_blocks(x, force, rate, dt, setup.gravity)
     propagate_state(x, force, rate, dt, setup.gravity)
     _apply_transition(p, blocks, dt)
     transposed = p.T.copy()
     _apply_transition(transposed, blocks, dt)
-    p[:] = transposed
-    velocity = setup.accelerometer_variance * sample_time * dt
-    attitude = setup.gyro_variance * sample_time * dt
-    for i in range(3):
-        p[D_VELOCITY + i, D_VELOCITY + i] += velocity
-        p[D_ATTITUDE + i, D_ATTITUDE + i] += attitude
-        p[D_ACCELEROMETER_BIAS + i, D_ACCELEROMETER_BIAS + i] += setup.accelerometer_walk**2 * dt
-        p[D_GYRO_BIAS + i, D_GYRO_BIAS + i] += setup.gyro_walk**2 * dt
-        p[D_WIND + i, D_WIND + i] += setup.wind_walk**2 * dt
+    p[:] = transposed + process_noise(x, dt, sample_time, setup)
     symmetrise(p)

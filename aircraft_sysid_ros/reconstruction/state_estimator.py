@@ -11,16 +11,14 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
-from aircraft_sysid_ros.reconstruction.alignment import Alignment, keep_slow_states
-from aircraft_sysid_ros.reconstruction.fusion import RUNNING, run
+from aircraft_sysid_ros.reconstruction.alignment import WIND_STD, Alignment, keep_biases
+from aircraft_sysid_ros.reconstruction.fusion import RUNNING, run, wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, TimeOrder
 from aircraft_sysid_ros.reconstruction.state import (
     D_ACCELEROMETER_BIAS,
     D_GYRO_BIAS,
-    D_WIND,
     ERROR_SIZE,
     STATE_SIZE,
-    WIND,
     Column,
     Memory,
     Setup,
@@ -113,7 +111,7 @@ class StateEstimator:
         self._x = np.zeros(STATE_SIZE)
         self._p = np.zeros((ERROR_SIZE, ERROR_SIZE))
         self._aligned = False
-        self._has_slow_states = False
+        self._has_biases = False
         self.memory: Memory = new_memory(len(Kind))
         self.last_row: Array | None = None
 
@@ -132,19 +130,38 @@ class StateEstimator:
         """Value of ``state.Status``."""
         return int(self.last_row[Column.STATUS]) if self._aligned and self.last_row is not None else Status.WAITING
 
+    @property
+    def state_vector(self) -> Array:
+        """Copy of the newest nominal state (19,), at the place of the IMU."""
+        return self._x.copy()
+
+    @property
+    def covariance(self) -> Array:
+        """Copy of the covariance of its error (18, 18)."""
+        return self._p.copy()
+
     def summary(self) -> dict[str, Any]:
         """The content of state.json, without the timing: newest biases and wind with their standard deviations."""
+        known = self._aligned or self._has_biases
         sigma = np.sqrt(np.diag(self._p))
-        known = self._aligned or self._has_slow_states
+        wind, wind_std = self._known_wind()
+        values = {
+            "accelerometer_bias": (self._x[10:13], sigma[D_ACCELEROMETER_BIAS : D_ACCELEROMETER_BIAS + 3]),
+            "gyro_bias": (self._x[13:16], sigma[D_GYRO_BIAS : D_GYRO_BIAS + 3]),
+            "wind_ned": (wind, wind_std),
+        }
         result: dict[str, Any] = {}
-        for name, at, start in (
-            ("accelerometer_bias", 10, D_ACCELEROMETER_BIAS),
-            ("gyro_bias", 13, D_GYRO_BIAS),
-            ("wind_ned", 16, D_WIND),
-        ):
-            result[name] = [float(v) for v in self._x[at : at + 3]] if known else [None] * 3
-            result[name + "_std"] = [float(v) for v in sigma[start : start + 3]] if known else [None] * 3
+        for name, (value, std) in values.items():
+            result[name] = [float(v) for v in value] if known else [None] * 3
+            result[name + "_std"] = [float(v) for v in std] if known else [None] * 3
         return result
+
+    def _known_wind(self) -> tuple[Array, Array]:
+        """Newest wind NED (3,) and its standard deviations (3,)."""
+        if not self._has_biases:
+            return np.zeros(3), np.array(WIND_STD)
+        jacobian = wind_jacobian(self._x)
+        return wind_of(self._x), np.sqrt(np.diag(jacobian @ self._p @ jacobian.T))
 
     def counts(self) -> dict[str, dict[str, int]]:
         """What became of the samples, by kind: received, fused, rejected, skipped, late, invalid, wrong_stamp."""
@@ -200,23 +217,22 @@ class StateEstimator:
         for i in range(at, len(times)):
             if not self._alignment.take(float(times[i]), int(kinds[i]), values[i]):
                 continue
-            known_wind = self._x[WIND].copy() if self._has_slow_states else np.zeros(3)
-            start = self._alignment.start(known_wind)
+            start = self._alignment.start(*self._known_wind())
             if start is not None:
                 self._begin(float(times[i]), values[i], *start)
                 return i + 1
         return len(times)
 
     def _begin(self, time: float, imu: Array, x: Array, p: Array) -> None:
-        if self._has_slow_states:
-            keep_slow_states(x, p, self._x, self._p)
+        if self._has_biases:
+            keep_biases(x, p, self._x, self._p)
         self._x, self._p = x, p
         if self._setup is None:
             self._setup = self._new_setup(imu)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
         self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak
         self.memory.last_rejected[:] = -np.inf
-        self._aligned = self._has_slow_states = True
+        self._aligned = self._has_biases = True
 
     def _lose_alignment(self) -> None:
         if self._aligned:

@@ -1,7 +1,7 @@
-"""A mild stabiliser that keeps a test flight near its condition, with gains from the aeroplane's own derivatives.
+"""A mild stabiliser that keeps a test flight near its condition; gains from the aeroplane's derivatives.
 
-Its bandwidth is low and it feeds back no rates, so that it does not tie the surfaces to the motion that they excite:
-surfaces in proportion to rates would make their effects inseparable.
+Its bandwidth is low and it feeds back no rates, so that it does not tie the surfaces to the motion that they
+excite: surfaces in proportion to rates would make their effects inseparable.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ PITCH_BANDWIDTH, BANK_BANDWIDTH, SPEED_BANDWIDTH, HEIGHT_BANDWIDTH = 0.8, 0.8, 0
 PITCH_LIMIT = np.radians(10.0)
 # What the manoeuvres aim at.
 ALPHA_CHANGE = np.radians(3.5)
-ROLL_RATE = np.radians(50.0)
-SIDESLIP = np.radians(5.0)
+ROLL_RATE, BANK_CHANGE = np.radians(50.0), np.radians(28.0)
+SIDESLIP = np.radians(4.0)
 THROTTLE_CHANGE = 0.25
 
 
@@ -43,8 +43,10 @@ class Autopilot(NamedTuple):
 
 
 def pitch_rate_per_elevator(aircraft: Aircraft, trim: Trim, slopes: Derivatives) -> float:
-    """Steady pitch rate per elevator [1/s], from C_m,a da + C_m,q q c/V + C_m,de de = 0 and q = lift_rate da."""
-    resistance = slopes.pitch_stiffness / slopes.lift_rate + slopes.pitch_damping * aircraft.chord / trim.airspeed
+    """Steady pitch rate per elevator [1/s]: C_m,a da + C_m,q q c/V + C_m,de de = 0 with q = lift_rate da."""
+    resistance = (
+        slopes.pitch_stiffness / slopes.lift_rate + slopes.pitch_damping * aircraft.chord / trim.airspeed
+    )
     return -slopes.pitch_control / resistance
 
 
@@ -70,11 +72,14 @@ def autopilot_for(aircraft: Aircraft, trim: Trim, slopes: Derivatives) -> Autopi
 def excitation_for(aircraft: Aircraft, qbar: float, trim: Trim, slopes: Derivatives) -> Excitation:
     """Sizes and pulse lengths of manoeuvres from the derivatives at a dynamic pressure [Pa]."""
     scale = qbar * aircraft.wing_area
-    pitch_force = slopes.pitch_stiffness + slopes.pitch_damping * aircraft.chord * slopes.lift_rate / trim.airspeed
+    pitch_force = (
+        slopes.pitch_stiffness + slopes.pitch_damping * aircraft.chord * slopes.lift_rate / trim.airspeed
+    )
     short_period = np.sqrt(max(-pitch_force * scale * aircraft.chord / aircraft.inertia[1, 1], 0.04))
     dutch_roll = np.sqrt(max(slopes.yaw_stiffness * scale * aircraft.span / aircraft.inertia[2, 2], 0.04))
     elevator = ALPHA_CHANGE * -pitch_force / slopes.pitch_control
-    aileron = ROLL_RATE / roll_rate_per_aileron(aircraft, trim, slopes)
+    half_dutch_roll = float(np.clip(np.pi / dutch_roll, 0.3, 1.5))
+    aileron = min(ROLL_RATE, BANK_CHANGE / half_dutch_roll) / roll_rate_per_aileron(aircraft, trim, slopes)
     rudder = SIDESLIP * slopes.yaw_stiffness / slopes.yaw_control
     return Excitation(
         elevator=_at_most(elevator, 0.5 * DEFLECTION_LIMIT),
@@ -82,8 +87,8 @@ def excitation_for(aircraft: Aircraft, qbar: float, trim: Trim, slopes: Derivati
         rudder=_at_most(rudder, 0.5 * DEFLECTION_LIMIT),
         throttle=THROTTLE_CHANGE,
         pitch_pulse=float(np.clip(2.0 / short_period, 0.15, 1.0)),
-        roll_pulse=float(np.clip(np.pi / dutch_roll, 0.3, 1.5)),
-        yaw_pulse=float(np.clip(np.pi / dutch_roll, 0.3, 1.5)),
+        roll_pulse=half_dutch_roll,
+        yaw_pulse=half_dutch_roll,
         airspeed=trim.airspeed,
     )
 
@@ -94,12 +99,14 @@ def _at_most(value: float, limit: float) -> float:
 
 @njit(cache=True)
 def autopilot_controls(pilot, state, airspeed, bank_reference, airspeed_reference):
-    """Commanded elevator, aileron, rudder [rad], throttle, shape (4,), that hold height 0, bank and airspeed."""
+    """Elevator, aileron, rudder [rad] and throttle, shape (4,), that hold height 0, bank and airspeed."""
     roll, pitch, _ = euler_from_quaternion(state[ATTITUDE : ATTITUDE + 4])
     height_error = state[POSITION + 2]
     climb = -state[VELOCITY + 2]
     # The wing must lift more in a turn; climb is fed back as well, which damps the phugoid.
-    pitch_reference = pilot.trim_pitch / max(np.cos(roll), 0.5) + pilot.climb_gain * (height_error - 2.0 * climb)
+    pitch_reference = pilot.trim_pitch / max(np.cos(roll), 0.5) + pilot.climb_gain * (
+        height_error - 2.0 * climb
+    )
     change = min(max(pitch_reference - pilot.trim_pitch, -PITCH_LIMIT), PITCH_LIMIT)
     out = pilot.trim_controls.copy()
     out[0] += pilot.pitch_gain * (pilot.trim_pitch + change - pitch)

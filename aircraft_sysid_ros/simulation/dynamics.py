@@ -100,7 +100,8 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
     missing = [name for name in model.parameter_names if name not in values]
     if missing:
         raise InputError(
-            f"aircraft '{aircraft.name}' cannot be simulated: its file lacks the coefficients {' '.join(missing)}"
+            f"aircraft '{aircraft.name}' cannot be simulated: its file lacks the coefficients "
+            f"{' '.join(missing)}"
         )
     code, term_offsets = model.linked
     return Airframe(
@@ -117,7 +118,7 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
 def with_effects(
     model: AerodynamicModel, coefficients: dict[str, float], effects: Sequence[Effect]
 ) -> tuple[AerodynamicModel, dict[str, float]]:
-    """Model and coefficients with the terms of the effects; a term that is there already has its value raised."""
+    """Model and coefficients with the terms of the effects; a term that is there has its value raised."""
     terms = {axis: list(listed) for axis, listed in model.terms.items()}
     values = dict(coefficients)
     for effect in effects:
@@ -134,7 +135,7 @@ def with_effects(
 
 @njit(cache=True)
 def thrust_of(airframe, throttle, airspeed):
-    """Thrust [N] of a fixed propeller: in proportion to throttle, falling with speed to nothing at its pitch speed."""
+    """Thrust [N] of a fixed propeller: proportional to throttle, falling to nothing at its pitch speed."""
     return airframe.static_thrust * throttle * (1.0 - airspeed / airframe.pitch_speed)
 
 
@@ -197,7 +198,7 @@ def motion(airframe, place, state, wind, wind_rate, time):
 
 @njit(cache=True)
 def flow_rates(velocity, change):
-    """d alpha/dt and d beta/dt [rad/s] of an air-relative velocity and its derivative, both (3,) in body axes."""
+    """d alpha/dt and d beta/dt [rad/s] of an air-relative velocity (3,) and its derivative, body axes."""
     u, v, w = velocity
     ahead2 = u * u + w * w
     ahead = np.sqrt(ahead2)

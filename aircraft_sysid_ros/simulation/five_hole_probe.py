@@ -12,7 +12,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ProbeCalibration:
-    """(36): V = (1 + scale_V) sqrt(2 q_c / rho) + offset_V, alpha = (1 + scale_a) D_a / (K_a q_c) + offset_a, beta alike.
+    """(36): V = (1 + scale) sqrt(2 q_c / rho) + offset; alpha = (1 + scale) D_a / (K_a q_c) + offset; so beta.
 
     D_a and D_b are the differences of opposite holes, q_c total minus static pressure.
     """
@@ -27,9 +27,11 @@ class ProbeCalibration:
     beta_offset: float = 0.0  # [rad]
 
     def pressures(self, airspeed: Array, alpha: Array, beta: Array, density: Array) -> Array:
-        """Dynamic, alpha and beta pressure [Pa], shape (n, 3), at true airspeed [m/s] and angles [rad], each (n,)."""
+        """Dynamic, alpha and beta pressure [Pa] (n, 3) at true airspeed [m/s] and angles [rad], each (n,)."""
         indicated = (airspeed - self.airspeed_offset) / (1.0 + self.airspeed_scale)
         impact = 0.5 * density * indicated**2
-        alpha_pressure = (alpha - self.alpha_offset) / (1.0 + self.alpha_scale) * self.alpha_sensitivity * impact
+        alpha_pressure = (
+            (alpha - self.alpha_offset) / (1.0 + self.alpha_scale) * self.alpha_sensitivity * impact
+        )
         beta_pressure = (beta - self.beta_offset) / (1.0 + self.beta_scale) * self.beta_sensitivity * impact
         return np.stack([impact, alpha_pressure, beta_pressure], axis=1)

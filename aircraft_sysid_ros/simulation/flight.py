@@ -40,9 +40,9 @@ from aircraft_sysid_ros.simulation.truth import Truth
 
 Array = npt.NDArray[np.float64]
 
-#: Where flights begin: latitude, longitude [rad]; the altitude is HEIGHT above the ground of the aircraft file.
+#: Where flights begin: latitude, longitude [rad], and height above the ground of the aircraft file [m].
 LATITUDE, LONGITUDE = np.radians(44.7), np.radians(-93.1)
-HEIGHT = 120.0  # [m]
+HEIGHT = 120.0
 _SPEED = SIGNAL_INDEX["V"]
 
 
@@ -112,7 +112,9 @@ def _run(airframe, place, pilot, start, additions, bank, airspeed, wind, step):
         states[i], signals[i], force[i] = state, acting.signals, acting.specific_force
         acceleration[i], air_velocity[i] = acting.angular_acceleration, acting.air_velocity
         coefficients[i], thrust[i] = acting.coefficients, acting.thrust
-        command = autopilot_controls(pilot, state, acting.signals[_SPEED], bank[i], airspeed[i]) + additions[i]
+        command = (
+            autopilot_controls(pilot, state, acting.signals[_SPEED], bank[i], airspeed[i]) + additions[i]
+        )
         state = runge_kutta_step(airframe, place, state, command, wind[i], following, time, step)
     return states, signals, force, acceleration, air_velocity, coefficients, thrust
 
@@ -125,7 +127,9 @@ def _truth(
         return signals[:, SIGNAL_INDEX[name]]
 
     surfaces = states[:, CONTROLS : CONTROLS + 3]
-    controls = np.column_stack([surfaces, column("flaps"), column("throttle"), thrust, column("propeller_speed")])
+    controls = np.column_stack(
+        [surfaces, column("flaps"), column("throttle"), thrust, column("propeller_speed")]
+    )
     altitude = setup.place.altitude - states[:, POSITION + 2]
     return Truth(
         time=time,

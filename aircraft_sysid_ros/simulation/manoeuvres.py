@@ -1,8 +1,8 @@
 """Excitation of all controls and the plan of a test flight that makes every parameter of (6.25) identifiable.
 
-Signals follow practice in flight-test identification (E. A. Morelli, V. Klein, Aircraft System Identification,
-chapter 9): doublets, 3-2-1-1, frequency sweeps, and multisines whose harmonics no two controls share, which makes
-them orthogonal over a period, with phases that keep the peaks low.
+Signals follow practice in flight-test identification (E. A. Morelli, V. Klein, Aircraft System
+Identification, chapter 9): doublets, 3-2-1-1, frequency sweeps, and multisines whose harmonics no two
+controls share, which makes them orthogonal over a period, with phases that keep the peaks low.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def sweep(time: Array, duration: float, low: float, high: float) -> Array:
 
 
 def multisine(time: Array, period: float, harmonics: npt.NDArray[np.int64]) -> Array:
-    """Sum of sines at ``harmonics / period`` [Hz] of equal power and low peaks, scaled to a peak of about 1."""
+    """Sum of sines at ``harmonics / period`` [Hz] of equal power and low peaks, scaled to a peak near 1."""
     phases = low_peak_phases(harmonics)
     angles = 2.0 * np.pi * np.outer(time / period, harmonics) + phases
     amplitude = 1.0 / _peak(harmonics, phases)
@@ -79,7 +79,7 @@ def multisine(time: Array, period: float, harmonics: npt.NDArray[np.int64]) -> A
 
 
 def low_peak_phases(harmonics: npt.NDArray[np.int64], rounds: int = 200) -> Array:
-    """Phases [rad] (k,) of cosines with a low peak: Schroeder's, then clipping and keeping the phases of what is left.
+    """Phases [rad] (k,) of cosines with a low peak: Schroeder's, improved by clipping and keeping the phases.
 
     Turned in time to begin at a zero crossing, so that the controls do not jump.
     """
@@ -110,7 +110,7 @@ def _peak(harmonics: npt.NDArray[np.int64], phases: Array) -> float:
 
 
 def orthogonal_multisines(time: Array, period: float, top: float) -> Array:
-    """Four multisines (n, 4) up to ``top`` [Hz], throttle to a quarter of it, no harmonic in common, peaks about 1."""
+    """Four multisines (n, 4) up to ``top`` [Hz], throttle to a quarter of it, without common harmonics."""
     count = max(12, round(top * period))
     harmonics = np.arange(2, count + 2, dtype=np.int64)
     columns = []
@@ -137,7 +137,9 @@ class _Planner:
 
     def lateral_doublets(self, window: slice, t: Array, length: float, sign: float) -> None:
         aileron = doublet(t, self.size.roll_pulse) - doublet(t - 0.5 * length, self.size.roll_pulse)
-        rudder = doublet(t - 0.25 * length, self.size.yaw_pulse) - doublet(t - 0.75 * length, self.size.yaw_pulse)
+        rudder = doublet(t - 0.25 * length, self.size.yaw_pulse) - doublet(
+            t - 0.75 * length, self.size.yaw_pulse
+        )
         self.plan.controls[window, AILERON] += sign * self.size.aileron * aileron
         self.plan.controls[window, RUDDER] += sign * self.size.rudder * rudder
 
@@ -160,11 +162,16 @@ class _Planner:
     def pushover_pullup(self, window: slice, t: Array, length: float, sign: float) -> None:
         half = 0.25 * length
         wave = np.where(t < 2.0 * half, np.sin(np.pi * t / half), 0.0)
-        self.plan.controls[window, ELEVATOR] += 1.2 * abs(self.size.elevator) * np.sign(self.size.elevator) * wave
+        self.plan.controls[window, ELEVATOR] += (
+            1.2 * abs(self.size.elevator) * np.sign(self.size.elevator) * wave
+        )
 
     def sweeps(self, window: slice, t: Array, length: float, sign: float) -> None:
         top = np.clip(0.4 / self.size.pitch_pulse, 0.5, 3.0)
-        for column, size, begin in ((ELEVATOR, self.size.elevator, 0.0), (RUDDER, self.size.rudder, 0.5 * length)):
+        for column, size, begin in (
+            (ELEVATOR, self.size.elevator, 0.0),
+            (RUDDER, self.size.rudder, 0.5 * length),
+        ):
             self.plan.controls[window, column] += 0.6 * size * sweep(t - begin, 0.45 * length, 0.25, top)
 
     def cruise(self, window: slice, t: Array, length: float, sign: float) -> None:

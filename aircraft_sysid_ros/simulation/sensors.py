@@ -1,8 +1,9 @@
 """What the sensors of an aeroplane send during a flight whose truth is known.
 
-Each sensor samples at its own rate and phase. A sample stamped t shows the truth of t minus the delay of the aircraft
-file, where the sensor sits, with bias and white noise; its message arrives a little later than it is stamped.
-Messages are made as flat ROS fields by the conversions that recordings use, so that memory and bag hold the same.
+Each sensor samples at its own rate and phase. A sample stamped t shows the truth of t minus the delay of the
+aircraft file, where the sensor sits, with bias and white noise; its message arrives a little later than it is
+stamped. Messages are made as flat ROS fields by the conversions that recordings use, so that memory and bag
+hold the same.
 """
 
 from __future__ import annotations
@@ -48,7 +49,9 @@ class SensorOptions:
     noise_scale: float = 1.0  # on the white noise of the aircraft file
     accelerometer_bias: float = 0.15  # [m/s^2] one sigma of the constant part
     gyro_bias: float = 0.01  # [rad/s]
-    transport_scale: float = 1.0  # on the time from stamp to arrival; 0 makes messages arrive as they are stamped
+    transport_scale: float = (
+        1.0  # on the time from stamp to arrival; 0 makes messages arrive as they are stamped
+    )
     attitude: bool = False
     magnetometer: bool = False
     five_hole_probe: bool = False
@@ -58,7 +61,7 @@ class SensorOptions:
 
 @dataclass(frozen=True)
 class Stream:
-    """n messages of one topic: stamps and arrivals [ns] (n,) and flat fields as in recordings.ros_conversion."""
+    """n messages of one topic: stamps and arrivals [ns] (n,), flat fields as in recordings.ros_conversion."""
 
     topic: str
     stamp: Stamps
@@ -85,7 +88,9 @@ def stamps_of(time: npt.ArrayLike) -> Stamps:
     return EPOCH + np.rint(np.asarray(time, dtype=np.float64) * NANOSECONDS).astype(np.int64)
 
 
-def measure(aircraft: Aircraft, truth: Truth, seed: int, options: SensorOptions) -> tuple[list[Stream], Biases]:
+def measure(
+    aircraft: Aircraft, truth: Truth, seed: int, options: SensorOptions
+) -> tuple[list[Stream], Biases]:
     """Messages of all topics, and the true biases of the IMU."""
     suite = _Suite(aircraft, truth, seed, options)
     biases = suite.draw_biases()
@@ -162,7 +167,11 @@ class _Suite:
             force,
             rates,
             attitude=self._attitude(time) if self.options.attitude else None,
-            variances=(self.variance("accelerometer")[0], self.variance("gyro")[0], self.variance("attitude")[0]),
+            variances=(
+                self.variance("accelerometer")[0],
+                self.variance("gyro")[0],
+                self.variance("attitude")[0],
+            ),
         )
         return self.stream("imu/data", time, dict(fields))
 
@@ -195,7 +204,8 @@ class _Suite:
         place = self.aircraft.air_data_position
         pressure, density = self._air(time)
         fields = {
-            "true_airspeed": air_data_at(self.seen("airspeed", time), place)[:, 0] + self.noise("airspeed", (n,)),
+            "true_airspeed": air_data_at(self.seen("airspeed", time), place)[:, 0]
+            + self.noise("airspeed", (n,)),
             "angle_of_attack": air_data_at(self.seen("angle_of_attack", time), place)[:, 1]
             + self.noise("angle_of_attack", (n,)),
             "sideslip": air_data_at(self.seen("sideslip", time), place)[:, 2] + self.noise("sideslip", (n,)),
@@ -205,7 +215,7 @@ class _Suite:
         return self.stream("air_data", time, fields)
 
     def _air(self, time: Array) -> tuple[Array, Array]:
-        """Static pressure [Pa] as measured and the density [kg/m^3] that follows with the true temperature."""
+        """Static pressure [Pa] as measured, and the density [kg/m^3] from it and the true temperature."""
         seen = self.seen("static_pressure", time)
         measured = seen.static_pressure + self.noise("static_pressure", (len(time),))
         return measured, measured * seen.density / seen.static_pressure
@@ -214,13 +224,13 @@ class _Suite:
         time = self.times("five_hole_probe", "five_hole_probe")
         seen = self.seen("five_hole_probe", time)
         flow = air_data_at(seen, self.aircraft.air_data_position)
-        true = self.options.probe.pressures(*flow.T, seen.density)
+        true = self.options.probe.pressures(flow[:, 0], flow[:, 1], flow[:, 2], seen.density)
         noisy = np.column_stack([seen.static_pressure, true]) + self.noise("five_hole_probe", (len(time), 4))
         names = ("static_pressure", "dynamic_pressure", "alpha_pressure", "beta_pressure")
         return self.stream("five_hole_probe", time, dict(zip(names, noisy.T, strict=True)))
 
     def control_surfaces(self) -> Stream:
-        """Deflections with the signs that the recording has; throttle, thrust and propeller speed without noise."""
+        """Deflections with the signs of the recording; throttle, thrust and propeller speed without noise."""
         time = self.times("control_surfaces", "control_surfaces")
         values = self.seen("control_surfaces", time).controls.copy()
         values[:, : FLAPS + 1] += self.noise("control_surfaces", (len(time), FLAPS + 1))
@@ -240,13 +250,15 @@ class _Suite:
 
     def height(self) -> Stream:
         time = self.times("height_above_ground", "height_above_ground")
-        distance = self.seen("height_above_ground", time).height + self.noise("height_above_ground", (len(time),))
+        distance = self.seen("height_above_ground", time).height + self.noise(
+            "height_above_ground", (len(time),)
+        )
         limits = {"min_range": np.zeros(len(time)), "max_range": np.full(len(time), np.inf)}
         return self.stream("height_above_ground", time, {"range": distance, **limits})
 
 
 def specific_force_at(truth: Truth, position: Array) -> Array:
-    """Specific force [m/s^2] (n, 3) at a position [m] FRD from the centre of gravity: a + w' x r + w x (w x r)."""
+    """Specific force [m/s^2] (n, 3) at a position [m] FRD from the centre of gravity."""
     turning = np.cross(truth.angular_acceleration, position)
     centripetal = np.cross(truth.rates, np.cross(truth.rates, position))
     return truth.specific_force + turning + centripetal

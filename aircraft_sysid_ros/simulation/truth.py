@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import numpy.typing as npt
 
-
 Array = npt.NDArray[np.float64]
 
 #: Columns of ``Truth.controls``, as in samples.Kind.CONTROLS.
@@ -16,7 +15,7 @@ ELEVATOR, AILERON, RUDDER, FLAPS, THROTTLE, THRUST, PROPELLER_SPEED = range(7)
 
 @dataclass(frozen=True)
 class Truth:
-    """n instants of a flight. Body axes FRD at the centre of gravity, world NED from ``origin``, SI, radians."""
+    """n instants of a flight: body axes FRD at the centre of gravity, NED from ``origin``, SI, radians."""
 
     time: Array  # (n,) [s]
     position: Array  # (n, 3) [m] NED

@@ -1,14 +1,14 @@
 """A simulated flight on disk: its recording, and the truth beside it.
 
-``truth.json`` has the coefficients, biases and wind; ``truth.npz`` the time series. Both lie in the folder of a
-rosbag2, whose readers look only at what its metadata lists, and beside a bare MCAP file.
+``truth.json`` has the coefficients, biases and wind; ``truth.npz`` the time series. Both lie in the folder of
+a rosbag2, whose readers look only at what its metadata lists, and beside a bare MCAP file.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -25,14 +25,14 @@ TRUTH_RATE = 50.0
 
 
 def write_flight(flight: SimulatedFlight, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write the recording, log times being arrivals, and the truth beside it; InputError where the path is taken."""
+    """Write the recording, logged as it arrives, and the truth; InputError where the path is taken."""
     with RecordingWriter(path, overwrite=overwrite) as writer:
         for stream in flight.streams:
             topic_type = TOPICS[stream.topic]
             writer.write(stream.topic, topic_type, stream.stamp, stream.fields, log_time=stream.arrival)
     document, series = truth_path(path, ".json"), truth_path(path, ".npz")
     document.write_text(json.dumps(truth_document(flight), indent=1) + "\n", encoding="utf8")
-    np.savez_compressed(series, **truth_series(flight))
+    np.savez_compressed(series, **cast("dict[str, Any]", truth_series(flight)))
 
 
 def truth_path(recording: str | Path, suffix: str) -> Path:
@@ -50,11 +50,13 @@ def load_truth(recording: str | Path) -> tuple[dict[str, Any], dict[str, npt.NDA
         with np.load(truth_path(recording, ".npz"), allow_pickle=False) as archive:
             return document, {name: archive[name] for name in archive.files}
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{recording} has no truth beside it: it is not a simulated flight ({error})") from None
+        raise InputError(
+            f"{recording} has no truth beside it: it is not a simulated flight ({error})"
+        ) from None
 
 
 def truth_document(flight: SimulatedFlight) -> dict[str, Any]:
-    """truth.json: biases (FRD) and wind (NED) at the end of the flight, and at its beginning or on average."""
+    """truth.json: biases (FRD) and wind (NED) at the end of the flight, and at its start or on average."""
     truth, biases = flight.truth, flight.biases
     return {
         "aircraft": flight.aircraft.name,
@@ -75,7 +77,7 @@ def truth_document(flight: SimulatedFlight) -> dict[str, Any]:
 
 
 def truth_series(flight: SimulatedFlight) -> dict[str, npt.NDArray[Any]]:
-    """Arrays of truth.npz: the fields of Truth and the biases, ``stamp`` [ns], ``time`` [s] since the first stamp."""
+    """Arrays of truth.npz: fields of Truth, biases, ``stamp`` [ns], ``time`` [s] since the first stamp."""
     first = min(stream.stamp[0] for stream in flight.streams)
     begin = (first - EPOCH) / NANOSECONDS
     time = begin + np.arange(int((flight.truth.time[-1] - begin) * TRUTH_RATE) + 1) / TRUTH_RATE

@@ -41,17 +41,23 @@ def low_altitude_turbulence(height: float, wind_at_20_feet: float) -> Turbulence
     return Turbulence((sigma_u, sigma_u, sigma_w), (length_u, length_u, h * FEET))
 
 
-def dryden_gusts(rng: np.random.Generator, count: int, step: float, airspeed: float, turbulence: Turbulence) -> Array:
+def dryden_gusts(
+    rng: np.random.Generator, count: int, step: float, airspeed: float, turbulence: Turbulence
+) -> Array:
     """Gusts u, v, w [m/s], shape (count, 3), every ``step`` [s] of flight at ``airspeed`` [m/s], stationary.
 
-    Spectra of MIL-F-8785C: H_u = s_u sqrt(2 T) / (1 + T s) with T = L_u / V; H_v = s_v sqrt(T) (1 + sqrt(3) T s) /
-    (1 + T s)^2 with T = L_v / V; H_w likewise; driven by white noise of unit two-sided intensity.
+    Spectra of MIL-F-8785C: H_u = s_u sqrt(2 T) / (1 + T s) with T = L_u / V; H_v = s_v sqrt(T) (1 + sqrt(3) T
+    s) / (1 + T s)^2 with T = L_v / V; H_w likewise; driven by white noise of unit two-sided intensity.
     """
     columns = []
     for axis in range(3):
         sigma, period = turbulence.sigma[axis], turbulence.length[axis] / airspeed
         if axis == 0:
-            a, b, c = np.array([[-1.0 / period]]), np.array([[1.0]]), np.array([sigma * np.sqrt(2.0 / period)])
+            a, b, c = (
+                np.array([[-1.0 / period]]),
+                np.array([[1.0]]),
+                np.array([sigma * np.sqrt(2.0 / period)]),
+            )
         else:
             a = np.array([[0.0, 1.0], [-1.0 / period**2, -2.0 / period]])
             b = np.array([[0.0], [1.0]])
@@ -60,8 +66,10 @@ def dryden_gusts(rng: np.random.Generator, count: int, step: float, airspeed: fl
     return np.stack(columns, axis=1)
 
 
-def _stationary_output(rng: np.random.Generator, count: int, step: float, a: Array, b: Array, c: Array) -> Array:
-    """Output (count,) of dx = a x dt + b dw, y = c x, sampled exactly, begun in its stationary distribution."""
+def _stationary_output(
+    rng: np.random.Generator, count: int, step: float, a: Array, b: Array, c: Array
+) -> Array:
+    """Output (count,) of dx = a x dt + b dw, y = c x, sampled exactly, stationary from the first."""
     covariance = solve_continuous_lyapunov(a, -b @ b.T)
     transition = expm(a * step)
     noise = covariance - transition @ covariance @ transition.T  # what keeps a stationary process stationary
@@ -83,8 +91,8 @@ def _linear_output(transition, noise_root, c, start, noise):
 def random_walk(rng: np.random.Generator, count: int, step: float, intensity: float) -> Array:
     """Random walk NED (count, 3) from 0, level standard deviation ``intensity`` * sqrt(time).
 
-    The vertical part returns to 0 with VERTICAL_RETURN [s]: air does not rise for minutes, or no flight would keep
-    its height.
+    The vertical part returns to 0 with VERTICAL_RETURN [s]: air does not rise for minutes, or no flight would
+    keep its height.
     """
     increments = intensity * np.sqrt(step) * rng.standard_normal((count, 3))
     increments[0] = 0.0

@@ -1,0 +1,184 @@
+"""``simulate``: a flight with known truth, recorded as a bag, the truth beside it."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.dynamics import Effect
+from aircraft_sysid_ros.simulation.jsbsim_flight import DEFAULT_MODEL, MODELS
+from aircraft_sysid_ros.simulation.sensors import SensorOptions
+from aircraft_sysid_ros.simulation.simulated_flight import (
+    DEFAULT_WIND,
+    LONGEST,
+    SHORTEST,
+    SimulatedFlight,
+    simulate_jsbsim_samples,
+    simulate_samples,
+)
+from aircraft_sysid_ros.simulation.truth_files import truth_path, write_flight
+from aircraft_sysid_ros.simulation.wind import TURBULENCE_WIND
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "simulate", help="a flight with known truth, recorded as a bag", description=__doc__
+    )
+    add = parser.add_argument
+    add(
+        "--out",
+        required=True,
+        metavar="BAG",
+        help="recording to write: a rosbag2 folder, or a file NAME.mcap",
+    )
+    add("--aircraft", metavar="FILE", help=f"aircraft file with coefficients (default: {DEFAULT_AIRCRAFT})")
+    add("--effect", action="append", default=[], metavar="'CZ: alpha**3 = -5'",
+        help="one more term of the true aerodynamics; may be repeated")  # fmt: skip
+    add("--seed", type=int, default=0, help="of all random numbers (default: 0)")
+    add("--duration", type=float, default=120.0, help=f"{SHORTEST:g} to {LONGEST:g} s (default: 120)")
+    add("--wind", type=float, nargs=3, default=list(DEFAULT_WIND), metavar=("N", "E", "D"),
+        help="mean wind, the direction the air moves to [m/s] (default: 3 -2 0)")  # fmt: skip
+    add("--wind-walk", type=float, metavar="SIGMA",
+        help="random walk of the wind [m/s per sqrt(s)] (default: of the aircraft file)")  # fmt: skip
+    add(
+        "--turbulence",
+        choices=tuple(TURBULENCE_WIND),
+        default="none",
+        help="Dryden, MIL-F-8785C at low altitude",
+    )
+    add(
+        "--noise-scale", type=float, default=1.0, help="on the sensor noise of the aircraft file (default: 1)"
+    )
+    add("--attitude", action="store_true", help="the IMU sends an orientation")
+    add("--magnetometer", action="store_true", help="record imu/mag")
+    add("--five-hole-probe", action="store_true", help="record the raw pressures of a probe")
+    add("--height-above-ground", action="store_true", help="record a range sensor")
+    add(
+        "--simulator",
+        choices=("textbook", "jsbsim"),
+        default="textbook",
+        help="whose physics (default: textbook)",
+    )
+    add("--jsbsim-aircraft", choices=tuple(MODELS), metavar="NAME",
+        help=f"aeroplane of JSBSim: {' '.join(MODELS)} (default: {DEFAULT_MODEL})")  # fmt: skip
+    add("--overwrite", action="store_true", help="replace a recording that is there")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Simulate and write; returns what was written. Raises InputError for bad options and files."""
+    _check(args)
+    started = time.perf_counter()
+    flight = _simulate(args)
+    write_flight(flight, args.out, overwrite=args.overwrite)
+    truth = flight.truth
+    result: dict[str, Any] = {
+        "recording": str(args.out),
+        "truth": str(truth_path(args.out, ".json")),
+        "aircraft": flight.aircraft.name,
+        "aircraft_file": _aircraft_file(args, flight),
+        "simulator": flight.simulator,
+        "seed": args.seed,
+        "duration": float(truth.time[-1] - truth.time[0]),
+        "effects": [f"{e.axis}: {e.expression} = {e.value:g}" for e in flight.effects],
+        "messages": {stream.topic: len(stream.stamp) for stream in flight.streams},
+        "airspeed": _range(truth.airspeed),
+        "alpha": _range(truth.alpha),
+        "beta": _range(truth.beta),
+        "height": _range(truth.height),
+        "computing_time": time.perf_counter() - started,
+    }
+    return result
+
+
+def render(result: dict[str, Any]) -> str:
+    """The summary for people."""
+    degrees = {name: [np.degrees(x) for x in result[name]] for name in ("alpha", "beta")}
+    lines = [
+        f"{result['aircraft']}: {result['duration']:g} s of flight in {result['computing_time']:.1f} s",
+        *(f"  hidden effect    {effect}" for effect in result["effects"]),
+        f"  airspeed         {result['airspeed'][0]:.1f} to {result['airspeed'][1]:.1f} m/s",
+        f"  angle of attack  {degrees['alpha'][0]:.1f} to {degrees['alpha'][1]:.1f} deg",
+        f"  sideslip         {degrees['beta'][0]:.1f} to {degrees['beta'][1]:.1f} deg",
+        f"  height           {result['height'][0]:.0f} to {result['height'][1]:.0f} m",
+        f"  messages         {', '.join(f'/{topic} {n}' for topic, n in result['messages'].items())}",
+        f"recording {result['recording']}",
+        f"truth     {result['truth']}",
+        f"aircraft  {result['aircraft_file']}",
+    ]
+    return "\n".join(lines)
+
+
+def parse_effect(text: str) -> Effect:
+    """Effect from ``AXIS: EXPRESSION = VALUE``; raises InputError."""
+    axis, colon, rest = text.partition(":")
+    expression, equals, value = rest.rpartition("=")
+    if not (colon and equals):
+        raise InputError(f"the effect '{text}' is not understood: write it like 'CZ: alpha**3 = -5.0'")
+    try:
+        number = float(value)
+    except ValueError:
+        number = float("nan")
+    if not np.isfinite(number):
+        raise InputError(f"the value '{value.strip()}' of the effect '{text}' is not a number")
+    return Effect(axis.strip(), expression.strip(), number)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Numbers that would otherwise fail deep inside; and the target, before the work."""
+    if args.seed < 0:
+        raise InputError(f"--seed must not be negative, not {args.seed}")
+    if not np.all(np.isfinite(args.wind)):
+        raise InputError("--wind must be three finite numbers")
+    for name in ("noise_scale", "wind_walk"):
+        value = getattr(args, name)
+        if value is not None and not 0.0 <= value < np.inf:
+            raise InputError(f"--{name.replace('_', '-')} must be zero or more, not {value:g}")
+    if Path(args.out).exists() and not args.overwrite:
+        raise InputError(f"{args.out} is already there: give another name or --overwrite")
+    if args.simulator == "jsbsim" and (args.aircraft or args.effect):
+        raise InputError(
+            "--aircraft and --effect do not go with --simulator jsbsim: choose with --jsbsim-aircraft"
+        )
+    if args.simulator != "jsbsim" and args.jsbsim_aircraft:
+        raise InputError("--jsbsim-aircraft needs --simulator jsbsim")
+
+
+def _simulate(args: argparse.Namespace) -> SimulatedFlight:
+    sensors = SensorOptions(
+        noise_scale=args.noise_scale,
+        attitude=args.attitude,
+        magnetometer=args.magnetometer,
+        five_hole_probe=args.five_hole_probe,
+        height_above_ground=args.height_above_ground,
+    )
+    air: dict[str, Any] = {"wind": args.wind, "wind_walk": args.wind_walk, "turbulence": args.turbulence}
+    if args.simulator == "jsbsim":
+        name = args.jsbsim_aircraft or DEFAULT_MODEL
+        return simulate_jsbsim_samples(name, args.seed, args.duration, **air, sensors=sensors)
+    aircraft = load_aircraft(args.aircraft or config_path(DEFAULT_AIRCRAFT))
+    effects = [parse_effect(text) for text in args.effect]
+    return simulate_samples(aircraft, args.seed, args.duration, **air, effects=effects, sensors=sensors)
+
+
+def _aircraft_file(args: argparse.Namespace, flight: SimulatedFlight) -> str:
+    """Where the aircraft file of the flight is; that of a JSBSim aeroplane is written beside the truth."""
+    if flight.simulator != "jsbsim":
+        return str(args.aircraft or config_path(DEFAULT_AIRCRAFT))
+    path = truth_path(args.out, ".json")
+    path = path.with_name(path.name.replace("truth.json", "aircraft.yaml"))
+    path.write_text(yaml.safe_dump(flight.aircraft.source, sort_keys=False), encoding="utf8")
+    return str(path)
+
+
+def _range(values: np.ndarray) -> list[float]:
+    return [float(values.min()), float(values.max())]

@@ -1,0 +1,81 @@
+"""What every importer makes of a foreign log, and how it becomes a recording with a report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+
+Array = npt.NDArray[np.float64]
+
+#: GPS time starts on 1980-01-06; both logs that use it are from years with 16 leap seconds (2012-07 to 2015-06).
+GPS_EPOCH = 315_964_800
+LEAP_SECONDS = 16
+SECONDS_PER_WEEK = 604_800
+
+
+@dataclass(frozen=True)
+class ImportedTopic:
+    """n messages of a topic: stamps [ns] (n,), flat fields, and which columns of the log they are made of."""
+
+    topic: str
+    stamp: npt.NDArray[np.int64]
+    fields: Mapping[str, Any]
+    source: str
+    frame_id: str = "base_link"
+    type_name: str = ""  # default: that of TOPICS
+
+
+@dataclass(frozen=True)
+class ImportedLog:
+    """All topics of a log, what it does not have, and what its user should know."""
+
+    format: str
+    topics: list[ImportedTopic]
+    missing: dict[str, str]  # topic or quantity: why
+    notes: list[str] = field(default_factory=list)
+
+
+def gps_seconds(week: int, time_of_week: float) -> float:
+    """Unix time [s] of GPS time."""
+    return GPS_EPOCH + week * SECONDS_PER_WEEK + time_of_week - LEAP_SECONDS
+
+
+def stamps(start: float, seconds: Array) -> npt.NDArray[np.int64]:
+    """Stamps [ns] (n,) of times of a log [s] (n,) whose zero is the Unix time ``start`` [s]."""
+    return round(start * NANOSECONDS) + np.round(seconds * NANOSECONDS).astype(np.int64)
+
+
+def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
+    """Write the recording and return the report (JSON-able); messages arrive when they are stamped."""
+    with RecordingWriter(out, overwrite=overwrite) as writer:
+        for topic in log.topics:
+            type_name = topic.type_name or TOPICS[topic.topic]
+            writer.write(topic.topic, type_name, topic.stamp, topic.fields, frame_id=topic.frame_id)
+    start = min(int(topic.stamp[0]) for topic in log.topics)
+    end = max(int(topic.stamp[-1]) for topic in log.topics)
+    return {
+        "log": str(source),
+        "format": log.format,
+        "out": str(out),
+        "start": datetime.fromtimestamp(start / NANOSECONDS, timezone.utc).isoformat(timespec="seconds"),
+        "duration": (end - start) / NANOSECONDS,
+        "topics": {topic.topic: _describe(topic) for topic in log.topics},
+        "missing": log.missing,
+        "notes": log.notes,
+    }
+
+
+def _describe(topic: ImportedTopic) -> dict[str, Any]:
+    count = len(topic.stamp)
+    duration = (int(topic.stamp[-1]) - int(topic.stamp[0])) / NANOSECONDS
+    rate = (count - 1) / duration if duration > 0.0 else 0.0
+    return {"messages": count, "rate": round(rate, 2), "source": topic.source}

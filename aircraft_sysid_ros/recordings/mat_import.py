@@ -1,0 +1,51 @@
+"""MATLAB files of flights to recordings: which of the known kinds a file is shows in its content."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings import inertialnav_mat, umn_mat
+from aircraft_sysid_ros.recordings.imported_log import ImportedLog, write_log
+
+#: Variables that tell a kind of file, and what reads it.
+_KINDS: tuple[tuple[tuple[str, ...], Callable[[dict[str, Any]], ImportedLog]], ...] = (
+    (("flight_data",), umn_mat.import_flight_data),
+    (("IMU_label", "GPS_label", "NTUN_label", "IMU", "GPS", "NTUN"), inertialnav_mat.import_labelled),
+    (("angRate", "accel", "IMUtime", "GPStime", "LatDeg", "Veas"), inertialnav_mat.import_vectors),
+)
+
+
+def import_mat(path: str | Path, out: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
+    """Write the recording ``out`` from a .mat file; returns the report of write_log.
+
+    Raises InputError for a file that cannot be read, is of no known kind, or lacks a channel.
+    """
+    content = _load(Path(path))
+    for names, importer in _KINDS:
+        if all(name in content for name in names):
+            try:
+                log = importer(content)
+            except (AttributeError, KeyError, IndexError) as error:
+                raise InputError(f"{path} looks like {importer.__doc__} but lacks a channel: {error}") from None
+            return write_log(log, path, out, overwrite=overwrite)
+    found = ", ".join(name for name in content if not name.startswith("__"))[:200]
+    raise InputError(
+        f"{path} is no flight that can be imported: of .mat files, those of the UMN UAV Lab (flight_data) and of "
+        f"InertialNav (IMU, GPS, … with labels, or angRate, accel, …) are known, and it holds {found or 'nothing'}"
+    )
+
+
+def _load(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
+    try:
+        return loadmat(path, squeeze_me=True, struct_as_record=False)
+    except NotImplementedError:
+        raise InputError(f"{path} is a MATLAB 7.3 file: save it with -v7 to import it") from None
+    except Exception as error:  # scipy lets errors of zlib, struct and its own through
+        raise InputError(f"{path} is not a readable .mat file ({' '.join(str(error).split())})") from None

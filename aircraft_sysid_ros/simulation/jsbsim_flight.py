@@ -1,0 +1,305 @@
+"""The same test flight in a simulator that this package did not write: JSBSim, with an aeroplane of its own.
+
+Its aerodynamics are tables, slipstream and propeller effects, its earth is round and turns: nothing in it
+follows the textbook model, and its coefficients are known only through the forces and moments that it
+reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft import earth, rigid_body
+from aircraft_sysid_ros.aircraft.aerodynamic_model import textbook_model
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.autopilot import (
+    Autopilot,
+    autopilot_controls,
+    autopilot_for,
+    excitation_for,
+)
+from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, POSITION, STATE_SIZE, VELOCITY
+from aircraft_sysid_ros.simulation.flight import LATITUDE, LONGITUDE
+from aircraft_sysid_ros.simulation.manoeuvres import Plan, orthogonal_multisines, test_flight
+from aircraft_sysid_ros.simulation.trim import Derivatives, Trim, level_state
+from aircraft_sysid_ros.simulation.truth import THROTTLE, THRUST, Truth
+
+Array = npt.NDArray[np.float64]
+
+RATE = 200.0  # [Hz]
+DEFAULT_MODEL = "c172p"
+#: Aeroplanes of the JSBSim package that trim and fly well: calibrated airspeed [kt] of the flight.
+MODELS = {"c172p": 95.0, "c182": 110.0, "J3Cub": 60.0}
+FOOT, INCH, POUND, SLUG = 0.3048, 0.0254, 4.4482216152605, 14.593902937
+_GROUND, _ALTITUDE = 290.0, 900.0  # [m]
+_NED = ("north", "east", "down")
+#: What is logged: group, property, factor to SI.
+_LOG: tuple[tuple[str, str, float], ...] = (
+    ("place", "position/lat-geod-rad", 1.0),
+    ("place", "position/long-gc-rad", 1.0),
+    ("place", "position/geod-alt-ft", FOOT),
+    *(("velocity", f"velocities/v-{axis}-fps", FOOT) for axis in _NED),
+    *(("euler", f"attitude/{angle}-rad", 1.0) for angle in ("phi", "theta", "psi")),
+    *(("rates", f"velocities/{axis}i-rad_sec", 1.0) for axis in "pqr"),
+    *(("angular_acceleration", f"accelerations/{axis}dot-rad_sec2", 1.0) for axis in "pqr"),
+    *(("force", f"forces/fb{axis}-total-lbs", POUND) for axis in "xyz"),
+    *(("moment", f"moments/{axis}-total-lbsft", POUND * FOOT) for axis in "lmn"),
+    *(("air_velocity", f"velocities/{axis}-aero-fps", FOOT) for axis in "uvw"),
+    *(("wind", f"atmosphere/total-wind-{axis}-fps", FOOT) for axis in _NED),
+    ("density", "atmosphere/rho-slugs_ft3", SLUG / FOOT**3),
+    ("static_pressure", "atmosphere/P-psf", POUND / FOOT**2),
+    ("height", "position/h-agl-ft", FOOT),
+    ("mass", "inertia/mass-slugs", SLUG),
+    ("controls", "fcs/elevator-pos-rad", 1.0),
+    ("controls", "fcs/left-aileron-pos-rad", 1.0),
+    ("controls", "fcs/rudder-pos-rad", 1.0),
+    ("controls", "fcs/flap-pos-rad", 1.0),
+    ("controls", "fcs/throttle-pos-norm", 1.0),
+    ("controls", "propulsion/engine/thrust-lbs", POUND),
+    ("controls", "propulsion/engine/propeller-rpm", 2.0 * np.pi / 60.0),
+)
+#: Columns of the log by group.
+_AT = {group: np.flatnonzero([g == group for g, _, _ in _LOG]) for group, _, _ in _LOG}
+_COMMANDS = ("fcs/elevator-cmd-norm", "fcs/aileron-cmd-norm", "fcs/rudder-cmd-norm", "fcs/throttle-cmd-norm")
+#: Of the controls above, those that the commands move.
+_MOVED = [0, 1, 2, THROTTLE]
+# The probe: seconds, and peaks of the commands.
+_PROBE_TIME, _PROBE_SIZE = 16.0, np.array([0.04, 0.05, 0.05, 0.10])
+
+_SETTLING = 20.0  # [s]
+#: Commands (4,) of step i from its row of the log.
+Command = Callable[[int, Array], Array]
+
+
+@dataclass(frozen=True)
+class JsbsimSetup:
+    """A JSBSim aeroplane that was probed: its file, how commands move its controls, trim and autopilot."""
+
+    name: str
+    aircraft: Aircraft
+    trim: Trim
+    trim_commands: Array  # (4,)
+    control_per_command: Array  # (4,) rad or throttle per whole command
+    slopes: Derivatives
+    qbar: float  # [Pa]
+    autopilot: Autopilot
+
+
+def prepare_jsbsim(name: str = DEFAULT_MODEL) -> JsbsimSetup:
+    """Trim a JSBSim aeroplane, move its controls a little for some seconds, and fit gains to what happens."""
+    aircraft = aircraft_from_dict(jsbsim_aircraft_file(name))
+    executive = _trimmed(name)
+    trim_commands = np.array([executive[command] for command in _COMMANDS])
+    time = np.arange(int(_PROBE_TIME * RATE)) / RATE
+    commands = trim_commands + _PROBE_SIZE * orthogonal_multisines(time, _PROBE_TIME, 1.0)
+    truth = _truth(aircraft, time, _run(executive, lambda i, _: commands[i], np.zeros((len(time), 3))))
+    moved = truth.controls[:, _MOVED]
+    gains = [_slope(commands[:, i], moved[:, i]) for i in range(4)]
+    start = truth[:1]
+    trim = Trim(
+        float(start.airspeed[0]), float(start.alpha[0]), float(start.beta[0]), moved[0],
+        level_state(float(start.airspeed[0]), float(start.alpha[0]), float(start.beta[0]), moved[0]),
+    )  # fmt: skip
+    slopes = fitted_derivatives(aircraft, truth)
+    qbar = float(0.5 * start.density[0] * start.airspeed[0] ** 2)
+    autopilot = autopilot_for(aircraft, trim, slopes)
+    return JsbsimSetup(name, aircraft, trim, trim_commands, np.array(gains), slopes, qbar, autopilot)
+
+
+def fly_jsbsim(setup: JsbsimSetup, wind: Array) -> Truth:
+    """The test flight in a wind NED (n, 3) [m/s] at RATE; InputError when it does not stay in the air."""
+    time = np.arange(len(wind)) / RATE
+    plan = test_flight(time, excitation_for(setup.aircraft, setup.qbar, setup.trim, setup.slopes))
+
+    executive = _trimmed(setup.name)
+    _settle(executive, setup, wind[0])
+    truth = _truth(setup.aircraft, time, _run(executive, _pilot(setup, plan), wind))
+    lost = ~np.isfinite(truth.airspeed) | (truth.height < 10.0) | (np.abs(truth.alpha) > 0.6)
+    if lost.any():
+        raise InputError(
+            f"the JSBSim aircraft '{setup.name}' goes out of control after {time[np.argmax(lost)]:.1f} s"
+        )
+    return truth
+
+
+def jsbsim_aircraft_file(name: str = DEFAULT_MODEL) -> dict[str, Any]:
+    """Content of an aircraft file for a JSBSim aeroplane; without coefficients, which nobody knows."""
+    executive = _trimmed(name)
+
+    def inertia(axes: str) -> float:
+        return float(executive[f"inertia/i{axes}-slugs_ft2"] * SLUG * FOOT**2)
+
+    arm = [executive[f"inertia/cg-{axis}-in"] - executive[f"metrics/aero-rp-{axis}-in"] for axis in "xyz"]
+    return {
+        "name": f"JSBSim {name}",
+        "mass": float(executive["inertia/mass-slugs"] * SLUG),
+        "wing_area": float(executive["metrics/Sw-sqft"] * FOOT**2),
+        "span": float(executive["metrics/bw-ft"] * FOOT),
+        "chord": float(executive["metrics/cbarw-ft"] * FOOT),
+        # JSBSim reports the element of the matrix, which is the negative of the product in (6.19).
+        "inertia": {"xx": inertia("xx"), "yy": inertia("yy"), "zz": inertia("zz"), "xz": -inertia("xz")},
+        # Structural axes point aft, right and up.
+        "aerodynamic_reference": [arm[0] * INCH, -arm[1] * INCH, arm[2] * INCH],
+        "imu_position": [0.3, 0.1, 0.1],
+        "air_data_position": [0.2, 4.0, 0.1],
+        "gps_position": [-0.5, 0.0, -1.0],
+        "ground_altitude": _GROUND,
+        "magnetic_declination": 0.0,
+        "trim_airspeed": float(executive["velocities/vt-fps"] * FOOT),
+    }
+
+
+def fitted_derivatives(aircraft: Aircraft, truth: Truth) -> Derivatives:
+    """Derivatives by a least-squares fit of the terms of (6.8)-(6.13) to the coefficients of a flight."""
+    scale = 0.5 * truth.density * truth.airspeed**2 * aircraft.wing_area
+    half_span = aircraft.span / (2.0 * truth.airspeed)
+    signals = {
+        "alpha": truth.alpha, "beta": truth.beta, "de": truth.controls[:, 0], "da": truth.controls[:, 1],
+        "dr": truth.controls[:, 2], "Tc": truth.controls[:, THRUST] / scale,
+        "p": truth.rates[:, 0] * half_span, "q": truth.rates[:, 1] * aircraft.chord / truth.airspeed,
+        "r": truth.rates[:, 2] * half_span,
+    }  # fmt: skip
+    model = textbook_model()
+    fitted = [
+        np.linalg.lstsq(model.regressors(axis, signals), truth.coefficients[:, i], rcond=None)[0]
+        for i, axis in enumerate(model.terms)
+    ]
+    found = dict(zip(model.parameter_names, np.concatenate(fitted).tolist(), strict=True))
+    speed, force_rate = float(truth.airspeed[0]), float(scale[0]) / aircraft.mass
+    thrust_per_throttle = float(truth.controls[0, THRUST] / truth.controls[0, THROTTLE])
+    return Derivatives(
+        lift_rate=-found["CZ_alpha"] * force_rate / speed,
+        thrust_rate=thrust_per_throttle / aircraft.mass,
+        pitch_stiffness=found["Cm_alpha"],
+        pitch_damping=found["Cm_q"],
+        pitch_control=found["Cm_de"],
+        roll_damping=found["Cl_p"],
+        roll_control=found["Cl_da"],
+        yaw_stiffness=found["Cn_beta"],
+        yaw_control=found["Cn_dr"],
+    )
+
+
+def _slope(x: Array, y: Array) -> float:
+    return float(np.polyfit(x - x.mean(), y - y.mean(), 1)[0])
+
+
+def _trimmed(name: str) -> Any:
+    """JSBSim executive in straight level trim; InputError when it is not installed or does not trim."""
+    try:
+        import jsbsim
+    except ImportError:
+        raise InputError("the JSBSim simulator is not installed: pip install jsbsim") from None
+    if name not in MODELS:
+        raise InputError(f"unknown JSBSim aircraft '{name}': use one of {' '.join(MODELS)}")
+    executive = jsbsim.FGFDMExec(None)
+    executive.set_debug_level(0)
+    executive.load_model(name)
+    executive.set_dt(1.0 / RATE)
+    for key, value in {
+        "ic/lat-geod-rad": LATITUDE, "ic/long-gc-rad": LONGITUDE, "ic/terrain-elevation-ft": _GROUND / FOOT,
+        "ic/h-sl-ft": _ALTITUDE / FOOT, "ic/psi-true-deg": 0.0, "ic/gamma-deg": 0.0,
+        "ic/vc-kts": MODELS[name],
+        "gear/gear-cmd-norm": 0.0, "fcs/mixture-cmd-norm": 0.87, "fcs/throttle-cmd-norm": 0.6,
+    }.items():  # fmt: skip
+        executive[key] = value
+    executive.run_ic()
+    executive["propulsion/set-running"] = -1
+    executive["propulsion/fuel_freeze"] = 1
+    try:
+        executive.do_trim(1)
+    except jsbsim.TrimFailureError:
+        raise InputError(f"the JSBSim aircraft '{name}' does not trim at {MODELS[name]:g} kt") from None
+    return executive
+
+
+def _settle(executive: Any, setup: JsbsimSetup, wind: Array) -> None:
+    """Let the wind NED (3,) [m/s] rise from nothing while the autopilot flies, before the flight begins."""
+    time = np.arange(int(_SETTLING * RATE)) / RATE
+    rise = np.clip(time / (0.5 * _SETTLING), 0.0, 1.0)[:, None] * wind
+    still = Plan(time, np.zeros((len(time), 4)), np.zeros(len(time)), np.full(len(time), setup.trim.airspeed))
+    _run(executive, _pilot(setup, still), rise)
+
+
+def _pilot(setup: JsbsimSetup, plan: Plan) -> Command:
+    """Commands of the autopilot and a plan, from a row of the log."""
+
+    def command(i: int, row: Array) -> Array:
+        state = np.zeros(STATE_SIZE)
+        state[POSITION + 2] = _ALTITUDE - row[_AT["place"]][2]
+        state[VELOCITY : VELOCITY + 3] = row[_AT["velocity"]]
+        state[ATTITUDE : ATTITUDE + 4] = quaternion_from_euler(*row[_AT["euler"]])
+        airspeed = float(np.linalg.norm(row[_AT["air_velocity"]]))
+        wanted = autopilot_controls(setup.autopilot, state, airspeed, plan.bank[i], plan.airspeed[i])
+        change = (wanted + plan.controls[i] - setup.trim.controls) / setup.control_per_command
+        return np.clip(setup.trim_commands + change, [-1.0, -1.0, -1.0, 0.0], 1.0)
+
+    return command
+
+
+def _run(executive: Any, command: Command, wind: Array) -> Array:
+    """Fly len(wind) steps and log them in SI, shape (n, columns of _LOG)."""
+    names = [name for _, name, _ in _LOG]
+    factors = np.array([factor for _, _, factor in _LOG])
+    rows = np.empty((len(wind), len(names)))
+    for i in range(len(wind)):
+        rows[i] = [executive[name] for name in names]
+        rows[i] *= factors
+        for name, value in zip(_COMMANDS, command(i, rows[i]), strict=True):
+            executive[name] = value
+        following = wind[min(i + 1, len(wind) - 1)] / FOOT
+        for axis, value in zip(_NED, following, strict=True):
+            executive[f"atmosphere/wind-{axis}-fps"] = value
+        executive.run()
+    return rows
+
+
+def _truth(aircraft: Aircraft, time: Array, log: Array) -> Truth:
+    """Truth of a log; the world is a plane tangent where the log begins."""
+    part = {group: log[:, columns] for group, columns in _AT.items()}
+    origin = part["place"][0].copy()
+    u, v, w = part["air_velocity"].T
+    speed, density = np.sqrt(u * u + v * v + w * w), part["density"][:, 0]
+    qbar = 0.5 * density * speed**2
+    coefficients = [
+        rigid_body.coefficients_of(
+            force, rigid_body.moment_at_reference(moment, force, aircraft.aerodynamic_reference), pressure,
+            aircraft.wing_area, aircraft.span, aircraft.chord,
+        )
+        for force, moment, pressure in zip(part["force"], part["moment"], qbar, strict=True)
+    ]  # fmt: skip
+    return Truth(
+        time=time,
+        position=np.array([earth.ned_from_geodetic(p[0], p[1], p[2], origin) for p in part["place"]]),
+        velocity=part["velocity"],
+        quaternion=continuous(np.array([quaternion_from_euler(a[0], a[1], a[2]) for a in part["euler"]])),
+        rates=part["rates"],
+        angular_acceleration=part["angular_acceleration"],
+        specific_force=part["force"] / part["mass"],
+        air_velocity=part["air_velocity"],
+        airspeed=speed,
+        alpha=np.arctan2(w, u),
+        beta=np.arctan2(v, np.hypot(u, w)),
+        density=density,
+        static_pressure=part["static_pressure"][:, 0],
+        height=part["height"][:, 0],
+        controls=part["controls"],
+        wind=part["wind"],
+        coefficients=np.array(coefficients),
+        origin=origin,
+    )
+
+
+def continuous(quaternions: Array) -> Array:
+    """The same attitudes (n, 4) without changes of sign between neighbours, fit for interpolation."""
+    steps = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
+    signs = np.cumprod(np.concatenate([[1.0], np.where(steps < 0.0, -1.0, 1.0)]))
+    result: Array = quaternions * signs[:, None]
+    return result
