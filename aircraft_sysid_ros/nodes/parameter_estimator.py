@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -13,8 +14,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling import error_window as modelling
 from aircraft_sysid_ros.modelling.model_file import load_model, save_model
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions, ParameterSet
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.common import Option
@@ -38,9 +40,8 @@ OPTIONS = {
     "lag_time": Option("Time [s] over which residuals may be correlated.", 0.1, 10.0),
     "error_window": Option("Length [s] of the sliding window of the model error.", 1.0, 600.0),
 }
-#: Time of flight [s] between messages.
-PARAMETERS_PERIOD = 0.5
-MODEL_ERROR_PERIOD = 1.0
+#: Time of flight [s] between messages of parameters and of model error.
+PERIOD = 1.0
 
 
 class ParameterEstimatorNode(LifecycleNode):
@@ -54,11 +55,12 @@ class ParameterEstimatorNode(LifecycleNode):
         self.estimator: ParameterEstimator | None = None
         self.received = dict.fromkeys(INPUTS, 0)
         self.states_received = 0
-        self.points_kept: list[Any] | None = None  # set to a list to keep the evaluations, as `live --out` does
+        self.on_points: Callable[[Any], None] | None = None  # `live --out` keeps both for the run folder
+        self.on_parameters: Callable[[Any, Any], None] | None = None
         self.newest_state = -np.inf
         self._epoch: int | None = None
         self._inputs: list[Any] = []
-        self._due = {"parameters": -np.inf, "model_error": -np.inf}
+        self._due = -np.inf
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the aircraft file, create publishers and services."""
@@ -107,7 +109,7 @@ class ParameterEstimatorNode(LifecycleNode):
     def finish(self) -> None:
         """Learn from the states that still wait for controls, and publish the result."""
         if self.estimator is not None and self._epoch is not None:
-            self._due = dict.fromkeys(self._due, -np.inf)
+            self._due = -np.inf
             self._take(self.estimator.flush())
             self._publish_due()
 
@@ -133,8 +135,8 @@ class ParameterEstimatorNode(LifecycleNode):
         self._publish_due()
 
     def _take(self, points: Any) -> None:
-        if self.points_kept is not None and len(points):
-            self.points_kept.append(points)
+        if self.on_points is not None and len(points):
+            self.on_points(points)
 
     def _publish_due(self) -> None:
         """Publish when the time of flight says so, so that playback at any speed gives the same messages."""
@@ -142,29 +144,27 @@ class ParameterEstimatorNode(LifecycleNode):
         if self.estimator.newest_point is None:
             return
         now = float(self.estimator.newest_point[0])
-        if not self._due["parameters"] - PARAMETERS_PERIOD <= now < self._due["parameters"]:
-            self._due["parameters"] = now + PARAMETERS_PERIOD
-            self._publish_parameters(now)
-        if not self._due["model_error"] - MODEL_ERROR_PERIOD <= now < self._due["model_error"]:
-            self._due["model_error"] = now + MODEL_ERROR_PERIOD
-            self._publish_model_error(now)
+        if not self._due - PERIOD <= now < self._due:
+            self._due = now + PERIOD
+            estimates, errors = self.estimator.snapshot(), self.estimator.model_error()
+            if self.on_parameters is not None:
+                self.on_parameters(estimates, errors)
+            self._publish_parameters(now, estimates)
+            self._publish_model_error(now, errors)
 
     def _stamp(self, time: float) -> int:
         assert self._epoch is not None
         return int(nanoseconds(np.array(time), self._epoch))
 
-    def _publish_parameters(self, now: float) -> None:
-        assert self.estimator is not None
-        content = parameters_content(self.estimator.snapshot())
+    def _publish_parameters(self, now: float, estimates: ParameterSet) -> None:
+        content = parameters_content(estimates)
         content["parameters"] = [Parameter(**p) for p in content["parameters"]]
         self._parameters.publish(common.stamp_of(common.fill(Parameters(), content), self._stamp(now)))
 
-    def _publish_model_error(self, now: float) -> None:
+    def _publish_model_error(self, now: float, errors: list[modelling.AxisError]) -> None:
         assert self.estimator is not None
         estimator = self.estimator
-        content = model_error_content(
-            estimator.model.identifier, estimator.options.error_window, estimator.model_error()
-        )
+        content = model_error_content(estimator.model.identifier, estimator.options.error_window, errors)
         content["axes"] = [AxisError(**axis) for axis in content["axes"]]
         self._model_error.publish(common.stamp_of(common.fill(ModelError(), content), self._stamp(now)))
 

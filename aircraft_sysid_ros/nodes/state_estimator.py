@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -43,7 +44,8 @@ class StateEstimatorNode(LifecycleNode):
         common.declare_options(self, StateOptions(), OPTIONS)
         self.estimator: StateEstimator | None = None
         self.received = dict.fromkeys(INPUTS, 0)
-        self.rows_kept: list[Any] | None = None  # set to a list to keep what is published, as `live --out` does
+        self.rows_published = 0
+        self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
         self._inputs: list[Any] = []
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -103,8 +105,9 @@ class StateEstimatorNode(LifecycleNode):
         if not len(rows):
             return
         assert self.estimator is not None and self.estimator.epoch is not None
-        if self.rows_kept is not None:
-            self.rows_kept.append(rows)
+        self.rows_published += len(rows)
+        if self.on_rows is not None:
+            self.on_rows(rows)
         stamps = nanoseconds(rows[:, Column.TIME], self.estimator.epoch)
         fields, wind = state_fields(rows), wind_fields(rows[-1:])
         for i, stamp in enumerate(stamps):

@@ -114,6 +114,7 @@ class StateEstimator:
         self._has_biases = False
         self.memory: Memory = new_memory(len(Kind))
         self.last_row: Array | None = None
+        self.first_time = np.nan  # [s] of the first state
 
     def push(self, samples: Samples) -> Array:
         """Take n samples in the order of arrival; returns rows (m, Column.WIDTH), m >= 0."""
@@ -129,6 +130,16 @@ class StateEstimator:
     def status(self) -> int:
         """Value of ``state.Status``."""
         return int(self.last_row[Column.STATUS]) if self._aligned and self.last_row is not None else Status.WAITING
+
+    @property
+    def flight_time(self) -> float:
+        """Time [s] from the first state to the newest."""
+        return 0.0 if self.last_row is None else float(self.last_row[Column.TIME] - self.first_time)
+
+    @property
+    def has_been_aligned(self) -> bool:
+        """The filter started at some time of the flight."""
+        return self._has_biases
 
     @property
     def state_vector(self) -> Array:
@@ -155,6 +166,11 @@ class StateEstimator:
             result[name] = [float(v) for v in value] if known else [None] * 3
             result[name + "_std"] = [float(v) for v in std] if known else [None] * 3
         return result
+
+    def innovation_consistency(self) -> dict[str, float]:
+        """Mean normalised innovation squared per degree of freedom, by kind: near 1 when noise is as configured."""
+        sums, degrees = self.memory.nis_sum, self.memory.degrees
+        return {kind.name.lower(): float(sums[kind] / degrees[kind]) for kind in Kind if degrees[kind]}
 
     def _known_wind(self) -> tuple[Array, Array]:
         """Newest wind NED (3,) and its standard deviations (3,)."""
@@ -205,6 +221,8 @@ class StateEstimator:
             rows = np.full((int(np.sum(kinds[at:] == Kind.IMU)), Column.WIDTH), np.nan)
             at, count, state = run(times, kinds, values, at, self._x, self._p, self._setup, self.memory, rows)
             if count:
+                if np.isnan(self.first_time):
+                    self.first_time = float(rows[0, Column.TIME])
                 rows[:count, Column.LATE] = self.order.counts.late.sum()
                 self.last_row = rows[count - 1]
                 yield rows[:count]

@@ -49,6 +49,11 @@ def channel_types(channel: Channel) -> Typestore:
     return store
 
 
+def is_as_known(channel: Channel) -> bool:
+    """Whether the type of a channel is not defined differently from ours; types that we do not know are taken."""
+    return channel.type not in known_types().fielddefs or channel_types(channel) is known_types()
+
+
 def _parsed(channel: Channel) -> dict[str, Any]:
     """What the definition in a recording defines; nothing when there is none."""
     from rosbags.typesys import get_types_from_idl, get_types_from_msg

@@ -12,7 +12,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ProbeCalibration:
-    """(36): V = (1 + scale) sqrt(2 q_c / rho) + offset; alpha = (1 + scale) D_a / (K_a q_c) + offset; so beta.
+    """(36): V = (1 + scale) sqrt(2 q_c / rho) + offset; alpha = (1 + scale) D_a / (K_a q_c) + offset; beta.
 
     D_a and D_b are the differences of opposite holes, q_c total minus static pressure.
     """

@@ -7,6 +7,7 @@ reports.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +28,7 @@ from aircraft_sysid_ros.simulation.autopilot import (
 )
 from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, POSITION, STATE_SIZE, VELOCITY
 from aircraft_sysid_ros.simulation.flight import LATITUDE, LONGITUDE
-from aircraft_sysid_ros.simulation.manoeuvres import Plan, orthogonal_multisines, test_flight
+from aircraft_sysid_ros.simulation.manoeuvres import Plan, flight_plan, orthogonal_multisines
 from aircraft_sysid_ros.simulation.trim import Derivatives, Trim, level_state
 from aircraft_sysid_ros.simulation.truth import THROTTLE, THRUST, Truth
 
@@ -95,7 +96,7 @@ class JsbsimSetup:
 def prepare_jsbsim(name: str = DEFAULT_MODEL) -> JsbsimSetup:
     """Trim a JSBSim aeroplane, move its controls a little for some seconds, and fit gains to what happens."""
     aircraft = aircraft_from_dict(jsbsim_aircraft_file(name))
-    executive = _trimmed(name)
+    executive = trimmed(name)
     trim_commands = np.array([executive[command] for command in _COMMANDS])
     time = np.arange(int(_PROBE_TIME * RATE)) / RATE
     commands = trim_commands + _PROBE_SIZE * orthogonal_multisines(time, _PROBE_TIME, 1.0)
@@ -116,9 +117,9 @@ def prepare_jsbsim(name: str = DEFAULT_MODEL) -> JsbsimSetup:
 def fly_jsbsim(setup: JsbsimSetup, wind: Array) -> Truth:
     """The test flight in a wind NED (n, 3) [m/s] at RATE; InputError when it does not stay in the air."""
     time = np.arange(len(wind)) / RATE
-    plan = test_flight(time, excitation_for(setup.aircraft, setup.qbar, setup.trim, setup.slopes))
+    plan = flight_plan(time, excitation_for(setup.aircraft, setup.qbar, setup.trim, setup.slopes))
 
-    executive = _trimmed(setup.name)
+    executive = trimmed(setup.name)
     _settle(executive, setup, wind[0])
     truth = _truth(setup.aircraft, time, _run(executive, _pilot(setup, plan), wind))
     lost = ~np.isfinite(truth.airspeed) | (truth.height < 10.0) | (np.abs(truth.alpha) > 0.6)
@@ -131,7 +132,7 @@ def fly_jsbsim(setup: JsbsimSetup, wind: Array) -> Truth:
 
 def jsbsim_aircraft_file(name: str = DEFAULT_MODEL) -> dict[str, Any]:
     """Content of an aircraft file for a JSBSim aeroplane; without coefficients, which nobody knows."""
-    executive = _trimmed(name)
+    executive = trimmed(name)
 
     def inertia(axes: str) -> float:
         return float(executive[f"inertia/i{axes}-slugs_ft2"] * SLUG * FOOT**2)
@@ -191,7 +192,7 @@ def _slope(x: Array, y: Array) -> float:
     return float(np.polyfit(x - x.mean(), y - y.mean(), 1)[0])
 
 
-def _trimmed(name: str) -> Any:
+def trimmed(name: str) -> Any:
     """JSBSim executive in straight level trim; InputError when it is not installed or does not trim."""
     try:
         import jsbsim
@@ -199,6 +200,7 @@ def _trimmed(name: str) -> Any:
         raise InputError("the JSBSim simulator is not installed: pip install jsbsim") from None
     if name not in MODELS:
         raise InputError(f"unknown JSBSim aircraft '{name}': use one of {' '.join(MODELS)}")
+    os.environ.setdefault("JSBSIM_DEBUG", "0")  # or it prints a banner on standard output
     executive = jsbsim.FGFDMExec(None)
     executive.set_debug_level(0)
     executive.load_model(name)

@@ -137,9 +137,8 @@ class _Planner:
 
     def lateral_doublets(self, window: slice, t: Array, length: float, sign: float) -> None:
         aileron = doublet(t, self.size.roll_pulse) - doublet(t - 0.5 * length, self.size.roll_pulse)
-        rudder = doublet(t - 0.25 * length, self.size.yaw_pulse) - doublet(
-            t - 0.75 * length, self.size.yaw_pulse
-        )
+        rudder = doublet(t - 0.25 * length, self.size.yaw_pulse)
+        rudder -= doublet(t - 0.75 * length, self.size.yaw_pulse)
         self.plan.controls[window, AILERON] += sign * self.size.aileron * aileron
         self.plan.controls[window, RUDDER] += sign * self.size.rudder * rudder
 
@@ -162,9 +161,7 @@ class _Planner:
     def pushover_pullup(self, window: slice, t: Array, length: float, sign: float) -> None:
         half = 0.25 * length
         wave = np.where(t < 2.0 * half, np.sin(np.pi * t / half), 0.0)
-        self.plan.controls[window, ELEVATOR] += (
-            1.2 * abs(self.size.elevator) * np.sign(self.size.elevator) * wave
-        )
+        self.plan.controls[window, ELEVATOR] -= 1.2 * self.size.elevator * wave
 
     def sweeps(self, window: slice, t: Array, length: float, sign: float) -> None:
         top = np.clip(0.4 / self.size.pitch_pulse, 0.5, 3.0)
@@ -178,7 +175,7 @@ class _Planner:
         """Nothing but the autopilot."""
 
 
-def test_flight(time: Array, excitation: Excitation) -> Plan:
+def flight_plan(time: Array, excitation: Excitation) -> Plan:
     """The plan of a flight at n times [s] (n,) from 0: cruise, all manoeuvres, cruise.
 
     Flights of about two minutes and more repeat the nominal plan with alternating signs.

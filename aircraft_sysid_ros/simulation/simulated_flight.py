@@ -17,7 +17,7 @@ from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.flight import HEIGHT, fly, prepare
 from aircraft_sysid_ros.simulation.jsbsim_flight import DEFAULT_MODEL, fly_jsbsim, prepare_jsbsim
 from aircraft_sysid_ros.simulation.jsbsim_flight import RATE as JSBSIM_RATE
-from aircraft_sysid_ros.simulation.manoeuvres import test_flight
+from aircraft_sysid_ros.simulation.manoeuvres import flight_plan
 from aircraft_sysid_ros.simulation.sensors import Biases, SensorOptions, Stream, generator, measure
 from aircraft_sysid_ros.simulation.truth import Truth
 from aircraft_sysid_ros.simulation.wind import TURBULENCE_WIND, low_altitude_turbulence, wind_series
@@ -57,7 +57,7 @@ def simulate_samples(
     effects: Sequence[Effect] = (),
     sensors: SensorOptions | None = None,
 ) -> SimulatedFlight:
-    """Fly the test flight of manoeuvres.test_flight and measure it; the same arguments give the same bits.
+    """Fly the test flight of manoeuvres.flight_plan and measure it; the same arguments give the same bits.
 
     wind: mean NED [m/s], the direction the air moves to. wind_walk: its random walk [m/s per sqrt(s)], by
     default the process noise of the aircraft file. turbulence: a key of wind.TURBULENCE_WIND.
@@ -68,7 +68,7 @@ def simulate_samples(
     time = np.arange(round(duration * RATE) + 1) / RATE
     walk = aircraft.process_noise["wind"] if wind_walk is None else wind_walk
     air = _wind(seed, len(time), RATE, wind, walk, setup.trim.airspeed, turbulence)
-    truth = fly(setup, test_flight(time, setup.excitation), air)
+    truth = fly(setup, flight_plan(time, setup.excitation), air)
     streams, biases = measure(aircraft, truth, seed, sensors or SensorOptions())
     return SimulatedFlight(aircraft, seed, tuple(effects), truth, biases, streams)
 

@@ -1,0 +1,152 @@
+"""``live``: all nodes on ROS 2 topics in one process, and with --out the same run folder as ``replay``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.commands.replay import render as render_run
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.run_folder import RunWriter, state_json
+
+#: How long [s] the last states may take from one node to the other at the end.
+_LAST_STATES_TIMEOUT = 20.0
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "live", help="all nodes on ROS 2 topics", description=__doc__
+    )
+    parser.add_argument("--aircraft", required=True, metavar="FILE", help="aircraft file (YAML)")
+    parser.add_argument("--out", metavar="RUN", help="folder to write at the end")
+    parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
+    parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the nodes and their topics")
+    parser.add_argument("--reliable", action="store_true", help="ask publishers for every sample, as of a playback")
+    parser.add_argument("--until-idle", type=float, metavar="S",
+                        help="end when no sample came for S seconds after the first (default: run until Ctrl-C)")  # fmt: skip
+    parser.add_argument("--ready-file", metavar="FILE", help="file to create when the nodes listen, for scripts")
+    add_estimator_options(parser)
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Run the nodes until Ctrl-C or silence; returns state and parameters. Raises InputError."""
+    options = estimator_options(args)
+    if args.until_idle is not None and not 0.0 < args.until_idle < 1e6:
+        raise InputError(f"--until-idle must be a positive time in s, not {args.until_idle:g}")
+    aircraft = load_aircraft(args.aircraft)
+    writer = RunWriter(args.out, aircraft, overwrite=args.overwrite) if args.out else None
+    try:
+        import rclpy
+
+        from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start
+    except ImportError as error:
+        raise InputError(f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS") from None
+    rclpy.init(args=_ros_arguments(args, *options))
+    from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
+    from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
+
+    state, parameters = StateEstimatorNode(), ParameterEstimatorNode()
+    try:
+        if writer is not None:
+            state.on_rows, parameters.on_points = writer.add_rows, writer.add_points
+            parameters.on_parameters = writer.add_parameters
+        if not (start(state) and start(parameters)):
+            raise InputError("the nodes did not start: see the messages above")
+        executor = make_executor([state, parameters])
+        print("listening", file=sys.stderr, flush=True)
+        if args.ready_file:
+            Path(args.ready_file).touch()
+        started = time.perf_counter()
+        _spin(executor, state, args.until_idle, spin_until)
+        state.finish()
+        _wait_for_last_states(executor, state, parameters, spin_until)
+        parameters.finish()
+        return _result(args, state, parameters, writer, started)
+    finally:
+        state.destroy_node()
+        parameters.destroy_node()
+        rclpy.try_shutdown()
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    return render_run(result)
+
+
+def _ros_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> list[str]:
+    values = {
+        "aircraft_file": args.aircraft,
+        "input_reliability": "reliable" if args.reliable else "best_effort",
+        "input_depth": 5000 if args.reliable else 100,
+        "horizon": float(state.horizon),
+        "forgetting_time": float(parameters.forgetting_time),
+    }
+    arguments = ["--ros-args"]
+    for name, value in values.items():
+        arguments += ["-p", f"{name}:={value}"]
+    if args.namespace:
+        arguments += ["-r", f"__ns:=/{args.namespace.strip('/')}"]
+    return arguments
+
+
+def _spin(executor: Any, state: Any, until_idle: float | None, spin_until: Any) -> None:
+    """Callbacks until Ctrl-C or silence, with the time of flight as progress."""
+    last = {"count": 0, "time": time.perf_counter()}
+    with progress_bar() as progress:
+        task = progress.add_task("listening", total=None)
+
+        def finished() -> bool:
+            count, now = sum(state.received.values()), time.perf_counter()
+            if count != last["count"]:
+                last.update(count=count, time=now)
+                progress.update(task, description=f"{count} samples, {state.rows_published} states")
+            return until_idle is not None and count > 0 and now - last["time"] > until_idle
+
+        try:
+            spin_until(executor, finished)
+        except KeyboardInterrupt:
+            pass
+
+
+def _wait_for_last_states(executor: Any, state: Any, parameters: Any, spin_until: Any) -> None:
+    """Until the parameter node has every state that the state node has published."""
+    deadline = time.perf_counter() + _LAST_STATES_TIMEOUT
+    spin_until(
+        executor,
+        lambda: parameters.states_received >= state.rows_published or time.perf_counter() > deadline,
+    )
+
+
+def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float) -> dict[str, Any]:
+    if state.estimator.last_row is None:
+        raise InputError(
+            f"no state was estimated from {sum(state.received.values())} messages: "
+            "check that IMU and GPS are published on imu/data, gps/fix and gps/vel"
+        )
+    flight_time = state.estimator.flight_time
+    result: dict[str, Any] = {
+        "received": {**state.received, **parameters.received},
+        "states": [state.rows_published, parameters.states_received],
+        "notes": [],
+    }
+    if writer is None:
+        from aircraft_sysid_ros.modelling.model_file import parameters_json
+
+        elapsed = time.perf_counter() - started
+        timing = {"duration": flight_time, "realtime_factor": flight_time / elapsed}
+        return {
+            **result,
+            "run": None,
+            "state": {**state_json(state.estimator), **timing},
+            "parameters": parameters_json(parameters.estimator),
+        }
+    written = writer.finish(state.estimator, parameters.estimator, flight_time, started)
+    return {**result, "run": str(args.out), **written}

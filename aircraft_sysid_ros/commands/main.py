@@ -1,0 +1,74 @@
+"""``aircraft-sysid``: one command line for everything."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+from aircraft_sysid_ros.errors import InputError
+
+#: Command, the module that has it and its purpose, in the order in which a user meets them.
+COMMANDS = {
+    "demo": ("demo", "the main job on a simulated flight, through ROS 2"),
+    "simulate": ("simulate", "a flight with known truth, recorded as a bag"),
+    "import": ("import_log", "a flight log of another format to a bag"),
+    "replay": ("replay", "the whole pipeline over a recording"),
+    "play": ("play", "a recording onto ROS 2 topics"),
+    "live": ("live", "all nodes on ROS 2 topics"),
+}
+BAD_INPUT = 2
+
+
+class _Parser(argparse.ArgumentParser):
+    """Bad options are bad input: one line, exit status 2."""
+
+    def error(self, message: str) -> Any:
+        self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def build_parser(command: str | None) -> argparse.ArgumentParser:
+    """Parser of one command, or of all by name alone: modules are imported only where they are used."""
+    parser = _Parser(
+        prog="aircraft-sysid",
+        description="Online adaptive system identification of aircraft, on ROS 2.",
+    )
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, (module_name, purpose) in COMMANDS.items():
+        if name != command:
+            subparsers.add_parser(name, help=purpose)
+            continue
+        module = import_module(f"aircraft_sysid_ros.commands.{module_name}")
+        subparser = module.add_parser(subparsers)
+        subparser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+        subparser.set_defaults(module=module, prog=f"{parser.prog} {command}")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    command = next((argument for argument in arguments if not argument.startswith("-")), None)
+    args = build_parser(command).parse_args(arguments)
+    try:
+        result = args.module.run(args)
+    except InputError as error:
+        print(f"{args.prog}: {' '.join(str(error).split())}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"{args.prog}: stopped", file=sys.stderr)
+        return 130
+    try:
+        print(json.dumps(result, indent=1) if args.json else args.module.render(result))
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader has seen enough, as in `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,61 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.reconstruction.state_estimator import StateOptions
+
+
+def add_estimator_options(parser: argparse.ArgumentParser) -> None:
+    """What a flight may want different from the defaults."""
+    state, parameters = StateOptions(), ParameterOptions()
+    parser.add_argument("--horizon", type=float, default=state.horizon, metavar="S",
+                        help=f"how late a sample may come and still be fused (default: {state.horizon:g} s)")  # fmt: skip
+    parser.add_argument("--forgetting-time", type=float, default=parameters.forgetting_time, metavar="S",
+                        help=f"seconds of motion that the estimates rest on (default: {parameters.forgetting_time:g})")  # fmt: skip
+
+
+def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, ParameterOptions]:
+    """Options of both steps; raises InputError where they make no sense."""
+    if not 0.0 <= args.horizon <= 5.0:
+        raise InputError(f"--horizon must be between 0 and 5 s, not {args.horizon:g}")
+    if not args.forgetting_time >= 1.0:
+        raise InputError(f"--forgetting-time must be at least 1 s, not {args.forgetting_time:g}")
+    return StateOptions(horizon=args.horizon), ParameterOptions(forgetting_time=args.forgetting_time)
+
+
+def parameter_table(parameters: list[dict[str, Any]], truth: dict[str, float] | None = None) -> str:
+    """Table of parameters for people; with the truth where it is known."""
+    header = f"{'parameter':<12}{'estimate':>12}{'std. error':>12}" + (f"{'truth':>12}" if truth else "") + "  status"
+    lines = [header, "-" * (len(header) + 8)]
+    for p in parameters:
+        line = f"{p['name']:<12}{_number(p['value']):>12}{_number(p['std']):>12}"
+        if truth:
+            line += f"{_number(truth.get(p['name'])):>12}"
+        lines.append(f"{line}  {p['status']:<7}{p['reason']}".rstrip())
+    return "\n".join(lines)
+
+
+def state_table(state: dict[str, Any], truth: dict[str, Any] | None = None) -> str:
+    """Table of biases and wind for people."""
+    lines = [f"{'state':<30}{'estimate':>12}{'std. error':>12}" + (f"{'truth':>12}" if truth else "")]
+    lines.append("-" * len(lines[0]))
+    parts = (
+        ("accelerometer_bias", "xyz", "m/s²"),
+        ("gyro_bias", "xyz", "rad/s"),
+        ("wind_ned", "NED", "m/s"),
+    )
+    for name, labels, unit in parts:
+        for i, label in enumerate(labels):
+            title = f"{name.removesuffix('_ned').replace('_', ' ')} {label} [{unit}]"
+            line = f"{title:<30}{_number(state[name][i]):>12}{_number(state[name + '_std'][i]):>12}"
+            lines.append(line + (f"{_number(truth[name][i]):>12}" if truth else ""))
+    return "\n".join(lines)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"

@@ -1,0 +1,173 @@
+"""``play``: a recording onto ROS 2 topics, for those without `ros2 bag play`.
+
+The messages go out as they were recorded, byte for byte, with their original stamps, in the order of arrival.
+Publishers are reliable by default, since a reliable publisher matches every subscriber, whereas a best-effort one is
+deaf to those who ask for every sample; --best-effort plays as a sensor driver would. No reliability reaches into a
+subscriber's program: at --rate 0 a slow one loses what its own queue does not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.playback import Schedule, every
+from aircraft_sysid_ros.recordings.raw_messages import RawMessages, read_raw
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+
+RELIABLE_DEPTH, BEST_EFFORT_DEPTH = 1000, 100
+#: The middleware asks for acknowledgements every 3 s when nothing more is sent.
+ACKNOWLEDGEMENT_TIMEOUT = 4.0  # [s]
+#: When some topics have listeners and no more appear for this long [s], the rest is taken to have none.
+DISCOVERY_SETTLED = 0.7
+LAST_MESSAGES = 0.2  # [s] for the middleware to send what best-effort publishers still hold
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "play", help="a recording onto ROS 2 topics", description=__doc__
+    )
+    add = parser.add_argument
+    add("recording", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
+    add("--rate", type=float, default=1.0, metavar="R", help="times real time; 0: unpaced, which only fast subscribers can follow (default: 1)")
+    add("--topic-prefix", default="", metavar="NS", help="namespace to put before every topic")
+    add("--topics", nargs="+", metavar="TOPIC", help="play only these, named as recorded (default: all)")
+    add("--wait", type=float, default=5.0, metavar="S", help="longest wait for subscribers (default: 5 s)")
+    reliability = parser.add_mutually_exclusive_group()
+    reliability.add_argument("--reliable", action="store_true", help="offer every sample again until received (default)")
+    reliability.add_argument("--best-effort", action="store_true", help="publish as a sensor driver does")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Play; returns the number of messages by topic. Raises InputError."""
+    if not 0.0 <= args.rate < np.inf:
+        raise InputError(f"--rate must be 0 or more, not {args.rate:g}")
+    if not 0.0 <= args.wait < np.inf:
+        raise InputError(f"--wait must be 0 or more, not {args.wait:g}")
+    raw = read_raw(args.recording)
+    selected = _selected(raw, args)
+    try:
+        import rclpy
+        from rclpy.signals import SignalHandlerOptions
+    except ImportError as error:
+        raise InputError(f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS") from None
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C then ends the loop, not the context under it
+    try:
+        node = rclpy.create_node("player")
+        publishers, unknown = _publishers(node, raw, selected, args)
+        if not publishers:
+            raise InputError(f"no message type of {args.recording} is installed: {', '.join(unknown.values())}")
+        _wait_for_subscribers(publishers, args.wait)
+        return {"recording": str(args.recording), **_play(raw, publishers, args), "not_played": unknown}
+    finally:
+        rclpy.try_shutdown()
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [f"{result['recording']}: {result['duration']:.1f} s played in {result['elapsed']:.1f} s"]
+    for topic, count in result["messages"].items():
+        listeners = result["subscribers"][topic]
+        lines.append(f"  {topic:<32} {count:>8}  {listeners} subscriber{'' if listeners == 1 else 's'}")
+    lines += [f"  {topic:<32} not played: {why}" for topic, why in result["not_played"].items()]
+    return "\n".join(lines)
+
+
+def _selected(raw: RawMessages, args: argparse.Namespace) -> dict[int, str]:
+    """Full name to publish on by channel."""
+    wanted = None if args.topics is None else {"/" + topic.strip("/") for topic in args.topics}
+    names = {key: "/" + channel.topic.strip("/") for key, channel in raw.channels.items()}
+    missing = (wanted or set()) - set(names.values())
+    if missing:
+        raise InputError(f"the recording {args.recording} has no {sorted(missing)[0]}: it holds {raw.topic_names()}")
+    prefix = "/" + args.topic_prefix.strip("/") if args.topic_prefix.strip("/") else ""
+    return {key: prefix + name for key, name in names.items() if wanted is None or name in wanted}
+
+
+def _publishers(
+    node: Any, raw: RawMessages, selected: dict[int, str], args: argparse.Namespace
+) -> tuple[dict[int, Any], dict[str, str]]:
+    """Publisher by channel, and for topics that cannot be played the reason."""
+    from rclpy.exceptions import InvalidTopicNameException
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+    from aircraft_sysid_ros.nodes.common import message_class
+    from aircraft_sysid_ros.recordings.message_types import is_as_known
+
+    quality = QoSProfile(depth=RELIABLE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+    if args.best_effort:
+        quality = QoSProfile(depth=BEST_EFFORT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publishers: dict[int, Any] = {}
+    unknown: dict[str, str] = {}
+    for key, topic in selected.items():
+        channel = raw.channels[key]
+        if not is_as_known(channel):
+            unknown[topic] = f"the recording has another definition of {channel.type}"
+            continue
+        try:
+            publishers[key] = node.create_publisher(message_class(channel.type), topic, quality)
+        except (ImportError, AttributeError, ValueError):
+            unknown[topic] = f"the type {channel.type} is not installed"
+        except InvalidTopicNameException as error:
+            raise InputError(f"{topic} is not a topic name: {' '.join(str(error).split())}") from None
+    return publishers, unknown
+
+
+def _wait_for_subscribers(publishers: dict[int, Any], longest: float) -> None:
+    """Until every topic has a subscriber, or some have and no more appear, or the time is over."""
+    start = changed = time.perf_counter()
+    before = 0
+    while (now := time.perf_counter()) - start < longest:
+        counts = [publisher.get_subscription_count() for publisher in publishers.values()]
+        if all(counts):
+            return
+        if sum(counts) != before:
+            before, changed = sum(counts), now
+        elif before and now - changed > DISCOVERY_SETTLED:
+            return
+        time.sleep(0.02)
+
+
+def _play(raw: RawMessages, publishers: dict[int, Any], args: argparse.Namespace) -> dict[str, Any]:
+    """Send everything; returns counts by topic and times [s]."""
+    rows = np.flatnonzero(np.isin(raw.channel, list(publishers)))
+    channels, log_times = raw.channel[rows].tolist(), raw.log_time[rows].tolist()
+    duration = (log_times[-1] - log_times[0]) / NANOSECONDS if log_times else 0.0
+    counts = dict.fromkeys(publishers, 0)
+    schedule, show = Schedule(args.rate), every(0.1)
+    started = time.perf_counter()
+    with progress_bar() as progress:
+        task = progress.add_task("playing", total=duration)
+        for row, key, log_time in zip(rows.tolist(), channels, log_times, strict=True):
+            schedule.wait(log_time)
+            publishers[key].publish(raw[row])
+            counts[key] += 1
+            if next(show):
+                progress.update(task, completed=(log_time - log_times[0]) / NANOSECONDS)
+    elapsed = time.perf_counter() - started
+    subscribers = {p.topic_name: p.get_subscription_count() for p in publishers.values()}
+    _let_arrive(list(publishers.values()), args.best_effort)
+    messages: dict[str, int] = {}
+    for key, count in counts.items():
+        topic = publishers[key].topic_name
+        messages[topic] = messages.get(topic, 0) + count
+    timing = {"rate": args.rate, "duration": duration, "elapsed": elapsed, "delay": schedule.delay}
+    return {**timing, "messages": messages, "subscribers": subscribers}
+
+
+def _let_arrive(publishers: list[Any], best_effort: bool) -> None:
+    """Until reliable subscribers have what was sent; best-effort ones never say, and get a moment."""
+    from rclpy.duration import Duration
+
+    time.sleep(LAST_MESSAGES)
+    deadline = time.perf_counter() + ACKNOWLEDGEMENT_TIMEOUT
+    for publisher in publishers if not best_effort else []:
+        left = max(deadline - time.perf_counter(), 0.0)
+        publisher.wait_for_all_acked(Duration(nanoseconds=int(left * NANOSECONDS)))

@@ -1,0 +1,112 @@
+"""``replay``: the whole pipeline over a recording, as fast as the machine can, the same numbers as the live nodes."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.commands.options import (
+    add_estimator_options,
+    estimator_options,
+    parameter_table,
+    state_table,
+)
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.recordings.reader import Recording, read_recording
+from aircraft_sysid_ros.run_folder import RunWriter
+
+NEEDED = ("imu/data", "gps/fix", "gps/vel", "air_data")
+#: Time of flight [s] between parameter sets in the run.
+PARAMETERS_PERIOD = 1.0
+#: Samples that go through the pipeline at a time; the numbers do not depend on it.
+BLOCK = 1000
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "replay", help="the whole pipeline over a recording", description=__doc__
+    )
+    parser.add_argument("bag", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
+    parser.add_argument("--aircraft", required=True, metavar="FILE", help="aircraft file (YAML)")
+    parser.add_argument("--out", required=True, metavar="RUN", help="folder to write")
+    parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
+    add_estimator_options(parser)
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Replay and write; returns state, parameters and notes. Raises InputError."""
+    options = estimator_options(args)
+    aircraft = load_aircraft(args.aircraft)
+    with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer:
+        started = time.perf_counter()
+        recording = read_recording(args.bag)
+        recording.require(NEEDED)
+        pipeline = Pipeline(aircraft, *options)
+        feed(pipeline, recording, writer)
+        result = writer.finish(pipeline.state, pipeline.parameters, recording.duration, started)
+    if not pipeline.state.has_been_aligned:
+        raise_no_start(args.out)
+    return {"run": str(args.out), "notes": notes(recording, pipeline), **result}
+
+
+def feed(pipeline: Pipeline, recording: Recording, writer: RunWriter) -> None:
+    """Push a recording through the pipeline and keep what comes out."""
+    samples, due = recording.samples, -np.inf
+    with progress_bar() as progress:
+        task = progress.add_task("replay", total=len(samples))
+        for begin in range(0, len(samples), BLOCK):
+            rows, points = pipeline.push(samples[begin : begin + BLOCK])
+            writer.add_rows(rows)
+            writer.add_points(points)
+            if len(points) and points[-1, Point.TIME] >= due:
+                due = points[-1, Point.TIME] + PARAMETERS_PERIOD
+                writer.add_parameters(pipeline.parameters.snapshot(), pipeline.parameters.model_error())
+            progress.update(task, completed=begin + BLOCK)
+    rows, points = pipeline.flush()
+    writer.add_rows(rows)
+    writer.add_points(points)
+    writer.add_parameters(pipeline.parameters.snapshot(), pipeline.parameters.model_error())
+
+
+def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
+    """What a user should know about the recording and what became of it."""
+    found = list(recording.notes)
+    if "control_surfaces" not in recording.topics:
+        found.append("no /control_surfaces: state, biases and wind only, no parameters")
+    for kind, counts in pipeline.state.counts().items():
+        for what in ("rejected", "late", "invalid", "wrong_stamp"):
+            share = counts[what] / max(counts["received"], 1)
+            if share > 0.01:
+                found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
+    if pipeline.state.realignments:
+        found.append(f"the filter aligned anew {pipeline.state.realignments} times after gaps or contradictions")
+    return found
+
+
+def raise_no_start(out: str | Path) -> None:
+    """The recording never allowed a start: say so, the folder holds the counts."""
+    raise InputError(
+        f"the filter never started: it needs IMU and GPS at the same time and motion or a heading; "
+        f"see the counts in {Path(out) / 'state.json'}"
+    )
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    state = result["state"]
+    lines = [parameter_table(result["parameters"]["parameters"]), "", state_table(state), ""]
+    lines += [f"note: {note}" for note in result["notes"]]
+    lines.append(f"{state['duration']:.1f} s of flight, {state['realtime_factor']:.0f} times real time")
+    lines.append(f"run {result['run']}")
+    return "\n".join(lines)
+

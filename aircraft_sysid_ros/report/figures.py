@@ -1,0 +1,85 @@
+"""Figures of a run, as PNG files: people look at pictures before tables."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.run_folder import PARAMETERS, POINTS
+
+Array = npt.NDArray[np.float64]
+
+# Okabe and Ito: told apart by the colour-blind.
+MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR = "#000000", "#D55E00", "#0072B2"
+_SYMBOLS = {"CX": "$C_X$", "CY": "$C_Y$", "CZ": "$C_Z$", "Cl": "$C_l$", "Cm": "$C_m$", "Cn": "$C_n$"}
+
+
+def load_points(run: str | Path) -> dict[str, Any]:
+    """Points of a run with ``time`` [s] from its start, and ``fitted`` (n, 6): coefficients by the final parameters.
+
+    Raises InputError when the folder is not a run.
+    """
+    run = Path(run)
+    try:
+        with np.load(run / POINTS) as archive:
+            points: dict[str, Any] = {name: archive[name] for name in archive.files}
+        parameters = json.loads((run / PARAMETERS).read_text(encoding="utf8"))["parameters"]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{run} is not a run or is damaged ({error}): make it with replay or live") from None
+    values = {p["name"]: p["value"] for p in parameters}
+    points["time"] = (points["stamp"] - points["stamp"].min(initial=np.iinfo(np.int64).max)) * 1e-9
+    names = [str(name) for name in points["parameter_names"]]
+    fitted = np.full((len(points["stamp"]), len(AXES)), np.nan)
+    for i, axis in enumerate(AXES):
+        columns = [k for k, name in enumerate(names) if name.startswith(axis + "_")]
+        theta = np.array([np.nan if values[names[k]] is None else values[names[k]] for k in columns])
+        if columns:
+            fitted[:, i] = points["terms"][:, columns] @ theta
+    return {**points, "fitted": fitted}
+
+
+def nrmse(measured: Array, predicted: Array) -> float:
+    """Rms error over the standard deviation of the measured values; NaN without data."""
+    both = np.isfinite(measured) & np.isfinite(predicted)
+    if both.sum() < 2:
+        return float("nan")
+    return float(np.sqrt(np.mean((measured[both] - predicted[both]) ** 2)) / np.std(measured[both]))
+
+
+def coefficients_figure(run: str | Path, path: str | Path, title: str) -> Path:
+    """Write measured against predicted coefficients, six axes with their residuals, to a PNG file."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    points = load_points(run)
+    figure, axes = plt.subplots(6, 2, figsize=(14, 13), sharex=True, width_ratios=(3, 2), layout="constrained")
+    for i, axis in enumerate(AXES):
+        measured, fitted = points["measured"][:, i], points["fitted"][:, i]
+        both, residual = axes[i]
+        both.plot(points["time"], measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
+        both.plot(points["time"], fitted, color=PREDICTED_COLOUR, lw=0.9, ls="--", label="predicted by the model")
+        residual.plot(points["time"], measured - fitted, color=RESIDUAL_COLOUR, lw=0.7)
+        both.set_ylabel(f"{_SYMBOLS[axis]} [-]")
+        residual.set_ylim(both.get_ylim() - np.mean(both.get_ylim()))
+        error = nrmse(measured, fitted)
+        text = "not estimated" if np.isnan(error) else f"rms error {100 * error:.1f} % of its spread"
+        residual.set_title(text, fontsize=9, loc="right")
+        for plot in (both, residual):
+            plot.grid(alpha=0.3)
+    axes[0, 0].set_title("measured and predicted")
+    axes[0, 1].set_title("residual, same scale", loc="left")
+    axes[0, 0].legend(loc="upper right", ncols=2, fontsize=8)
+    for plot in axes[-1]:
+        plot.set_xlabel("time in flight [s]")
+    figure.suptitle(title)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return Path(path)

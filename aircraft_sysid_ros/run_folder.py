@@ -1,0 +1,172 @@
+"""A run: the folder with everything that was estimated from a flight, live or replayed.
+
+    estimates.mcap   states, wind, parameters and model error over the flight
+    parameters.json  final parameters with standard errors and verdicts
+    state.json       final biases and wind, what became of every sample, duration, speed
+    points.npz       measured coefficients and regressors, from which models are compared
+    aircraft.yaml    the aircraft file that was used
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.error_window import AxisError
+from aircraft_sysid_ros.modelling.model_file import parameters_json
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterSet
+from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
+from aircraft_sysid_ros.recordings import output_messages as out
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+
+Array = npt.NDArray[np.float64]
+
+#: States written per second of flight: the live topic has them all.
+STATE_RATE = 25.0
+ESTIMATES, PARAMETERS, STATE, POINTS, AIRCRAFT = (
+    "estimates.mcap", "parameters.json", "state.json", "points.npz", "aircraft.yaml",
+)  # fmt: skip
+
+
+class RunWriter:
+    """Context manager that gathers a run and writes its folder at once at the end, or not at all."""
+
+    def __init__(self, path: str | Path, aircraft: Aircraft, *, overwrite: bool = False) -> None:
+        self.path = Path(path)
+        self._aircraft = aircraft
+        self._rows: list[Array] = []
+        self._points: list[Array] = []
+        self._parameters: list[ParameterSet] = []
+        self._errors: list[tuple[float, list[AxisError]]] = []
+        self._last_state = -np.inf
+        _check_target(self.path, overwrite)
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self._rows.clear()
+
+    def add_rows(self, rows: Array) -> None:
+        """New rows of Column, in order; STATE_RATE of them are kept per second."""
+        if len(rows):
+            slot = np.floor(rows[:, Column.TIME] * STATE_RATE)
+            new = np.diff(slot, prepend=self._last_state) != 0.0
+            self._last_state = float(slot[-1])
+            self._rows.append(rows[new])
+
+    def add_points(self, points: Array) -> None:
+        """New rows of Point, in order."""
+        if len(points):
+            self._points.append(points)
+
+    def add_parameters(self, estimates: ParameterSet, errors: list[AxisError]) -> None:
+        """Parameters and model error at one time of the flight."""
+        if np.isfinite(estimates.time):
+            self._parameters.append(estimates)
+            self._errors.append((estimates.time, errors))
+
+    def finish(
+        self, state: StateEstimator, parameters: ParameterEstimator, duration: float, started: float
+    ) -> dict[str, Any]:
+        """Write the folder; returns the content of state.json and parameters.json under "state" and "parameters".
+
+        ``duration`` of the flight [s] and the reading of time.perf_counter() when the work began.
+        """
+        result = {"state": state_json(state), "parameters": parameters_json(parameters)}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:
+                new = Path(folder) / "run"
+                new.mkdir()
+                self._write_estimates(new / ESTIMATES, state.epoch or 0, parameters)
+                self._write_points(new / POINTS, state.epoch or 0, parameters)
+                (new / AIRCRAFT).write_text(yaml.safe_dump(self._aircraft.source, sort_keys=False), encoding="utf8")
+                write_json(new / PARAMETERS, result["parameters"])
+                elapsed = time.perf_counter() - started
+                result["state"].update(duration=duration, realtime_factor=duration / elapsed)
+                write_json(new / STATE, result["state"])
+                if self.path.exists():
+                    self.path.rename(Path(folder) / "replaced")
+                shutil.move(new, self.path)
+        except OSError as error:
+            raise InputError(f"cannot write the run {self.path}: {error.strerror or error}") from None
+        return result
+
+    def _write_estimates(self, path: Path, epoch: int, parameters: ParameterEstimator) -> None:
+        with RecordingWriter(path) as writer:
+            if self._rows:
+                rows = np.vstack(self._rows)
+                stamps = nanoseconds(rows[:, Column.TIME], epoch)
+                texts = np.array([STATUS_TEXT[int(status)] for status in rows[:, Column.STATUS]])
+                fields = {**out.state_fields(rows), "status_text": texts}
+                writer.write(out.STATE_TOPIC, out.STATE_TYPE, stamps, fields)
+                writer.write(out.WIND_TOPIC, out.WIND_TYPE, stamps, out.wind_fields(rows))
+            for estimates, (at, errors) in zip(self._parameters, self._errors, strict=True):
+                stamp = int(nanoseconds(np.array(at), epoch))
+                content = {"header": {"stamp": stamp}, **out.parameters_content(estimates)}
+                writer.write_message(out.PARAMETERS_TOPIC, out.PARAMETERS_TYPE, stamp, content)
+                window = parameters.options.error_window
+                content = {"header": {"stamp": stamp}, **out.model_error_content(estimates.model, window, errors)}
+                writer.write_message(out.MODEL_ERROR_TOPIC, out.MODEL_ERROR_TYPE, stamp, content)
+
+    def _write_points(self, path: Path, epoch: int, parameters: ParameterEstimator) -> None:
+        width = Point.TERMS + len(parameters.model.parameter_names)
+        points = np.vstack(self._points) if self._points else np.empty((0, width))
+        np.savez(
+            path,
+            stamp=nanoseconds(points[:, Point.TIME], epoch),
+            measured=points[:, Point.MEASURED],
+            predicted=points[:, Point.PREDICTED],
+            valid=points[:, Point.VALID] > 0.0,
+            learnt=points[:, Point.LEARNT] > 0.0,
+            signals=points[:, Point.SIGNALS],
+            terms=points[:, Point.TERMS :],
+            signal_names=np.array(SIGNALS),
+            parameter_names=np.array(parameters.model.parameter_names),
+            axes=np.array(AXES),
+        )
+
+
+def state_json(state: StateEstimator) -> dict[str, Any]:
+    """The content of state.json without the timing."""
+    counts = {kind: {k: n for k, n in c.items() if n} for kind, c in state.counts().items() if any(c.values())}
+    return {
+        **state.summary(),
+        "innovation_consistency": state.innovation_consistency(),
+        "samples": counts,
+        "realignments": state.realignments,
+        "clock_restarts": state.order.counts.restarts,
+    }
+
+
+def write_json(path: Path, content: Any) -> None:
+    """JSON for people and programs; NaN is refused, what is not known is null."""
+    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf8")
+
+
+def _check_target(path: Path, overwrite: bool) -> None:
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise InputError(f"{path} is a file: give the name of a folder for the run")
+    contents = {item.name for item in path.iterdir()}
+    if contents and PARAMETERS not in contents:
+        raise InputError(f"{path} is not a run and is not overwritten: give another name")
+    if contents and not overwrite:
+        raise InputError(f"the run {path} is already there: give another name or --overwrite")

@@ -1,0 +1,99 @@
+"""The command simulate: what it writes, and one clear sentence for bad input."""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from aircraft_sysid_ros import config_files
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.commands import simulate
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.simulation.truth_files import load_truth
+
+
+def call(*arguments):
+    parser = argparse.ArgumentParser()
+    simulate.add_parser(parser.add_subparsers())
+    return simulate.run(parser.parse_args(["simulate", *map(str, arguments)]))
+
+
+def test_writes_a_recording_with_its_truth(tmp_path):
+    result = call("--out", tmp_path / "bag", "--duration", 20, "--seed", 4, "--effect", "CZ: alpha**3 = -5.0")
+    assert read_recording(result["recording"]).topics == result["messages"]
+    document, _ = load_truth(result["recording"])
+    assert document["effects"] == [{"axis": "CZ", "expression": "alpha**3", "value": -5.0}]
+    assert json.loads(json.dumps(result)) == result
+    assert "truth.json" in simulate.render(result)
+    assert load_aircraft(result["aircraft_file"]).name == result["aircraft"]
+
+
+def test_jsbsim_writes_its_aircraft_file_beside_the_truth(tmp_path):
+    pytest.importorskip("jsbsim")
+    result = call("--out", tmp_path / "bag", "--duration", 20, "--simulator", "jsbsim")
+    assert load_aircraft(result["aircraft_file"]).name == "JSBSim c172p"
+    assert load_truth(tmp_path / "bag")[0]["coefficients"] is None
+
+
+def test_jsbsim_keeps_quiet_on_standard_output():
+    """With --json there must be one document there and nothing else."""
+    pytest.importorskip("jsbsim")
+    code = "from aircraft_sysid_ros.simulation.jsbsim_flight import prepare_jsbsim; prepare_jsbsim('c172p')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, env=dict(os.environ))
+    assert done.stdout.strip() == b""
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--duration", "5"], "lasts 20 to 3600 s"),
+        (["--duration", "nan"], "lasts 20 to 3600 s"),
+        (["--seed", "-1"], "--seed must not be negative"),
+        (["--wind", "nan", "0", "0"], "--wind must be three finite numbers"),
+        (["--wind-walk", "-0.1"], "--wind-walk must be zero or more"),
+        (["--noise-scale", "inf"], "--noise-scale must be zero or more"),
+        (["--aircraft", "nowhere.yaml"], "cannot read the aircraft file nowhere.yaml"),
+        (["--effect", "stall"], "write it like 'CZ: alpha"),
+        (["--effect", "CZ: alpha**3 = much"], "'much' of the effect"),
+        (["--effect", "CZ: wings = 1"], "'wings' in 'wings' is no signal"),
+        (["--effect", "CQ: alpha = 1"], "the axes are CX"),
+        (["--jsbsim-aircraft", "c172p"], "needs --simulator jsbsim"),
+        (["--simulator", "jsbsim", "--effect", "CZ: alpha = 1"], "do not go with"),
+    ],
+)
+def test_bad_input_is_said_and_nothing_is_written(tmp_path, options, message):
+    with pytest.raises(InputError, match=message.replace("*", r"\*")):
+        call("--out", tmp_path / "bag", *options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_that_is_there_is_kept(tmp_path):
+    (tmp_path / "bag").mkdir()
+    with pytest.raises(InputError, match="already there"):
+        call("--out", tmp_path / "bag", "--duration", 20)
+
+
+def test_an_aircraft_file_without_coefficients_is_refused(tmp_path):
+    data = yaml.safe_load(config_files.config_path(config_files.DEFAULT_AIRCRAFT).read_text())
+    del data["coefficients"]["CZ_alpha"]
+    path = tmp_path / "plane.yaml"
+    path.write_text(yaml.safe_dump(data))
+    with pytest.raises(InputError, match="lacks the coefficients CZ_alpha"):
+        call("--out", tmp_path / "bag", "--aircraft", path)
+
+
+def test_configuration_files_are_found_where_ros_installs_them(tmp_path, monkeypatch):
+    folder = tmp_path / "share" / config_files.PACKAGE / "config"
+    folder.mkdir(parents=True)
+    (folder / "only_here.yaml").write_text("")
+    with pytest.raises(InputError, match=r"only_here\.yaml is in none of"):
+        config_files.config_path("only_here.yaml")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/opt/elsewhere{os.pathsep}{tmp_path}")
+    assert config_files.config_path("only_here.yaml") == folder / "only_here.yaml"
+    assert Path(config_files.config_path(config_files.DEFAULT_AIRCRAFT)).is_file()

@@ -1,0 +1,123 @@
+"""Time order: what comes late takes its own place, what comes too late is counted, and stamps alone decide."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, TimeOrder
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
+
+EPOCH = 1_700_000_000 * NANOSECONDS
+
+
+def imu(times) -> Samples:
+    stamps = EPOCH + np.rint(np.atleast_1d(times) * NANOSECONDS).astype(np.int64)
+    return samples_of(Kind.IMU, stamps, np.tile([0.0, 0.0, -9.8, 0.0, 0.0, 0.0], (len(stamps), 1)))
+
+
+def gps(times) -> Samples:
+    stamps = EPOCH + np.rint(np.atleast_1d(times) * NANOSECONDS).astype(np.int64)
+    return samples_of(Kind.GPS_VELOCITY, stamps, np.tile([1.0, 2.0, 3.0], (len(stamps), 1)))
+
+
+def released(order: TimeOrder, *batches: Samples, flush: bool = True) -> tuple[list[tuple[float, int]], int]:
+    """Times [s] and kinds in the order of release, and how often the clock began anew."""
+    parts = [part for batch in batches for part in order.push(batch)]
+    parts += list(order.flush()) if flush else []
+    out = [
+        (round((int(t) - EPOCH) / NANOSECONDS, 6), int(k))
+        for part in parts
+        for t, k in zip(part.samples.stamp, part.samples.kind, strict=True)
+    ]
+    return out, sum(part.restarted for part in parts)
+
+
+def shuffled_arrival(seed: int, lateness: float) -> Samples:
+    """100 Hz IMU and 5 Hz GPS over 20 s, each sample late by up to ``lateness`` [s]."""
+    random = np.random.default_rng(seed)
+    times_imu, times_gps = np.arange(0.0, 20.0, 0.01), np.arange(0.1003, 20.0, 0.2)
+    samples = concatenate([imu(times_imu), gps(times_gps)])
+    arrival = np.concatenate([times_imu, times_gps + random.uniform(0.0, lateness, len(times_gps))])
+    return samples[np.argsort(arrival, kind="stable")]
+
+
+def test_late_samples_take_their_own_place() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    out, _ = released(order, shuffled_arrival(1, 0.49))
+    assert [t for t, _ in out] == sorted(t for t, _ in out)
+    assert len(out) == 2000 + 100
+    assert order.counts.late.sum() == 0
+
+
+@pytest.mark.parametrize("block", [1, 7, 500, 100_000])
+def test_release_does_not_depend_on_how_samples_are_handed_over(block: int) -> None:
+    samples = shuffled_arrival(2, 0.8)  # some are too late
+    delays = np.zeros(len(Kind))
+    delays[Kind.GPS_VELOCITY] = 0.15
+    one, other = TimeOrder(0.5, delays), TimeOrder(0.5, delays)
+    expected, _ = released(one, samples)
+    parts = [samples[i : i + block] for i in range(0, len(samples), block)]
+    assert released(other, *parts)[0] == expected
+    assert np.array_equal(one.counts.late, other.counts.late)
+
+
+def test_too_late_is_dropped_and_counted() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    out, _ = released(order, imu(np.arange(0.0, 3.0, 0.01)), gps([2.0]), gps([2.6]))
+    assert (2.6, Kind.GPS_VELOCITY) in out and (2.0, Kind.GPS_VELOCITY) not in out
+    assert order.counts.late[Kind.GPS_VELOCITY] == 1
+
+
+def test_sensor_delay_moves_a_sample_to_when_it_was_true() -> None:
+    delays = np.zeros(len(Kind))
+    delays[Kind.GPS_VELOCITY] = 0.23
+    out, _ = released(TimeOrder(0.5, delays), imu(np.arange(0.0, 2.0, 0.01)), gps([1.5]))
+    assert (1.27, Kind.GPS_VELOCITY) in out
+
+
+def test_nothing_is_released_before_the_horizon() -> None:
+    out, _ = released(TimeOrder(0.5, np.zeros(len(Kind))), imu(np.arange(0.0, 2.0, 0.01)), flush=False)
+    assert out[-1][0] == pytest.approx(1.99 - 0.5 - 0.01)
+
+
+def test_samples_with_nan_are_counted_and_left_out() -> None:
+    bad = imu([0.5])
+    bad.values[0, 2] = np.nan
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    out, _ = released(order, imu([0.4]), bad, imu([0.6]))
+    assert [t for t, _ in out] == [0.4, 0.6]
+    assert order.counts.invalid[Kind.IMU] == 1
+
+
+def test_a_single_wrong_stamp_does_no_harm() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    for wrong in (-1000.0, 5000.0):
+        out, restarts = released(order, imu([1.0, 1.01]), imu([wrong]), imu([1.02, 1.03]))
+        assert restarts == 0 and wrong not in [t for t, _ in out]
+    assert order.counts.wrong_stamp[Kind.IMU] == 2
+
+
+@pytest.mark.parametrize("leap", [-1000.0, 5000.0])
+@pytest.mark.parametrize("block", [1, 1000])
+def test_a_restart_of_the_clock_is_believed_when_confirmed(leap: float, block: int) -> None:
+    samples = concatenate([imu(np.arange(10.0, 12.0, 0.01)), imu(leap + np.arange(10.0, 12.0, 0.01))])
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    out, restarts = released(order, *[samples[i : i + block] for i in range(0, len(samples), block)])
+    assert restarts == 1 == order.counts.restarts
+    assert len(out) == 400
+    assert order.counts.late.sum() == 0
+
+
+def test_a_stamp_in_the_future_is_dropped_and_counted() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    out, _ = released(order, imu(np.arange(0.0, 1.0, 0.01)), gps([4000.0]), imu(np.arange(1.0, 2.0, 0.01)))
+    assert len(out) == 200
+    assert order.counts.wrong_stamp[Kind.GPS_VELOCITY] == 1
+
+
+def test_memory_is_bounded_without_an_imu() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    for start in range(0, 500_000, 50_000):
+        list(order.push(gps((start + np.arange(50_000)) * 0.001)))
+    assert len(order._held) <= 200_000

@@ -1,0 +1,195 @@
+"""The first step in flight: as accurate as it says, and what a pilot wants when sensors fail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_log, quaternion_product
+from aircraft_sysid_ros.reconstruction.state import Column, Status
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Kind, Samples
+
+GPS = (Kind.GPS_POSITION, Kind.GPS_VELOCITY)
+AIR_DATA = (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP, Kind.AIR)
+ATTITUDE_STD = slice(Column.STANDARD_DEVIATIONS.start + 6, Column.STANDARD_DEVIATIONS.start + 9)
+WIND_STD = slice(Column.STANDARD_DEVIATIONS.stop - 3, Column.STANDARD_DEVIATIONS.stop)
+
+
+def run(aircraft, samples: Samples, block: int = 5000) -> tuple[StateEstimator, np.ndarray]:
+    estimator = StateEstimator(aircraft)
+    rows = [estimator.push(samples[i : i + block]) for i in range(0, len(samples), block)]
+    return estimator, np.vstack([*rows, estimator.flush()])
+
+
+def seconds_of_flight(flight, samples: Samples) -> np.ndarray:
+    return (samples.stamp - flight.biases.stamp[0]) * 1e-9
+
+
+def without(flight, kinds, start: float, end: float) -> Samples:
+    time = seconds_of_flight(flight, flight.samples)
+    gone = np.isin(flight.samples.kind, kinds) & (time >= start) & (time < end)
+    return flight.samples[~gone]
+
+
+def true_rows(flight, estimator: StateEstimator, rows: np.ndarray):
+    offset = (estimator.epoch - flight.biases.stamp[0]) * 1e-9
+    return flight.truth.at(rows[:, Column.TIME] + offset), rows[:, Column.TIME] + offset
+
+
+def attitude_error(rows: np.ndarray, truth) -> np.ndarray:
+    return np.array(
+        [
+            quaternion_log(quaternion_product(quaternion_conjugate(q), t))
+            for q, t in zip(rows[:, Column.ATTITUDE], truth.quaternion, strict=True)
+        ]
+    )
+
+
+def test_errors_are_as_large_as_the_standard_deviations_say(flight, aircraft) -> None:
+    estimator, rows = run(aircraft, flight.samples)
+    truth, time = true_rows(flight, estimator, rows)
+    settled = time > 60.0
+    errors = {
+        "attitude": (attitude_error(rows, truth), rows[:, ATTITUDE_STD]),
+        "wind": (truth.wind - rows[:, Column.WIND], rows[:, WIND_STD]),
+        "velocity": (truth.velocity - rows[:, Column.VELOCITY], rows[:, Column.STANDARD_DEVIATIONS][:, :3]),
+    }
+    for name, (error, std) in errors.items():
+        z = (error / std)[settled]
+        assert np.abs(z).max() < 5.0, name
+        assert np.sqrt(np.mean(z**2)) < 2.0, name
+    for kind, nis in estimator.innovation_consistency().items():
+        assert nis == pytest.approx(1.0, abs=0.15), kind  # 1200 samples or more: 4 sigma
+
+
+def test_every_block_size_gives_the_same_bits(flight, aircraft) -> None:
+    samples = flight.samples[:8000]
+    _, expected = run(aircraft, samples, 8000)
+    for block in (1, 137):
+        _, rows = run(aircraft, samples, block)
+        assert np.array_equal(rows, expected, equal_nan=True)
+
+
+def test_late_arrival_gives_the_same_bits(flight, aircraft) -> None:
+    """GPS late by up to 0.45 s is fused at its own time: as if it had not been late."""
+    samples = flight.samples[:8000]
+    late = np.where(np.isin(samples.kind, GPS), 450_000_000, 0)
+    order = np.argsort(samples.stamp + late, kind="stable")
+    in_order = samples[np.argsort(samples.stamp, kind="stable")]
+    _, expected = run(aircraft, in_order)
+    estimator, rows = run(aircraft, samples[order], 50)
+    assert estimator.order.counts.late.sum() == 0
+    assert np.array_equal(rows[:, : Column.FUSED], expected[:, : Column.FUSED], equal_nan=True)
+
+
+def test_fused_at_its_own_time_is_better_than_at_arrival(flight, aircraft) -> None:
+    """A delay that the aircraft file states is taken out; the same delay unstated makes innovations larger."""
+    samples = flight.samples[:20000]
+    shift = np.where(np.isin(samples.kind, GPS), 300_000_000, 0)
+    delayed = Samples(samples.stamp + shift, samples.kind, samples.values)
+    sensors = dict(aircraft.sensors)
+    for name in ("gps_position", "gps_velocity"):
+        sensors[name] = replace(sensors[name], delay=0.3)
+    stated, _ = run(replace(aircraft, sensors=sensors), delayed)
+    unstated, _ = run(aircraft, delayed)
+    assert stated.innovation_consistency()["gps_velocity"] < 1.2
+    assert unstated.innovation_consistency()["gps_velocity"] > 1.5
+
+
+@pytest.mark.parametrize(
+    ("kinds", "status"),
+    [((Kind.IMU,), None), (GPS, Status.NO_GPS), (AIR_DATA, Status.NO_AIR_DATA), ((Kind.ANGLE_OF_ATTACK,), Status.OK),
+     ((Kind.SIDESLIP,), Status.OK), ((Kind.GPS_POSITION,), Status.OK), ((Kind.GPS_VELOCITY,), Status.OK)],
+)  # fmt: skip
+def test_a_gap_of_ten_seconds_in_each_sensor(kinds, status, flight, aircraft) -> None:
+    estimator, rows = run(aircraft, without(flight, kinds, 50.0, 60.0))
+    truth, time = true_rows(flight, estimator, rows)
+    assert np.all(np.isfinite(rows[:, : Column.STATUS]))
+    inside = (time > 53.0) & (time < 60.0)
+    if status is None:
+        assert not inside.any() and estimator.realignments == 1
+    else:
+        assert np.all(rows[inside, Column.STATUS] == status)
+        assert estimator.realignments == 0
+    after = time > 75.0
+    assert np.all(rows[after, Column.STATUS] == Status.OK)
+    z = attitude_error(rows[after], truth[after]) / rows[after][:, ATTITUDE_STD]
+    assert np.abs(z).max() < 6.0
+    assert np.abs((rows[:, Column.AIRSPEED] - truth.airspeed)[after]).max() < 0.5
+
+
+def test_gps_lost_for_a_minute(flight, aircraft) -> None:
+    """Air data and IMU carry on: attitude and airspeed stay good, position says how uncertain it gets, then recovers."""
+    estimator, rows = run(aircraft, without(flight, GPS, 50.0, 110.0))
+    truth, time = true_rows(flight, estimator, rows)
+    lost = (time > 55.0) & (time < 109.0)
+    assert np.all(rows[lost, Column.STATUS] == Status.NO_GPS)
+    assert np.degrees(np.abs(attitude_error(rows[lost], truth[lost]))).max() < 5.0
+    assert np.abs(rows[lost, Column.AIRSPEED] - truth.airspeed[lost]).max() < 0.5
+    at = int(np.flatnonzero(lost)[-1])
+    position_std = rows[at, Column.STANDARD_DEVIATIONS][3:5]
+    assert np.all(position_std > 3.0)
+    assert rows[-1, Column.STATUS] == Status.OK
+    assert estimator.counts()["gps_position"]["rejected"] <= 3
+
+
+@pytest.mark.parametrize("kind", [Kind.IMU, Kind.GPS_POSITION, Kind.GPS_VELOCITY, Kind.AIRSPEED])
+def test_nan_samples_are_counted_and_harmless(kind, flight, aircraft) -> None:
+    samples = flight.samples[:15000]
+    chosen = np.flatnonzero(samples.kind == kind)[50::7]
+    values = samples.values.copy()
+    values[chosen, 0] = np.nan
+    estimator, rows = run(aircraft, Samples(samples.stamp, samples.kind, values))
+    assert np.all(np.isfinite(rows[:, : Column.STATUS]))
+    assert estimator.counts()[kind.name.lower()]["invalid"] == len(chosen)
+
+
+def test_stamps_that_go_backwards_for_good_are_a_restart(flight, aircraft) -> None:
+    """The autopilot reboots at 40 s and its clock begins anew: the filter aligns again and keeps its biases."""
+    time = seconds_of_flight(flight, flight.samples)
+    shift = np.where(time > 40.0, 3000 * 10**9, 0)
+    samples = flight.samples
+    estimator, rows = run(aircraft, Samples(samples.stamp - shift, samples.kind, samples.values))
+    assert estimator.order.counts.restarts == 1
+    assert estimator.realignments == 1
+    assert np.all(np.isfinite(rows[:, : Column.STATUS]))
+    gyro = np.array(estimator.summary()["gyro_bias"])
+    assert np.abs(gyro - flight.biases.gyro[-1]).max() < 0.002
+
+
+def stuck(samples: Samples, chosen: np.ndarray) -> np.ndarray:
+    values = samples.values.copy()
+    values[chosen, 0] = values[chosen[0], 0]
+    return values
+
+
+def wild(samples: Samples, chosen: np.ndarray) -> np.ndarray:
+    values = samples.values.copy()
+    values[chosen, 0] += 0.5 if samples.kind[chosen[0]] != Kind.AIRSPEED else 15.0
+    return values
+
+
+@pytest.mark.parametrize("kind", [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP])
+@pytest.mark.parametrize("fault", [wild])
+def test_a_sensor_that_lies_is_rejected_by_the_gate(
+    kind: Kind, fault: Callable[[Samples, np.ndarray], np.ndarray], flight, aircraft
+) -> None:
+    samples = flight.samples
+    time = seconds_of_flight(flight, samples)
+    chosen = np.flatnonzero((samples.kind == kind) & (time > 60.0) & (time < 65.0))
+    estimator, rows = run(aircraft, Samples(samples.stamp, samples.kind, fault(samples, chosen)))
+    assert estimator.counts()[kind.name.lower()]["rejected"] > 0.9 * len(chosen)
+    truth, at = true_rows(flight, estimator, rows)
+    during = (at > 60.0) & (at < 70.0)
+    assert np.abs(rows[during, Column.AIRSPEED] - truth.airspeed[during]).max() < 1.0
+
+
+def test_without_gps_the_filter_waits_and_says_so(flight, aircraft) -> None:
+    estimator, rows = run(aircraft, without(flight, GPS, -1.0, 1000.0)[:5000])
+    assert len(rows) == 0
+    assert estimator.status == Status.WAITING
+    assert estimator.summary()["wind_ned"] == [None] * 3

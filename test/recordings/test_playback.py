@@ -1,0 +1,205 @@
+"""Pacing of a playback with a clock of its own, and one playback over real ROS 2."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.playback import LONGEST_LAG, Schedule, every
+from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, imu_fields
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+
+
+class Clock:
+    """Time that passes only in sleep, a little longer than asked for as real ones are."""
+
+    def __init__(self, oversleep=0.0):
+        self.now, self.oversleep = 100.0, oversleep
+
+    def __call__(self):
+        return self.now
+
+    def sleep(self, duration):
+        assert duration > 0.0
+        self.now += duration + self.oversleep
+
+
+def scheduled(rate, clock):
+    return Schedule(rate, clock, clock.sleep)
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 20.0])
+def test_messages_go_out_on_time_without_drift(rate):
+    clock = Clock(oversleep=1e-3)
+    schedule = scheduled(rate, clock)
+    for i in range(10_000):
+        schedule.wait(START + i * SECOND // 10)
+        late = clock.now - (100.0 + i / (10 * rate))
+        assert -1e-6 <= late <= 1e-3 + 1e-6
+    assert schedule.delay == 0.0
+
+
+def test_messages_of_one_time_are_not_waited_for_twice():
+    clock = Clock()
+    schedule = scheduled(1.0, clock)
+    for log_time in (START, START + SECOND, START + SECOND, START + SECOND):
+        schedule.wait(log_time)
+    assert clock.now == pytest.approx(101.0)
+
+
+def test_a_short_stall_is_caught_up():
+    clock = Clock()
+    schedule = scheduled(1.0, clock)
+    schedule.wait(START)
+    clock.now += 1.0 + 0.5 * LONGEST_LAG
+    schedule.wait(START + SECOND)
+    schedule.wait(START + 2 * SECOND)
+    assert clock.now == pytest.approx(102.0)
+
+
+def test_a_long_stall_shifts_the_rest_instead_of_a_burst():
+    clock = Clock()
+    schedule = scheduled(1.0, clock)
+    schedule.wait(START)
+    clock.now += 11.0  # the machine slept
+    times = []
+    for i in range(1, 4):
+        schedule.wait(START + i * SECOND)
+        times.append(clock.now)
+    np.testing.assert_allclose(np.diff(times), 1.0)
+    assert schedule.delay == pytest.approx(10.0)
+
+
+def test_rate_zero_never_waits():
+    clock = Clock()
+    schedule = scheduled(0.0, clock)
+    for i in range(5):
+        schedule.wait(START + i * SECOND)
+    assert clock.now == 100.0
+
+
+def test_every_is_true_once_per_interval():
+    clock = Clock()
+    show = every(1.0, clock)
+    seen = []
+    for _ in range(40):
+        clock.now += 0.25
+        seen.append(next(show))
+    assert sum(seen) == 10
+
+
+@pytest.fixture
+def flight(tmp_path):
+    n = 200
+    stamp = START + np.arange(n) * SECOND // 100
+    with RecordingWriter(tmp_path / "flight") as writer:
+        force = np.arange(n)[:, None] * np.array([1.0, 0.0, 0.0])
+        writer.write("imu/data", TOPICS["imu/data"], stamp, imu_fields(force, force), frame_id="base_link")
+        writer.write("air_data", TOPICS["air_data"], stamp[::10], {"true_airspeed": np.arange(20.0)})
+    return tmp_path / "flight"
+
+
+def play(*arguments):
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "play", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.fixture
+def ros():
+    """A context of its own in a domain that nobody else uses."""
+    rclpy = pytest.importorskip("rclpy")
+    pytest.importorskip("aircraft_sysid_msgs.msg")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("listener", context=context)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield node, executor
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def isolated(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(100 + os.getpid() % 100))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+@pytest.mark.parametrize("reliability", ["reliable", "best_effort"])
+def test_a_subscriber_gets_every_message_with_its_stamp_in_order(isolated, ros, flight, reliability):
+    from aircraft_sysid_msgs.msg import AirData
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import Imu
+
+    node, executor = ros
+    quality = QoSProfile(depth=1000, reliability=ReliabilityPolicy[reliability.upper()])
+    imu, air = [], []
+    node.create_subscription(Imu, "/uav1/imu/data", imu.append, quality)
+    node.create_subscription(AirData, "/uav1/air_data", air.append, quality)
+    arguments = [flight, "--rate", 2, "--topic-prefix", "uav1", "--json", "--wait", 20]
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "play", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 40.0
+        while (len(imu) < 200 or len(air) < 20) and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+        output, errors = process.communicate(timeout=30)
+    assert process.returncode == 0, errors
+    result = json.loads(output)
+    assert result["messages"] == {"/uav1/imu/data": 200, "/uav1/air_data": 20}
+    assert result["subscribers"] == {"/uav1/imu/data": 1, "/uav1/air_data": 1}
+    assert 0.9 < result["elapsed"] < 5.0
+    assert [m.linear_acceleration.x for m in imu] == list(range(200))
+    assert [m.true_airspeed for m in air] == list(range(20))
+    assert imu[0].header.frame_id == "base_link"
+    stamps = [m.header.stamp.sec * SECOND + m.header.stamp.nanosec for m in imu]
+    assert stamps == [START + i * SECOND // 100 for i in range(200)]
+
+
+def test_without_subscribers_it_plays_after_the_wait(isolated, flight):
+    pytest.importorskip("rclpy")
+    result = play(flight, "--rate", 0, "--wait", 0.2, "--json", "--best-effort", "--topics", "air_data")
+    assert result.returncode == 0, result.stderr
+    document = json.loads(result.stdout)
+    assert document["messages"] == {"/air_data": 20}
+    assert document["subscribers"] == {"/air_data": 0}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("nowhere",), "no recording"),
+        (("FLIGHT", "--rate", "-1"), "--rate"),
+        (("FLIGHT", "--rate", "nan"), "--rate"),
+        (("FLIGHT", "--topics", "gps/fix"), "/gps/fix"),
+        (("FLIGHT", "--topic-prefix", "a b"), "topic name"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(isolated, flight, arguments, text):
+    pytest.importorskip("rclpy")
+    result = play(*(flight if a == "FLIGHT" else a for a in arguments))
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert text in result.stderr
+
+
+def test_the_module_itself_needs_no_ros():
+    code = "import sys, aircraft_sysid_ros.commands.play; sys.exit('rclpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_bad_rate_is_refused_before_anything_else(flight):
+    import argparse
+
+    from aircraft_sysid_ros.commands.play import run
+
+    with pytest.raises(InputError, match="--rate"):
+        run(argparse.Namespace(recording="nowhere", rate=-1.0, wait=0.0))
