@@ -65,7 +65,7 @@ def samples_of(
     stamps = np.atleast_1d(np.asarray(stamp, dtype=np.int64))
     values = np.full((len(stamps), WIDTH), np.nan)
     at = 0
-    for column in columns:
+    for column in columns if len(stamps) else ():
         block = np.asarray(column, dtype=np.float64).reshape(len(stamps), -1)
         values[:, at : at + block.shape[1]] = block
         at += block.shape[1]

@@ -1,9 +1,9 @@
-"""The aerodynamic model as data: a list of regressor expressions per axis, (6.8)-(6.13) of the summary by default.
+"""The aerodynamic model as data: regressor expressions per axis, (6.8)-(6.13) of the summary by default.
 
 ``C_axis = sum_j parameter_j * term_j(signals)``, coefficients in body axes, per rad, rates normalised.
 Nothing in the code knows the textbook terms specially: they are the default of the aircraft file and no more.
-(6.9) of the summary prints C_X,da and C_X,dr: C_Y,da and C_Y,dr are meant. (6.11) prints a C_l,alpha term that its
-own parameter vector (6.25) does not have: it is left out, which gives 6+6+4+6+4+6 = 32 parameters.
+(6.9) of the summary prints C_X,da and C_X,dr: C_Y,da and C_Y,dr are meant. (6.11) prints a C_l,alpha term
+that its own parameter vector (6.25) does not have: it is left out, which gives 6+6+4+6+4+6 = 32 parameters.
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, evaluate, link, parse_expression
+from aircraft_sysid_ros.aircraft.expression import (
+    SIGNALS,
+    Program,
+    evaluate,
+    link,
+    one_line,
+    parse_expression,
+)
 from aircraft_sysid_ros.errors import InputError
 
 AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
@@ -49,7 +56,8 @@ class AerodynamicModel:
     @cached_property
     def terms(self) -> dict[str, tuple[str, ...]]:
         """Canonical text of the terms, by axis."""
-        return {axis: tuple(p.text for p in programs) for axis, programs in zip(AXES, self.programs, strict=True)}
+        texts = [tuple(program.text for program in programs) for programs in self.programs]
+        return dict(zip(AXES, texts, strict=True))
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
@@ -75,7 +83,11 @@ class AerodynamicModel:
     def signals_used(self) -> frozenset[str]:
         """Names of the signals that any term reads."""
         return frozenset(
-            SIGNALS[int(row[1])] for programs in self.programs for p in programs for row in p.code if row[0] == 1
+            SIGNALS[int(row[1])]
+            for programs in self.programs
+            for p in programs
+            for row in p.code
+            if row[0] == 1
         )
 
     def axis_slice(self, axis: str) -> slice:
@@ -97,18 +109,20 @@ class AerodynamicModel:
 
 
 def model_from_terms(terms: Mapping[str, Sequence[str | int]]) -> AerodynamicModel:
-    """Model from terms per axis; an axis that is left out has no terms. Raises InputError for bad axes or terms."""
+    """Model from terms per axis; an axis that is left out has no terms. InputError for bad axes or terms."""
     unknown = [axis for axis in terms if axis not in AXES]
     if unknown:
-        raise InputError(f"the model names the axis '{unknown[0]}': the axes are {' '.join(AXES)}")
+        raise InputError(
+            f"the model names the axis '{one_line(str(unknown[0]))}': the axes are {' '.join(AXES)}"
+        )
     programs = []
     for axis in AXES:
         listed = terms.get(axis, ())
         if isinstance(listed, str) or not isinstance(listed, Sequence):
             raise InputError(f"the terms of {axis} must be a list such as [1, alpha, q, de]")
         parsed = tuple(parse_expression(str(term)) for term in listed)
-        texts = [program.text for program in parsed]
-        twice = next((text for text in texts if texts.count(text) > 1), None)
+        labels = [term_label(program.text) for program in parsed]
+        twice = next((p.text for p, name in zip(parsed, labels, strict=True) if labels.count(name) > 1), None)
         if twice is not None:
             raise InputError(f"the model has the term '{twice}' twice in {axis}: remove one")
         programs.append(parsed)

@@ -1,4 +1,4 @@
-"""International standard atmosphere up to 20 km (ISO 2533)."""
+"""International standard atmosphere up to 20 km (ISO 2533); altitudes are geopotential."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ STANDARD_GRAVITY = 9.80665  # [m/s^2]
 
 
 @njit(cache=True)
-def temperature(altitude):
+def temperature(altitude: float) -> float:
     """Standard temperature [K] at altitude [m]."""
     return SEA_LEVEL_TEMPERATURE - LAPSE_RATE * min(altitude, TROPOPAUSE)
 
 
 @njit(cache=True)
-def pressure(altitude):
+def pressure(altitude: float) -> float:
     """Standard static pressure [Pa] at altitude [m]."""
     below = min(altitude, TROPOPAUSE)
     exponent = STANDARD_GRAVITY / (GAS_CONSTANT * LAPSE_RATE)
@@ -32,12 +32,12 @@ def pressure(altitude):
 
 
 @njit(cache=True)
-def air_density(altitude):
+def air_density(altitude: float) -> float:
     """Standard density [kg/m^3] at altitude [m]."""
     return pressure(altitude) / (GAS_CONSTANT * temperature(altitude))
 
 
 @njit(cache=True)
-def speed_of_sound(altitude):
+def speed_of_sound(altitude: float) -> float:
     """Standard speed of sound [m/s] at altitude [m]."""
     return np.sqrt(HEAT_RATIO * GAS_CONSTANT * temperature(altitude))

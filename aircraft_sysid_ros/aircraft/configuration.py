@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, model_from_terms, textbook_model
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
+from aircraft_sysid_ros.aircraft.expression import one_line
 from aircraft_sysid_ros.errors import InputError
 
 Vector = npt.NDArray[np.float64]
@@ -29,8 +30,8 @@ class Sensor:
     noise_is_given: bool = False  # by the aircraft file: then it goes before the covariance of the messages
 
 
-#: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad, rad,
-#: Pa, Pa, rad, m.
+#: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad,
+#: rad, Pa, Pa, rad, m.
 DEFAULT_SENSORS: dict[str, Sensor] = {
     "accelerometer": Sensor((0.1,), 100.0),
     "gyro": Sensor((0.005,), 100.0),
@@ -61,16 +62,19 @@ DEFAULT_PROCESS_NOISE = {"accelerometer_bias": 5e-4, "gyro_bias": 2e-5, "wind": 
 SURFACES = ("elevator", "aileron", "rudder", "flaps")
 _REQUIRED = ("name", "mass", "wing_area", "span", "chord", "inertia")
 _OPTIONAL = (
-    "imu_position", "air_data_position", "gps_position", "aerodynamic_reference", "sensors", "process_noise", "model",
-    "coefficients", "surface_signs", "ground_altitude", "magnetic_declination", "minimum_airspeed", "trim_airspeed",
+    "imu_position", "air_data_position", "gps_position", "aerodynamic_reference", "sensors", "process_noise",
+    "model", "coefficients", "surface_signs", "ground_altitude", "magnetic_declination", "minimum_airspeed",
+    "trim_airspeed",
 )  # fmt: skip
 #: Lift coefficient that few small aircraft exceed: sets the default airspeed below which it cannot be flying.
 _MAXIMUM_LIFT = 1.6
+#: Characters of a bad value or key that a message shows.
+_LONGEST_SHOWN = 60
 
 
 @dataclass(frozen=True)
 class Aircraft:
-    """One aeroplane. Lengths [m], mass [kg], inertia [kg m^2], positions FRD from the centre of gravity [m]."""
+    """One aeroplane. Lengths [m], mass [kg], inertia [kg m^2], positions FRD from the centre of gravity."""
 
     name: str
     mass: float
@@ -91,7 +95,19 @@ class Aircraft:
     magnetic_declination: float | None = None  # [rad]; without it a magnetometer only starts the heading
     minimum_airspeed: float = 0.0  # [m/s] below it the aircraft is not flying and air data are not fused
     trim_airspeed: float | None = None  # [m/s] of simulated flights
-    source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, for writing copies
+    source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML without its traps: a key that is there twice is an error and not the last of the two."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        twice = next((key for key in keys if keys.count(key) > 1), None)
+        if twice is not None:
+            raise InputError(f"the key '{_shown(twice)}' is there twice: remove one")
+        return node
 
 
 def load_aircraft(path: str | Path) -> Aircraft:
@@ -103,15 +119,22 @@ def load_aircraft(path: str | Path) -> Aircraft:
         reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
         raise InputError(f"cannot read the aircraft file {path}: {reason}") from None
     try:
-        data = yaml.safe_load(text)
+        return aircraft_from_dict(_read_yaml(text))
+    except InputError as error:
+        raise InputError(f"aircraft file {path}: {error}") from None
+
+
+def _read_yaml(text: str) -> Any:
+    try:
+        return yaml.load(text, _Loader)
+    except InputError:
+        raise
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark else ""
-        raise InputError(f"the aircraft file {path} is not valid YAML{where}") from None
-    try:
-        return aircraft_from_dict(data)
-    except InputError as error:
-        raise InputError(f"aircraft file {path}: {error}") from None
+        raise InputError(f"it is not valid YAML{where}") from None
+    except (ValueError, RecursionError):  # of YAML's own conversions, such as the date 2024-13-45
+        raise InputError("it is not valid YAML: a value is not what it looks like") from None
 
 
 def aircraft_from_dict(data: Any) -> Aircraft:
@@ -124,9 +147,9 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         raise InputError(f"the required key '{missing[0]}' is missing: add it")
     mass, wing_area = _positive(data, "mass"), _positive(data, "wing_area")
     stall = np.sqrt(2.0 * mass * STANDARD_GRAVITY / (1.225 * wing_area * _MAXIMUM_LIFT))
-    model = textbook_model() if data.get("model") is None else _model(data["model"])
+    terms = _mapping(data, "model", "{CZ: [1, alpha, q, de]}")
     return Aircraft(
-        name=str(data["name"]),
+        name=_name(data["name"]),
         mass=mass,
         wing_area=wing_area,
         span=_positive(data, "span"),
@@ -136,11 +159,11 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         air_data_position=_position(data, "air_data_position"),
         gps_position=_position(data, "gps_position"),
         aerodynamic_reference=_position(data, "aerodynamic_reference"),
-        sensors=_sensors(data.get("sensors") or {}),
-        process_noise=_process_noise(data.get("process_noise") or {}),
-        model=model,
-        coefficients=_coefficients(data.get("coefficients") or {}),
-        surface_signs=_surface_signs(data.get("surface_signs") or {}),
+        sensors=_sensors(_mapping(data, "sensors", "{gyro: {noise: 0.002, rate: 100, delay: 0}}")),
+        process_noise=_process_noise(_mapping(data, "process_noise", "{wind: 0.2}")),
+        model=textbook_model() if data.get("model") is None else model_from_terms(terms),
+        coefficients=_coefficients(_mapping(data, "coefficients", "{CZ_alpha: -4.5}")),
+        surface_signs=_surface_signs(_mapping(data, "surface_signs", "{rudder: -1}")),
         ground_altitude=_optional_number(data, "ground_altitude"),
         magnetic_declination=_optional_number(data, "magnetic_declination"),
         minimum_airspeed=_positive(data, "minimum_airspeed", default=0.8 * float(stall)),
@@ -159,27 +182,67 @@ def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], kind: str) -> N
         if key not in known:
             close = difflib.get_close_matches(str(key), known, 1)
             hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
-            raise InputError(f"unknown {kind} '{key}': {hint}")
+            raise InputError(f"unknown {kind} '{_shown(str(key))}': {hint}")
+
+
+def _shown(text: str) -> str:
+    text = one_line(text)
+    return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "…"
+
+
+def _reject(what: str, wanted: str, value: Any) -> NoReturn:
+    """Raise InputError that shows the value if it is a short one: a list may hold itself."""
+    if isinstance(value, (list, tuple, set)):
+        shown = "a list"
+    elif isinstance(value, Mapping):
+        shown = "a mapping"
+    elif value is None:
+        shown = "nothing"
+    elif isinstance(value, bool):
+        shown = str(value).lower()  # YAML's yes and no, too
+    else:
+        shown = f"'{_shown(str(value))}'"
+    raise InputError(f"{what} must be {wanted}, not {shown}")
+
+
+def _name(value: Any) -> str:
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)) or not str(value).strip():
+        _reject("name", "text (in quotes where YAML would not read it as text)", value)
+    return str(value)
+
+
+def _mapping(data: Mapping[str, Any], key: str, example: str) -> Mapping[str, Any]:
+    """An optional mapping; one that is not there is empty."""
+    value = data.get(key)
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        _reject(key, f"a mapping such as {example}", value)
+    return value
 
 
 def _number(value: Any, what: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise InputError(f"{what} must be a number, not {value!r}")
+        _reject(what, "a number", value)
     try:
         number = float(value)  # PyYAML reads 1e-3 as text
     except ValueError:
-        raise InputError(f"{what} must be a number, not {value!r}") from None
+        _reject(what, "a number", value)
+    except OverflowError:
+        number = np.inf
     if not np.isfinite(number):
-        raise InputError(f"{what} must be a finite number, not {value}")
+        _reject(what, "a finite number", number)
     return number
 
 
-def _positive(data: Mapping[str, Any], key: str, default: float | None = None) -> float:
+def _positive(
+    data: Mapping[str, Any], key: str, default: float | None = None, what: str | None = None
+) -> float:
     if default is not None and data.get(key) is None:
         return default
-    number = _number(data[key], key)
+    number = _number(data[key], what or key)
     if number <= 0.0:
-        raise InputError(f"{key} must be positive, not {number:g}")
+        raise InputError(f"{what or key} must be positive, not {number:g}")
     return number
 
 
@@ -203,8 +266,8 @@ def _inertia(data: Any) -> Vector:
     for key in ("xx", "yy", "zz"):
         if key not in data:
             raise InputError(f"inertia needs '{key}' in kg m^2")
-    xx, yy, zz = (_positive(data, key) for key in ("xx", "yy", "zz"))
-    xz = _number(data.get("xz", 0.0), "xz of inertia")
+    xx, yy, zz = (_positive(data, key, what=f"inertia {key}") for key in ("xx", "yy", "zz"))
+    xz = _number(data.get("xz", 0.0), "inertia xz")
     if xz * xz >= xx * zz:
         raise InputError("inertia is not that of a body: xz^2 must be less than xx*zz")
     return inertia_matrix(xx, yy, zz, xz)
@@ -220,15 +283,13 @@ def _noise(value: Any, name: str, sizes: tuple[int, ...]) -> tuple[float, ...]:
     return noise
 
 
-def _sensors(data: Any) -> dict[str, Sensor]:
-    if not isinstance(data, Mapping):
-        raise InputError("sensors must be a mapping such as {gyro: {noise: 0.002, rate: 100, delay: 0}}")
+def _sensors(data: Mapping[str, Any]) -> dict[str, Sensor]:
     _check_keys(data, (*DEFAULT_SENSORS, *SENSOR_GROUPS, *SENSOR_ALIASES), "sensor")
     sensors = dict(DEFAULT_SENSORS)
-    for name in sorted(data, key=lambda key: key not in SENSOR_GROUPS):  # a single sensor goes before its group
-        value = data[name] or {}
+    for name in sorted(data, key=lambda key: key not in SENSOR_GROUPS):  # a sensor goes before its group
+        value = {} if data[name] is None else data[name]
         if not isinstance(value, Mapping):
-            raise InputError(f"sensor {name} must be a mapping with noise, rate and delay")
+            _reject(f"sensor {name}", "a mapping with noise, rate and delay", value)
         _check_keys(value, ("noise", "rate", "delay"), f"key of sensor {name}:")
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
@@ -238,24 +299,25 @@ def _sensors(data: Any) -> dict[str, Sensor]:
 
 def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: int, member: str) -> Sensor:
     noise, given = base.noise, base.noise_is_given
+    of_gps = member in ("gps_position", "gps_velocity")
     if value.get("noise") is not None:
         given = True
         if members > 1:
             noise = (_noise(value["noise"], name, (members,))[i],)
         else:
-            noise = _noise(value["noise"], name, (1, 3) if member in ("gps_position", "gps_velocity") else (1,))
-        if member in ("gps_position", "gps_velocity") and len(noise) == 1:
+            noise = _noise(value["noise"], name, (1, 3) if of_gps else (1,))
+        if of_gps and len(noise) == 1:
             noise = noise * 3
-    delay = _number(value.get("delay") if value.get("delay") is not None else base.delay, f"the delay of {name}")
+    delay = (
+        base.delay if value.get("delay") is None else _number(value["delay"], f"the delay of sensor {name}")
+    )
     if not 0.0 <= delay <= 2.0:
         raise InputError(f"the delay of sensor {name} must be between 0 and 2 s, not {delay:g}")
-    rate = _positive(value, "rate", default=base.rate)
+    rate = _positive(value, "rate", default=base.rate, what=f"the rate of sensor {name}")
     return Sensor(noise, rate, delay, given)
 
 
-def _process_noise(data: Any) -> dict[str, float]:
-    if not isinstance(data, Mapping):
-        raise InputError("process_noise must be a mapping such as {wind: 0.2}")
+def _process_noise(data: Mapping[str, Any]) -> dict[str, float]:
     _check_keys(data, tuple(DEFAULT_PROCESS_NOISE), "key of process_noise:")
     result = dict(DEFAULT_PROCESS_NOISE)
     for key, value in data.items():
@@ -265,21 +327,11 @@ def _process_noise(data: Any) -> dict[str, float]:
     return result
 
 
-def _model(data: Any) -> AerodynamicModel:
-    if not isinstance(data, Mapping):
-        raise InputError("model must be a mapping of axes to terms such as {CZ: [1, alpha, q, de]}")
-    return model_from_terms(data)
-
-
-def _coefficients(data: Any) -> dict[str, float]:
-    if not isinstance(data, Mapping):
-        raise InputError("coefficients must be a mapping of parameter names to numbers")
+def _coefficients(data: Mapping[str, Any]) -> dict[str, float]:
     return {str(name): _number(value, f"coefficient {name}") for name, value in data.items()}
 
 
-def _surface_signs(data: Any) -> dict[str, float]:
-    if not isinstance(data, Mapping):
-        raise InputError("surface_signs must be a mapping such as {rudder: -1}")
+def _surface_signs(data: Mapping[str, Any]) -> dict[str, float]:
     _check_keys(data, SURFACES, "surface")
     signs = {name: 1.0 for name in SURFACES}
     for name, value in data.items():

@@ -1,20 +1,23 @@
 """The earth under a flight: WGS-84 positions in a local level frame, gravity.
 
-The world is a plane tangent at the origin (the first GPS fix): over 30 km the height error of the plane is 70 m,
-which the position carries consistently; earth rotation (0.004 deg/s) is left to the gyro biases.
+The world is a plane tangent at the origin (the first GPS fix): over 30 km the height error of the plane is
+70 m, which the position carries consistently; earth rotation (0.004 deg/s) is left to the gyro biases.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
+
+Array = npt.NDArray[np.float64]
 
 SEMI_MAJOR_AXIS = 6378137.0  # [m]
 ECCENTRICITY_SQUARED = 6.69437999014e-3
 
 
 @njit(cache=True)
-def ecef_from_geodetic(latitude, longitude, altitude):
+def ecef_from_geodetic(latitude: float, longitude: float, altitude: float) -> Array:
     """Earth-centred position, shape (3,) [m], of WGS-84 latitude, longitude [rad] and altitude [m]."""
     s, c = np.sin(latitude), np.cos(latitude)
     n = SEMI_MAJOR_AXIS / np.sqrt(1.0 - ECCENTRICITY_SQUARED * s * s)
@@ -28,7 +31,7 @@ def ecef_from_geodetic(latitude, longitude, altitude):
 
 
 @njit(cache=True)
-def ned_axes(latitude, longitude):
+def ned_axes(latitude: float, longitude: float) -> Array:
     """Matrix, shape (3, 3), that turns earth-centred vectors into NED at that place."""
     sa, ca = np.sin(latitude), np.cos(latitude)
     so, co = np.sin(longitude), np.cos(longitude)
@@ -36,7 +39,7 @@ def ned_axes(latitude, longitude):
 
 
 @njit(cache=True)
-def ned_from_geodetic(latitude, longitude, altitude, origin):
+def ned_from_geodetic(latitude: float, longitude: float, altitude: float, origin: Array) -> Array:
     """Position NED, shape (3,) [m], relative to ``origin`` = (latitude, longitude [rad], altitude [m])."""
     difference = ecef_from_geodetic(latitude, longitude, altitude) - ecef_from_geodetic(
         origin[0], origin[1], origin[2]
@@ -45,8 +48,8 @@ def ned_from_geodetic(latitude, longitude, altitude, origin):
 
 
 @njit(cache=True)
-def geodetic_from_ned(position, origin):
-    """Latitude, longitude [rad], altitude [m], shape (3,), of a NED position; inverse of ned_from_geodetic."""
+def geodetic_from_ned(position: Array, origin: Array) -> Array:
+    """Latitude, longitude [rad], altitude [m], (3,), of a NED position; inverse of ned_from_geodetic."""
     ecef = ecef_from_geodetic(origin[0], origin[1], origin[2]) + ned_axes(origin[0], origin[1]).T @ position
     longitude = np.arctan2(ecef[1], ecef[0])
     radius = np.sqrt(ecef[0] ** 2 + ecef[1] ** 2)
@@ -62,7 +65,7 @@ def geodetic_from_ned(position, origin):
 
 
 @njit(cache=True)
-def gravity(latitude, altitude):
+def gravity(latitude: float, altitude: float) -> float:
     """Gravity [m/s^2] at latitude [rad] and altitude [m]: WGS-84 normal gravity with the free-air term."""
     s2 = np.sin(latitude) ** 2
     surface = 9.7803253359 * (1.0 + 0.00193185265241 * s2) / np.sqrt(1.0 - ECCENTRICITY_SQUARED * s2)

@@ -1,12 +1,13 @@
 """Regressor expressions such as ``alpha**2`` or ``abs(beta)*da``: parsed, checked, never executed as Python.
 
-An expression is compiled once to a short postfix program, which one small numba loop evaluates sample by sample,
-so that a model of any terms costs the same in flight and in replay and gives the same bits in both.
+An expression is compiled once to a short postfix program, which one small numba loop evaluates sample by
+sample, so that a model of any terms costs the same in flight and in replay and gives the same bits in both.
 """
 
 from __future__ import annotations
 
 import ast
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -47,21 +48,32 @@ class Program:
 
 def parse_expression(text: str) -> Program:
     """Compile an expression over SIGNALS; raises InputError that quotes it and says what is allowed."""
-    text = str(text).strip()
+    text = " ".join(str(text).split())
+    if not text.isprintable():
+        raise InputError(f"'{one_line(text)}' holds characters that do not print: write it like alpha**2")
     if len(text) > MAXIMUM_LENGTH:
-        raise InputError(f"the expression '{text[:30]}…' is longer than {MAXIMUM_LENGTH} characters: shorten it")
+        shown = text[:30]
+        raise InputError(f"the expression '{shown}…' is longer than {MAXIMUM_LENGTH} characters: shorten it")
     try:
-        tree = ast.parse(text, mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # what Python only warns of is no expression either
+            tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError(f"'{text}' is not an expression: write it like alpha**2 or beta*dr") from None
     rows: list[tuple[float, float]] = []
     try:
         _compile(tree, rows, text)
+        canonical = ast.unparse(tree).replace(" ", "")
     except RecursionError:
         raise InputError(f"'{text}' is nested too deeply: simplify it") from None
     if _stack_depth(rows) > STACK_SIZE:
         raise InputError(f"'{text}' is nested too deeply: simplify it")
-    return Program(ast.unparse(tree).replace(" ", ""), np.array(rows))
+    return Program(canonical, np.array(rows))
+
+
+def one_line(text: str) -> str:
+    """Text for a message of one line: any white space is one space, what does not print is left out."""
+    return "".join(character for character in " ".join(text.split()) if character.isprintable())
 
 
 def _compile(node: ast.expr, rows: list[tuple[float, float]], text: str) -> None:
@@ -85,8 +97,10 @@ def _compile(node: ast.expr, rows: list[tuple[float, float]], text: str) -> None
     elif isinstance(node, ast.Call):
         _compile_call(node, rows, text)
     else:
-        raise InputError(f"'{text}' has '{ast.unparse(node)}', which is not allowed: use signals, numbers, + - * / ** "
-                         f"and {' '.join(_FUNCTIONS)}")  # fmt: skip
+        raise InputError(
+            f"'{text}' has '{one_line(ast.unparse(node))}', which is not allowed: "
+            f"use signals, numbers, + - * / ** and {' '.join(_FUNCTIONS)}"
+        )
 
 
 def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text: str) -> None:
@@ -102,7 +116,7 @@ def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text:
 
 
 def _compile_call(node: ast.Call, rows: list[tuple[float, float]], text: str) -> None:
-    name = node.func.id if isinstance(node.func, ast.Name) else ast.unparse(node.func)
+    name = node.func.id if isinstance(node.func, ast.Name) else one_line(ast.unparse(node.func))
     if name not in _FUNCTIONS or node.keywords:
         raise InputError(f"'{name}(…)' in '{text}' is not allowed: the functions are {' '.join(_FUNCTIONS)}")
     operation, count = _FUNCTIONS[name]
@@ -139,7 +153,12 @@ def link(programs: Sequence[Program]) -> tuple[npt.NDArray[np.float64], npt.NDAr
 
 
 @njit(cache=True)
-def evaluate_programs(code, offsets, signals, out):  # noqa: C901, PLR0912  one flat switch is the plainest form
+def evaluate_programs(  # noqa: C901  one flat switch is the plainest form
+    code: npt.NDArray[np.float64],
+    offsets: npt.NDArray[np.int64],
+    signals: npt.NDArray[np.float64],
+    out: npt.NDArray[np.float64],
+) -> None:
     """Evaluate linked programs on one row of SIGNALS, into ``out`` of shape (len(offsets) - 1,)."""
     stack = np.empty(STACK_SIZE)
     for k in range(len(offsets) - 1):
@@ -188,15 +207,16 @@ def evaluate_programs(code, offsets, signals, out):  # noqa: C901, PLR0912  one 
                 stack[top] = np.sign(stack[top])
             elif operation == _MAX:
                 top -= 1
-                stack[top] = max(stack[top], stack[top + 1])
+                stack[top] = np.maximum(stack[top], stack[top + 1])  # NaN of either
             else:
                 top -= 1
-                stack[top] = min(stack[top], stack[top + 1])
+                stack[top] = np.minimum(stack[top], stack[top + 1])
         out[k] = stack[0]
 
 
-def evaluate(programs: Sequence[Program], signals: Callable[[str], npt.ArrayLike] | dict[str, npt.ArrayLike]
-             ) -> npt.NDArray[np.float64]:  # fmt: skip
+def evaluate(
+    programs: Sequence[Program], signals: Callable[[str], npt.ArrayLike] | dict[str, npt.ArrayLike]
+) -> npt.NDArray[np.float64]:
     """Evaluate programs on arrays of signals: result of shape (n, len(programs)); a missing signal is NaN."""
     columns = signals if isinstance(signals, dict) else {name: signals(name) for name in SIGNALS}
     size = max((np.size(value) for value in columns.values()), default=1)

@@ -1,26 +1,29 @@
 """Rotations between body axes (FRD) and the local level world (NED).
 
-A quaternion is ``(w, x, y, z)`` and turns body vectors into NED vectors, ``v_n = C(q) v_b``, C of (6.23) of the
-summary. It is regular at theta = +-90 deg; Euler angles are only for people and are derived from it.
+A quaternion is ``(w, x, y, z)`` and turns body vectors into NED vectors, ``v_n = C(q) v_b``, C of (6.23) of
+the summary. It is regular at theta = +-90 deg; Euler angles are only for people and are derived from it.
 Small attitude errors are rotation vectors in body axes: ``C = C_hat exp([delta x])``.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
+
+Array = npt.NDArray[np.float64]
 
 SMALL_ANGLE = 1e-5
 
 
 @njit(cache=True)
-def cross_matrix(v):
+def cross_matrix(v: Array) -> Array:
     """Matrix [v x] of shape (3, 3) with ``[v x] w = v x w``."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 @njit(cache=True)
-def rotation_matrix(q):
+def rotation_matrix(q: Array) -> Array:
     """C(q), shape (3, 3): body to NED, L_EB of (6.23)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     c = np.empty((3, 3))
@@ -37,7 +40,7 @@ def rotation_matrix(q):
 
 
 @njit(cache=True)
-def quaternion_product(a, b):
+def quaternion_product(a: Array, b: Array) -> Array:
     """a (x) b: first turn by b, then by a."""
     p = np.empty(4)
     p[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
@@ -48,13 +51,13 @@ def quaternion_product(a, b):
 
 
 @njit(cache=True)
-def quaternion_conjugate(q):
+def quaternion_conjugate(q: Array) -> Array:
     """The inverse turn of a unit quaternion."""
     return np.array([q[0], -q[1], -q[2], -q[3]])
 
 
 @njit(cache=True)
-def quaternion_exp(v):
+def quaternion_exp(v: Array) -> Array:
     """Unit quaternion of the rotation vector v [rad], regular at v = 0."""
     angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if angle < SMALL_ANGLE:  # sin(a/2)/a by its series, exact to double precision below the limit
@@ -65,7 +68,7 @@ def quaternion_exp(v):
 
 
 @njit(cache=True)
-def quaternion_log(q):
+def quaternion_log(q: Array) -> Array:
     """Rotation vector [rad] of a unit quaternion, length at most pi."""
     sign = 1.0 if q[0] >= 0.0 else -1.0
     n = np.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
@@ -77,7 +80,7 @@ def quaternion_log(q):
 
 
 @njit(cache=True)
-def right_jacobian(v):
+def right_jacobian(v: Array) -> Array:
     """J with exp(v + d) = exp(v) exp(J d) to first order, shape (3, 3)."""
     angle2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     s = cross_matrix(v)
@@ -90,20 +93,20 @@ def right_jacobian(v):
 
 
 @njit(cache=True)
-def euler_from_quaternion(q):
+def euler_from_quaternion(q: Array) -> Array:
     """Roll, pitch, yaw [rad] of (6.20)-(6.22). At pitch = +-90 deg roll is 0 and yaw holds the rest."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     sin_pitch = 2.0 * (w * y - x * z)
     if abs(sin_pitch) > 1.0 - 1e-12:  # only roll - yaw (or roll + yaw) is defined there
-        pitch = np.copysign(0.5 * np.pi, sin_pitch)
-        return np.array([0.0, pitch, -2.0 * np.copysign(1.0, sin_pitch) * np.arctan2(x, w)])
+        sign = np.copysign(1.0, sin_pitch)
+        return np.array([0.0, 0.5 * np.pi * sign, np.arctan2(-2.0 * sign * x * w, w * w - x * x)])
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return np.array([roll, np.arcsin(sin_pitch), yaw])
 
 
 @njit(cache=True)
-def quaternion_from_euler(roll, pitch, yaw):
+def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> Array:
     """Unit quaternion of yaw, then pitch, then roll [rad]."""
     cr, sr = np.cos(0.5 * roll), np.sin(0.5 * roll)
     cp, sp = np.cos(0.5 * pitch), np.sin(0.5 * pitch)
@@ -119,7 +122,7 @@ def quaternion_from_euler(roll, pitch, yaw):
 
 
 @njit(cache=True)
-def quaternion_from_matrix(c):
+def quaternion_from_matrix(c: Array) -> Array:
     """Unit quaternion of a rotation matrix of shape (3, 3), by the largest of the four components."""
     trace = c[0, 0] + c[1, 1] + c[2, 2]
     squares = np.array([trace, c[0, 0], c[1, 1], c[2, 2]])
@@ -143,7 +146,7 @@ def quaternion_from_matrix(c):
 
 
 @njit(cache=True)
-def air_data_from_velocity(v):
+def air_data_from_velocity(v: Array) -> tuple[float, float, float]:
     """True airspeed [m/s], angle of attack and sideslip [rad] of the air-relative body velocity (u, v, w)."""
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     alpha = np.arctan2(v[2], v[0])
@@ -152,8 +155,8 @@ def air_data_from_velocity(v):
 
 
 @njit(cache=True)
-def velocity_from_air_data(speed, alpha, beta):
-    """Air-relative body velocity (u, v, w), shape (3,): V (cos a cos b, sin b, sin a cos b), (37) of the paper."""
+def velocity_from_air_data(speed: float, alpha: float, beta: float) -> Array:
+    """Air-relative body velocity (u, v, w), (3,): V (cos a cos b, sin b, sin a cos b), (37) of the paper."""
     return np.array(
         [speed * np.cos(alpha) * np.cos(beta), speed * np.sin(beta), speed * np.sin(alpha) * np.cos(beta)]
     )

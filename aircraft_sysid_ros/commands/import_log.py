@@ -16,7 +16,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "import", help="a log of another program to a recording", description=__doc__
     )
     parser.add_argument("log", metavar="LOG", help=f"log to read ({', '.join(_IMPORTERS)})")
-    parser.add_argument("--out", required=True, metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap")
+    parser.add_argument(
+        "--out", required=True, metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap"
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
     return parser
 

@@ -1,9 +1,9 @@
 """``play``: a recording onto ROS 2 topics, for those without `ros2 bag play`.
 
 The messages go out as they were recorded, byte for byte, with their original stamps, in the order of arrival.
-Publishers are reliable by default, since a reliable publisher matches every subscriber, whereas a best-effort one is
-deaf to those who ask for every sample; --best-effort plays as a sensor driver would. No reliability reaches into a
-subscriber's program: at --rate 0 a slow one loses what its own queue does not hold.
+Publishers are reliable by default, since a reliable publisher matches every subscriber, whereas a best-effort
+one is deaf to those who ask for every sample; --best-effort plays as a sensor driver would. No reliability
+reaches into a subscriber's program: at --rate 0 a slow one loses what its own queue does not hold.
 """
 
 from __future__ import annotations
@@ -35,12 +35,20 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("recording", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
-    add("--rate", type=float, default=1.0, metavar="R", help="times real time; 0: unpaced, which only fast subscribers can follow (default: 1)")
+    add(
+        "--rate",
+        type=float,
+        default=1.0,
+        metavar="R",
+        help="times real time; 0: unpaced, which only fast subscribers can follow (default: 1)",
+    )
     add("--topic-prefix", default="", metavar="NS", help="namespace to put before every topic")
     add("--topics", nargs="+", metavar="TOPIC", help="play only these, named as recorded (default: all)")
     add("--wait", type=float, default=5.0, metavar="S", help="longest wait for subscribers (default: 5 s)")
     reliability = parser.add_mutually_exclusive_group()
-    reliability.add_argument("--reliable", action="store_true", help="offer every sample again until received (default)")
+    reliability.add_argument(
+        "--reliable", action="store_true", help="offer every sample again until received (default)"
+    )
     reliability.add_argument("--best-effort", action="store_true", help="publish as a sensor driver does")
     return parser
 
@@ -57,13 +65,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
-        raise InputError(f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS") from None
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C then ends the loop, not the context under it
+        raise InputError(
+            f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS"
+        ) from None
+    rclpy.init(
+        signal_handler_options=SignalHandlerOptions.NO
+    )  # Ctrl-C then ends the loop, not the context under it
     try:
         node = rclpy.create_node("player")
         publishers, unknown = _publishers(node, raw, selected, args)
         if not publishers:
-            raise InputError(f"no message type of {args.recording} is installed: {', '.join(unknown.values())}")
+            raise InputError(
+                f"no message type of {args.recording} is installed: {', '.join(unknown.values())}"
+            )
         _wait_for_subscribers(publishers, args.wait)
         return {"recording": str(args.recording), **_play(raw, publishers, args), "not_played": unknown}
     finally:
@@ -86,7 +100,9 @@ def _selected(raw: RawMessages, args: argparse.Namespace) -> dict[int, str]:
     names = {key: "/" + channel.topic.strip("/") for key, channel in raw.channels.items()}
     missing = (wanted or set()) - set(names.values())
     if missing:
-        raise InputError(f"the recording {args.recording} has no {sorted(missing)[0]}: it holds {raw.topic_names()}")
+        raise InputError(
+            f"the recording {args.recording} has no {sorted(missing)[0]}: it holds {raw.topic_names()}"
+        )
     prefix = "/" + args.topic_prefix.strip("/") if args.topic_prefix.strip("/") else ""
     return {key: prefix + name for key, name in names.items() if wanted is None or name in wanted}
 

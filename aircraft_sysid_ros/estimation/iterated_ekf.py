@@ -1,12 +1,12 @@
 """Iterated extended Kalman filter, (3.10)-(3.18) of the summary, on plain arrays.
 
-Model: ``x(k+1) = f(x(k)) + w``, ``y = h(x) + v``, v ~ N(0, R). One measurement update iterates the nominal state
+Model: ``x(k+1) = f(x(k)) + w``, ``y = h(x) + v``, v ~ N(0, R). One measurement update iterates
 
-    eta_{i+1} = x + K(eta_i) (y - h(eta_i) - H(eta_i) (x - eta_i))                                         (3.15)
+    eta_{i+1} = x + K(eta_i) (y - h(eta_i) - H(eta_i) (x - eta_i))                                     (3.15)
 
 until it no longer moves (3.16), then sets the covariance in the Joseph form (3.18), which stays symmetric and
-positive definite for any gain. The jitted pieces (gain, Joseph form) also serve filters whose state is not a vector
-space; ``iterated_update`` is the whole update for one that is.
+positive definite for any gain. The jitted pieces (gain, Joseph form) also serve filters whose state is not a
+vector space; ``iterated_update`` is the whole update for one that is.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ Array = npt.NDArray[np.float64]
 
 
 @njit(cache=True)
-def cholesky(a):
-    """Lower factor L of a small symmetric positive matrix, a = L L'; NaN on the diagonal where it is not positive."""
+def cholesky(a: Array) -> Array:
+    """Lower factor L of a symmetric positive matrix, a = L L'; NaN on its diagonal if it is not positive."""
     n = a.shape[0]
     factor = np.zeros((n, n))
     for j in range(n):
@@ -40,7 +40,7 @@ def cholesky(a):
 
 
 @njit(cache=True)
-def solve_factored(factor, b):
+def solve_factored(factor: Array, b: Array) -> Array:
     """Solve L L' x = b, b of shape (m,)."""
     m = factor.shape[0]
     x = np.empty(m)
@@ -58,11 +58,8 @@ def solve_factored(factor, b):
 
 
 @njit(cache=True)
-def gain(p, h, r):
-    """Kalman gain K = P H' S^-1 (3.14), shape (n, m), and the factor of S = H P H' + diag(r).
-
-    p (n, n), h (m, n), r (m,) variances of independent measurement errors. A gain that does not exist is NaN.
-    """
+def _times_transposed(p: Array, h: Array) -> Array:
+    """P H', shape (n, m)."""
     m, n = h.shape
     ph = np.zeros((n, m))
     for i in range(n):
@@ -71,6 +68,17 @@ def gain(p, h, r):
             for k in range(n):
                 s += p[i, k] * h[j, k]
             ph[i, j] = s
+    return ph
+
+
+@njit(cache=True)
+def gain(p: Array, h: Array, r: Array) -> tuple[Array, Array]:
+    """Kalman gain K = P H' S^-1 (3.14), shape (n, m), and the factor of S = H P H' + diag(r).
+
+    p (n, n), h (m, n), r (m,) variances of independent measurement errors. A gain that does not exist is NaN.
+    """
+    m, n = h.shape
+    ph = _times_transposed(p, h)
     innovation = np.zeros((m, m))
     for i in range(m):
         for j in range(m):
@@ -87,7 +95,7 @@ def gain(p, h, r):
 
 
 @njit(cache=True)
-def joseph_update(p, k_gain, h, r):
+def joseph_update(p: Array, k_gain: Array, h: Array, r: Array) -> None:
     """(I - K H) P (I - K H)' + K diag(r) K', (3.18), written over p; symmetric to the last bit."""
     m, n = h.shape
     hp = np.zeros((m, n))
@@ -101,13 +109,7 @@ def joseph_update(p, k_gain, h, r):
         for j in range(n):
             for k in range(m):
                 p[i, j] -= k_gain[i, k] * hp[k, j]
-    ph = np.zeros((n, m))
-    for i in range(n):
-        for j in range(m):
-            s = 0.0
-            for k in range(n):
-                s += p[i, k] * h[j, k]
-            ph[i, j] = s
+    ph = _times_transposed(p, h)
     for i in range(n):
         for j in range(n):
             for k in range(m):
@@ -116,7 +118,7 @@ def joseph_update(p, k_gain, h, r):
 
 
 @njit(cache=True)
-def symmetrise(p):
+def symmetrise(p: Array) -> None:
     """Make p symmetric in place: rounding must not grow over a million steps."""
     n = p.shape[0]
     for i in range(n):
@@ -148,10 +150,10 @@ def iterated_update(
     tolerance: float = 1e-9,
     maximum_iterations: int = 20,
 ) -> Update:
-    """Update (3.15)-(3.18) with y = h(x) + v; ``maximum_iterations=1`` is the extended Kalman filter (3.12)-(3.14).
+    """Update (3.15)-(3.18) with y = h(x) + v; ``maximum_iterations=1`` is the EKF (3.12)-(3.14).
 
-    state (n,), covariance (n, n), measurement (m,), variances (m,); ``output`` is h, ``jacobian`` gives H of shape
-    (m, n). Raises numpy.linalg.LinAlgError if the innovation covariance is not positive definite.
+    state (n,), covariance (n, n), measurement (m,), variances (m,); ``output`` is h, ``jacobian`` gives H of
+    shape (m, n). Raises numpy.linalg.LinAlgError if the innovation covariance is not positive definite.
     """
     eta = state.copy()
     first = measurement - output(state)
@@ -166,7 +168,8 @@ def iterated_update(
         if iterations == 0:
             nis = float(first @ solve_factored(factor, first))
         moved = state + k_gain @ (measurement - output(eta) - h @ (state - eta))
-        converged = bool(np.linalg.norm(moved - eta) <= tolerance * max(np.linalg.norm(eta), 1e-300))  # (3.16)
+        size = max(float(np.linalg.norm(eta)), 1e-300)
+        converged = bool(np.linalg.norm(moved - eta) <= tolerance * size)  # (3.16)
         eta = moved
         iterations += 1
     updated = covariance.copy()

@@ -5,18 +5,24 @@ For ``y(k) = x(k)' theta + e(k)`` with correlated e the covariance of the least-
 
     (sum x x')^-1  [ sum_l w_l R_e(l) sum_k x(k) x(k-l)' ]  (sum x x')^-1
 
-(Morelli and Klein, J. Aircraft 34(2), 1997), with the autocovariance R_e(l) of the residuals. All of it follows from
-sums of lagged products, so that it is exact for the newest estimate at any time, at bounded memory.
+(Morelli and Klein, J. Aircraft 34(2), 1997), with the autocovariance R_e(l) of the residuals. All of it
+follows from sums of lagged products: it is exact for the newest estimate at any time, at bounded memory.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
+
+Array = npt.NDArray[np.float64]
+
+#: A regressor of which the others explain all but this share is not one of its own.
+_SINGULAR = 1e-10
 
 
 @njit(cache=True)
-def add_sample(sums, recent, row, forgetting):
+def add_sample(sums: Array, recent: Array, row: Array, forgetting: float) -> None:
     """Add one sample, in place. ``row`` (n + 2,) = w (x, y, 1), with w the root of the sample's weight (4.5).
 
     sums (lags, n + 2, n + 2): sum of row(k) row(k - l)', its last element the sum of the weights; recent
@@ -27,15 +33,16 @@ def add_sample(sums, recent, row, forgetting):
         recent[lag] = recent[lag - 1]
     recent[0] = row
     for lag in range(lags):
-        if np.isnan(recent[lag, 0]):
-            break
+        present = not np.isnan(recent[lag, 0])
         for i in range(m):
             for j in range(m):
-                sums[lag, i, j] = forgetting * sums[lag, i, j] + row[i] * recent[lag, j]
+                sums[lag, i, j] *= forgetting
+                if present:
+                    sums[lag, i, j] += row[i] * recent[lag, j]
 
 
 @njit(cache=True)
-def residual_autocovariance(sums, theta):
+def residual_autocovariance(sums: Array, theta: Array) -> Array:
     """R_e(l) for the residuals y - x' theta, shape (lags,); 0 where there is no data."""
     lags, n = sums.shape[0], len(theta)
     out = np.zeros(lags)
@@ -53,11 +60,11 @@ def residual_autocovariance(sums, theta):
 
 
 @njit(cache=True)
-def coloured_covariance(sums, theta):
+def coloured_covariance(sums: Array, theta: Array) -> tuple[Array, Array, Array]:
     """Covariance of theta (n, n) allowing for coloured residuals, that for white ones, and R_e (lags,).
 
-    The lag window is that of Tukey and Hanning. The matrices are NaN where the regressors are singular. With weights
-    below 1 both are upper bounds.
+    The lag window is that of Tukey and Hanning. Rows and columns of a regressor that is zero throughout, or
+    that the others explain, are NaN; the rest holds without it. With weights below 1 both are upper bounds.
     """
     lags, n = sums.shape[0], len(theta)
     autocovariance = residual_autocovariance(sums, theta)
@@ -72,8 +79,13 @@ def coloured_covariance(sums, theta):
     scale = np.sqrt(np.diag(information))
     for i in range(n):
         if not scale[i] > 0.0:
-            return np.full((n, n), np.nan), np.full((n, n), np.nan), autocovariance
-    normalised = information / np.outer(scale, scale) + 1e-12 * np.eye(n)
-    inverse = np.linalg.inv(normalised) / np.outer(scale, scale)
+            scale[i] = 1.0
+    inverse = np.linalg.inv(information / np.outer(scale, scale) + 1e-12 * np.eye(n))
+    singular = np.diag(inverse) > 1.0 / _SINGULAR
+    inverse /= np.outer(scale, scale)
     white = max(autocovariance[0], 0.0) * inverse
-    return inverse @ middle @ inverse, white, autocovariance
+    coloured = inverse @ middle @ inverse
+    for i in range(n):
+        if singular[i]:
+            coloured[i, :], coloured[:, i], white[i, :], white[:, i] = np.nan, np.nan, np.nan, np.nan
+    return coloured, white, autocovariance

@@ -1,28 +1,33 @@
 """Recursive least squares, (4.12)-(4.14) of the summary, with directional forgetting.
 
-Model: ``y(k) = x(k)' theta + e(k)``, scalar y. With forgetting 1 this is (4.12) and (4.14) for W = 1; (4.14) as
-printed carries a W^-1 too many, which W = 1 hides (EQUATIONS: the Woodbury identity has none).
+Model: ``y(k) = x(k)' theta + e(k)``, scalar y. With forgetting 1 this is (4.12) and (4.14) for W = 1; (4.14)
+as printed carries a W^-1 too many, which W = 1 hides (the Woodbury identity has none). For W other than 1,
+divide x and y by its root.
 
 Exponential forgetting loses the information of every direction at each step, so that without excitation the
-covariance P = R^-1 grows without bound and the estimate drifts. Directional forgetting (Kulhavy 1987; Bittanti,
-Bolzern and Campi 1990) forgets only along the direction in which the new sample brings information: what is not
-excited is held.
+covariance P = R^-1 grows without bound and the estimate drifts. Directional forgetting (Kulhavy 1987;
+Bittanti, Bolzern and Campi 1990) forgets only along the direction in which the new sample brings information:
+what is not excited is held.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.estimation.iterated_ekf import symmetrise
 
+Array = npt.NDArray[np.float64]
+
 
 @njit(cache=True)
-def rls_update(theta, p, x, y, forgetting):
+def rls_update(theta: Array, p: Array, x: Array, y: float, forgetting: float) -> float:
     """One sample, in place: theta (n,), p (n, n) = R^-1, x (n,) regressors, y measured, 0 < forgetting <= 1.
 
-    Returns the prediction error y - x' theta before the update. The covariance is updated in the Joseph form plus a
-    positive rank-one term, so that it stays symmetric and positive.
+    Returns the prediction error y - x' theta before the update. P changes along P x only, and stays symmetric
+    and positive: with r = x' P x before, x' P x is r / (forgetting (1 + r)) after. A sample without
+    information (r = 0) or without a value (NaN) changes nothing.
     """
     n = len(theta)
     px = np.zeros(n)
@@ -35,7 +40,7 @@ def rls_update(theta, p, x, y, forgetting):
         error -= x[i] * theta[i]
     if not (r > 0.0) or not np.isfinite(error):
         return error
-    # (I - k x') P (I - k x')' + k k' with k = P x / (1 + r), and what is forgotten along x
+    # P - P x x' P / (1 + r), and what is forgotten along x
     forgotten = (1.0 - forgetting) / (forgetting * r * (1.0 + r))
     scale = forgotten - 1.0 / (1.0 + r)
     for i in range(n):

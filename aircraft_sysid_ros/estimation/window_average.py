@@ -4,31 +4,45 @@ Every signal s is replaced by its weighted mean over a window of half-width h ab
 
     <s>(t) = integral w(tau) s(t + tau) d tau,    w(tau) = 3 (h^2 - tau^2) / (4 h^3),
 
-and <ds/dt> is the weighted mean of the slopes between samples, which is the least-squares slope of a straight line
-through the window (Savitzky and Golay 1964). An equation that is linear in its signals, such as
-I domega/dt + omega x I omega = qbar S c sum theta phi, holds for the means exactly as it holds for the signals,
-whatever their frequency (Preisig and Rippin 1993, modulating functions): the differentiator has a delay, h, but
-makes no error that the regressors do not make too.
+and <ds/dt> is the weighted mean of the slopes between samples, which is the least-squares slope of a straight
+line through the window (Savitzky and Golay 1964). An equation that is linear in its signals, such as
+I domega/dt + omega x I omega = qbar S c sum theta phi, holds for the means as it holds for the signals,
+whatever their frequency (Preisig and Rippin 1993, modulating functions): the differentiator has a delay, h,
+but makes no error that the regressors do not make too. What is left is that of the trapezoidal rule between
+samples dt apart, at most dt^2/12 of the second derivative of ds/dt.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
+
+Array = npt.NDArray[np.float64]
 
 
 @njit(cache=True)
-def _cumulative(u):
+def _cumulative(u: float) -> float:
     """Integral of the parabola from -1 to u, clipped to [-1, 1]."""
     u = min(max(u, -1.0), 1.0)
     return 0.25 * (2.0 + 3.0 * u - u * u * u)
 
 
 @njit(cache=True)
-def window_average(times, data, first, last, center, half_width, means, slopes):
-    """Means and slopes of the columns of data (n, m) over the window, into ``means`` and ``slopes``, both (m,).
+def window_average(
+    times: Array,
+    data: Array,
+    first: int,
+    last: int,
+    center: float,
+    half_width: float,
+    means: Array,
+    slopes: Array,
+) -> None:
+    """Means and slopes of the columns of data (n, m) over the window, into ``means`` and ``slopes``, (m,).
 
-    times (n,) ascending; rows ``first`` to ``last`` inclusive must span [center - half_width, center + half_width].
+    times (n,) ascending; rows ``first`` to ``last`` inclusive must span center - half_width to
+    center + half_width.
     """
     means[:] = 0.0
     slopes[:] = 0.0

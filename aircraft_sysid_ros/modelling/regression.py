@@ -21,6 +21,9 @@ _SIGNAL_COUNT = len(SIGNALS)
 
 _ACCELEROMETER_BIAS_STD = Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 
+#: Exponential forgetting stops where a parameter makes the prediction this uncertain, over the noise variance.
+LARGEST_PREDICTION_VARIANCE = 10.0
+
 # Columns of a history row, one per reconstructed state; terms follow, each times dynamic pressure.
 TIME, FLYING, QBAR = 0, 1, 2
 FORCE, RATE, CENTRIPETAL, GYROSCOPIC = 3, 6, 9, 12  # three columns each
@@ -141,16 +144,25 @@ def term_noise(code, code_offsets, signals, noise, terms, out):
 
 
 @njit(cache=True)
-def _axis_moves(learning, first, last, noise, tuning):
-    """Some term of the axis moves by more than its noise just now; an axis of constants always learns."""
-    has_signal = False
+def _moving_terms(learning, first, last, noise, tuning):
+    """How many terms of the axis have noise, and how many of those move by more than it just now."""
+    noisy, moving = 0, 0
     for j in range(first, last):
         if noise[j] > 0.0:
-            has_signal = True
+            noisy += 1
             variance = learning.term_square[j] - learning.term_mean[j] ** 2
             if variance > (tuning.excitation * noise[j]) ** 2:
-                return True
-    return not has_signal
+                moving += 1
+    return noisy, moving
+
+
+@njit(cache=True)
+def _is_well_known(axis, first, last, learning):
+    """Every parameter's variance is so small that it may grow: the prediction is far better than one sample."""
+    for j in range(last - first):
+        if learning.p[axis, j, j] * learning.term_square[first + j] > LARGEST_PREDICTION_VARIANCE:
+            return False
+    return True
 
 
 @njit(cache=True)
@@ -173,12 +185,17 @@ def _learn_axis(axis, point, terms, noise, doubt, known, learning, tuning):
     for j in range(n):
         prediction += x[j] * learning.theta[axis, j]
     point[7 + axis] = prediction
-    if not _axis_moves(learning, first, last, noise, tuning):
-        return
+    noisy, moving = _moving_terms(learning, first, last, noise, tuning)
+    if noisy > 0 and moving == 0:
+        return  # nothing but noise: hold
     point[19 + axis] = 1.0
     root_weight = np.sqrt(known / (known + doubt))
     x, y = root_weight * x, root_weight * y
-    rls_update(learning.theta[axis, :n], learning.p[axis, :n, :n], x, y, tuning.forgetting)
+    p, forgetting = learning.p[axis, :n, :n], tuning.forgetting
+    if moving == noisy and _is_well_known(axis, first, last, learning):
+        p /= forgetting  # all is in motion: forget in every direction
+        forgetting = 1.0
+    rls_update(learning.theta[axis, :n], p, x, y, forgetting)
     learning.doubt[axis] = doubt
     recent = learning.recent[axis]
     if point[0] - learning.last_valid[axis] > 1.5 * tuning.step:

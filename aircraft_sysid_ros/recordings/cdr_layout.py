@@ -1,8 +1,8 @@
 """Serialised ROS messages as numpy structures, so that a whole topic is read or written at once.
 
-CDR puts a message's numbers one after the other, each aligned to its size from the end of a four-byte header, and a
-string as its length (with the final zero) and its bytes. When all strings of a batch are equally long, every
-message of the batch has the same layout: a numpy structure with gaps. Sequences have no such layout.
+CDR puts a message's numbers one after the other, each aligned to its size from the end of a four-byte header,
+and a string as its length (with the final zero) and its bytes. When all strings of a batch are equally long,
+every message of the batch has the same layout: a numpy structure with gaps. Sequences have no such layout.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ _BASE, _NAME, _ARRAY = 1, 2, 3  # rosbags.interfaces.Nodetype
 
 
 def vector_components(definitions: Definitions, type_name: str) -> tuple[str, ...]:
-    """Names of the components when the type is nothing but float64 numbers (Vector3, Quaternion, …), else none."""
+    """Names of the components when the type is only float64 numbers (Vector3, Quaternion, …), else none."""
     members = definitions[type_name][1]
     if all(int(node) == _BASE and content[0] == "float64" for _, (node, content) in members):
         return tuple(name for name, _ in members)
@@ -98,23 +98,28 @@ def vector_components(definitions: Definitions, type_name: str) -> tuple[str, ..
 
 
 def layout(definitions: Definitions, type_name: str, string_size: Callable[[str, int], int]) -> np.dtype[Any]:
-    """Structure of a serialised message, header included, with dotted field names and (k,) for vectors and arrays.
+    """Structure of a serialised message and its header: dotted field names, (k,) for vectors and arrays.
 
-    ``string_size(name, offset)`` gives the size of a string with its final zero; the field "length of <name>" at
-    the offset holds it. Raises NoFixedLayout for a type with sequences, KeyError for an unknown type.
+    ``string_size(name, offset)`` gives the size of a string with its final zero; the field "length of <name>"
+    at the offset holds it. Raises NoFixedLayout for a type with sequences, KeyError for an unknown type.
     """
     builder = _Builder(definitions, string_size)
     for name, description in definitions[type_name][1]:
         builder.add_field(name, description)
     return np.dtype(
-        {"names": builder.names, "formats": builder.formats, "offsets": builder.offsets, "itemsize": builder.end}
+        {
+            "names": builder.names,
+            "formats": builder.formats,
+            "offsets": builder.offsets,
+            "itemsize": builder.end,
+        }
     )
 
 
 def decode(
     definitions: Definitions, type_name: str, messages: npt.NDArray[np.uint8]
 ) -> npt.NDArray[Any] | None:
-    """Structured view (n,) of n messages of equal length (n, length), or None when they have no common layout."""
+    """Structured view (n,) of n messages of equal length (n, length), or None without a common layout."""
     if len(messages) == 0 or not np.all(messages[:, :2] == np.frombuffer(HEADER[:2], np.uint8)):
         return None
     first = messages[0].tobytes()
@@ -132,10 +137,10 @@ def decode(
 def encode(
     definitions: Definitions, type_name: str, count: int, fields: Mapping[str, Any], missing: float = 0.0
 ) -> npt.NDArray[Any]:
-    """``count`` serialised messages as a structured array from flat fields, numbers that are not given ``missing``.
+    """``count`` serialised messages as a structured array from flat fields; other numbers are ``missing``.
 
-    A field is an array (count,) or (count, k), one value for all, or for a string one text. Raises KeyError for a
-    field that the type does not have and NoFixedLayout for a type with sequences.
+    A field is an array (count,) or (count, k), one value for all, or for a string one text. Raises KeyError
+    for a field that the type does not have and NoFixedLayout for a type with sequences.
     """
     texts = {name: value.encode() for name, value in fields.items() if isinstance(value, str)}
     structure = layout(definitions, type_name, lambda name, _: len(texts.get(name, b"")) + 1)

@@ -16,7 +16,7 @@ from aircraft_sysid_ros.recordings.writer import RecordingWriter
 
 Array = npt.NDArray[np.float64]
 
-#: GPS time starts on 1980-01-06; both logs that use it are from years with 16 leap seconds (2012-07 to 2015-06).
+#: GPS time starts on 1980-01-06; the logs that use it have 16 leap seconds (2012-07 to 2015-06).
 GPS_EPOCH = 315_964_800
 LEAP_SECONDS = 16
 SECONDS_PER_WEEK = 604_800
@@ -54,7 +54,9 @@ def stamps(start: float, seconds: Array) -> npt.NDArray[np.int64]:
     return round(start * NANOSECONDS) + np.round(seconds * NANOSECONDS).astype(np.int64)
 
 
-def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
+def write_log(
+    log: ImportedLog, source: str | Path, out: str | Path, *, overwrite: bool = False
+) -> dict[str, Any]:
     """Write the recording and return the report (JSON-able); messages arrive when they are stamped."""
     with RecordingWriter(out, overwrite=overwrite) as writer:
         for topic in log.topics:

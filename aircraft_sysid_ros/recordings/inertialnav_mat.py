@@ -1,13 +1,15 @@
-"""Two logs of P. Riseborough's InertialNav: a small flying wing without angles of attack, sideslip or surfaces.
+"""Two logs of P. Riseborough's InertialNav: a small flying wing, no angles, no surfaces.
 
-- TestLog2 (arrays with labels, ArduPlane): TimeMS of IMU, MAG, NTUN and CTUN and T of GPS are milliseconds of the
-  autopilot; TimeMS of GPS is time of week and gives the date (T minus it is constant to 1 ms after the start). A row
-  that repeats the time of week of the one before is no new fix. VZ is positive down (against the rate of altitude).
-  Arspd is equivalent airspeed: the density is that of the logged ground pressure and temperature
-  (GND_ABS_PRESS, GND_TEMP) at the barometric height. The magnetometer is mG without the autopilot's offsets, FRD; its
-  heading at rest plus the logged declination agrees with the autopilot's to 1 deg.
-- SwissLog1 (one vector per channel): seconds since the start of the log. CourseDeg is in radians. The EAS2TAS of 1 in
-  the file is not used: at 450 m the standard atmosphere makes it 1.022. The log has no date: it begins at SWISS_START.
+- TestLog2 (arrays with labels, ArduPlane): TimeMS of IMU, MAG, NTUN and CTUN and T of GPS are milliseconds of
+  the autopilot; TimeMS of GPS is time of week and gives the date (T minus it is constant to 1 ms after the
+  start). A row that repeats the time of week of the one before is no new fix. VZ is positive down (against
+  the rate of altitude). Arspd is equivalent airspeed: the density is that of the logged ground pressure and
+  temperature (GND_ABS_PRESS, GND_TEMP) at the barometric height. The magnetometer is mG without the
+  autopilot's offsets, FRD; its heading at rest plus the logged declination agrees with the autopilot's to 1
+  deg.
+- SwissLog1 (one vector per channel): seconds since the start of the log. CourseDeg is in radians. The EAS2TAS
+  of 1 in the file is not used: at 450 m the standard atmosphere makes it 1.022. The log has no date: it
+  begins at SWISS_START.
 
 Sensors are late by delays that the aircraft files say; the stamps are those of the log.
 """
@@ -54,7 +56,9 @@ Rows = dict[str, npt.NDArray[Any]]
 
 def import_labelled(content: dict[str, Any]) -> ImportedLog:
     """an InertialNav log with labels"""
-    imu, mag, gps, navigation, control = (_table(content, name) for name in ("IMU", "MAG", "GPS", "NTUN", "CTUN"))
+    imu, mag, gps, navigation, control = (
+        _table(content, name) for name in ("IMU", "MAG", "GPS", "NTUN", "CTUN")
+    )
     parameters = {str(name): value for name, value in content["PARM"]}
     new = (np.diff(gps["TimeMS"], prepend=-1.0) != 0.0) & (gps["Status"] >= _FIX_3D)
     gps = {name: column[new] for name, column in gps.items()}
@@ -70,9 +74,13 @@ def import_labelled(content: dict[str, Any]) -> ImportedLog:
     topics = [
         ImportedTopic("imu/data", at(imu), imu_fields(force, rate), "IMU Gyr Acc"),
         ImportedTopic("imu/mag", at(mag), field, "MAG Mag"),
-        *_gps(at(gps, "T"), gps["Lat"], gps["Lng"], gps["Alt"], gps["Spd"], np.radians(gps["GCrs"]), gps["VZ"]),
+        *_gps(
+            at(gps, "T"), gps["Lat"], gps["Lng"], gps["Alt"], gps["Spd"], np.radians(gps["GCrs"]), gps["VZ"]
+        ),
         ImportedTopic("air_data", at(navigation), _air_data(navigation["Arspd"], density), "NTUN Arspd Alt"),
-        ImportedTopic("control_surfaces", at(control), {"throttle": control["ThrOut"] / 100.0}, "CTUN ThrOut"),
+        ImportedTopic(
+            "control_surfaces", at(control), {"throttle": control["ThrOut"] / 100.0}, "CTUN ThrOut"
+        ),
     ]
     missing = _MISSING | {"control_surfaces": "deflections are not in the log: only the throttle command"}
     notes = ["the delays of GPS and airspeed are in config/inertialnav_testlog2.yaml"]
@@ -83,18 +91,23 @@ def import_vectors(content: dict[str, Any]) -> ImportedLog:
     """an InertialNav log with a vector for each channel"""
     field = np.stack([content[name] for name in ("MagX", "MagY", "MagZ")], axis=1)
     new = np.any(np.diff(field, axis=0, prepend=np.nan) != 0.0, axis=1)  # held in between
-    field = {"magnetic_field": flu_from_frd(field[new]) * TESLA_PER_GAUSS}
+    magnetic = {"magnetic_field": flu_from_frd(field[new]) * TESLA_PER_GAUSS}
     density = density_above(SEA_LEVEL_PRESSURE, SEA_LEVEL_TEMPERATURE, content["HgtBaro"])
     imu = imu_fields(content["accel"], content["angRate"])
     topics = [
         ImportedTopic("imu/data", stamps(SWISS_START, content["IMUtime"]), imu, "angRate accel"),
-        ImportedTopic("imu/mag", stamps(SWISS_START, content["MAGtime"][new]), field, "MagX MagY MagZ, new ones"),
+        ImportedTopic(
+            "imu/mag", stamps(SWISS_START, content["MAGtime"][new]), magnetic, "MagX MagY MagZ, new ones"
+        ),
         *_gps(
             stamps(SWISS_START, content["GPStime"]),
             *(content[name] for name in ("LatDeg", "LngDeg", "Hgt", "GndSpd", "CourseDeg", "VelD")),
         ),
         ImportedTopic(
-            "air_data", stamps(SWISS_START, content["ADStime"]), _air_data(content["Veas"], density), "Veas HgtBaro"
+            "air_data",
+            stamps(SWISS_START, content["ADStime"]),
+            _air_data(content["Veas"], density),
+            "Veas HgtBaro",
         ),
     ]
     notes = [
@@ -105,7 +118,7 @@ def import_vectors(content: dict[str, Any]) -> ImportedLog:
 
 
 def density_above(pressure: float, temperature: float, height: Array) -> Array:
-    """Density [kg/m^3] (n,) at ``height`` [m] (n,) above a place with that pressure [Pa] and temperature [K]."""
+    """Density [kg/m^3] (n,) at ``height`` [m] (n,) above a place of that pressure [Pa], temperature [K]."""
     cooler = temperature - LAPSE_RATE * height
     aloft = pressure * (cooler / temperature) ** (STANDARD_GRAVITY / (GAS_CONSTANT * LAPSE_RATE))
     return aloft / (GAS_CONSTANT * cooler)
@@ -129,10 +142,12 @@ def _air_data(equivalent_airspeed: Array, density: Array) -> dict[str, Array]:
 def _gps(
     stamp: npt.NDArray[np.int64], lat: Array, lon: Array, alt: Array, speed: Array, course: Array, down: Array
 ) -> list[ImportedTopic]:
-    """Fix from degrees and m, velocity from ground speed [m/s], course [rad] and rate of descent [m/s], all (n,)."""
+    """Fix from degrees and m; velocity from ground speed [m/s], course [rad] and descent [m/s]; all (n,)."""
     velocity = np.stack([speed * np.cos(course), speed * np.sin(course), down], axis=1)
     fix = gps_fix_fields(np.radians(lat), np.radians(lon), alt)
     return [
         ImportedTopic("gps/fix", stamp, fix, "GPS latitude longitude altitude", "gps"),
-        ImportedTopic("gps/vel", stamp, gps_velocity_fields(velocity), "GPS speed, course and rate of descent", "gps"),
+        ImportedTopic(
+            "gps/vel", stamp, gps_velocity_fields(velocity), "GPS speed, course and rate of descent", "gps"
+        ),
     ]

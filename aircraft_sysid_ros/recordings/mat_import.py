@@ -28,13 +28,18 @@ def import_mat(path: str | Path, out: str | Path, *, overwrite: bool = False) ->
         if all(name in content for name in names):
             try:
                 log = importer(content)
-            except (AttributeError, KeyError, IndexError) as error:
-                raise InputError(f"{path} looks like {importer.__doc__} but lacks a channel: {error}") from None
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from None
+            except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
+                raise InputError(
+                    f"{path} looks like {importer.__doc__} but lacks a channel or has another shape ({error})"
+                ) from None
             return write_log(log, path, out, overwrite=overwrite)
     found = ", ".join(name for name in content if not name.startswith("__"))[:200]
     raise InputError(
-        f"{path} is no flight that can be imported: of .mat files, those of the UMN UAV Lab (flight_data) and of "
-        f"InertialNav (IMU, GPS, … with labels, or angRate, accel, …) are known, and it holds {found or 'nothing'}"
+        f"{path} is no flight that can be imported: known are those of the UMN UAV Lab (flight_data) "
+        "and of InertialNav (IMU, GPS, … with labels, or angRate, accel, …), "
+        f"and it holds {found or 'nothing'}"
     )
 
 

@@ -1,8 +1,8 @@
 """MCAP files read whole, at memory speed, and as far as they go: a recorder may have died in flight.
 
-A file is a row of records: one byte of kind, eight of length, content. Messages lie in it directly or in chunks,
-which are such rows themselves, compressed or not. One jitted walk finds the records of both; Python sees
-only chunks, channels and schemas. The index at the end of a file is not needed and not read.
+A file is a row of records: one byte of kind, eight of length, content. Messages lie in it directly or in
+chunks, which are such rows themselves, compressed or not. One jitted walk finds the records of both; Python
+sees only chunks, channels and schemas. The index at the end of a file is not needed and not read.
 https://mcap.dev/spec
 """
 
@@ -59,7 +59,7 @@ def find_records(data, start, stop):
 
 @njit(cache=True)
 def _message_table(data, records):
-    """Channel, log time [ns], start and length of the content of each message, shape (n, 4), from their records."""
+    """Channel, log time [ns], start and length of the content of each message, shape (n, 4)."""
     table = np.empty((len(records), 4), dtype=np.int64)
     for i in range(len(records)):
         start = records[i, 1]
@@ -84,7 +84,7 @@ def read_mcap(path: Path) -> RawMessages:
 
 
 class _Contents:
-    """What was found so far: buffers (the file, then decompressed chunks) and where in them the messages are."""
+    """What was found so far: buffers (the file, then decompressed chunks) and where in them messages are."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -166,7 +166,8 @@ class _Contents:
         table = np.concatenate(self.tables) if self.tables else np.empty((0, 4), np.int64)
         table = table[np.argsort(table[:, 1], kind="stable")]
         data = self.buffers[0] if len(self.buffers) == 1 else np.concatenate(self.buffers)
-        return RawMessages(data, *table.T.copy(), channels=self.channels, notes=tuple(self.notes))
+        channel, log_time, start, length = table.T.copy()
+        return RawMessages(data, channel, log_time, start, length, self.channels, tuple(self.notes))
 
 
 def _chunk_content(data: npt.NDArray[np.uint8], start: int) -> tuple[str, int]:
@@ -193,5 +194,5 @@ def _decompress(compression: str, content: npt.NDArray[np.uint8]) -> bytes | npt
 
 def _check(content: npt.NDArray[np.uint8], checksum: int) -> None:
     """Raises ValueError where the checksum is there (not 0) and wrong."""
-    if checksum and crc32(content) != checksum:
+    if checksum and crc32(content.data) != checksum:
         raise ValueError("wrong checksum")

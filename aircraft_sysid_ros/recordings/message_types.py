@@ -1,9 +1,10 @@
-"""Types of messages by way of rosbags: those of ROS 2 Jazzy, ours, and those that a recording brings along."""
+"""Types of messages by way of rosbags: of ROS 2 Jazzy, ours, and what a recording brings along."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def known_types() -> Typestore:
 
 @cache
 def channel_types(channel: Channel) -> Typestore:
-    """The types of a channel as the recording defines them; without a definition (or with a damaged one) as we do."""
+    """The types of a channel as the recording defines them; as we do where it does not, or is damaged."""
     from rosbags.typesys import Stores, get_typestore
 
     try:
@@ -50,7 +51,7 @@ def channel_types(channel: Channel) -> Typestore:
 
 
 def is_as_known(channel: Channel) -> bool:
-    """Whether the type of a channel is not defined differently from ours; types that we do not know are taken."""
+    """Whether the recording does not define the type differently from us; unknown types are accepted."""
     return channel.type not in known_types().fielddefs or channel_types(channel) is known_types()
 
 
@@ -69,7 +70,7 @@ def _parsed(channel: Channel) -> dict[str, Any]:
 
 
 def flat_fields(definitions: Definitions, type_name: str, message: Any, prefix: str = "") -> dict[str, Any]:
-    """Fields of a deserialised message by dotted name; a vector (x, y, z) as a tuple, other nesting taken apart."""
+    """Fields of a deserialised message by dotted name; a vector (x, y, z) is a tuple."""
     fields: dict[str, Any] = {}
     for name, (node, content) in definitions[type_name][1]:
         value = getattr(message, name)
@@ -83,9 +84,10 @@ def flat_fields(definitions: Definitions, type_name: str, message: Any, prefix: 
 
 
 def message_from_dict(type_name: str, values: Mapping[str, Any]) -> Any:
-    """A message for serialising from a mapping of its fields, nested as the type is; a time may be an int [ns].
+    """A message to serialise from a mapping of its fields, nested as the type is; a time may be int [ns].
 
-    Fields that are not given are empty or 0, but NaN in our own messages. Raises KeyError for an unknown field.
+    Fields that are not given are empty or 0, but NaN in our own messages. Raises KeyError for an unknown
+    field.
     """
     types = known_types()
     members = dict(types.fielddefs[type_name][1])
@@ -106,7 +108,7 @@ def _field_value(description: Any, value: Any, missing: float) -> Any:
     if node == _NAME:
         if content == "builtin_interfaces/msg/Time" and isinstance(value, (int, np.integer)):
             value = {"sec": int(value) // NANOSECONDS, "nanosec": int(value) % NANOSECONDS}
-        return message_from_dict(content, value) if isinstance(value, Mapping) or value is None else value
+        return message_from_dict(content, value or {}) if isinstance(value, (Mapping, NoneType)) else value
     inner, count = content
     if int(inner[0]) == _BASE and inner[1][0] != "string":
         scalar = np.dtype(PRIMITIVES[inner[1][0]])

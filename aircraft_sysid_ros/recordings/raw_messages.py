@@ -58,7 +58,9 @@ class RawMessages:
         if length == 0 or np.any(self.length[rows] != length):
             return None
         # An overlapping view with a row from every byte on: picking rows from it copies each message once.
-        windows = np.ndarray(len(self.data) - length + 1, np.dtype((np.void, length)), self.data, strides=(1,))
+        windows = np.ndarray(
+            len(self.data) - length + 1, np.dtype((np.void, length)), self.data, strides=(1,)
+        )
         return windows[self.start[rows]].view(np.uint8).reshape(len(rows), length)
 
 
@@ -101,7 +103,9 @@ def _plain_mcap_files(folder: Path) -> list[Path]:
 
     metadata = folder / "metadata.yaml"
     try:
-        content = yaml.load(metadata.read_text(encoding="utf8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = yaml.load(
+            metadata.read_text(encoding="utf8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        )
         information = content["rosbag2_bagfile_information"]
         names = [Path(name).name for name in information["relative_file_paths"]]
         plain = information["storage_identifier"] == "mcap" and not information.get("compression_format")
@@ -111,7 +115,9 @@ def _plain_mcap_files(folder: Path) -> list[Path]:
         return []
     missing = [name for name in names if not (folder / name).exists()]
     if missing or not names:
-        raise InputError(f"the recording {folder} is not complete: its file {missing[0] if missing else ''} is missing")
+        raise InputError(
+            f"the recording {folder} is not complete: its file {missing[0] if missing else ''} is missing"
+        )
     return [folder / name for name in names]
 
 
@@ -124,7 +130,9 @@ def _read_without_metadata(folder: Path) -> RawMessages:
         return _join([read_mcap(file) for file in files], "metadata.yaml is missing: read without it")
     files = sorted(folder.glob("*.db3"))
     if files:
-        return _join([_read_with_rosbags(file) for file in files], "metadata.yaml is missing: read without it")
+        return _join(
+            [_read_with_rosbags(file) for file in files], "metadata.yaml is missing: read without it"
+        )
     raise InputError(f"{folder} is not a recording: it has no metadata.yaml and no .mcap or .db3 file")
 
 
@@ -148,7 +156,9 @@ def _read_with_rosbags(path: Path) -> RawMessages:
     return _raw_messages(channels, table, parts)
 
 
-def _raw_messages(channels: dict[int, Channel], table: list[tuple[int, int]], parts: list[bytes]) -> RawMessages:
+def _raw_messages(
+    channels: dict[int, Channel], table: list[tuple[int, int]], parts: list[bytes]
+) -> RawMessages:
     length = np.array([len(part) for part in parts], dtype=np.int64)
     channel, log_time = np.array(table, dtype=np.int64).reshape(-1, 2).T
     order = np.argsort(log_time, kind="stable")
@@ -164,7 +174,7 @@ def _channel(connection: Any) -> Channel:
 
 
 def _join(files: list[RawMessages], *notes: str) -> RawMessages:
-    """The files of one recording as one: channels numbered anew, in order of log time, ties in order of files."""
+    """The files of one recording as one: channels numbered anew; ties of log time in the order of files."""
     if len(files) == 1:
         return _with_notes(files[0], notes)
     channels: dict[int, Channel] = {}

@@ -1,4 +1,4 @@
-"""A recording as samples: rosbag2 in, everything that the estimators use out, in the order in which it arrived."""
+"""A recording as samples: rosbag2 in, everything that the estimators use out, in order of arrival."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ class Recording:
 def read_recording(path: str | Path) -> Recording:
     """Read a rosbag2 folder (MCAP or sqlite3) or a bare .mcap or .db3 file.
 
-    A topic counts with or without a namespace before it: /uav1/imu/data is imu/data. Raises InputError for what is
-    not a recording and for a recording without any of TOPICS.
+    A topic counts with or without a namespace before it: /uav1/imu/data is imu/data. Raises InputError for
+    what is not a recording and for a recording without any of TOPICS.
     """
     raw = read_raw(path)
     wanted, notes = _wanted_channels(raw)
@@ -109,7 +109,7 @@ def _wanted_channels(raw: RawMessages) -> tuple[dict[int, str], list[str]]:
 
 
 def _namespace(raw: RawMessages) -> str:
-    """What stands before the most known topics, such as "uav1/"; "" before the alphabet, so that none goes first."""
+    """What stands before the most known topics, such as "uav1/"; of equal ones none, then the alphabet."""
     namespaces: dict[str, int] = {}
     for channel in raw.channels.values():
         name = channel.topic.strip("/")
@@ -120,10 +120,14 @@ def _namespace(raw: RawMessages) -> str:
     return min(namespaces, key=lambda prefix: (-namespaces[prefix], prefix), default="")
 
 
-def _require_samples(path: str | Path, batches: list[Samples], raw: RawMessages, skipped: Mapping[str, int]) -> None:
+def _require_samples(
+    path: str | Path, batches: list[Samples], raw: RawMessages, skipped: Mapping[str, int]
+) -> None:
     if any(len(batch) for batch in batches):
         return
     if any(skipped.values()):
-        raise InputError(f"no message of the recording {path} could be decoded: it is damaged or of another version")
+        raise InputError(
+            f"no message of the recording {path} could be decoded: it is damaged or of another version"
+        )
     needed = ", ".join("/" + topic for topic in TOPICS)
     raise InputError(f"the recording {path} has none of the topics {needed}: it holds {raw.topic_names()}")

@@ -1,8 +1,9 @@
 """The one place where ROS meets the inside: FLU and ENU (REP-103, REP-145) to FRD and NED, and back.
 
 All functions work on n messages of one topic at once and are elementwise, so that n = 1 (a live node) and
-n = 100 000 (a replay) give the same bits. Flat fields are what a message holds without its nesting: the name is
-the dotted path, an array (n,) for a number and (n, k) for a vector, a quaternion (x, y, z, w) or a covariance.
+n = 100 000 (a replay) give the same bits. Flat fields are what a message holds without its nesting: the name
+is the dotted path, an array (n,) for a number and (n, k) for a vector, a quaternion (x, y, z, w) or a
+covariance.
 """
 
 from __future__ import annotations
@@ -45,7 +46,15 @@ USED_FIELDS: dict[str, dict[str, str]] = {
     },
     "imu/mag": {"magnetic_field": "x y z"},
     "gps/fix": dict.fromkeys(
-        ("status.status", "latitude", "longitude", "altitude", "position_covariance", "position_covariance_type"), ""
+        (
+            "status.status",
+            "latitude",
+            "longitude",
+            "altitude",
+            "position_covariance",
+            "position_covariance_type",
+        ),
+        "",
     ),
     "gps/vel": {"twist.linear": "x y z"},
     "air_data": dict.fromkeys(
@@ -58,7 +67,10 @@ USED_FIELDS: dict[str, dict[str, str]] = {
         ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller_speed"), ""
     ),
     "height_above_ground": dict.fromkeys(("range", "min_range", "max_range"), ""),
-    "mass_properties": {**dict.fromkeys(("mass", "ixx", "iyy", "izz", "ixz"), ""), "center_of_gravity": "x y z"},
+    "mass_properties": {
+        **dict.fromkeys(("mass", "ixx", "iyy", "izz", "ixz"), ""),
+        "center_of_gravity": "x y z",
+    },
 }
 RADIANS_PER_DEGREE = np.pi / 180.0
 NANOSECONDS = 1_000_000_000
@@ -74,7 +86,8 @@ def to_samples(topic: str, stamp: Stamps, fields: Fields) -> list[Samples]:
     """Samples of n messages of a topic (relative name) from their stamps [ns] (n,) and flat fields.
 
     A message may hold several samples (orientation, the parts of air data) or none. Values that are there but
-    useless (no GPS fix) become NaN and are left to the estimator to count; values that are not measured give none.
+    useless (no GPS fix) become NaN and are left to the estimator to count; values that are not measured give
+    none.
     """
     return [samples for samples, _ in samples_and_rows(topic, stamp, fields)]
 
@@ -128,7 +141,7 @@ def imu_fields(
     attitude: npt.ArrayLike | None = None,
     variances: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> dict[str, Array]:
-    """Fields of sensor_msgs/Imu of n samples FRD (n, 3), and attitude (n, 4) w, x, y, z to NED where there is one.
+    """Fields of sensor_msgs/Imu of n samples FRD (n, 3), and of attitudes (n, 4) w, x, y, z to NED if any.
 
     ``variances`` of specific force, angular velocity and attitude; 0 means unknown, as in ROS.
     """
@@ -156,9 +169,9 @@ def gps_fix_fields(
     *,
     variance_ned: tuple[float, float, float] | None = None,
 ) -> dict[str, npt.NDArray[Any]]:
-    """Fields of sensor_msgs/NavSatFix of n fixes: latitude, longitude [rad], altitude [m], variances [m^2]."""
+    """Fields of sensor_msgs/NavSatFix: latitude, longitude [rad], altitude [m] (n,), variances [m^2]."""
     latitude, longitude = np.atleast_1d(latitude), np.atleast_1d(longitude)
-    fields = {
+    fields: dict[str, npt.NDArray[Any]] = {
         "latitude": latitude / RADIANS_PER_DEGREE,
         "longitude": longitude / RADIANS_PER_DEGREE,
         "altitude": np.atleast_1d(np.asarray(altitude, dtype=np.float64)),
@@ -180,20 +193,22 @@ def _all_rows(samples: Samples) -> tuple[Samples, Rows]:
     return samples, np.arange(len(samples))
 
 
-def _some_rows(kind: Kind, stamp: Stamps, valid: npt.NDArray[np.bool_], *columns: Array) -> tuple[Samples, Rows]:
+def _some_rows(
+    kind: Kind, stamp: Stamps, valid: npt.NDArray[np.bool_], *columns: Array
+) -> tuple[Samples, Rows]:
     rows = np.flatnonzero(valid)
     return samples_of(kind, stamp[rows], *(column[rows] for column in columns)), rows
 
 
 def _mean_variance(covariance: Array) -> Array:
-    """Mean (n,) of the three variances, which no turn of the axes changes; NaN where element 0 says unknown."""
+    """Mean (n,) of the three variances, the same in all axes; NaN where element 0 says unknown."""
     mean = (covariance[:, 0] + covariance[:, 4] + covariance[:, 8]) / 3.0
     known = (covariance[:, 0] > 0.0) & (mean > 0.0) & np.isfinite(mean)
     return np.where(known, mean, np.nan)
 
 
 def _imu(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
-    """Specific force, rate, then their variances, one for each; the attitude where its covariance says it is there."""
+    """Specific force, rate, one variance of each; the attitude where its covariance says it is there."""
     imu = samples_of(
         Kind.IMU,
         stamp,
@@ -253,7 +268,7 @@ def _air_data(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
 
 
 def _height(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
-    """REP-117: a range outside its limits (or infinite) is no measurement; a maximum of 0 is not filled in."""
+    """REP-117: a range outside its limits or infinite is no measurement; a maximum of 0 is not filled in."""
     distance, highest = fields["range"].astype(np.float64), fields["max_range"]
     measured = np.isfinite(distance) & (distance >= fields["min_range"])
     measured &= (distance <= highest) | (highest <= 0.0)
@@ -284,7 +299,7 @@ _CONVERSIONS: dict[str, Callable[[Stamps, Fields], list[tuple[Samples, Rows]]]] 
 
 
 def _getter(name: str, components: str) -> Callable[[Any], Any]:
-    """What takes a field out of a live message: a number, an array or a tuple of the components of a vector."""
+    """What takes a field out of a live message: a number, an array or a tuple of components."""
     return attrgetter(*(f"{name}.{c}" for c in components.split())) if components else attrgetter(name)
 
 

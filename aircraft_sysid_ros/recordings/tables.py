@@ -21,7 +21,7 @@ _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
 
 @dataclass(frozen=True)
 class Table:
-    """n messages: ``log_time`` [ns] and ``stamp`` [ns] (n,), and flat fields (n,) or (n, k) by dotted name."""
+    """n messages: ``log_time`` and ``stamp`` [ns] (n,), and flat fields (n,) or (n, k) by dotted name."""
 
     log_time: Integers
     stamp: Integers  # of the header; the log time where the type has no header
@@ -51,7 +51,9 @@ def table_of(raw: RawMessages, key: int, names: Collection[str] | None = None) -
     missing = set(names or ()) - table.fields.keys()
     if missing and len(table.rows):
         channel = raw.channels[key]
-        raise InputError(f"the recording has another {channel.type} on {channel.topic}: without {sorted(missing)[0]}")
+        raise InputError(
+            f"the recording has another {channel.type} on {channel.topic}: without {sorted(missing)[0]}"
+        )
     return table
 
 
@@ -107,7 +109,11 @@ def _column(table: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     if name not in (table.dtype.names or ()):
         return np.full(len(table), "")  # a text without a byte has a length only
     values = table[name]
-    return np.char.decode(values, "utf8", "replace") if values.dtype.kind == "S" else np.ascontiguousarray(values)
+    return (
+        np.char.decode(values, "utf8", "replace")
+        if values.dtype.kind == "S"
+        else np.ascontiguousarray(values)
+    )
 
 
 def _stamp(table: Any, columns: Collection[str], log_time: Integers) -> Integers:

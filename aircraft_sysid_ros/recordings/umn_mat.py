@@ -1,26 +1,26 @@
-"""Flights of the UAV Lab, University of Minnesota: Ultra Stick 25e "Thor" with a five-hole probe on the right wing.
+"""Flights of the UAV Lab, University of Minnesota: Ultra Stick 25e "Thor" with a five-hole probe.
 
 How each channel was understood (flight 75; "fit" is a least-squares fit over the flight under autopilot):
 
 - time: seconds since power-up. The clock is set by GPS time of week, which belongs to the date in the file.
 - Rows before the IMU reports (imuStatus 0) are left out.
 - GPS: a fix is new where GPS_TOW changes; before the first, TOW is 0 and the position a constant (45, -93).
-- The surfaces are commands of the autopilot and frozen at the last value while the pilot flies (mode 1), when the
-  servos follow the pilot's channels instead: they are NaN there. Positive is trailing edge down for elevator and
-  each aileron: da_r = -da_l, and positive da_r rolls left (fit: Cl_da < 0, Cm_de < 0, as in the lab's own model), so
-  that aileron = (da_r - da_l) / 2.
-- Air data are made from the pressures. Each pressure reads its zero (median while the aircraft stands) when there
-  is no flow: without it, Pd alone is wrong by 5.9 m/s at rest. The onboard ``ias`` is the same thing, equivalent
-  airspeed without the zero (fit: sqrt(2 (Pd + 19.7 Pa) / 1.225) to 0.001 m/s); true airspeed uses the density of the
-  measured static pressure and the standard temperature at it.
-- Angles: the firmware's calibration of the probe plus its 3.50 deg mount offset. The onboard ``aoa`` and ``aos`` are
-  these angles (fit: to 0.006 deg) carried to the centre of gravity with the raw gyros, by
-  + 0.178 q/V - 0.360 p/V and - 0.178 r/V. That correction belongs to the estimator, which knows the gyro biases and
+- The surfaces are commands of the autopilot and frozen at the last value while the pilot flies (mode 1), when
+  the servos follow the pilot's channels instead: they are NaN there. Positive is trailing edge down for
+  elevator and each aileron: da_r = -da_l, and positive da_r rolls left (fit: Cl_da < 0, Cm_de < 0, as in the
+  lab's own model), so that aileron = (da_r - da_l) / 2.
+- Air data are made from the pressures. Each pressure reads its zero (median while the aircraft stands) when
+  there is no flow: without it, Pd alone is wrong by 5.9 m/s at rest. The onboard ``ias`` is the same thing,
+  equivalent airspeed without the zero (fit: sqrt(2 (Pd + 19.7 Pa) / 1.225) to 0.001 m/s); true airspeed uses
+  the density of the measured static pressure and the standard temperature at it.
+- Angles: the firmware's calibration of the probe plus its 3.50 deg mount offset. The onboard ``aoa`` and
+  ``aos`` are these angles (fit: to 0.006 deg) carried to the centre of gravity with the raw gyros, by + 0.178
+  q/V - 0.360 p/V and - 0.178 r/V. That correction belongs to the estimator, which knows the gyro biases and
   also corrects the airspeed: here the angles are those at the probe, 0.178 m ahead and 0.360 m to the right.
 - Angles need flow: below MINIMUM_DYNAMIC_PRESSURE they are NaN.
-- Magnetometer: axes are forward-left-up and the hard iron of the aircraft, about as large as the field, is not
-  removed. ``imu/mag`` is without HARD_IRON (fit with the onboard attitude, residual 0.01 gauss); ``imu/mag_raw`` is
-  as measured.
+- Magnetometer: axes are forward-left-up and the hard iron of the aircraft, about as large as the field, is
+  not removed. ``imu/mag`` is without HARD_IRON (fit with the onboard attitude, residual 0.01 gauss);
+  ``imu/mag_raw`` is as measured.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def import_flight_data(content: dict[str, Any]) -> ImportedLog:
 
 
 def _start(data: Any, information: Any) -> float:
-    """Unix time [s] of time 0, from the date of the file and GPS time of week (a constant offset, median of fixes)."""
+    """Unix time [s] of time 0: date of the file and GPS time of week, whose offset is constant (median)."""
     match = re.match(r"\d{1,2}-\w{3}-\d{4}", str(getattr(information, "date", "")))
     if match is None:
         raise InputError("flight_info.date is missing: it must say the day of the flight such as 10-Oct-2012")

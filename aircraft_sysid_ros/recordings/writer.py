@@ -1,7 +1,7 @@
 """Writes recordings: rosbag2 folders with one MCAP file, or a bare MCAP file, readable without this package.
 
-Everything is kept until the end, put in order of log time and written beside the target, which then takes the new
-name at once: an error or a kill leaves no half-written recording behind.
+Everything is kept until the end, put in order of log time and written beside the target, which then takes the
+new name at once: an error or a kill leaves no half-written recording behind.
 """
 
 from __future__ import annotations
@@ -66,11 +66,11 @@ class RecordingWriter:
         log_time: npt.ArrayLike | None = None,
         frame_id: str = "",
     ) -> None:
-        """n messages of a fixed layout: ``stamp`` [ns] (n,) and flat fields (n,) or (n, k), or one value for all.
+        """n messages of fixed layout: ``stamp`` [ns] (n,) and flat fields (n,) or (n, k), or one for all.
 
-        A text may be one for all or a sequence of n. Numbers that are not given are 0, as in ROS, but NaN in our
-        own messages. ``log_time`` [ns] (n,) is when they arrived, by default their stamps. Raises KeyError for a
-        field that the type does not have.
+        A text may be one for all or a sequence of n. Numbers that are not given are 0, as in ROS, but NaN in
+        our own messages. ``log_time`` [ns] (n,) is when they arrived, by default their stamps. Raises
+        KeyError for a field that the type does not have.
         """
         stamps = np.atleast_1d(np.asarray(stamp, dtype=np.int64))
         arrivals = stamps if log_time is None else np.atleast_1d(np.asarray(log_time, dtype=np.int64))
@@ -89,7 +89,7 @@ class RecordingWriter:
             self._batches.append(_Batch(connection, arrivals[rows], messages))
 
     def write_message(self, topic: str, type_name: str, log_time: int, message: Any) -> None:
-        """One message of any type: a mapping of fields (a time as int [ns]) or an object with its attributes."""
+        """One message of any type: a mapping of fields (a time is int [ns]) or an object with them."""
         if isinstance(message, Mapping):
             message = message_from_dict(type_name, message)
         content = np.frombuffer(known_types().serialize_cdr(message, type_name), np.uint8)
@@ -108,7 +108,9 @@ class RecordingWriter:
             with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:
                 bag = Path(folder) / self.path.stem
                 self._write_bag(bag)
-                _put_in_place(next(bag.glob("*.mcap")) if self.path.suffix == ".mcap" else bag, self.path, folder)
+                _put_in_place(
+                    next(bag.glob("*.mcap")) if self.path.suffix == ".mcap" else bag, self.path, folder
+                )
         except OSError as error:
             raise InputError(f"cannot write the recording {self.path}: {error.strerror or error}") from None
 
@@ -117,7 +119,9 @@ class RecordingWriter:
 
         log_times = np.concatenate([batch.log_time for batch in self._batches] or [np.empty(0, np.int64)])
         batch_of = np.repeat(np.arange(len(self._batches)), [len(batch.log_time) for batch in self._batches])
-        row_of = np.concatenate([np.arange(len(batch.log_time)) for batch in self._batches] or [np.empty(0, int)])
+        row_of = np.concatenate(
+            [np.arange(len(batch.log_time)) for batch in self._batches] or [np.empty(0, int)]
+        )
         order = np.argsort(log_times, kind="stable")
         contents = [(batch.connection[0], _split(batch.messages)) for batch in self._batches]
         with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -134,7 +138,8 @@ class RecordingWriter:
 
 def _split(messages: npt.NDArray[np.uint8]) -> list[bytes]:
     """Rows (n, length) as n byte strings."""
-    return np.ascontiguousarray(messages).view(np.dtype((np.void, messages.shape[1]))).ravel().tolist()
+    rows: Any = np.ascontiguousarray(messages).view(np.dtype((np.void, messages.shape[1]))).ravel()
+    return list(rows.tolist())
 
 
 def _check_target(path: Path, overwrite: bool) -> None:

@@ -189,7 +189,7 @@ def motion(airframe, place, state, wind, wind_rate, time):
         specific_force = force / airframe.mass
         change = rigid_body.body_velocity_derivative(specific_force, rates, air_velocity, fall)
         alpha_dot, beta_dot = flow_rates(air_velocity, change)
-        signals[_ALPHA_DOT] = alpha_dot * airframe.chord / (2.0 * signals[_V])
+        signals[_ALPHA_DOT] = alpha_dot * airframe.chord / signals[_V]
         signals[_BETA_DOT] = beta_dot * airframe.span / (2.0 * signals[_V])
     moment = rigid_body.moment_at_centre_of_gravity(moment, force, airframe.reference)
     acceleration = rigid_body.angular_acceleration(moment, rates, airframe.inertia)

@@ -38,7 +38,7 @@ def perfect_inputs(flight, rate: float = 100.0) -> tuple[np.ndarray, Samples]:
     rows[:, Column.ANGLE_OF_ATTACK] = truth.alpha
     rows[:, Column.SIDESLIP] = truth.beta
     rows[:, Column.AIR_DENSITY] = truth.density
-    rows[:, Column.AIR_VELOCITY_STD] = 1e-6
+    rows[:, Column.AIR_VELOCITY_STD] = 0.02  # what a good first step says of itself
     rows[:, Column.STATUS] = 1.0
     rows[:, Column.ORIGIN] = truth.origin
     stamp = np.rint(time * 1e9).astype(np.int64)
@@ -69,7 +69,7 @@ def test_perfect_states_give_the_true_parameters(flight) -> None:
         truth = flight.aircraft.coefficients[p.name]
         assert p.value == pytest.approx(truth, rel=0.01, abs=1e-3), p.name
     for i, axis in enumerate(AXES):
-        measured, predicted = points[100:, 1 + i], points[100:, 7 + i]
+        measured, predicted = points[1000:, 1 + i], points[1000:, 7 + i]  # every manoeuvre was flown once
         assert np.sqrt(np.mean((measured - predicted) ** 2)) < 0.01 * np.std(measured), axis
 
 
@@ -136,18 +136,18 @@ def test_cruise_holds_what_was_learnt(flight, replayed: Pipeline) -> None:
     after = estimator.snapshot()
     for old, new in zip(before.parameters, after.parameters, strict=True):
         assert new.value == pytest.approx(old.value, rel=0.02, abs=2e-3), old.name
-        assert new.std <= 1.5 * old.std + 0.002 * max(abs(old.value), 0.01), old.name  # the first 2 s still learn
+        assert new.std <= 1.2 * old.std + 0.05 * max(abs(old.value), 0.01), old.name  # the first 2 s learn the noise
     ages = [p.age for p in after.parameters if p.name.split("_")[1] in ("alpha", "beta", "p", "q", "r")]
     assert min(ages) > 500.0
 
 
 def test_a_change_in_flight_is_followed(flight) -> None:
-    """Elevator effectiveness halves: with forgetting of 20 s the estimate is there before the flight ends."""
+    """Elevator effectiveness halves at 60 s: what rests on 4 s of motion has forgotten it when the flight ends."""
     rows, controls = perfect_inputs(flight)
     halved = controls.values.copy()
     halved[len(halved) // 2 :, 0] *= 2.0  # the same motion from twice the deflection
     controls = Samples(controls.stamp, controls.kind, halved)
-    estimator, _ = learn(flight.aircraft, rows, controls, ParameterOptions(forgetting_time=20.0))
+    estimator, _ = learn(flight.aircraft, rows, controls, ParameterOptions(forgetting_time=4.0))
     value = {p.name: p.value for p in estimator.snapshot().parameters}["Cm_de"]
     assert value == pytest.approx(0.5 * flight.aircraft.coefficients["Cm_de"], rel=0.1)
 
@@ -183,12 +183,12 @@ def test_a_rudder_that_does_not_move_is_held(flight) -> None:
 
 
 def test_impossible_values_are_rejected(flight) -> None:
-    """A gyro mounted backwards gives a roll damping that no aeroplane has."""
+    """An accelerometer mounted upside down gives a lift slope that no aeroplane has."""
     rows, controls = perfect_inputs(flight)
-    rows[:, Column.ANGULAR_VELOCITY.start] *= -1.0
+    rows[:, Column.SPECIFIC_FORCE.stop - 1] *= -1.0
     estimator, _ = learn(flight.aircraft, rows, controls)
-    statuses = {p.name: p.status for p in estimator.snapshot().parameters}
-    assert Trust.REJECT in statuses.values() or statuses["Cl_p"] != Trust.USE
+    lift_slope = {p.name: p for p in estimator.snapshot().parameters}["CZ_alpha"]
+    assert lift_slope.status == Trust.REJECT and "outside" in lift_slope.reason
 
 
 def test_gaps_and_nan_in_controls_are_passed_over(flight) -> None:
@@ -230,11 +230,11 @@ def test_mass_that_changes_is_used(flight) -> None:
 
 def test_any_model_of_the_aircraft_file(flight) -> None:
     """Terms are data: a model with other terms gets its own parameters and nothing else."""
-    model = model_from_terms({"CZ": ["1", "alpha", "alpha**3", "q", "de"], "Cl": ["p", "beta", "da", "dr", "r"]})
+    model = model_from_terms({"CZ": ["1", "alpha", "alpha**3", "q", "de"], "Cl": ["p", "beta", "da", "dr", "r", 1]})
     rows, controls = perfect_inputs(flight)
     estimator, _ = learn(replace(flight.aircraft, model=model), rows, controls)
     names = [p.name for p in estimator.snapshot().parameters]
-    assert names == ["CZ_0", "CZ_alpha", "CZ_alpha3", "CZ_q", "CZ_de", "Cl_p", "Cl_beta", "Cl_da", "Cl_dr", "Cl_r"]
+    assert names == ["CZ_0", "CZ_alpha", "CZ_alpha3", "CZ_q", "CZ_de", "Cl_p", "Cl_beta", "Cl_da", "Cl_dr", "Cl_r", "Cl_0"]
     values = {p.name: p.value for p in estimator.snapshot().parameters}
     assert values["Cl_p"] == pytest.approx(flight.aircraft.coefficients["Cl_p"], rel=0.02)
 

@@ -1,4 +1,4 @@
-"""Imported real flights: every claim is checked against the .mat file or against physics, not against our output."""
+"""Imported real flights: checked against the .mat file and against physics, not against our output."""
 
 import argparse
 import json
@@ -22,7 +22,9 @@ DATA = REPOSITORY.parent / "shared" / "data"
 THOR = DATA / "umn_thor_flight75" / "flight75.mat"
 TESTLOG = DATA / "inertialnav" / "TestLog2.mat"
 SWISS = DATA / "inertialnav" / "SwissLog1.mat"
-needs_data = pytest.mark.skipif(not THOR.exists() or not TESTLOG.exists(), reason="the real flights are not here")
+needs_data = pytest.mark.skipif(
+    not THOR.exists() or not TESTLOG.exists(), reason="the real flights are not here"
+)
 
 
 def imported(path, folder):
@@ -75,7 +77,9 @@ class TestThor:
     def test_stamps_are_the_time_of_the_recorder_from_the_day_of_the_flight(self, thor):
         data, report, _, recording = thor
         imu = of_kind(recording, Kind.IMU)
-        np.testing.assert_allclose(np.diff(imu.stamp) * 1e-9, np.diff(data.time[data.imuStatus > 0]), atol=2e-9)
+        np.testing.assert_allclose(
+            np.diff(imu.stamp) * 1e-9, np.diff(data.time[data.imuStatus > 0]), atol=2e-9
+        )
         assert report["start"].startswith("2012-10-10T16:")  # 11:57 in Minnesota is when the file was written
 
     def test_stamps_agree_with_gps_time(self, thor):
@@ -102,7 +106,9 @@ class TestThor:
         north = np.gradient(fix.values[:, 0] * 6.37e6, time)
         east = np.gradient(fix.values[:, 1] * 6.37e6 * np.cos(np.radians(45.33)), time)
         down = -np.gradient(fix.values[:, 2], time)
-        for found, recorded, least in zip((north, east, down), velocity.values.T, (0.97, 0.97, 0.9), strict=False):
+        for found, recorded, least in zip(
+            (north, east, down), velocity.values.T, (0.97, 0.97, 0.9), strict=False
+        ):
             assert np.corrcoef(found, recorded)[0, 1] > least
 
     def test_airspeed_agrees_with_the_onboard_one(self, thor):
@@ -120,9 +126,10 @@ class TestThor:
         data, _, out, _ = thor
         air = read_table(out, "air_data").fields
         k = in_air(data) & (data.ias > 12.0)
-        carried = air["angle_of_attack"] + (0.18 * data.q - 0.36 * data.p) / data.ias
+        speed = np.where(k, data.ias, np.nan)
+        carried = air["angle_of_attack"] + (0.18 * data.q - 0.36 * data.p) / speed
         assert np.abs(carried - data.aoa)[k].max() < np.radians(0.3)
-        carried = air["sideslip"] - 0.18 * data.r / data.ias
+        carried = air["sideslip"] - 0.18 * data.r / speed
         assert np.abs(carried - data.aos)[k].max() < np.radians(0.6)
         assert np.abs(air["angle_of_attack"] - data.aoa)[k].max() > np.radians(2.0), "the arms matter"
 
@@ -155,7 +162,9 @@ class TestThor:
         servo_delay = 3  # rows
         acceleration = np.roll(np.gradient(data.p, data.time), -servo_delay)
         k = in_air(data)
-        fit = np.linalg.lstsq(np.stack([aileron, data.p, np.ones(len(aileron))], axis=1)[k], acceleration[k], rcond=None)
+        fit = np.linalg.lstsq(
+            np.stack([aileron, data.p, np.ones(len(aileron))], axis=1)[k], acceleration[k], rcond=None
+        )
         assert fit[0][0] < 0.0
         elevator = of_kind(recording, Kind.CONTROLS).values[:, 0]
         pitching = np.roll(np.gradient(data.q, data.time), -servo_delay)
@@ -167,11 +176,16 @@ class TestThor:
         field = of_kind(recording, Kind.MAGNETIC_FIELD).values[:, :3]
         assert 4e-5 < np.median(np.linalg.norm(field, axis=1)) < 6.5e-5  # tesla
         rows = np.flatnonzero((data.hx != 0) | (data.hy != 0) | (data.hz != 0))
-        level = (np.hypot(data.phi, data.theta - 0.1)[rows] < 0.1) & in_air(data)[rows]
-        heading = np.arctan2(-field[level, 1], field[level, 0])
-        difference = np.exp(1j * (heading - data.psi[rows][level]))
-        assert abs(np.angle(difference.mean())) < np.radians(10)
-        assert field[level, 2].mean() > 0.0, "down in the northern hemisphere"
+        k = in_air(data)[rows]
+        field, roll, pitch, yaw = field[k], data.phi[rows][k], data.theta[rows][k], data.psi[rows][k]
+        forward = field[:, 0] * np.cos(pitch) + np.sin(pitch) * (
+            field[:, 1] * np.sin(roll) + field[:, 2] * np.cos(roll)
+        )
+        right = field[:, 1] * np.cos(roll) - field[:, 2] * np.sin(roll)
+        difference = np.angle(np.exp(1j * (np.arctan2(-right, forward) - yaw)))
+        assert abs(np.median(difference)) < np.radians(5)
+        assert difference.std() < np.radians(8)
+        assert field[:, 2].mean() > 0.0, "down in the northern hemisphere"
 
     def test_aircraft_file_fits(self):
         aircraft = load_aircraft(REPOSITORY / "config" / "umn_thor.yaml")
@@ -210,7 +224,9 @@ class TestInertialNav:
     def test_testlog_velocity_agrees_with_speed_and_altitude(self, testlog):
         recording = testlog[3]
         fix, velocity = of_kind(recording, Kind.GPS_POSITION), of_kind(recording, Kind.GPS_VELOCITY)
-        assert np.corrcoef(np.gradient(fix.values[:, 2], fix.stamp * 1e-9), -velocity.values[:, 2])[0, 1] > 0.95
+        assert (
+            np.corrcoef(np.gradient(fix.values[:, 2], fix.stamp * 1e-9), -velocity.values[:, 2])[0, 1] > 0.95
+        )
         north = np.gradient(fix.values[:, 0], fix.stamp * 1e-9)
         assert np.corrcoef(north, velocity.values[:, 0])[0, 1] > 0.95
 
@@ -282,7 +298,9 @@ def test_report_is_json_and_readable(thor):
 @needs_data
 def test_the_command_overwrites_only_when_told(tmp_path):
     def run(*, overwrite):
-        return import_log.run(argparse.Namespace(log=str(SWISS), out=str(tmp_path / "bag"), overwrite=overwrite))
+        return import_log.run(
+            argparse.Namespace(log=str(SWISS), out=str(tmp_path / "bag"), overwrite=overwrite)
+        )
 
     assert run(overwrite=False)["topics"]["gps/vel"]["messages"] == 502
     with pytest.raises(InputError, match="already there"):
@@ -295,7 +313,9 @@ def test_other_files_are_an_input_error(tmp_path, name):
     if not name.startswith("nowhere"):
         (tmp_path / name).write_bytes(b"ULog")
     with pytest.raises(InputError) as error:
-        import_log.run(argparse.Namespace(log=str(tmp_path / name), out=str(tmp_path / "bag"), overwrite=False))
+        import_log.run(
+            argparse.Namespace(log=str(tmp_path / name), out=str(tmp_path / "bag"), overwrite=False)
+        )
     assert name in str(error.value)
     if not name.startswith("nowhere"):
         assert ".mat" in str(error.value)

@@ -89,7 +89,7 @@ def test_rate_zero_never_waits():
 def test_every_is_true_once_per_interval():
     clock = Clock()
     show = every(1.0, clock)
-    seen = []
+    seen = [next(show)]  # starts it
     for _ in range(40):
         clock.now += 0.25
         seen.append(next(show))

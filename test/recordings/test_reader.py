@@ -46,10 +46,11 @@ def random_message(type_name, rng, frame_id):
 def raw_of(type_name, contents):
     lengths = np.array([len(c) for c in contents])
     n = len(contents)
+    data = np.frombuffer(b"".join(contents), np.uint8)
+    start = np.cumsum(lengths) - lengths
     return RawMessages(
-        np.frombuffer(b"".join(contents), np.uint8), np.ones(n, np.int64), np.arange(n), np.cumsum(lengths) - lengths,
-        lengths, {1: Channel("/x", type_name)},
-    )  # fmt: skip
+        data, np.ones(n, np.int64), np.arange(n), start, lengths, {1: Channel("/x", type_name)}
+    )
 
 
 def assert_same(fast, slow):
@@ -75,9 +76,13 @@ def test_decoding_at_once_says_the_same_as_one_by_one(type_name, size):
 def test_padding_at_the_end_is_allowed(padding):
     type_name = TOPICS["air_data"]
     rng = np.random.default_rng(0)
-    contents = [bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(2)]
+    contents = [
+        bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(2)
+    ]
     raw = raw_of(type_name, [content + bytes(padding) for content in contents])
-    assert_same(tables._decoded_at_once(raw, 1, None), tables._decoded_at_once(raw_of(type_name, contents), 1, None))
+    assert_same(
+        tables._decoded_at_once(raw, 1, None), tables._decoded_at_once(raw_of(type_name, contents), 1, None)
+    )
 
 
 def test_big_endian_messages_are_decoded_one_by_one():
@@ -107,7 +112,9 @@ def test_frame_ids_of_several_lengths_are_decoded_one_by_one():
 def test_a_message_that_cannot_be_decoded_is_skipped_and_counted():
     type_name = TOPICS["air_data"]
     rng = np.random.default_rng(0)
-    contents = [bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(3)]
+    contents = [
+        bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(3)
+    ]
     table = table_of(raw_of(type_name, [contents[0], contents[1][:20], contents[2]]), 1)
     assert table.skipped == 1
     np.testing.assert_array_equal(table.rows, [0, 2])
@@ -124,7 +131,9 @@ def write_flight(path, prefix="", n=20, **options):
     stamp = START + np.arange(n) * 10_000_000
     with RecordingWriter(path, **options) as writer:
         speed = np.arange(n)[:, None] * np.array([1.0, 0.0, 0.0])
-        writer.write(prefix + "imu/data", TOPICS["imu/data"], stamp, imu_fields(speed, speed), frame_id="base_link")
+        writer.write(
+            prefix + "imu/data", TOPICS["imu/data"], stamp, imu_fields(speed, speed), frame_id="base_link"
+        )
         writer.write(prefix + "gps/vel", TOPICS["gps/vel"], stamp[::5], gps_velocity_fields(speed[::5]))
     return path
 
@@ -165,7 +174,9 @@ def test_samples_are_in_order_of_arrival(flight):
 def test_order_is_by_log_time_and_the_stamp_is_kept(tmp_path):
     stamp = START + np.array([0, 10, 20])
     with RecordingWriter(tmp_path / "late") as writer:
-        writer.write("gps/vel", TOPICS["gps/vel"], stamp[:1], gps_velocity_fields([[0, 0, 0]]), log_time=stamp[:1] + 15)
+        writer.write(
+            "gps/vel", TOPICS["gps/vel"], stamp[:1], gps_velocity_fields([[0, 0, 0]]), log_time=stamp[:1] + 15
+        )
         fields = imu_fields(np.zeros((3, 3)), np.zeros((3, 3)))
         writer.write("imu/data", TOPICS["imu/data"], stamp, fields, log_time=stamp)
     samples = read_recording(tmp_path / "late").samples
@@ -176,7 +187,9 @@ def test_order_is_by_log_time_and_the_stamp_is_kept(tmp_path):
 def test_the_parts_of_a_message_stay_together(tmp_path):
     stamp = START + np.arange(3)
     with RecordingWriter(tmp_path / "air") as writer:
-        writer.write("air_data", TOPICS["air_data"], stamp, {"true_airspeed": 15.0, "sideslip": np.arange(3.0)})
+        writer.write(
+            "air_data", TOPICS["air_data"], stamp, {"true_airspeed": 15.0, "sideslip": np.arange(3.0)}
+        )
     samples = read_recording(tmp_path / "air").samples
     assert samples.kind.tolist() == [Kind.AIRSPEED, Kind.SIDESLIP] * 3
     np.testing.assert_array_equal(samples.values[1::2, 0], np.arange(3))
@@ -187,7 +200,12 @@ def test_sqlite3_mcap_and_compression_say_the_same(flight, tmp_path):
 
     expected = read_recording(flight)
     raw = read_raw(flight)
-    for mode in (CompressionMode.NONE, CompressionMode.MESSAGE, CompressionMode.FILE, CompressionMode.STORAGE):
+    for mode in (
+        CompressionMode.NONE,
+        CompressionMode.MESSAGE,
+        CompressionMode.FILE,
+        CompressionMode.STORAGE,
+    ):
         for plugin in StoragePlugin:
             if mode == CompressionMode.STORAGE and plugin == StoragePlugin.SQLITE3:
                 continue
@@ -226,7 +244,9 @@ def test_split_recordings_are_joined(tmp_path):
     for i, part in enumerate(parts):
         shutil.copy(next(part.glob("*.mcap")), folder / f"split_{i}.mcap")
     text = (parts[0] / "metadata.yaml").read_text()
-    (folder / "metadata.yaml").write_text(text.replace("  - part0.mcap\n", "  - split_0.mcap\n  - split_1.mcap\n"))
+    (folder / "metadata.yaml").write_text(
+        text.replace("  - part0.mcap\n", "  - split_0.mcap\n  - split_1.mcap\n")
+    )
     recording = read_recording(folder)
     assert recording.topics == {"imu/data": 20, "gps/vel": 4}
     assert (np.diff(recording.samples.stamp) >= 0).all()
@@ -278,7 +298,9 @@ def test_definition_of_the_recording_goes_before_ours(tmp_path):
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     name = TOPICS["five_hole_probe"]
-    text = "std_msgs/Header header\nfloat64 extra\n" + "".join(f"float64 {f}\n" for f in USED_FIELDS["five_hole_probe"])
+    text = "std_msgs/Header header\nfloat64 extra\n" + "".join(
+        f"float64 {f}\n" for f in USED_FIELDS["five_hole_probe"]
+    )
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg(text, name))
     header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](1, 0), "air")
@@ -320,7 +342,9 @@ def test_a_recorder_that_died_leaves_what_it_wrote(tmp_path):
     assert lengths[-1] == len(whole)
 
 
-@pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + bytes(100), bytes(4096)])
+@pytest.mark.parametrize(
+    "content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + bytes(100), bytes(4096)]
+)
 @pytest.mark.parametrize("suffix", [".mcap", ".db3", ".txt"])
 def test_what_is_no_recording(tmp_path, suffix, content):
     file = tmp_path / f"thing{suffix}"
@@ -351,7 +375,11 @@ def test_a_damaged_chunk_is_left_out_and_noted(tmp_path):
 
     file = tmp_path / "damaged.mcap"
     definition = known_types().generate_msgdef(TOPICS["gps/vel"], ros_version=2)[0].encode()
-    content = bytes(known_types().serialize_cdr(random_message(TOPICS["gps/vel"], np.random.default_rng(0), ""), TOPICS["gps/vel"]))
+    content = bytes(
+        known_types().serialize_cdr(
+            random_message(TOPICS["gps/vel"], np.random.default_rng(0), ""), TOPICS["gps/vel"]
+        )
+    )
     with file.open("wb") as stream:
         writer = Writer(stream, chunk_size=1000, compression=CompressionType.NONE)
         writer.start("ros2", "test")

@@ -71,12 +71,16 @@ def test_imu_variance_is_the_mean_of_the_diagonal_where_it_is_known():
 
 @pytest.mark.parametrize("first", [-1.0, 0.0])
 def test_orientation_without_covariance_is_not_used(first):
-    assert [s.kind[0] for s in ros.to_samples("imu/data", STAMP, imu(orientation_covariance=[first] * 9))] == [Kind.IMU]
+    assert [
+        s.kind[0] for s in ros.to_samples("imu/data", STAMP, imu(orientation_covariance=[first] * 9))
+    ] == [Kind.IMU]
 
 
 @pytest.mark.parametrize("orientation", [[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.2], [np.nan, 0.0, 0.0, 1.0]])
 def test_orientation_that_is_no_turn_is_not_used(orientation):
-    batches = ros.to_samples("imu/data", STAMP, imu(orientation=orientation, orientation_covariance=np.eye(3).ravel()))
+    batches = ros.to_samples(
+        "imu/data", STAMP, imu(orientation=orientation, orientation_covariance=np.eye(3).ravel())
+    )
     assert [len(batch) for batch in batches[1:]] in ([], [0])
 
 
@@ -175,7 +179,9 @@ def air(n, **values):
 
 
 def test_air_data_gives_a_sample_for_each_measured_part():
-    samples = ros.to_samples("air_data", STAMP, air(1, true_airspeed=[15.0], angle_of_attack=[0.1], air_density=[1.2]))
+    samples = ros.to_samples(
+        "air_data", STAMP, air(1, true_airspeed=[15.0], angle_of_attack=[0.1], air_density=[1.2])
+    )
     assert [Kind(s.kind[0]) for s in samples] == [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.AIR]
     assert [s.values[0, 0] for s in samples] == [15.0, 0.1, 1.2]
     assert np.isnan(samples[2].values[0, 1])
@@ -192,7 +198,8 @@ def test_rows_name_the_message_of_each_sample():
 
 
 @pytest.mark.parametrize(
-    ("distance", "expected"), [(3.0, 3.0), (0.05, np.nan), (60.0, np.nan), (np.inf, np.nan), (-np.inf, np.nan)]
+    ("distance", "expected"),
+    [(3.0, 3.0), (0.05, np.nan), (60.0, np.nan), (np.inf, np.nan), (-np.inf, np.nan)],
 )
 def test_range_outside_its_limits_is_no_height(distance, expected):
     limits = {"min_range": np.array([0.2], np.float32), "max_range": np.array([50.0], np.float32)}
@@ -203,7 +210,14 @@ def test_range_outside_its_limits_is_no_height(distance, expected):
 def test_plain_topics_keep_order_and_sign():
     surfaces = {name: np.array([float(i)]) for i, name in enumerate(ros.USED_FIELDS["control_surfaces"])}
     np.testing.assert_array_equal(one("control_surfaces", surfaces).values[0, :7], np.arange(7))
-    mass = {"mass": [2.0], "ixx": [3.0], "iyy": [4.0], "izz": [5.0], "ixz": [6.0], "center_of_gravity": [[7, 8, 9]]}
+    mass = {
+        "mass": [2.0],
+        "ixx": [3.0],
+        "iyy": [4.0],
+        "izz": [5.0],
+        "ixz": [6.0],
+        "center_of_gravity": [[7, 8, 9]],
+    }
     mass = {name: np.array(value, float) for name, value in mass.items()}
     np.testing.assert_array_equal(one("mass_properties", mass).values[0, :8], np.arange(2, 10))
     field = one("imu/mag", {"magnetic_field": np.array([[1.0, 2.0, 3.0]])})
@@ -232,7 +246,9 @@ def test_one_by_one_gives_the_same_bits_as_all_at_once(topic):
     for place, (batch, rows) in enumerate(ros.samples_and_rows(topic, stamp, fields)):
         singles = {}
         for i in range(n):
-            for one_batch, _ in ros.samples_and_rows(topic, stamp[i : i + 1], {k: v[i : i + 1] for k, v in fields.items()}):
+            for one_batch, _ in ros.samples_and_rows(
+                topic, stamp[i : i + 1], {k: v[i : i + 1] for k, v in fields.items()}
+            ):
                 if len(one_batch) and one_batch.kind[0] == batch.kind[0]:
                     singles[i] = one_batch.values[0]
         assert list(singles) == list(rows), place

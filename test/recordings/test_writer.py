@@ -15,7 +15,9 @@ STATE = "aircraft_sysid_msgs/msg/AircraftState"
 def write_all(path):
     stamp = START + np.arange(5) * 20_000_000
     with RecordingWriter(path) as writer:
-        writer.write("air_data", TOPICS["air_data"], stamp, {"true_airspeed": np.arange(5.0)}, frame_id="probe")
+        writer.write(
+            "air_data", TOPICS["air_data"], stamp, {"true_airspeed": np.arange(5.0)}, frame_id="probe"
+        )
         writer.write(
             "state_estimator/state",
             STATE,
@@ -28,9 +30,19 @@ def write_all(path):
                 "fused": np.arange(5),
             },
         )
-        parameters = [{"name": "CZ_alpha", "value": -4.5, "status": 1}, {"name": "Cm_q", "reason": "no excitation"}]
-        message = {"header": {"stamp": START + 7}, "model": "m1", "parameters": parameters, "covariance": np.eye(2)}
-        writer.write_message("~/parameters".lstrip("~"), "aircraft_sysid_msgs/msg/Parameters", START + 7, message)
+        parameters = [
+            {"name": "CZ_alpha", "value": -4.5, "status": 1},
+            {"name": "Cm_q", "reason": "no excitation"},
+        ]
+        message = {
+            "header": {"stamp": START + 7},
+            "model": "m1",
+            "parameters": parameters,
+            "covariance": np.eye(2),
+        }
+        writer.write_message(
+            "~/parameters".lstrip("~"), "aircraft_sysid_msgs/msg/Parameters", START + 7, message
+        )
     return path
 
 
@@ -91,7 +103,12 @@ def test_vectorised_bytes_are_those_of_the_slow_serialiser(tmp_path):
     covariance = np.arange(9.0)
     with RecordingWriter(tmp_path / "bag") as writer:
         for frame in ("", "a", "gps", "antenna"):
-            flat = {"status.status": -1, "status.service": 3, "latitude": 1.5, "position_covariance": covariance}
+            flat = {
+                "status.status": -1,
+                "status.service": 3,
+                "latitude": 1.5,
+                "position_covariance": covariance,
+            }
             writer.write("gps/fix", TOPICS["gps/fix"], [START], flat, frame_id=frame)
             message = {
                 "header": {"stamp": START, "frame_id": frame}, "status": {"status": -1, "service": 3},
