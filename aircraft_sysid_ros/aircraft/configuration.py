@@ -311,8 +311,9 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
     delay = (
         base.delay if value.get("delay") is None else _number(value["delay"], f"the delay of sensor {name}")
     )
-    if not 0.0 <= delay <= 2.0:
-        raise InputError(f"the delay of sensor {name} must be between 0 and 2 s, not {delay:g}")
+    least = -0.5 if member == "control_surfaces" else 0.0  # recorded commands run ahead of the surfaces
+    if not least <= delay <= 2.0:
+        raise InputError(f"the delay of sensor {name} must be between {least:g} and 2 s, not {delay:g}")
     rate = _positive(value, "rate", default=base.rate, what=f"the rate of sensor {name}")
     return Sensor(noise, rate, delay, given)
 

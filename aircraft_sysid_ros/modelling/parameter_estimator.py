@@ -179,6 +179,7 @@ class ParameterEstimator:
         self._history = self._history[int(np.searchsorted(self._history[:, TIME], oldest)) :]
         points = points[:count]
         if count:
+            self._signals_seen |= np.any(np.isfinite(points[:, Point.SIGNALS]), axis=0)
             self._widen_ranges(points)
             self.errors.add(points)
             self.newest_point = points[-1]
@@ -301,11 +302,11 @@ class ParameterEstimator:
         return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE))
 
     def _missing_signals(self, axis: int) -> tuple[str, ...]:
+        """Signals that the axis needs and that no point of the flight had."""
         if self.newest_point is None or self.learning.updates[axis]:
             return ()
-        signals = self.newest_point[Point.SIGNALS]
         used = {int(row[1]) for program in self.model.programs[axis] for row in program.code if row[0] == 1}
-        return tuple(SIGNALS[k] for k in sorted(used) if not np.isfinite(signals[k]))
+        return tuple(SIGNALS[k] for k in sorted(used) if not self._signals_seen[k])
 
     def _widen_ranges(self, points: Array) -> None:
         learnt = points[np.any(points[:, Point.LEARNT] > 0.0, axis=1)]
@@ -345,6 +346,7 @@ class ParameterEstimator:
             force_noise=self.aircraft.mass * self.aircraft.sensors["accelerometer"].noise[0] / np.sqrt(window),
         )
         self.newest_point: Array | None = None
+        self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
         self._ranges = np.full((3, 2), np.nan)
 
     def _restart_time(self, newest: float | None) -> None:

@@ -52,7 +52,7 @@ class Verdict:
 
 #: No aeroplane is beyond these, by axis and term: (lowest, highest).
 PHYSICAL_BOUNDS: dict[str, tuple[float, float]] = {
-    "CZ_alpha": (-15.0, 0.0), "Cm_q": (-200.0, 0.0), "Cl_p": (-3.0, 0.0), "Cn_r": (-3.0, 0.0), "CY_beta": (-5.0, 0.0),
+    "CZ_alpha": (-15.0, 0.0), "CZ_q": (-60.0, 5.0), "Cm_q": (-200.0, 0.0), "Cl_p": (-3.0, 0.0), "Cn_r": (-3.0, 0.0), "CY_beta": (-5.0, 0.0),
     "Cm_alpha": (-20.0, 20.0), "Cn_beta": (-1.0, 2.0), "Cl_beta": (-2.0, 1.0),
 }  # fmt: skip
 

@@ -16,6 +16,7 @@ from aircraft_sysid_ros.reconstruction.fusion import RUNNING, run, wind_jacobian
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, TimeOrder
 from aircraft_sysid_ros.reconstruction.state import (
     D_ACCELEROMETER_BIAS,
+    D_AIR_VELOCITY,
     D_GYRO_BIAS,
     ERROR_SIZE,
     STATE_SIZE,
@@ -115,6 +116,7 @@ class StateEstimator:
         self.memory: Memory = new_memory(len(Kind))
         self.last_row: Array | None = None
         self.first_time = np.nan  # [s] of the first state
+        self._last_airborne: Array | None = None  # newest row with air data
 
     def push(self, samples: Samples) -> Array:
         """Take n samples in the order of arrival; returns rows (m, Column.WIDTH), m >= 0."""
@@ -155,7 +157,7 @@ class StateEstimator:
         """The content of state.json, without the timing: newest biases and wind with their standard deviations."""
         known = self._aligned or self._has_biases
         sigma = np.sqrt(np.diag(self._p))
-        wind, wind_std = self._known_wind()
+        wind, wind_std = self._wind_in_flight()
         values = {
             "accelerometer_bias": (self._x[10:13], sigma[D_ACCELEROMETER_BIAS : D_ACCELEROMETER_BIAS + 3]),
             "gyro_bias": (self._x[13:16], sigma[D_GYRO_BIAS : D_GYRO_BIAS + 3]),
@@ -171,6 +173,12 @@ class StateEstimator:
         """Mean normalised innovation squared per degree of freedom, by kind: near 1 when noise is as configured."""
         sums, degrees = self.memory.nis_sum, self.memory.degrees
         return {kind.name.lower(): float(sums[kind] / degrees[kind]) for kind in Kind if degrees[kind]}
+
+    def _wind_in_flight(self) -> tuple[Array, Array]:
+        """Wind NED (3,) and its standard deviations when air data last told it: after a landing nothing does."""
+        if self._last_airborne is None:
+            return self._known_wind()
+        return self._last_airborne[Column.WIND], self._last_airborne[Column.STANDARD_DEVIATIONS][D_AIR_VELOCITY:]
 
     def _known_wind(self) -> tuple[Array, Array]:
         """Newest wind NED (3,) and its standard deviations (3,)."""
@@ -225,6 +233,9 @@ class StateEstimator:
                     self.first_time = float(rows[0, Column.TIME])
                 rows[:count, Column.LATE] = self.order.counts.late.sum()
                 self.last_row = rows[count - 1]
+                airborne = np.flatnonzero(np.isin(rows[:count, Column.STATUS], (Status.OK, Status.NO_GPS)))
+                if len(airborne):
+                    self._last_airborne = rows[airborne[-1]]
                 yield rows[:count]
             if state != RUNNING:
                 self._lose_alignment()

@@ -9,6 +9,9 @@ How each channel was understood (flight 75; "fit" is a least-squares fit over th
   the servos follow the pilot's channels instead: they are NaN there. Positive is trailing edge down for
   elevator and each aileron: da_r = -da_l, and positive da_r rolls left (fit: Cl_da < 0, Cm_de < 0, as in the
   lab's own model), so that aileron = (da_r - da_l) / 2.
+- IMU: once the onboard filter runs (25 s) the recorded rates and accelerations are less its bias estimates. At
+  rest p is -0.0198 rad/s before and 0.0002 after, with p_bias -0.0204; ax is 1.92 and 1.53 m/s^2, with ax_bias
+  0.37: the estimates are added back, so that the recording is what the sensors gave.
 - Air data are made from the pressures. Each pressure reads its zero (median while the aircraft stands) when
   there is no flow: without it, Pd alone is wrong by 5.9 m/s at rest. The onboard ``ias`` is the same thing,
   equivalent airspeed without the zero (fit: sqrt(2 (Pd + 19.7 Pa) / 1.225) to 0.001 m/s); true airspeed uses
@@ -60,6 +63,11 @@ _AUTOPILOT = 2  # mode
 _FIRST_WEEK = date(1980, 1, 6)
 
 
+def _raw(data: Any, name: str) -> Array:
+    """What the sensor gave, (n,): the recorded channel has the onboard bias estimate taken out."""
+    return np.asarray(getattr(data, name) + getattr(data, f"{name}_bias"), dtype=np.float64)
+
+
 def import_flight_data(content: dict[str, Any]) -> ImportedLog:
     """a flight of the UMN UAV Lab"""
     data = content["flight_data"]
@@ -100,14 +108,14 @@ def _new_fixes(data: Any) -> np.ndarray:
 def _imu(data: Any, start: float) -> list[ImportedTopic]:
     works = data.imuStatus > 0
     stamp = stamps(start, data.time[works])
-    force = np.stack([data.ax, data.ay, data.az], axis=1)[works]
-    rate = np.stack([data.p, data.q, data.r], axis=1)[works]
+    force = np.stack([_raw(data, name) for name in ("ax", "ay", "az")], axis=1)[works]
+    rate = np.stack([_raw(data, name) for name in ("p", "q", "r")], axis=1)[works]
     measured = works & ((data.hx != 0.0) | (data.hy != 0.0) | (data.hz != 0.0))
     field = np.stack([data.hx, data.hy, data.hz], axis=1)[measured]  # its axes are FLU already
     mag, raw = ({"magnetic_field": f * TESLA_PER_GAUSS} for f in (field - np.array(HARD_IRON), field))
     magnetic = stamps(start, data.time[measured])
     return [
-        ImportedTopic("imu/data", stamp, imu_fields(force, rate), "ax ay az p q r"),
+        ImportedTopic("imu/data", stamp, imu_fields(force, rate), "ax ay az p q r with the onboard biases put back"),
         ImportedTopic("imu/mag", magnetic, mag, "hx hy hz without hard iron"),
         ImportedTopic("imu/mag_raw", magnetic, raw, "hx hy hz", type_name=TOPICS["imu/mag"]),
     ]

@@ -1,0 +1,220 @@
+"""The aircraft file: what is read, and one clear line for everything that is wrong."""
+
+import numpy as np
+import pytest
+import yaml
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import textbook_model
+from aircraft_sysid_ros.aircraft.configuration import (
+    DEFAULT_PROCESS_NOISE,
+    DEFAULT_SENSORS,
+    aircraft_from_dict,
+    inertia_matrix,
+    load_aircraft,
+)
+from aircraft_sysid_ros.errors import InputError
+
+MINIMAL = """\
+name: Small
+mass: 2.0
+wing_area: 0.3
+span: 1.2
+chord: 0.25
+inertia: {xx: 0.07, yy: 0.09, zz: 0.15, xz: 0.014}
+"""
+
+
+def loaded(tmp_path, text):
+    path = tmp_path / "small.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return load_aircraft(path)
+
+
+def with_sensor(**sensors):
+    return aircraft_from_dict({**yaml.safe_load(MINIMAL), "sensors": sensors}).sensors
+
+
+def test_a_minimal_file_is_enough(tmp_path):
+    aircraft = loaded(tmp_path, MINIMAL)
+    assert (aircraft.name, aircraft.mass, aircraft.wing_area) == ("Small", 2.0, 0.3)
+    assert (aircraft.span, aircraft.chord) == (1.2, 0.25)
+    np.testing.assert_array_equal(aircraft.inertia, [[0.07, 0.0, -0.014], [0.0, 0.09, 0.0], [-0.014, 0.0, 0.15]])
+    for position in ("imu_position", "air_data_position", "gps_position", "aerodynamic_reference"):
+        np.testing.assert_array_equal(getattr(aircraft, position), np.zeros(3))
+    assert aircraft.sensors == DEFAULT_SENSORS and aircraft.process_noise == DEFAULT_PROCESS_NOISE
+    assert aircraft.model.identifier == textbook_model().identifier
+    assert aircraft.coefficients == {} and set(aircraft.surface_signs.values()) == {1.0}
+    assert aircraft.ground_altitude is None and aircraft.magnetic_declination is None
+    # 0.8 of the speed at which a lift coefficient of 1.6 carries the weight
+    assert aircraft.minimum_airspeed == pytest.approx(0.8 * np.sqrt(2 * 2.0 * 9.80665 / (1.225 * 0.3 * 1.6)))
+
+
+def test_a_full_file_is_read(tmp_path):
+    aircraft = loaded(tmp_path, MINIMAL + FULL)
+    np.testing.assert_array_equal(aircraft.imu_position, [0.05, 0.0, 0.02])
+    assert aircraft.ground_altitude == -3.0 and aircraft.magnetic_declination == 0.05
+    assert aircraft.minimum_airspeed == 9.0 and aircraft.trim_airspeed == 17.0
+    assert aircraft.process_noise["wind"] == 0.0
+    assert aircraft.surface_signs == {"elevator": 1.0, "aileron": 1.0, "rudder": -1.0, "flaps": 1.0}
+    assert aircraft.coefficients == {"CZ_alpha": -4.5}
+    assert aircraft.model.parameter_names == ("CZ_0", "CZ_alpha", "CZ_alpha3", "CZ_q")
+    assert aircraft.source["trim_airspeed"] == 17
+
+
+FULL = """\
+imu_position: [0.05, 0, 2e-2]
+ground_altitude: -3
+magnetic_declination: 5e-2
+minimum_airspeed: 9
+trim_airspeed: 17
+process_noise: {wind: 0}
+surface_signs: {rudder: -1}
+coefficients: {CZ_alpha: -4.5}
+model: {CZ: [1, alpha, alpha**3, q]}
+"""
+
+
+def test_numbers_that_yaml_reads_as_text_are_numbers(tmp_path):
+    assert yaml.safe_load("1e-3") == "1e-3"
+    assert loaded(tmp_path, MINIMAL.replace("0.07", "7e-2")).inertia[0, 0] == 0.07
+
+
+# What replaces the minimal file, or follows it, and what the message must name.
+BAD = {
+    "unknown key": (MINIMAL + "wing_aera: 0.3\n", "unknown key 'wing_aera': did you mean 'wing_area'?"),
+    "unlike any key": (MINIMAL + "zzz: 0.3\n", "unknown key 'zzz': known are name, mass"),
+    "key of two lines": (MINIMAL + '"a\\nb": 1\n', "unknown key 'a b'"),
+    "key without name": (MINIMAL + "null: 1\n", "unknown key 'None'"),
+    "negative mass": (MINIMAL.replace("2.0", "-2"), "mass must be positive, not -2"),
+    "zero span": (MINIMAL.replace("1.2", "0"), "span must be positive, not 0"),
+    "nan": (MINIMAL.replace("0.25", ".nan"), "chord must be a finite number, not 'nan'"),
+    "nan as text": (MINIMAL.replace("0.25", "nan"), "chord must be a finite number, not 'nan'"),
+    "infinite": (MINIMAL.replace("0.3", "-.inf"), "wing_area must be a finite number"),
+    "too large for a number": (MINIMAL.replace("2.0", "1" + "0" * 400), "mass must be a finite number"),
+    "text for a number": (MINIMAL.replace("2.0", "heavy"), "mass must be a number, not 'heavy'"),
+    "unit with a number": (MINIMAL.replace("2.0", "2 kg"), "mass must be a number, not '2 kg'"),
+    "yes for a number": (MINIMAL.replace("2.0", "yes"), "mass must be a number, not true"),
+    "date for a number": (MINIMAL.replace("2.0", "2024-01-02"), "mass must be a number, not '2024-01-02'"),
+    "list for a number": (MINIMAL.replace("2.0", "[2.0]"), "mass must be a number, not a list"),
+    "list that holds itself": (MINIMAL.replace("2.0", "&a [*a]"), "mass must be a number, not a list"),
+    "mapping for a number": (MINIMAL.replace("2.0", "{kg: 2}"), "mass must be a number, not a mapping"),
+    "long text": (MINIMAL.replace("2.0", "x" * 9000), "mass must be a number, not 'xxx"),
+    "missing key": (MINIMAL.replace("mass: 2.0\n", ""), "the required key 'mass' is missing"),
+    "empty key": (MINIMAL.replace("2.0", ""), "the required key 'mass' is missing"),
+    "key twice": (MINIMAL + "mass: 3\n", "the key 'mass' is there twice"),
+    "key twice inside": (MINIMAL + "process_noise: {wind: 1, wind: 2}\n", "the key 'wind' is there twice"),
+    "not a mapping": ("- 1\n- 2\n", "must be a YAML mapping"),
+    "a word": ("aircraft", "must be a YAML mapping"),
+    "empty file": ("", "must be a YAML mapping"),
+    "bad YAML": (MINIMAL + "model: [1, 2\n", "not valid YAML at line"),
+    "tab": (MINIMAL + "sensors:\n\tgyro: 1\n", "not valid YAML at line 8"),
+    "two documents": (MINIMAL + "---\na: 1\n", "not valid YAML"),
+    "python object": (MINIMAL + "model: !!python/object/apply:os.getcwd []\n", "not valid YAML at line 7"),
+    "impossible date": (MINIMAL + "trim_airspeed: 2024-13-45\n", "not valid YAML"),
+    "number of 5000 digits": (MINIMAL + "trim_airspeed: " + "9" * 5000, "not valid YAML"),
+    "nesting bomb": (MINIMAL + "model: " + "[" * 5000, "not valid YAML"),
+    "control character": (MINIMAL + "model: \x01", "not valid YAML"),
+    "binary file": (b"\x89HDF\r\n\x1a\n\xff\xfe\x00", "not a text file"),
+    "name that is false": (MINIMAL.replace("Small", "no"), "name must be text .*, not false"),
+    "name of blanks": (MINIMAL.replace("Small", "'  '"), "name must be text"),
+    "name that is a list": (MINIMAL.replace("Small", "[a]"), "name must be text .*, not a list"),
+    "inertia as number": (MINIMAL.replace("{xx: 0.07, yy: 0.09, zz: 0.15, xz: 0.014}", "3"), "inertia must be a mapping"),
+    "inertia without yy": (MINIMAL.replace("yy: 0.09, ", ""), "inertia needs 'yy'"),
+    "inertia negative": (MINIMAL.replace("0.09", "-0.09"), "inertia yy must be positive, not -0.09"),
+    "inertia not positive": (MINIMAL.replace("0.014", "0.2"), "inertia is not that of a body"),
+    "inertia typo": (MINIMAL.replace("xz:", "xy:"), "unknown key of inertia 'xy'"),
+    "position of two": (MINIMAL + "imu_position: [1, 2]\n", "imu_position must be three numbers"),
+    "position as number": (MINIMAL + "gps_position: 1\n", "gps_position must be three numbers"),
+    "position with text": (MINIMAL + "gps_position: [1, 2, x]\n", "gps_position must be a number, not 'x'"),
+    "sensor typo": (MINIMAL + "sensors: {gyo: {rate: 1}}\n", "unknown sensor 'gyo': did you mean 'gyro'?"),
+    "sensor key typo": (MINIMAL + "sensors: {gyro: {nois: 1}}\n", "unknown key of sensor gyro: 'nois': did you mean 'noise'?"),
+    "sensor as number": (MINIMAL + "sensors: {gyro: 0.1}\n", "sensor gyro must be a mapping with noise, .*, not '0.1'"),
+    "sensor switched off": (MINIMAL + "sensors: {gyro: no}\n", "sensor gyro must be a mapping .*, not false"),
+    "sensors switched off": (MINIMAL + "sensors: no\n", "sensors must be a mapping such as .*, not false"),
+    "sensors as list": (MINIMAL + "sensors: [gyro]\n", "sensors must be a mapping such as .*, not a list"),
+    "negative delay": (MINIMAL + "sensors: {gyro: {delay: -0.1}}\n", "delay of sensor gyro must be between 0 and 2 s"),
+    "long delay": (MINIMAL + "sensors: {gyro: {delay: 20}}\n", "delay of sensor gyro must be between 0 and 2 s, not 20"),
+    "rate zero": (MINIMAL + "sensors: {gyro: {rate: 0}}\n", "rate of sensor gyro must be positive"),
+    "noise zero": (MINIMAL + "sensors: {gyro: {noise: 0}}\n", "noise of sensor gyro must be positive"),
+    "noise of two": (MINIMAL + "sensors: {gyro: {noise: [1, 2]}}\n", "noise of sensor gyro must have 1 numbers"),
+    "noise of GPS of two": (MINIMAL + "sensors: {gps_position: {noise: [1, 2]}}\n", "must have 1 or 3 numbers"),
+    "noise of a group": (MINIMAL + "sensors: {air_data: {noise: 1}}\n", "noise of sensor air_data must have 3 numbers"),
+    "process noise": (MINIMAL + "process_noise: {wind: -1}\n", "process_noise wind must not be negative"),
+    "process noise typo": (MINIMAL + "process_noise: {winds: 1}\n", "unknown key of process_noise: 'winds'"),
+    "process noise as number": (MINIMAL + "process_noise: 0.2\n", "process_noise must be a mapping"),
+    "surface": (MINIMAL + "surface_signs: {ruder: -1}\n", "unknown surface 'ruder': did you mean 'rudder'?"),
+    "sign": (MINIMAL + "surface_signs: {rudder: 0.5}\n", "surface_signs rudder must be 1 or -1"),
+    "coefficient": (MINIMAL + "coefficients: {CZ_alpha: high}\n", "coefficient CZ_alpha must be a number"),
+    "coefficients as list": (MINIMAL + "coefficients: [1]\n", "coefficients must be a mapping"),
+    "model as list": (MINIMAL + "model: [alpha]\n", "model must be a mapping"),
+    "model axis": (MINIMAL + "model: {CL: [1]}\n", "the model names the axis 'CL'"),
+    "model term": (MINIMAL + "model: {CZ: [alfa]}\n", "'alfa' in 'alfa' is no signal"),
+    "model term twice": (MINIMAL + "model: {CZ: [alpha, alpha]}\n", "the term 'alpha' twice in CZ"),
+    "airspeed zero": (MINIMAL + "minimum_airspeed: 0\n", "minimum_airspeed must be positive"),
+    "trim airspeed": (MINIMAL + "trim_airspeed: fast\n", "trim_airspeed must be a number"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD.keys())
+def test_a_bad_file_is_one_line_that_names_the_file_and_the_key(tmp_path, text, message):
+    with pytest.raises(InputError, match=message) as raised:
+        loaded(tmp_path, text)
+    line = str(raised.value)
+    assert str(tmp_path / "small.yaml") in line
+    assert len(line.splitlines()) == 1 and line.isprintable() and len(line) < 800
+
+
+def test_a_file_that_is_not_there_and_a_folder_are_named(tmp_path):
+    with pytest.raises(InputError, match=r"cannot read the aircraft file .*none\.yaml: No such file"):
+        load_aircraft(tmp_path / "none.yaml")
+    with pytest.raises(InputError, match="cannot read the aircraft file .*: Is a directory"):
+        load_aircraft(tmp_path)
+
+
+@pytest.mark.parametrize(("text", "name"), [("172", "172"), ("'007'", "007"), ("é ✈", "é ✈"), ("'no'", "no")])
+def test_a_name_may_be_a_number_or_in_any_script(tmp_path, text, name):
+    assert loaded(tmp_path, MINIMAL.replace("Small", text)).name == name
+
+
+def test_yaml_anchors_and_merges_still_work(tmp_path):
+    sensors = "sensors:\n  gyro: &g {noise: 0.1, rate: 50}\n  accelerometer: {<<: *g, noise: 0.3}\n"
+    aircraft = loaded(tmp_path, MINIMAL + sensors)
+    assert aircraft.sensors["gyro"].noise == (0.1,)
+    assert (aircraft.sensors["accelerometer"].noise, aircraft.sensors["accelerometer"].rate) == ((0.3,), 50.0)
+
+
+def test_keys_without_a_value_have_their_defaults(tmp_path):
+    empty = "sensors:\nmodel:\nimu_position:\nprocess_noise:\ncoefficients:\nminimum_airspeed:\ntrim_airspeed:\n"
+    aircraft = loaded(tmp_path, MINIMAL + empty)
+    assert aircraft.sensors == DEFAULT_SENSORS and len(aircraft.model.parameter_names) == 32
+    assert with_sensor(gyro=None)["gyro"] == DEFAULT_SENSORS["gyro"]
+
+
+def test_only_what_the_file_gives_goes_before_the_messages():
+    sensors = with_sensor(gyro={"noise": 0.01}, accelerometer={"rate": 200, "delay": 0.01})
+    assert sensors["gyro"].noise_is_given and sensors["gyro"].noise == (0.01,)
+    assert not sensors["accelerometer"].noise_is_given
+    assert (sensors["accelerometer"].rate, sensors["accelerometer"].delay) == (200.0, 0.01)
+    assert sensors["accelerometer"].noise == DEFAULT_SENSORS["accelerometer"].noise
+    assert not any(sensor.noise_is_given for sensor in DEFAULT_SENSORS.values())
+
+
+@pytest.mark.parametrize("group_first", [True, False])
+def test_a_single_sensor_goes_before_its_group(group_first):
+    given = {"air_data": {"noise": [0.3, 0.02, 0.03], "delay": 0.1}, "sideslip": {"noise": 0.05}}
+    sensors = with_sensor(**dict(given.items() if group_first else reversed(given.items())))
+    assert [sensors[s].noise[0] for s in ("airspeed", "angle_of_attack", "sideslip")] == [0.3, 0.02, 0.05]
+    assert [sensors[s].delay for s in ("airspeed", "angle_of_attack", "sideslip")] == [0.1, 0.1, 0.1]
+
+
+def test_gps_noise_is_one_number_or_three_and_aliases_are_known():
+    sensors = with_sensor(gps={"noise": [2.0, 0.1], "rate": 10}, beta={"rate": 20}, gyroscope={"noise": [0.2]})
+    assert sensors["gps_position"].noise == (2.0, 2.0, 2.0) and sensors["gps_velocity"].noise == (0.1, 0.1, 0.1)
+    assert sensors["gps_velocity"].rate == 10.0 and sensors["sideslip"].rate == 20.0
+    assert sensors["gyro"].noise == (0.2,)
+    assert with_sensor(gps_position={"noise": [1, 2, 3]})["gps_position"].noise == (1.0, 2.0, 3.0)
+
+
+def test_the_inertia_is_that_of_6_19():
+    inertia = inertia_matrix(1.0, 2.0, 3.0, 0.4)
+    assert inertia[0, 2] == inertia[2, 0] == -0.4 and np.all(np.linalg.eigvalsh(inertia) > 0.0)
