@@ -17,7 +17,7 @@ unexport LD_LIBRARY_PATH
 endif
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test lint types colcon pytest demo bench clean distclean FORCE
+.PHONY: help env test lint types colcon pytest demo bench docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -104,8 +104,14 @@ $(COLCON_WS)/complete: $(COLCON_SOURCES) $(STAMPS)/messages
 demo: env ## a simulated flight from recording to report
 	$(BIN)/aircraft-sysid demo
 
-bench: env ## speed and accuracy against the stated goals
-	$(BIN)/python benchmarks/run.py
+bench: env ## accuracy, speed and real flights: results, tables and pictures in docs/
+	$(BIN)/python benchmarks/accuracy.py
+	$(BIN)/python benchmarks/replay_speed.py
+	@if [ -d ../shared/data ]; then $(BIN)/python benchmarks/real_flights.py; else echo "real flights are not here: left as they are"; fi
+	@$(MAKE) --no-print-directory docs
+
+docs: env ## tables and pictures of README and docs/ from the results
+	$(BIN)/python docs/build.py
 
 clean: ## build products; the environment stays
 	rm -rf build install log dist ./*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

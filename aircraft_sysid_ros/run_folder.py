@@ -27,7 +27,8 @@ from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.error_window import AxisError
 from aircraft_sysid_ros.modelling.model_file import parameters_json
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterSet
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
+from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
@@ -84,7 +85,7 @@ class RunWriter:
     def finish(
         self, state: StateEstimator, parameters: ParameterEstimator, duration: float, started: float
     ) -> dict[str, Any]:
-        """Write the folder; returns the content of state.json and parameters.json under "state" and "parameters".
+        """Write the folder; returns the content of its JSON files under "state" and "parameters".
 
         ``duration`` of the flight [s] and the reading of time.perf_counter() when the work began.
         """
@@ -96,7 +97,8 @@ class RunWriter:
                 new.mkdir()
                 self._write_estimates(new / ESTIMATES, state.epoch or 0, parameters)
                 self._write_points(new / POINTS, state.epoch or 0, parameters)
-                (new / AIRCRAFT).write_text(yaml.safe_dump(self._aircraft.source, sort_keys=False), encoding="utf8")
+                aircraft = yaml.safe_dump(self._aircraft.source, sort_keys=False)
+                (new / AIRCRAFT).write_text(aircraft, encoding="utf8")
                 write_json(new / PARAMETERS, result["parameters"])
                 elapsed = time.perf_counter() - started
                 result["state"].update(duration=duration, realtime_factor=duration / elapsed)
@@ -122,7 +124,8 @@ class RunWriter:
                 content = {"header": {"stamp": stamp}, **out.parameters_content(estimates)}
                 writer.write_message(out.PARAMETERS_TOPIC, out.PARAMETERS_TYPE, stamp, content)
                 window = parameters.options.error_window
-                content = {"header": {"stamp": stamp}, **out.model_error_content(estimates.model, window, errors)}
+                error = out.model_error_content(estimates.model, window, errors)
+                content = {"header": {"stamp": stamp}, **error}
                 writer.write_message(out.MODEL_ERROR_TOPIC, out.MODEL_ERROR_TYPE, stamp, content)
 
     def _write_points(self, path: Path, epoch: int, parameters: ParameterEstimator) -> None:
@@ -145,11 +148,11 @@ class RunWriter:
 
 def state_json(state: StateEstimator) -> dict[str, Any]:
     """The content of state.json without the timing."""
-    counts = {kind: {k: n for k, n in c.items() if n} for kind, c in state.counts().items() if any(c.values())}
+    counts = {kind: {k: n for k, n in c.items() if n} for kind, c in state.counts().items()}
     return {
         **state.summary(),
         "innovation_consistency": state.innovation_consistency(),
-        "samples": counts,
+        "samples": {kind: c for kind, c in counts.items() if c},
         "realignments": state.realignments,
         "clock_restarts": state.order.counts.restarts,
     }

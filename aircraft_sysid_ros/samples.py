@@ -1,7 +1,7 @@
-"""What flows through the program: time-stamped samples, converted once at the edge to FRD, NED, SI and radians.
+"""What flows through the program: time-stamped samples, converted at the edge to FRD, NED, SI and radians.
 
-A batch holds n samples of any kinds in the order in which they arrived; live nodes push batches of one message,
-replay pushes a second of flight at once, and both meet the same code.
+A batch holds n samples of any kinds in the order in which they arrived; live nodes push batches of one
+message, replay pushes a second of flight at once, and both meet the same code.
 """
 
 from __future__ import annotations
@@ -37,15 +37,16 @@ class Kind(IntEnum):
 #: How many leading values must be finite for a sample of the kind to be of use.
 REQUIRED_VALUES = np.zeros(len(Kind), dtype=np.int64)
 for _kind, _count in (
-    (Kind.IMU, 6), (Kind.ATTITUDE, 4), (Kind.MAGNETIC_FIELD, 3), (Kind.GPS_POSITION, 3), (Kind.GPS_VELOCITY, 3),
-    (Kind.AIRSPEED, 1), (Kind.ANGLE_OF_ATTACK, 1), (Kind.SIDESLIP, 1), (Kind.HEIGHT, 1), (Kind.FIVE_HOLE, 2),
+    (Kind.IMU, 6), (Kind.ATTITUDE, 4), (Kind.MAGNETIC_FIELD, 3), (Kind.GPS_POSITION, 3),
+    (Kind.GPS_VELOCITY, 3), (Kind.AIRSPEED, 1), (Kind.ANGLE_OF_ATTACK, 1), (Kind.SIDESLIP, 1),
+    (Kind.HEIGHT, 1), (Kind.FIVE_HOLE, 2),
 ):  # fmt: skip
     REQUIRED_VALUES[_kind] = _count
 
 
 @dataclass(frozen=True)
 class Samples:
-    """n samples in order of arrival: ``stamp`` int64 [ns] (n,), ``kind`` int64 (n,), ``values`` float64 (n, WIDTH)."""
+    """n samples in order of arrival: ``stamp`` [ns] (n,), ``kind`` (n,) and ``values`` (n, WIDTH)."""
 
     stamp: npt.NDArray[np.int64]
     kind: npt.NDArray[np.int64]

@@ -61,7 +61,7 @@ class AerodynamicModel:
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
-        """``CX_0 CX_alpha …`` of INTERFACE.md, axis by axis."""
+        """The published names ``CX_0 CX_alpha …``, axis by axis."""
         return tuple(f"{axis}_{term_label(t)}" for axis, terms in self.terms.items() for t in terms)
 
     @cached_property

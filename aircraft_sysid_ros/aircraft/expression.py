@@ -17,7 +17,7 @@ from numba import njit
 
 from aircraft_sysid_ros.errors import InputError
 
-#: Signals of INTERFACE.md, in the order of a signal row. Rates are normalised: p b/2V, q c/V, r b/2V.
+#: Signals that a term may read, in the order of a signal row. Rates are normalised: p b/2V, q c/V, r b/2V.
 SIGNALS: tuple[str, ...] = (
     "alpha", "beta", "p", "q", "r", "de", "da", "dr", "flaps", "Tc", "throttle", "propeller_speed",
     "V", "qbar", "mach", "height", "alpha_dot", "beta_dot", "time",

@@ -1,7 +1,7 @@
 """``demo``: the main job, from sensor topics to live parameters, on a simulated flight with known truth.
 
-Flies the test flight, sends its sensors through real ROS 2 topics to the live nodes in another process, and compares
-what they publish with the truth.
+Flies the test flight, sends its sensors through real ROS 2 topics to the live nodes in another process, and
+compares what they publish with the truth.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "demo", help="the main job on a simulated flight, through ROS 2", description=__doc__
     )
-    parser.add_argument("--out", default="runs/demo", metavar="FOLDER", help="where results go (default: runs/demo)")
+    parser.add_argument(
+        "--out", default="runs/demo", metavar="FOLDER", help="where results go (default: runs/demo)"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the flight (default: 1)")
     parser.add_argument("--rate", type=float, default=4.0, help="speed of the playback (default: 4)")
     return parser
@@ -57,10 +59,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("the live nodes ended early: see the messages above")
     _say("4/4 comparing with the truth")
     truth = json.loads(_truth_path(bag).read_text(encoding="utf8"))
-    from aircraft_sysid_ros.report.figures import coefficients_figure
-
-    picture = coefficients_figure(run_folder, folder / "coefficients.png", f"{truth['aircraft']}, simulated flight")
-    return {**json.loads(output), "truth": truth, "picture": str(picture), "sent": sent}
+    pictures = _pictures(run_folder, folder, truth["aircraft"])
+    return {**json.loads(output), "truth": truth, "pictures": pictures, "sent": sent}
 
 
 def render(result: dict[str, Any]) -> str:
@@ -77,10 +77,22 @@ def render(result: dict[str, Any]) -> str:
             state_table(result["state"], truth),
             "",
             f"{within} of {len(parameters)} parameters are within three standard errors of the truth.",
-            f"picture  {result['picture']}",
+            *(f"picture  {picture}" for picture in result["pictures"]),
             f"run      {result['run']}",
         ]
     )
+
+
+def _pictures(run_folder: Path, folder: Path, name: str) -> list[str]:
+    """Measured against predicted coefficients, and how the error fell while flying."""
+    from aircraft_sysid_ros.report.figures import coefficients_figure, learning_figure
+
+    title = f"{name}, simulated flight"
+    drawn = (
+        coefficients_figure(run_folder, folder / "coefficients.png", title),
+        learning_figure(run_folder, folder / "learning.png", f"{title}: the live model learns"),
+    )
+    return [str(path) for path in drawn]
 
 
 def _say(text: str) -> None:
@@ -111,12 +123,11 @@ def _start_live(environment: dict[str, str], aircraft: Path, run_folder: Path) -
     """The live nodes in a process of their own, ready to listen."""
     marker = run_folder.with_suffix(".ready")
     marker.unlink(missing_ok=True)
-    live = subprocess.Popen(
-        _command("live", "--aircraft", aircraft, "--out", run_folder, "--overwrite", "--until-idle", _IDLE,
-                 "--ready-file", marker, "--json"),  # fmt: skip
-        env=environment,
-        stdout=subprocess.PIPE,
-    )
+    command = _command(
+        "live", "--aircraft", aircraft, "--out", run_folder, "--overwrite", "--until-idle", _IDLE,
+        "--ready-file", marker, "--json",
+    )  # fmt: skip
+    live = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE)
     deadline = time.monotonic() + _START_TIMEOUT
     while not marker.exists():
         if live.poll() is not None or time.monotonic() > deadline:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
 from pathlib import Path
@@ -27,11 +28,21 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("--aircraft", required=True, metavar="FILE", help="aircraft file (YAML)")
     parser.add_argument("--out", metavar="RUN", help="folder to write at the end")
     parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
-    parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the nodes and their topics")
-    parser.add_argument("--reliable", action="store_true", help="ask publishers for every sample, as of a playback")
-    parser.add_argument("--until-idle", type=float, metavar="S",
-                        help="end when no sample came for S seconds after the first (default: run until Ctrl-C)")  # fmt: skip
-    parser.add_argument("--ready-file", metavar="FILE", help="file to create when the nodes listen, for scripts")
+    parser.add_argument(
+        "--namespace", default="", metavar="NS", help="namespace of the nodes and their topics"
+    )
+    parser.add_argument(
+        "--reliable", action="store_true", help="ask publishers for every sample, as of a playback"
+    )
+    parser.add_argument(
+        "--until-idle",
+        type=float,
+        metavar="S",
+        help="end when no sample came for S seconds after the first (default: run until Ctrl-C)",
+    )
+    parser.add_argument(
+        "--ready-file", metavar="FILE", help="file to create when the nodes listen, for scripts"
+    )
     add_estimator_options(parser)
     return parser
 
@@ -48,7 +59,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
         from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start
     except ImportError as error:
-        raise InputError(f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS") from None
+        raise InputError(
+            f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS"
+        ) from None
     rclpy.init(args=_ros_arguments(args, *options))
     from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
     from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
@@ -110,10 +123,8 @@ def _spin(executor: Any, state: Any, until_idle: float | None, spin_until: Any) 
                 progress.update(task, description=f"{count} samples, {state.rows_published} states")
             return until_idle is not None and count > 0 and now - last["time"] > until_idle
 
-        try:
+        with contextlib.suppress(KeyboardInterrupt):
             spin_until(executor, finished)
-        except KeyboardInterrupt:
-            pass
 
 
 def _wait_for_last_states(executor: Any, state: Any, parameters: Any, spin_until: Any) -> None:
@@ -125,7 +136,9 @@ def _wait_for_last_states(executor: Any, state: Any, parameters: Any, spin_until
     )
 
 
-def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float) -> dict[str, Any]:
+def _result(
+    args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float
+) -> dict[str, Any]:
     if state.estimator.last_row is None:
         raise InputError(
             f"no state was estimated from {sum(state.received.values())} messages: "

@@ -13,10 +13,20 @@ from aircraft_sysid_ros.reconstruction.state_estimator import StateOptions
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     """What a flight may want different from the defaults."""
     state, parameters = StateOptions(), ParameterOptions()
-    parser.add_argument("--horizon", type=float, default=state.horizon, metavar="S",
-                        help=f"how late a sample may come and still be fused (default: {state.horizon:g} s)")  # fmt: skip
-    parser.add_argument("--forgetting-time", type=float, default=parameters.forgetting_time, metavar="S",
-                        help=f"seconds of motion that the estimates rest on (default: {parameters.forgetting_time:g})")  # fmt: skip
+    parser.add_argument(
+        "--horizon",
+        type=float,
+        default=state.horizon,
+        metavar="S",
+        help=f"how late a sample may come and still be fused (default: {state.horizon:g} s)",
+    )
+    parser.add_argument(
+        "--forgetting-time",
+        type=float,
+        default=parameters.forgetting_time,
+        metavar="S",
+        help=f"seconds of motion that the estimates rest on (default: {parameters.forgetting_time:g})",
+    )
 
 
 def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, ParameterOptions]:
@@ -30,7 +40,8 @@ def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, Parameter
 
 def parameter_table(parameters: list[dict[str, Any]], truth: dict[str, float] | None = None) -> str:
     """Table of parameters for people; with the truth where it is known."""
-    header = f"{'parameter':<12}{'estimate':>12}{'std. error':>12}" + (f"{'truth':>12}" if truth else "") + "  status"
+    header = f"{'parameter':<12}{'estimate':>12}{'std. error':>12}"
+    header += (f"{'truth':>12}" if truth else "") + "  status"
     lines = [header, "-" * (len(header) + 8)]
     for p in parameters:
         line = f"{p['name']:<12}{_number(p['value']):>12}{_number(p['std']):>12}"

@@ -1,4 +1,4 @@
-"""``replay``: the whole pipeline over a recording, as fast as the machine can, the same numbers as the live nodes."""
+"""``replay``: the whole pipeline over a recording, as fast as the machine can, with the numbers of live."""
 
 from __future__ import annotations
 
@@ -89,7 +89,8 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
             if share > 0.01:
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
     if pipeline.state.realignments:
-        found.append(f"the filter aligned anew {pipeline.state.realignments} times after gaps or contradictions")
+        times = pipeline.state.realignments
+        found.append(f"the filter aligned anew {times} times after gaps or contradictions")
     return found
 
 

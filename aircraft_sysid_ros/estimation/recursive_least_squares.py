@@ -20,6 +20,9 @@ from aircraft_sysid_ros.estimation.iterated_ekf import symmetrise
 
 Array = npt.NDArray[np.float64]
 
+#: x' P x of a sample that says nothing; what is forgotten along x is divided by it.
+_NO_INFORMATION = 1e-300
+
 
 @njit(cache=True)
 def rls_update(theta: Array, p: Array, x: Array, y: float, forgetting: float) -> float:
@@ -38,7 +41,7 @@ def rls_update(theta: Array, p: Array, x: Array, y: float, forgetting: float) ->
     for i in range(n):
         r += x[i] * px[i]
         error -= x[i] * theta[i]
-    if not (r > 0.0) or not np.isfinite(error):
+    if not (r > _NO_INFORMATION) or not np.isfinite(error):
         return error
     # P - P x x' P / (1 + r), and what is forgotten along x
     forgotten = (1.0 - forgetting) / (forgetting * r * (1.0 + r))

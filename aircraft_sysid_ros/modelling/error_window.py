@@ -31,7 +31,7 @@ class ErrorWindow:
     """Keeps the measured and predicted coefficients of the last ``length`` [s]."""
 
     def __init__(self, length: float, step: float) -> None:
-        self._rows: deque[Array] = deque(maxlen=max(int(round(length / step)), 2))
+        self._rows: deque[Array] = deque(maxlen=max(round(length / step), 2))
 
     def add(self, points: Array) -> None:
         """Take points, rows of ``Point``."""

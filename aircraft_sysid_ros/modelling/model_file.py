@@ -1,4 +1,4 @@
-"""A learnt model in a file: parameters for people, and the sums that let the recursion go on where it stopped."""
+"""A learnt model in a file: parameters for people, and the sums with which the recursion goes on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LEARNT = ("theta", "p", "sums", "noise_square", "updates")
 
 
 def save_model(estimator: ParameterEstimator, path: str | Path) -> None:
-    """Write terms, parameters and the state of the recursion; raises InputError when the path cannot be written."""
+    """Write terms, parameters and the state of the recursion; raises InputError where it cannot write."""
     content = {
         "format": _FORMAT,
         "model": estimator.model.identifier,
@@ -49,7 +49,9 @@ def load_model(estimator: ParameterEstimator, path: str | Path) -> str:
     except (KeyError, TypeError, ValueError):
         raise InputError(f"the model file {path} is damaged: save it again") from None
     if terms != estimator.model.terms:
-        raise InputError(f"the model in {path} has other terms than the aircraft file: load it with its own aircraft file")
+        raise InputError(
+            f"the model in {path} has other terms than the aircraft file: load it with its own aircraft file"
+        )
     _check_shapes(estimator, learnt, path)
     estimator.reset()
     for name, array in learnt.items():
@@ -60,7 +62,9 @@ def load_model(estimator: ParameterEstimator, path: str | Path) -> str:
 def _check_shapes(estimator: ParameterEstimator, learnt: dict[str, Any], path: str | Path) -> None:
     for name, array in learnt.items():
         if array.shape != getattr(estimator.learning, name).shape or not np.all(np.isfinite(array)):
-            raise InputError(f"the model file {path} is damaged or was saved with other options: save it again")
+            raise InputError(
+                f"the model file {path} is damaged or was saved with other options: save it again"
+            )
 
 
 def parameters_json(estimator: ParameterEstimator) -> dict[str, Any]:

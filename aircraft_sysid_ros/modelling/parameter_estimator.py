@@ -1,4 +1,4 @@
-"""Second step: reconstructed states and controls in, aerodynamic parameters out, (6.8)-(6.13) by (4.12)-(4.14)."""
+"""Second step: states and controls in, aerodynamic parameters out, (6.8)-(6.13) by (4.12)-(4.14)."""
 
 from __future__ import annotations
 
@@ -10,22 +10,21 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft, inertia_matrix
-from aircraft_sysid_ros.aircraft.earth import gravity
+from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
+from aircraft_sysid_ros.modelling.body import body_of, body_with
 from aircraft_sysid_ros.modelling.error_window import AxisError, ErrorWindow
+from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.modelling.regression import (
     TERM,
     TIME,
-    Body,
     Learning,
     Point,
     Tuning,
     fill_history,
     learn,
 )
-from aircraft_sysid_ros.modelling.trust import Evidence, Trust, TrustRules, judge
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples
@@ -34,8 +33,6 @@ Array = npt.NDArray[np.float64]
 
 #: Variance of the parameters before any data, over that of the coefficient noise.
 _PRIOR_VARIANCE = 1e8
-#: A constant term is compared with this where others are compared with their noise.
-_NOISE_OF_ONE = 0.01
 
 
 @dataclass(frozen=True)
@@ -52,34 +49,8 @@ class ParameterOptions:
     error_window: float = 10.0  # [s] of the sliding model error
 
 
-@dataclass(frozen=True)
-class ParameterEstimate:
-    """One parameter as published."""
-
-    name: str
-    value: float
-    std: float
-    status: Trust
-    reason: str
-    age: float
-    excitation: float
-
-
-@dataclass(frozen=True)
-class ParameterSet:
-    """All parameters at one time [s after the epoch]."""
-
-    time: float
-    model: str
-    parameters: tuple[ParameterEstimate, ...]
-    covariance: Array  # (n, n), corrected for coloured residuals
-    airspeed: tuple[float, float]  # learnt between these
-    alpha: tuple[float, float]
-    beta: tuple[float, float]
-
-
 class ParameterEstimator:
-    """Recursive least squares per axis, fed with rows of ``Column`` and samples of controls, height and mass."""
+    """Recursive least squares per axis, fed with rows of ``Column`` and samples of controls, height, mass."""
 
     def __init__(self, aircraft: Aircraft, options: ParameterOptions | None = None) -> None:
         self.aircraft = aircraft
@@ -90,11 +61,61 @@ class ParameterEstimator:
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
         self._code = self.model.linked
         self._reset_learning()
-        self._restart_time(None)
+        self._restart_time()
         self._lowest = np.inf
         self._masses: list[tuple[float, Array]] = []
-        self.body = _body_of(aircraft)
+        self.body = body_of(aircraft)
         self.errors = ErrorWindow(self.options.error_window, self.options.step)
+
+    # -- starting over --------------------------------------------------------------------------------------
+
+    def _reset_learning(self) -> None:
+        options, counts = self.options, np.diff(self.model.offsets)
+        n, total = int(counts.max()), int(counts.sum())
+        lags = max(round(options.lag_time / options.step), 1)
+        accelerometer = self.aircraft.sensors["accelerometer"]
+        window = max(options.half_width * accelerometer.rate, 1.0)
+        self.learning = Learning(
+            offsets=self.model.offsets,
+            theta=np.zeros((6, n)),
+            p=np.tile(_PRIOR_VARIANCE * np.eye(n), (6, 1, 1)),
+            sums=np.zeros((6, lags, n + 2, n + 2)),
+            recent=np.full((6, lags, n + 2), np.nan),
+            term_mean=np.full(total, np.nan),
+            term_square=np.zeros(total),
+            noise_square=np.zeros(total),
+            updates=np.zeros(6, np.int64),
+            last_learnt=np.full(total, np.nan),
+            last_valid=np.full(6, -np.inf),
+            doubt=np.zeros(6),
+        )
+        self._tuning = Tuning(
+            half_width=options.half_width,
+            step=options.step,
+            largest_gap=options.largest_gap,
+            forgetting=float(np.exp(-options.step / options.forgetting_time)),
+            motion_weight=float(1.0 - np.exp(-options.step / 2.0)),
+            excitation=options.excitation,
+            force_noise=self.aircraft.mass * accelerometer.noise[0] / np.sqrt(window),
+        )
+        self.newest_point: Array | None = None
+        self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
+        self._ranges = np.full((3, 2), np.nan)
+
+    def _restart_time(self) -> None:
+        self._waiting: list[Array] = []
+        self._history = np.empty((0, TERM + len(self.model.parameter_names)))
+        self._series: dict[Kind, tuple[Array, Array]] = {
+            Kind.CONTROLS: (np.empty(0), np.empty((0, 7))),
+            Kind.HEIGHT: (np.empty(0), np.empty((0, 1))),
+        }
+        self._used_until = -np.inf
+        self._newest_time: float | None = None
+        self._start_time: float | None = None
+        self._next_index = 0
+        self.learning.last_valid[:] = -np.inf
+
+    # -- what comes in --------------------------------------------------------------------------------------
 
     def push_samples(self, samples: Samples, epoch: int) -> None:
         """Take controls, heights and mass properties; other kinds are passed over."""
@@ -108,11 +129,11 @@ class ParameterEstimator:
             self._masses.sort(key=lambda item: item[0])
 
     def push_states(self, rows: Array) -> Array:
-        """Take rows (n, Column.WIDTH) in order of time; returns the points evaluated, (m, Point.TERMS + terms)."""
+        """Take rows (n, Column.WIDTH) in order of time; returns new points (m, Point.TERMS + terms)."""
         if not len(rows):
             return self._no_points()
         if self._newest_time is not None and rows[0, Column.TIME] <= self._newest_time:
-            self._restart_time(None)  # the clock began anew: what was learnt stays
+            self._restart_time()  # the clock began anew: what was learnt stays
         self._waiting.append(rows)
         self._newest_time = float(rows[-1, Column.TIME])
         return self._process_until(self._newest_time - self.options.settle)
@@ -171,7 +192,8 @@ class ParameterEstimator:
 
     def _learn(self) -> Array:
         span = self._history[-1, TIME] - self._next_index * self.options.step
-        points = np.empty((max(int(span / self.options.step) + 2, 0), Point.TERMS + len(self.model.parameter_names)))
+        most = max(int(span / self.options.step) + 2, 0)
+        points = np.empty((most, Point.TERMS + len(self.model.parameter_names)))
         self._next_index, count = learn(
             self._history, self._next_index, self.body, *self._code, self.learning, self._tuning, points
         )
@@ -201,7 +223,7 @@ class ParameterEstimator:
             if at:
                 yield rows[:at]
             rows = rows[at:]
-            self.body = _body_with(self.aircraft, self.body, values)
+            self.body = body_with(self.aircraft, self.body, values)
         yield rows
 
     def _insert(self, kind: Kind, times: Array, values: Array) -> None:
@@ -227,13 +249,13 @@ class ParameterEstimator:
         names = self.model.parameter_names
         covariance = np.full((len(names), len(names)), np.nan)
         estimates: list[ParameterEstimate] = []
+        time = np.nan if self.newest_point is None else float(self.newest_point[Point.TIME])
         for axis, name in enumerate(AXES):
             part = self.model.axis_slice(name)
-            block = self._axis_estimates(axis, names[part])
+            block = axis_estimates(self.model, axis, self.learning, time, self._missing_signals(axis))
             estimates.extend(block[0])
             covariance[part, :] = covariance[:, part] = 0.0
             covariance[part, part] = block[1]
-        time = np.nan if self.newest_point is None else float(self.newest_point[Point.TIME])
         ranges = [(float(low), float(high)) for low, high in self._ranges]
         return ParameterSet(
             time, self.model.identifier, tuple(estimates), covariance, ranges[0], ranges[1], ranges[2]
@@ -242,64 +264,6 @@ class ParameterEstimator:
     def model_error(self) -> list[AxisError]:
         """Measured against predicted coefficients over the sliding window."""
         return self.errors.summary()
-
-    def _axis_estimates(self, axis: int, names: tuple[str, ...]) -> tuple[list[ParameterEstimate], Array]:
-        n, learning = len(names), self.learning
-        first = int(self.model.offsets[axis])
-        theta = learning.theta[axis, :n].copy()
-        sums = np.ascontiguousarray(learning.sums[axis, :, : n + 2, : n + 2])
-        samples = int(learning.updates[axis])
-        covariance = np.full((n, n), np.nan)
-        excitation, effect = np.zeros(n), np.full(n, np.inf)
-        if samples > n:
-            covariance = self._covariance(axis, theta, sums, samples)
-            moments = sums[0] / sums[0, n + 1, n + 1]
-            excitation = self._excitation(moments, first, n)
-            effect = _effect_of_std(moments, np.sqrt(np.diag(covariance)))
-        else:
-            theta = np.full(n, np.nan)
-        missing = self._missing_signals(axis)
-        now = -np.inf if self.newest_point is None else self.newest_point[Point.TIME]
-        estimates = []
-        for j, name in enumerate(names):
-            std = float(np.sqrt(covariance[j, j]))
-            verdict = judge(
-                Evidence(name, float(theta[j]), std, float(excitation[j]), float(effect[j]), samples, missing),
-                TrustRules(),
-            )
-            age = float(now - learning.last_learnt[first + j])
-            estimates.append(
-                ParameterEstimate(name, float(theta[j]), std, verdict.status, verdict.reason, age, float(excitation[j]))
-            )
-        return estimates, covariance
-
-    def _covariance(self, axis: int, theta: Array, sums: Array, samples: int) -> Array:
-        """Covariance of the recursion, widened by what coloured residuals do to its diagonal.
-
-        Two systematic parts are added: the pull of noise in the terms towards zero, and the bias of the
-        accelerometer as far as it is not known, which stands in the constant term.
-        """
-        n, learning = len(theta), self.learning
-        coloured, white, autocovariance = coloured_covariance(sums, theta)
-        effective = min(samples, sums[0, n + 1, n + 1])
-        variance = autocovariance[0] * effective / max(effective - n, 1.0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            widening = np.sqrt(np.maximum(np.diag(coloured) / np.diag(white), 1.0))
-        covariance = variance * learning.p[axis, :n, :n] * np.outer(widening, widening)
-        first = int(self.model.offsets[axis])
-        pull = learning.p[axis, :n, :n] @ (effective * learning.noise_square[first : first + n] * theta)
-        constant = np.array([program.text == "1" for program in self.model.programs[axis]], dtype=np.float64)
-        return np.asarray(covariance + np.outer(pull, pull) + learning.doubt[axis] * np.outer(constant, constant))
-
-    def _excitation(self, moments: Array, first: int, n: int) -> Array:
-        """Rms of each term that the other terms of its axis do not explain, over its noise, shape (n,)."""
-        scale = np.sqrt(np.diag(moments)[:n])
-        if not np.all(scale > 0.0):
-            return np.zeros(n)
-        correlation = moments[:n, :n] / np.outer(scale, scale) + 1e-14 * np.eye(n)
-        alone = scale / np.sqrt(np.diag(np.linalg.inv(correlation)))
-        noise = np.sqrt(self.learning.noise_square[first : first + n])
-        return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE))
 
     def _missing_signals(self, axis: int) -> tuple[str, ...]:
         """Signals that the axis needs and that no point of the flight had."""
@@ -315,60 +279,13 @@ class ParameterEstimator:
             self._ranges[:, 0] = np.fmin(self._ranges[:, 0], columns.min(axis=0))
             self._ranges[:, 1] = np.fmax(self._ranges[:, 1], columns.max(axis=0))
 
-    # -- starting over --------------------------------------------------------------------------------------
-
-    def _reset_learning(self) -> None:
-        options, counts = self.options, np.diff(self.model.offsets)
-        n, total = int(counts.max()), int(counts.sum())
-        lags = max(int(round(options.lag_time / options.step)), 1)
-        window = max(options.half_width * self.aircraft.sensors["accelerometer"].rate, 1.0)
-        self.learning = Learning(
-            offsets=self.model.offsets,
-            theta=np.zeros((6, n)),
-            p=np.tile(_PRIOR_VARIANCE * np.eye(n), (6, 1, 1)),
-            sums=np.zeros((6, lags, n + 2, n + 2)),
-            recent=np.full((6, lags, n + 2), np.nan),
-            term_mean=np.full(total, np.nan),
-            term_square=np.zeros(total),
-            noise_square=np.zeros(total),
-            updates=np.zeros(6, np.int64),
-            last_learnt=np.full(total, np.nan),
-            last_valid=np.full(6, -np.inf),
-            doubt=np.zeros(6),
-        )
-        self._tuning = Tuning(
-            half_width=options.half_width,
-            step=options.step,
-            largest_gap=options.largest_gap,
-            forgetting=float(np.exp(-options.step / options.forgetting_time)),
-            motion_weight=float(1.0 - np.exp(-options.step / 2.0)),
-            excitation=options.excitation,
-            force_noise=self.aircraft.mass * self.aircraft.sensors["accelerometer"].noise[0] / np.sqrt(window),
-        )
-        self.newest_point: Array | None = None
-        self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
-        self._ranges = np.full((3, 2), np.nan)
-
-    def _restart_time(self, newest: float | None) -> None:
-        self._waiting: list[Array] = []
-        self._history = np.empty((0, TERM + len(self.model.parameter_names)))
-        self._series: dict[Kind, tuple[Array, Array]] = {
-            Kind.CONTROLS: (np.empty(0), np.empty((0, 7))),
-            Kind.HEIGHT: (np.empty(0), np.empty((0, 1))),
-        }
-        self._used_until = -np.inf
-        self._newest_time = newest
-        self._start_time: float | None = None
-        self._next_index = 0
-        self.learning.last_valid[:] = -np.inf
-
     def _no_points(self) -> Array:
         return np.empty((0, Point.TERMS + len(self.model.parameter_names)))
 
 
 @njit(cache=True)
-def interpolate(times, values, at, longest):
-    """Series (n, k) at ascending times ``at`` (m,), linear between samples at most ``longest`` [s] away on each side.
+def interpolate(times: Array, values: Array, at: Array, longest: float) -> Array:
+    """Series (n, k) at ascending times ``at`` (m,), linear between samples at most ``longest`` [s] away.
 
     Where only an earlier sample is near, it is held; where none is near, NaN.
     """
@@ -387,41 +304,3 @@ def interpolate(times, values, at, longest):
         elif has_before:
             out[i] = values[before]
     return out
-
-
-def _effect_of_std(moments: Array, std: Array) -> Array:
-    """What one standard error of each parameter contributes to the coefficient, over the coefficient's spread."""
-    n = len(std)
-    spread = moments[n, n] - moments[n, n + 1] ** 2
-    return np.asarray(std * np.sqrt(np.diag(moments)[:n] / max(spread, 1e-300)))
-
-
-def _body_of(aircraft: Aircraft) -> Body:
-    return Body(
-        mass=aircraft.mass,
-        inertia=aircraft.inertia,
-        imu=aircraft.imu_position,
-        reference=aircraft.aerodynamic_reference,
-        geometry=np.array([aircraft.wing_area, aircraft.span, aircraft.chord]),
-        gravity=float(gravity(0.8, 0.0)),  # only in the rates of alpha and beta, where 0.3 % do not matter
-        minimum_airspeed=aircraft.minimum_airspeed,
-    )
-
-
-def _body_with(aircraft: Aircraft, body: Body, values: Array) -> Body:
-    """Body after a MASS sample: what is NaN in it stays as it was."""
-    inertia = np.where(
-        np.isfinite(values[1:5]), values[1:5], [*np.diag(body.inertia), -body.inertia[0, 2]]
-    )
-    matrix = inertia_matrix(*inertia)
-    shift = np.where(np.isfinite(values[5:8]), values[5:8], aircraft.imu_position - body.imu)
-    sensible = values[0] > 0.0 if np.isfinite(values[0]) else True
-    if not sensible or np.any(np.linalg.eigvalsh(matrix) <= 0.0):
-        return body
-    return body._replace(
-        mass=float(values[0]) if np.isfinite(values[0]) else body.mass,
-        inertia=matrix,
-        imu=aircraft.imu_position - shift,
-        reference=aircraft.aerodynamic_reference - shift,
-    )
-

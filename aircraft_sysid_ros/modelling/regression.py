@@ -1,4 +1,4 @@
-"""The jitted loop of the second step: rows of signals in, measured coefficients and updated parameters out."""
+"""The jitted loop of the second step: rows of signals in, measured coefficients and parameters out."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from aircraft_sysid_ros.modelling.signals import fill_signals, signal_noise
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, Column
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 _SIGNAL_COUNT = len(SIGNALS)
 
 _ACCELEROMETER_BIAS_STD = Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 
-#: Exponential forgetting stops where a parameter makes the prediction this uncertain, over the noise variance.
+#: Forgetting stops where a parameter makes the prediction this uncertain, over the noise variance.
 LARGEST_PREDICTION_VARIANCE = 10.0
 
 # Columns of a history row, one per reconstructed state; terms follow, each times dynamic pressure.
@@ -83,11 +84,21 @@ class Tuning(NamedTuple):
     forgetting: float  # per evaluation
     motion_weight: float  # of the running mean that tells motion from rest
     excitation: float  # how many sigma of noise a term must move before the axis learns
-    force_noise: float  # one sigma [N] of the specific force's white noise, averaged over the window, times mass
+    force_noise: float  # one sigma [N] of the accelerometer's white noise, averaged over a window, times mass
 
 
 @njit(cache=True)
-def fill_history(rows, controls, heights, body, sensors, code, code_offsets, start_time, out):
+def fill_history(
+    rows: Array,
+    controls: Array,
+    heights: Array,
+    body: Body,
+    sensors: Array,
+    code: Array,
+    code_offsets: Integers,
+    start_time: float,
+    out: Array,
+) -> None:
     """History rows (n, TERM + terms) from states (n, Column.WIDTH), controls (n, 7) and heights (n,)."""
     for i in range(len(rows)):
         row, h = rows[i], out[i]
@@ -111,14 +122,14 @@ def fill_history(rows, controls, heights, body, sensors, code, code_offsets, sta
 
 
 @njit(cache=True)
-def measured_coefficients(means, slopes, body, out):
-    """C_X … C_n (6,) from window means: m A / (qbar S) with A at the centre of gravity, and (6.19) for the moments."""
+def measured_coefficients(means: Array, slopes: Array, body: Body, out: Array) -> None:
+    """C_X … C_n (6,) from window means: m A / (qbar S), A at the centre of gravity; (6.19) for moments."""
     acceleration = slopes[RATE : RATE + 3]
     at_cg = means[FORCE : FORCE + 3] - body.mass * (
         np.cross(acceleration, body.imu) + means[CENTRIPETAL : CENTRIPETAL + 3]
     )
     moment = body.inertia @ acceleration + means[GYROSCOPIC : GYROSCOPIC + 3]
-    moment = moment - np.cross(body.reference, at_cg)  # from the centre of gravity to the aerodynamic reference
+    moment = moment - np.cross(body.reference, at_cg)  # from centre of gravity to aerodynamic reference
     area = means[QBAR] * body.geometry[0]
     out[0:3] = at_cg / area
     out[3] = moment[0] / (area * body.geometry[1])
@@ -127,7 +138,9 @@ def measured_coefficients(means, slopes, body, out):
 
 
 @njit(cache=True)
-def term_noise(code, code_offsets, signals, noise, terms, out):
+def term_noise(
+    code: Array, code_offsets: Integers, signals: Array, noise: Array, terms: Array, out: Array
+) -> None:
     """One sigma of each term (n,) from the noise of the signals it reads, by finite differences."""
     out[:] = 0.0
     moved, shifted = signals.copy(), np.empty(len(terms))
@@ -144,7 +157,9 @@ def term_noise(code, code_offsets, signals, noise, terms, out):
 
 
 @njit(cache=True)
-def _moving_terms(learning, first, last, noise, tuning):
+def _moving_terms(
+    learning: Learning, first: int, last: int, noise: Array, tuning: Tuning
+) -> tuple[int, int]:
     """How many terms of the axis have noise, and how many of those move by more than it just now."""
     noisy, moving = 0, 0
     for j in range(first, last):
@@ -157,8 +172,8 @@ def _moving_terms(learning, first, last, noise, tuning):
 
 
 @njit(cache=True)
-def _is_well_known(axis, first, last, learning):
-    """Every parameter's variance is so small that it may grow: the prediction is far better than one sample."""
+def _is_well_known(axis: int, first: int, last: int, learning: Learning) -> bool:
+    """Every variance is so small that it may grow: the prediction is far better than one sample."""
     for j in range(last - first):
         if learning.p[axis, j, j] * learning.term_square[first + j] > LARGEST_PREDICTION_VARIANCE:
             return False
@@ -166,11 +181,20 @@ def _is_well_known(axis, first, last, learning):
 
 
 @njit(cache=True)
-def _learn_axis(axis, point, terms, noise, doubt, known, learning, tuning):
+def _learn_axis(
+    axis: int,
+    point: Array,
+    terms: Array,
+    noise: Array,
+    doubt: float,
+    known: float,
+    learning: Learning,
+    tuning: Tuning,
+) -> None:
     """Predict, and update the parameters of one axis if it moves; fills the axis' columns of the point.
 
-    ``doubt`` is the variance of the measured coefficient from a bias that is not known yet, ``known`` that of its
-    white noise: the weight (4.5) of the sample is known / (known + doubt).
+    ``doubt`` is the variance of the measured coefficient from a bias that is not known yet, ``known`` that of
+    its white noise: the weight (4.5) of the sample is known / (known + doubt).
     """
     first, last = learning.offsets[axis], learning.offsets[axis + 1]
     n = last - first
@@ -197,25 +221,42 @@ def _learn_axis(axis, point, terms, noise, doubt, known, learning, tuning):
         forgetting = 1.0
     rls_update(learning.theta[axis, :n], p, x, y, forgetting)
     learning.doubt[axis] = doubt
+    _accumulate(axis, point[0], x, y, root_weight, noise, learning, tuning)
+
+
+@njit(cache=True)
+def _accumulate(
+    axis: int,
+    time: float,
+    x: Array,
+    y: float,
+    root_weight: float,
+    noise: Array,
+    learning: Learning,
+    tuning: Tuning,
+) -> None:
+    """Add a weighted sample that was learnt from to the lagged sums and to the noise of its terms."""
+    first, last = learning.offsets[axis], learning.offsets[axis + 1]
+    n = last - first
     recent = learning.recent[axis]
-    if point[0] - learning.last_valid[axis] > 1.5 * tuning.step:
+    if time - learning.last_valid[axis] > 1.5 * tuning.step:
         recent[:] = np.nan
     row = np.empty(n + 2)
     row[:n], row[n], row[n + 1] = x, y, root_weight
     sums = learning.sums[axis, :, : n + 2, : n + 2]
     add_sample(sums, recent[:, : n + 2], row, tuning.forgetting)
-    learning.last_valid[axis] = point[0]
+    learning.last_valid[axis] = time
     learning.updates[axis] += 1
     for j in range(first, last):
         share = root_weight**2 / sums[0, n + 1, n + 1]
         learning.noise_square[j] += share * (noise[j] ** 2 - learning.noise_square[j])
         variance = learning.term_square[j] - learning.term_mean[j] ** 2
         if noise[j] == 0.0 or variance > (tuning.excitation * noise[j]) ** 2:
-            learning.last_learnt[j] = point[0]
+            learning.last_learnt[j] = time
 
 
 @njit(cache=True)
-def _follow_motion(terms, learning, tuning):
+def _follow_motion(terms: Array, learning: Learning, tuning: Tuning) -> None:
     """Running mean and square of every term."""
     for j in range(len(terms)):
         if np.isfinite(terms[j]):
@@ -226,49 +267,80 @@ def _follow_motion(terms, learning, tuning):
 
 
 @njit(cache=True)
-def learn(history, next_index, body, code, code_offsets, learning, tuning, points):
+def _window(
+    times: Array, history: Array, low: int, center: float, tuning: Tuning
+) -> tuple[int, int, bool]:
+    """First and last row of the window about ``center``, and whether it is in flight and without a gap."""
+    while low + 1 < len(times) and times[low + 1] <= center - tuning.half_width:
+        low += 1
+    high = low
+    usable = times[low] <= center - tuning.half_width
+    while usable and times[high] < center + tuning.half_width:
+        high += 1
+        usable = (
+            times[high] - times[high - 1] <= tuning.largest_gap
+            and history[high, FLYING] > 0.0
+            and history[high - 1, FLYING] > 0.0
+        )
+    return low, high, usable
+
+
+@njit(cache=True)
+def _evaluate(
+    center: float,
+    means: Array,
+    slopes: Array,
+    body: Body,
+    code: Array,
+    code_offsets: Integers,
+    learning: Learning,
+    tuning: Tuning,
+    point: Array,
+) -> None:
+    """Coefficients and terms from the averages of one window, and what all axes learn from them."""
+    point[:] = np.nan
+    point[13:25] = 0.0
+    point[0] = center
+    measured_coefficients(means, slopes, body, point[1:7])
+    terms = means[TERM:] / means[QBAR]
+    point[25 : 25 + _SIGNAL_COUNT] = means[SIGNAL:NOISE]
+    point[25 + _SIGNAL_COUNT :] = terms
+    noise = np.empty(len(terms))
+    term_noise(code, code_offsets, means[SIGNAL:NOISE], means[NOISE:TERM], terms, noise)
+    _follow_motion(terms, learning, tuning)
+    known = (tuning.force_noise / (means[QBAR] * body.geometry[0])) ** 2
+    for axis in range(6):
+        doubt = means[DOUBT + axis] if axis < 3 else 0.0
+        _learn_axis(axis, point, terms, noise, doubt, known, learning, tuning)
+
+
+@njit(cache=True)
+def learn(
+    history: Array,
+    next_index: int,
+    body: Body,
+    code: Array,
+    code_offsets: Integers,
+    learning: Learning,
+    tuning: Tuning,
+    points: Array,
+) -> tuple[int, int]:
     """Evaluate and learn at every multiple of the step that the history covers.
 
-    history (n, TERM + terms) ascending in time; ``next_index`` the first multiple to look at. Returns the next one
-    and the number of points written to ``points`` (m, Point.TERMS + terms). A window with a gap, or on the ground,
-    is passed over.
+    history (n, TERM + terms) ascending in time; ``next_index`` the first multiple to look at. Returns the
+    next one and the number of points written to ``points`` (m, Point.TERMS + terms). A window with a gap, or
+    on the ground, is passed over.
     """
     times = history[:, TIME].copy()
     count, low = 0, 0
     means, slopes = np.empty(history.shape[1]), np.empty(history.shape[1])
-    n_terms = history.shape[1] - TERM
-    noise = np.empty(n_terms)
     while True:
         center = next_index * tuning.step
         if center + tuning.half_width > times[-1] or count == len(points):
             return next_index, count
         next_index += 1
-        while low + 1 < len(times) and times[low + 1] <= center - tuning.half_width:
-            low += 1
-        high = low
-        usable = times[low] <= center - tuning.half_width
-        while usable and times[high] < center + tuning.half_width:
-            high += 1
-            usable = (
-                times[high] - times[high - 1] <= tuning.largest_gap
-                and history[high, FLYING] > 0.0
-                and history[high - 1, FLYING] > 0.0
-            )
-        if not usable:
-            continue
-        window_average(times, history, low, high, center, tuning.half_width, means, slopes)
-        point = points[count]
-        point[:] = np.nan
-        point[13:25] = 0.0
-        point[0] = center
-        measured_coefficients(means, slopes, body, point[1:7])
-        terms = means[TERM:] / means[QBAR]
-        point[25 : 25 + _SIGNAL_COUNT] = means[SIGNAL:NOISE]
-        point[25 + _SIGNAL_COUNT :] = terms
-        term_noise(code, code_offsets, means[SIGNAL:NOISE], means[NOISE:TERM], terms, noise)
-        _follow_motion(terms, learning, tuning)
-        known = (tuning.force_noise / (means[QBAR] * body.geometry[0])) ** 2
-        for axis in range(6):
-            doubt = means[DOUBT + axis] if axis < 3 else 0.0
-            _learn_axis(axis, point, terms, noise, doubt, known, learning, tuning)
-        count += 1
+        low, high, usable = _window(times, history, low, center, tuning)
+        if usable:
+            window_average(times, history, low, high, center, tuning.half_width, means, slopes)
+            _evaluate(center, means, slopes, body, code, code_offsets, learning, tuning, points[count])
+            count += 1

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.reconstruction.state import Column
+
+Array = npt.NDArray[np.float64]
 
 _ALPHA, _BETA, _P, _Q, _R = (SIGNAL_INDEX[s] for s in ("alpha", "beta", "p", "q", "r"))
 _DE, _DA, _DR, _FLAPS = (SIGNAL_INDEX[s] for s in ("de", "da", "dr", "flaps"))
@@ -20,10 +23,11 @@ _ORIGIN_ALTITUDE = Column.ORIGIN.stop - 1
 
 
 @njit(cache=True)
-def flow_angle_rates(row, gravity):
+def flow_angle_rates(row: Array, gravity: float) -> tuple[float, float]:
     """Time derivatives of alpha and beta [rad/s] from kinematics (6.16)-(6.18), without differentiation.
 
-    ``row`` is a row of Column. Exact for steady wind; specific force at the IMU, whose lever arm is neglected here.
+    ``row`` is a row of Column. Exact for steady wind; specific force at the IMU, whose lever arm is neglected
+    here.
     """
     alpha, beta, speed = row[48], row[49], row[47]
     c = rotation_matrix(row[10:14])
@@ -38,11 +42,13 @@ def flow_angle_rates(row, gravity):
 
 
 @njit(cache=True)
-def fill_signals(row, controls, height, start_time, geometry, gravity, out):
+def fill_signals(
+    row: Array, controls: Array, height: float, start_time: float, geometry: Array, gravity: float, out: Array
+) -> None:
     """One row of SIGNALS into ``out``.
 
-    row: a row of Column; controls (7,) as in Kind.CONTROLS with the signs of the aircraft file applied; height above
-    ground [m]; geometry = (wing area, span, chord).
+    row: a row of Column; controls (7,) as in Kind.CONTROLS with the signs of the aircraft file applied;
+    height above ground [m]; geometry = (wing area, span, chord).
     """
     speed, density = row[47], row[50]
     area, span, chord = geometry
@@ -65,8 +71,8 @@ def fill_signals(row, controls, height, start_time, geometry, gravity, out):
 
 
 @njit(cache=True)
-def signal_noise(signals, row, sensors, geometry, out):
-    """One sigma of the noise in each signal, into ``out``: what must be exceeded before a regressor says anything.
+def signal_noise(signals: Array, row: Array, sensors: Array, geometry: Array, out: Array) -> None:
+    """One sigma of the noise in each signal, into ``out``: what a regressor must exceed to say anything.
 
     ``sensors`` = noise of gyro [rad/s], of surfaces [rad]. alpha and beta: from the filter's own covariance.
     """

@@ -23,7 +23,8 @@ class Trust(IntEnum):
 class TrustRules:
     """Limits of trust."""
 
-    excitation: float = 3.0  # least ratio of what only this term moves to its noise; at 3 noise biases it by 11 %
+    #: Least ratio of what only this term moves to its noise; at 3 the noise biases it by 11 %.
+    excitation: float = 3.0
     relative_error: float = 0.25  # largest standard error over the value …
     negligible: float = 0.05  # … unless its standard error moves the coefficient by less than this share
     samples: int = 100  # evaluations before anything is trusted
@@ -37,7 +38,7 @@ class Evidence:
     value: float
     std: float
     excitation: float
-    effect_of_std: float  # what one standard error contributes to the coefficient, over the coefficient's spread
+    effect_of_std: float  # one standard error's share of the coefficient, over the coefficient's spread
     samples: int
     missing: tuple[str, ...]  # signals that its axis needs and that are not measured
 
@@ -52,7 +53,8 @@ class Verdict:
 
 #: No aeroplane is beyond these, by axis and term: (lowest, highest).
 PHYSICAL_BOUNDS: dict[str, tuple[float, float]] = {
-    "CZ_alpha": (-15.0, 0.0), "CZ_q": (-60.0, 5.0), "Cm_q": (-200.0, 0.0), "Cl_p": (-3.0, 0.0), "Cn_r": (-3.0, 0.0), "CY_beta": (-5.0, 0.0),
+    "CZ_alpha": (-15.0, 0.0), "CZ_q": (-60.0, 5.0), "Cm_q": (-200.0, 0.0),
+    "Cl_p": (-3.0, 0.0), "Cn_r": (-3.0, 0.0), "CY_beta": (-5.0, 0.0),
     "Cm_alpha": (-20.0, 20.0), "Cn_beta": (-1.0, 2.0), "Cl_beta": (-2.0, 1.0),
 }  # fmt: skip
 
@@ -65,14 +67,16 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
     if e.samples < rules.samples or not np.isfinite(e.std):
         return Verdict(Trust.HOLD, "not enough motion yet")
     if e.excitation < rules.excitation:
-        return Verdict(
-            Trust.HOLD, f"its term hardly moves on its own: {e.excitation:.1f} times its noise, {rules.excitation:g} needed"
-        )
+        moves = f"{e.excitation:.1f} times its noise, {rules.excitation:g} needed"
+        return Verdict(Trust.HOLD, f"its term hardly moves on its own: {moves}")
     low, high = PHYSICAL_BOUNDS.get(e.name, (-np.inf, np.inf))
     if e.value - 2.0 * e.std > high or e.value + 2.0 * e.std < low:
-        return Verdict(Trust.REJECT, f"{e.value:.3g} is outside of what aeroplanes have ({low:g} to {high:g})")
+        bounds = f"({low:g} to {high:g})"
+        return Verdict(Trust.REJECT, f"{e.value:.3g} is outside of what aeroplanes have {bounds}")
     if e.std > rules.relative_error * abs(e.value) and e.effect_of_std > rules.negligible:
-        return Verdict(Trust.HOLD, f"its standard error is {100 * e.std / max(abs(e.value), 1e-12):.0f} % of its value")
+        share = 100 * e.std / max(abs(e.value), 1e-12)
+        return Verdict(Trust.HOLD, f"its standard error is {share:.0f} % of its value")
     if not low <= e.value <= high:
-        return Verdict(Trust.HOLD, f"{e.value:.3g} has the sign that aeroplanes do not have, within its error")
+        sign = "has the sign that aeroplanes do not have, within its error"
+        return Verdict(Trust.HOLD, f"{e.value:.3g} {sign}")
     return Verdict(Trust.USE, "")

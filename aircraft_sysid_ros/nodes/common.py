@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import os
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,7 +13,10 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.lifecycle import LifecycleNode
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.exceptions import ParameterException
+from rclpy.logging import get_logger
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
@@ -40,9 +44,11 @@ def declare_options(node: LifecycleNode, defaults: Any, described: dict[str, Opt
         default = getattr(defaults, name)
         descriptor = ParameterDescriptor(description=option.text)
         if isinstance(default, int):
-            descriptor.integer_range = [IntegerRange(from_value=int(option.low), to_value=int(option.high), step=1)]
+            low, high = int(option.low), int(option.high)
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
         else:
-            descriptor.floating_point_range = [FloatingPointRange(from_value=option.low, to_value=option.high)]
+            span = FloatingPointRange(from_value=option.low, to_value=option.high)
+            descriptor.floating_point_range = [span]
         node.declare_parameter(name, default, descriptor)
 
 
@@ -55,8 +61,13 @@ def declare_common(node: LifecycleNode) -> None:
     """Parameters that every node has."""
     text = ParameterDescriptor(description="Path of the aircraft file (YAML).")
     node.declare_parameter("aircraft_file", "", text)
+    autostart = ParameterDescriptor(description="Configure and activate at the start, without a manager.")
+    node.declare_parameter("autostart", True, autostart)
     reliability = ParameterDescriptor(
-        description="best_effort matches every publisher of sensor data; reliable asks for every sample of a playback."
+        description=(
+            "best_effort matches every publisher of sensor data; "
+            "reliable asks for every sample of a playback."
+        )
     )
     node.declare_parameter("input_reliability", "best_effort", reliability)
     depth = ParameterDescriptor(
@@ -136,17 +147,26 @@ def process_times() -> tuple[float, float]:
 
 
 def start(node: LifecycleNode) -> bool:
-    """Configure and activate a node; False if it refused, which it has logged."""
-    from rclpy.lifecycle import TransitionCallbackReturn
+    """Configure and activate a node; False if it refused, which is logged."""
+    for transition in (node.trigger_configure, node.trigger_activate):
+        result = transition()
+        if result == TransitionCallbackReturn.ERROR:  # rclpy keeps the exception to itself
+            node.get_logger().fatal(f"{transition.__name__} failed: this is a fault of the program")
+        if result != TransitionCallbackReturn.SUCCESS:
+            return False
+    return True
 
-    return (
-        node.trigger_configure() == TransitionCallbackReturn.SUCCESS
-        and node.trigger_activate() == TransitionCallbackReturn.SUCCESS
-    )
+
+def stop_offering(node: LifecycleNode, publishers: Sequence[Any], services: Sequence[Any]) -> None:
+    """Destroy what on_configure created, so that the node can be configured again."""
+    for publisher in publishers:
+        node.destroy_lifecycle_publisher(publisher)
+    for service in services:
+        node.destroy_service(service)
 
 
 def make_executor(nodes: Sequence[LifecycleNode]) -> Any:
-    """The events executor where this rclpy has it (less than half the processor time), else the ordinary one."""
+    """The events executor where this rclpy has it (under half the processor time), else the ordinary one."""
     try:
         from rclpy.experimental import EventsExecutor
 
@@ -159,18 +179,26 @@ def make_executor(nodes: Sequence[LifecycleNode]) -> Any:
 
 
 def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
-    """Run callbacks until ``finished`` or a shutdown. Not executor.spin(): in the wheels it runs no callback."""
+    """Run callbacks until ``finished`` or a shutdown. Not executor.spin(): in the wheels it runs none."""
     while rclpy.ok() and not finished():
         try:
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
         except ExternalShutdownException:
             return
+        except rclpy_implementation.RCLError as error:
+            # A client asked for a transition that the state does not have: rclpy raises here, and flying goes on.
+            get_logger("aircraft_sysid_ros").error(" ".join(str(error).split()))
 
 
 def run_node(kind: Callable[[], LifecycleNode], arguments: Sequence[str] | None = None) -> int:
-    """Entry point of a node's executable: starts it and spins until a signal. Exit status 2: it could not start."""
-    rclpy.init(args=arguments)
-    node = kind()
+    """Entry point of a node's executable: start and spin until a signal. Exit status 2: it did not start."""
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments))
+        node = kind()
+    except (ParameterException, rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        rclpy.try_shutdown()
+        return 2
     try:
         if node.get_parameter("autostart").value and not start(node):
             return 2

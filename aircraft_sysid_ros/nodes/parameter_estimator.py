@@ -16,7 +16,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling import error_window as modelling
 from aircraft_sysid_ros.modelling.model_file import load_model, save_model
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions, ParameterSet
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
+from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.common import Option
@@ -50,7 +51,6 @@ class ParameterEstimatorNode(LifecycleNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("parameter_estimator", **arguments)
         common.declare_common(self)
-        self.declare_parameter("autostart", True)
         common.declare_options(self, ParameterOptions(), OPTIONS)
         self.estimator: ParameterEstimator | None = None
         self.received = dict.fromkeys(INPUTS, 0)
@@ -72,23 +72,25 @@ class ParameterEstimatorNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         self.estimator = ParameterEstimator(aircraft, common.read_options(self, ParameterOptions, OPTIONS))
         self.estimator.warm_up()
-        self._parameters = self.create_lifecycle_publisher(Parameters, "~/parameters", 10)
-        self._model_error = self.create_lifecycle_publisher(ModelError, "~/model_error", 10)
-        self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_service(Reset, "~/reset", self._on_reset)
-        self.create_service(SaveModel, "~/save_model", self._on_save)
-        self.create_service(LoadModel, "~/load_model", self._on_load)
+        self._parameters_publisher = self.create_lifecycle_publisher(Parameters, "~/parameters", 10)
+        self._model_error_publisher = self.create_lifecycle_publisher(ModelError, "~/model_error", 10)
+        self._diagnostics_publisher = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._offered = [
+            self.create_service(Reset, "~/reset", self._on_reset),
+            self.create_service(SaveModel, "~/save_model", self._on_save),
+            self.create_service(LoadModel, "~/load_model", self._on_load),
+        ]
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen."""
         self._process_times = common.process_times()
         listen = self.create_subscription
-        self._inputs = [
-            listen(common.message_class(TOPICS[topic]), topic, partial(self._on_message, topic), self._quality)
-            for topic in INPUTS
-        ]
-        self._inputs.append(listen(AircraftState, "state_estimator/state", self._on_state, common.state_quality()))
+        for topic in INPUTS:
+            kind, receive = common.message_class(TOPICS[topic]), partial(self._on_message, topic)
+            self._inputs.append(listen(kind, topic, receive, self._quality))
+        quality = common.state_quality()
+        self._inputs.append(listen(AircraftState, "state_estimator/state", self._on_state, quality))
         self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         return super().on_activate(state)
 
@@ -103,8 +105,14 @@ class ParameterEstimatorNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget the flight."""
-        self.estimator = None
+        publishers = (self._parameters_publisher, self._model_error_publisher, self._diagnostics_publisher)
+        common.stop_offering(self, publishers, self._offered)
+        self.estimator = self._epoch = None
         return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop, from whatever state."""
+        return self.on_deactivate(state) if self._inputs else TransitionCallbackReturn.SUCCESS
 
     def finish(self) -> None:
         """Learn from the states that still wait for controls, and publish the result."""
@@ -159,14 +167,16 @@ class ParameterEstimatorNode(LifecycleNode):
     def _publish_parameters(self, now: float, estimates: ParameterSet) -> None:
         content = parameters_content(estimates)
         content["parameters"] = [Parameter(**p) for p in content["parameters"]]
-        self._parameters.publish(common.stamp_of(common.fill(Parameters(), content), self._stamp(now)))
+        message = common.stamp_of(common.fill(Parameters(), content), self._stamp(now))
+        self._parameters_publisher.publish(message)
 
     def _publish_model_error(self, now: float, errors: list[modelling.AxisError]) -> None:
         assert self.estimator is not None
         estimator = self.estimator
         content = model_error_content(estimator.model.identifier, estimator.options.error_window, errors)
         content["axes"] = [AxisError(**axis) for axis in content["axes"]]
-        self._model_error.publish(common.stamp_of(common.fill(ModelError(), content), self._stamp(now)))
+        message = common.stamp_of(common.fill(ModelError(), content), self._stamp(now))
+        self._model_error_publisher.publish(message)
 
     def _publish_diagnostics(self) -> None:
         assert self.estimator is not None
@@ -181,7 +191,7 @@ class ParameterEstimatorNode(LifecycleNode):
         learning = self.estimator.newest_point is not None
         level = DiagnosticStatus.OK[0] if learning else DiagnosticStatus.WARN[0]
         text = "ok" if learning else "waiting for states in flight"
-        self._diagnostics.publish(common.diagnostics(self, level, text, values))
+        self._diagnostics_publisher.publish(common.diagnostics(self, level, text, values))
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         assert self.estimator is not None

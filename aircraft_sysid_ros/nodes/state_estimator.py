@@ -18,7 +18,12 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.common import Option
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column, Status
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions, nanoseconds, warm_up
+from aircraft_sysid_ros.reconstruction.state_estimator import (
+    StateEstimator,
+    StateOptions,
+    nanoseconds,
+    warm_up,
+)
 from aircraft_sysid_ros.recordings.output_messages import state_fields, wind_fields
 from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, message_fields, to_samples
 from aircraft_sysid_ros.samples import concatenate
@@ -29,7 +34,9 @@ OPTIONS = {
     "gate": Option("Innovations beyond this many sigma are rejected.", 2.0, 100.0),
     "maximum_iterations": Option("Cap on the iterations of one measurement update.", 1, 50),
     "tolerance": Option("The update has converged when it moves by less than this many sigma.", 1e-9, 1.0),
-    "maximum_gap": Option("Longest silence [s] of the IMU that is integrated; after more the filter aligns anew.", 0.05, 5.0),
+    "maximum_gap": Option(
+        "Longest silence [s] of the IMU that is integrated; after more the filter aligns anew.", 0.05, 5.0
+    ),
     "divergence_time": Option("GPS rejected for this long [s] without a break: align anew.", 1.0, 60.0),
 }
 
@@ -40,7 +47,6 @@ class StateEstimatorNode(LifecycleNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("state_estimator", **arguments)
         common.declare_common(self)
-        self.declare_parameter("autostart", True)
         common.declare_options(self, StateOptions(), OPTIONS)
         self.estimator: StateEstimator | None = None
         self.received = dict.fromkeys(INPUTS, 0)
@@ -59,19 +65,19 @@ class StateEstimatorNode(LifecycleNode):
         self.get_logger().info("preparing the filter; the first start compiles it, up to a minute")
         warm_up(aircraft)
         self.estimator = StateEstimator(aircraft, common.read_options(self, StateOptions, OPTIONS))
-        self._state = self.create_lifecycle_publisher(AircraftState, "~/state", common.state_quality())
-        self._wind = self.create_lifecycle_publisher(TwistWithCovarianceStamped, "~/wind", 10)
-        self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_service(Reset, "~/reset", self._on_reset)
+        quality = common.state_quality()
+        self._state_publisher = self.create_lifecycle_publisher(AircraftState, "~/state", quality)
+        self._wind_publisher = self.create_lifecycle_publisher(TwistWithCovarianceStamped, "~/wind", 10)
+        self._diagnostics_publisher = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._offered = [self.create_service(Reset, "~/reset", self._on_reset)]
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen."""
         self._process_times = common.process_times()
         for topic in INPUTS:
-            self._inputs.append(
-                self.create_subscription(common.message_class(TOPICS[topic]), topic, partial(self._on_message, topic), self._quality)
-            )
+            kind, receive = common.message_class(TOPICS[topic]), partial(self._on_message, topic)
+            self._inputs.append(self.create_subscription(kind, topic, receive, self._quality))
         self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         return super().on_activate(state)
 
@@ -86,8 +92,14 @@ class StateEstimatorNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget the flight."""
+        publishers = (self._state_publisher, self._wind_publisher, self._diagnostics_publisher)
+        common.stop_offering(self, publishers, self._offered)
         self.estimator = None
         return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop, from whatever state."""
+        return self.on_deactivate(state) if self._inputs else TransitionCallbackReturn.SUCCESS
 
     def finish(self) -> None:
         """Publish the states that still wait for late samples."""
@@ -111,9 +123,10 @@ class StateEstimatorNode(LifecycleNode):
         stamps = nanoseconds(rows[:, Column.TIME], self.estimator.epoch)
         fields, wind = state_fields(rows), wind_fields(rows[-1:])
         for i, stamp in enumerate(stamps):
-            message = common.fill(AircraftState(), {name: _plain(values[i]) for name, values in fields.items()})
+            content = {name: _plain(values[i]) for name, values in fields.items()}
+            message = common.fill(AircraftState(), content)
             message.status_text = STATUS_TEXT[message.status]
-            self._state.publish(common.stamp_of(message, int(stamp)))
+            self._state_publisher.publish(common.stamp_of(message, int(stamp)))
         self._publish_wind(wind, int(stamps[-1]))
 
     def _publish_wind(self, wind: dict[str, Any], stamp: int) -> None:
@@ -122,7 +135,7 @@ class StateEstimatorNode(LifecycleNode):
             vector = getattr(message.twist.twist, part)
             vector.x, vector.y, vector.z = (float(v) for v in wind[f"twist.twist.{part}"][0])
         message.twist.covariance = wind["twist.covariance"][0]
-        self._wind.publish(common.stamp_of(message, stamp))
+        self._wind_publisher.publish(common.stamp_of(message, stamp))
 
     def _publish_diagnostics(self) -> None:
         assert self.estimator is not None
@@ -135,12 +148,11 @@ class StateEstimatorNode(LifecycleNode):
         values["restarts"] = self.estimator.order.counts.restarts
         status = self.estimator.status
         level = DiagnosticStatus.OK[0] if status == Status.OK else DiagnosticStatus.WARN[0]
-        self._diagnostics.publish(common.diagnostics(self, level, STATUS_TEXT[status] or "ok", values))
+        text = STATUS_TEXT[status] or "ok"
+        self._diagnostics_publisher.publish(common.diagnostics(self, level, text, values))
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
-        if self.estimator is None:
-            response.success, response.message = False, "the node is not configured"
-            return response
+        assert self.estimator is not None
         self.estimator = StateEstimator(self.estimator.aircraft, self.estimator.options)
         response.success, response.message = True, "the state starts anew"
         return response

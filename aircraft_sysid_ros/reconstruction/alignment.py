@@ -1,9 +1,9 @@
 """Where the filter starts: coarse attitude, velocity and position, and how uncertain they are.
 
-In the air two directions give the attitude (the TRIAD method, Black 1964): the specific force, which in NED is the
-acceleration from GPS minus gravity, and the motion through the air, which in NED is the GPS velocity minus the wind.
-On the ground the specific force gives roll and pitch and a magnetometer the heading; without one the filter waits
-until the aircraft moves. An attitude in the recording goes before all that.
+In the air two directions give the attitude (the TRIAD method, Black 1964): the specific force, which in NED
+is the acceleration from GPS minus gravity, and the motion through the air, which in NED is the GPS velocity
+minus the wind. On the ground the specific force gives roll and pitch and a magnetometer the heading; without
+one the filter waits until the aircraft moves. An attitude in the recording goes before all that.
 """
 
 from __future__ import annotations
@@ -126,7 +126,9 @@ class Alignment:
         self._start_air_velocity(now, x, p, rotation, wind, wind_std)
         return x, p
 
-    def _start_air_velocity(self, now: float, x: Array, p: Array, rotation: Array, wind: Array, std: Array) -> None:
+    def _start_air_velocity(
+        self, now: float, x: Array, p: Array, rotation: Array, wind: Array, std: Array
+    ) -> None:
         """From air data where they are there, whatever the heading; else from velocity, attitude and wind."""
         airspeed = self._recent(Kind.AIRSPEED, now, 0.5)
         if airspeed is not None and airspeed[0] > self._flying_speed:
@@ -141,7 +143,8 @@ class Alignment:
         to_air[:, D_ATTITUDE : D_ATTITUDE + 3] = cross_matrix(x[AIR_VELOCITY])
         p[D_AIR_VELOCITY:] = to_air @ p
         p[:, D_AIR_VELOCITY:] = p @ to_air.T
-        p[D_AIR_VELOCITY:, D_AIR_VELOCITY:] = to_air @ p[:, D_AIR_VELOCITY:] + rotation.T @ np.diag(std**2) @ rotation
+        of_wind = rotation.T @ np.diag(std**2) @ rotation
+        p[D_AIR_VELOCITY:, D_AIR_VELOCITY:] = to_air @ p[:, D_AIR_VELOCITY:] + of_wind
 
     def _recent(self, kind: Kind, now: float, age: float) -> Array | None:
         time, values = self._newest.get(kind, (-np.inf, None))
@@ -153,7 +156,7 @@ class Alignment:
         return (after - before) / (last - first) if last - first > 0.15 else np.zeros(3)
 
     def _mean_force(self) -> Array:
-        """Mean specific force (3,), in body axes of the newest sample: earlier ones are turned by the gyros."""
+        """Mean specific force (3,) in body axes of the newest sample: gyros turn earlier ones."""
         times = [time for time, _ in self._imu]
         values = [value for _, value in self._imu]
         turn, total = np.eye(3), values[-1][:3].copy()
@@ -172,9 +175,10 @@ class Alignment:
             return rotation_matrix(given[:4]), np.eye(3) * ATTITUDE_STD**2
         force = self._mean_force()
         through_air = velocity - wind
-        heading = np.hypot(HEADING_STD, np.max(wind_std[:2]) / max(np.linalg.norm(velocity), SLOWEST_COURSE))
+        ground_speed = float(np.linalg.norm(velocity))
+        heading = np.hypot(HEADING_STD, np.max(wind_std[:2]) / max(ground_speed, SLOWEST_COURSE))
         level = np.diag([TILT_STD**2, TILT_STD**2, min(heading, LARGEST_HEADING_STD) ** 2])
-        if np.linalg.norm(velocity) > self._flying_speed:
+        if ground_speed > self._flying_speed:
             upward = acceleration - np.array([0.0, 0.0, self._gravity])
             return triad(force, self._motion(now), upward, through_air), level
         field = self._recent(Kind.MAGNETIC_FIELD, now, 1.0)
@@ -196,7 +200,7 @@ class Alignment:
 
 
 def triad(first_b: Array, second_b: Array, first_n: Array, second_n: Array) -> Array:
-    """Rotation body to NED (3, 3) that maps first_b on first_n exactly and second_b on second_n as far as it can."""
+    """Rotation body to NED (3, 3): first_b goes to first_n exactly, second_b to second_n as far as it can."""
     body, world = _triad_axes(first_b, second_b), _triad_axes(first_n, second_n)
     return world @ body.T
 

@@ -1,8 +1,9 @@
-"""The jitted loop of the first step: samples in time order in, one row of reconstructed state per IMU sample out."""
+"""The jitted loop of the first step: samples in time order in, a row of states per IMU sample out."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, air_density, temperature
@@ -31,9 +32,13 @@ from aircraft_sysid_ros.reconstruction.state import (
     ERROR_SIZE,
     GYRO_BIAS,
     Column,
+    Memory,
+    Setup,
     Status,
 )
 from aircraft_sysid_ros.samples import Kind
+
+Array = npt.NDArray[np.float64]
 
 _IMU, _AIR = int(Kind.IMU), int(Kind.AIR)
 _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
@@ -46,13 +51,14 @@ _NIS_WEIGHT = 0.01
 # Columns, as plain numbers for numba.
 _COLUMN_STD = Column.STANDARD_DEVIATIONS.start
 
-_OK, _NO_GPS, _NO_AIR_DATA, _INERTIAL_ONLY = Status.OK, Status.NO_GPS, Status.NO_AIR_DATA, Status.INERTIAL_ONLY
+_OK, _NO_GPS = Status.OK, Status.NO_GPS
+_NO_AIR_DATA, _INERTIAL_ONLY = Status.NO_AIR_DATA, Status.INERTIAL_ONLY
 
 RUNNING, GAP, DIVERGED = 0, 1, 2
 
 
 @njit(cache=True)
-def retract(x, delta):
+def retract(x: Array, delta: Array) -> Array:
     """State x (19,) moved by the error delta (18,): added, and for the attitude turned."""
     moved = np.empty_like(x)
     moved[:6] = x[:6] + delta[:6]
@@ -63,8 +69,8 @@ def retract(x, delta):
 
 
 @njit(cache=True)
-def _turn_attitude_columns(h, jacobian):
-    """h with its attitude columns times ``jacobian``: from the error at eta to the error at the prediction."""
+def _turn_attitude_columns(h: Array, jacobian: Array) -> None:
+    """Attitude columns of h times ``jacobian``: from the error at eta to the error at the prediction."""
     for i in range(h.shape[0]):
         a0, a1, a2 = h[i, D_ATTITUDE], h[i, D_ATTITUDE + 1], h[i, D_ATTITUDE + 2]
         for j in range(3):
@@ -72,7 +78,7 @@ def _turn_attitude_columns(h, jacobian):
 
 
 @njit(cache=True)
-def _reset_attitude_error(p, delta):
+def _reset_attitude_error(p: Array, delta: Array) -> None:
     """Covariance of the error about the updated attitude, from that about the predicted one."""
     jacobian = right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3])
     rows = slice(D_ATTITUDE, D_ATTITUDE + 3)
@@ -82,7 +88,7 @@ def _reset_attitude_error(p, delta):
 
 
 @njit(cache=True)
-def measurement_variance(kind, values, setup):
+def measurement_variance(kind: int, values: Array, setup: Setup) -> Array:
     """Variance (3,): from the aircraft file if it says so, else from the message, else the default."""
     variance = setup.variance[kind].copy()
     first = 4 if kind == 1 else 3  # where ATTITUDE and GPS_POSITION carry theirs
@@ -94,7 +100,9 @@ def measurement_variance(kind, values, setup):
 
 
 @njit(cache=True)
-def fuse(kind, values, x, p, rate, time, setup, memory):
+def fuse(
+    kind: int, values: Array, x: Array, p: Array, rate: Array, time: float, setup: Setup, memory: Memory
+) -> None:
     """One measurement update (3.15)-(3.18) on the state x (19,) and p (18, 18), in place, with its gate."""
     residual, h_full = np.empty(3), np.empty((3, ERROR_SIZE))
     variance = measurement_variance(kind, values, setup)
@@ -135,7 +143,9 @@ def fuse(kind, values, x, p, rate, time, setup, memory):
 
 
 @njit(cache=True)
-def _passes_gate(kind, innovation, factor, time, setup, memory):
+def _passes_gate(
+    kind: int, innovation: Array, factor: Array, time: float, setup: Setup, memory: Memory
+) -> bool:
     """Normalised innovation squared against its gate; keeps the counts and the consistency."""
     m = len(innovation)
     weighted = solve_factored(factor, innovation)
@@ -155,7 +165,7 @@ def _passes_gate(kind, innovation, factor, time, setup, memory):
 
 
 @njit(cache=True)
-def _is_flying(x, rate, values, kind, setup):
+def _is_flying(x: Array, rate: Array, values: Array, kind: int, setup: Setup) -> bool:
     """Air data mean something: measured or expected airspeed is above the least that flies."""
     if kind == _AIRSPEED:
         return values[0] >= setup.minimum_airspeed
@@ -164,7 +174,9 @@ def _is_flying(x, rate, values, kind, setup):
 
 
 @njit(cache=True)
-def _take(kind, values, x, p, rate, time, setup, memory):
+def _take(
+    kind: int, values: Array, x: Array, p: Array, rate: Array, time: float, setup: Setup, memory: Memory
+) -> None:
     """Fuse or note one sample that is not an IMU sample."""
     if kind == _AIR:
         if values[0] > 0.0:
@@ -172,14 +184,15 @@ def _take(kind, values, x, p, rate, time, setup, memory):
         elif values[1] > 0.0:
             memory.air[0] = values[1] / (GAS_CONSTANT * temperature(setup.origin[2] - x[5]))
         return
-    if (kind == _AIRSPEED or kind == _ALPHA or kind == _BETA) and not _is_flying(x, rate, values, kind, setup):
+    is_air_data = kind == _AIRSPEED or kind == _ALPHA or kind == _BETA
+    if is_air_data and not _is_flying(x, rate, values, kind, setup):
         memory.skipped[kind] += 1
         return
     fuse(kind, values, x, p, rate, time, setup, memory)
 
 
 @njit(cache=True)
-def _status(time, memory):
+def _status(time: float, memory: Memory) -> int:
     gps = time - max(memory.last_fused[_GPS_POSITION], memory.last_fused[_GPS_VELOCITY]) < SENSOR_TIMEOUT
     air = time - memory.last_fused[_AIRSPEED] < SENSOR_TIMEOUT
     if gps:
@@ -188,7 +201,7 @@ def _status(time, memory):
 
 
 @njit(cache=True)
-def _has_diverged(setup, memory):
+def _has_diverged(setup: Setup, memory: Memory) -> bool:
     """GPS position and velocity both rejected without a break: the state is wrong, not the sensors."""
     for kind in (_GPS_POSITION, _GPS_VELOCITY):
         if not memory.last_rejected[kind] - memory.last_fused[kind] > setup.divergence_time:
@@ -197,7 +210,9 @@ def _has_diverged(setup, memory):
 
 
 @njit(cache=True)
-def _write_row(row, x, p, force, rate, time, setup, memory):
+def _write_row(
+    row: Array, x: Array, p: Array, force: Array, rate: Array, time: float, setup: Setup, memory: Memory
+) -> None:
     """Row of Column at the centre of gravity."""
     to_cg = -setup.imu_position
     v = air_velocity_at(x, rate, to_cg)
@@ -237,7 +252,7 @@ def _write_row(row, x, p, force, rate, time, setup, memory):
 
 
 @njit(cache=True)
-def wind_of(x):
+def wind_of(x: Array) -> Array:
     """Wind NED (3,): velocity over ground minus C u (6.23)."""
     c = rotation_matrix(x[ATTITUDE])
     wind = np.empty(3)
@@ -247,7 +262,7 @@ def wind_of(x):
 
 
 @njit(cache=True)
-def wind_jacobian(x):
+def wind_jacobian(x: Array) -> Array:
     """Derivative of the wind by the error of the state, shape (3, 18)."""
     c = rotation_matrix(x[ATTITUDE])
     h = np.zeros((3, ERROR_SIZE))
@@ -261,7 +276,7 @@ def wind_jacobian(x):
 
 
 @njit(cache=True)
-def _quadratic(h, p):
+def _quadratic(h: Array, p: Array) -> float:
     """h p h' for a row h with few numbers that are not 0."""
     total = 0.0
     for i in range(len(h)):
@@ -272,8 +287,8 @@ def _quadratic(h, p):
 
 
 @njit(cache=True)
-def _air_velocity_std(p, v):
-    """Root mean square standard deviation [m/s] of the air velocity across the flow: what alpha and beta rest on."""
+def _air_velocity_std(p: Array, v: Array) -> float:
+    """Rms standard deviation [m/s] of the air velocity across the flow: what alpha and beta rest on."""
     if v[0] * v[0] + v[2] * v[2] < 1e-6:
         return np.nan
     total = 0.0
@@ -286,13 +301,24 @@ def _air_velocity_std(p, v):
 
 
 @njit(cache=True)
-def run(times, kinds, values, start, x, p, setup, memory, rows):
+def run(
+    times: Array,
+    kinds: npt.NDArray[np.int64],
+    values: Array,
+    start: int,
+    x: Array,
+    p: Array,
+    setup: Setup,
+    memory: Memory,
+    rows: Array,
+) -> tuple[int, int, int]:
     """Process samples ``start`` onward, up to the last IMU sample among them.
 
-    times (n,) [s] ascending, kinds (n,), values (n, WIDTH). The IMU input is interpolated between its samples, so
-    that every measurement is fused at its own time. Writes rows (at most n, Column.WIDTH). Returns the index of the
-    first sample that is not processed, the number of rows, and RUNNING, or GAP when the IMU was silent for longer
-    than setup.maximum_gap before that sample, or DIVERGED when GPS and state contradict each other for long.
+    times (n,) [s] ascending, kinds (n,), values (n, WIDTH). The IMU input is interpolated between its
+    samples, so that every measurement is fused at its own time. Writes rows (at most n, Column.WIDTH).
+    Returns the index of the first sample that is not processed, the number of rows, and RUNNING, or GAP when
+    the IMU was silent for longer than setup.maximum_gap before that sample, or DIVERGED when GPS and state
+    contradict each other for long.
     """
     count, i, n = 0, start, len(times)
     memory_imu = memory.imu
@@ -313,7 +339,8 @@ def run(times, kinds, values, start, x, p, setup, memory, rows):
             until = min(max(times[k], now), end)
             if until > now:
                 middle = (0.5 * (now + until) - begin) / interval
-                propagate(x, p, force0 + middle * force_step, rate0 + middle * rate_step, until - now, interval, setup)
+                force, rate = force0 + middle * force_step, rate0 + middle * rate_step
+                propagate(x, p, force, rate, until - now, interval, setup)
                 now = until
             if k < j:
                 at = (now - begin) / interval if interval > 0.0 else 0.0

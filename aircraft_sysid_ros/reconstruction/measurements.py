@@ -1,12 +1,16 @@
 """Measurement functions h(x) and their Jacobians, for the state and error of ``state``.
 
-``residual_and_jacobian`` gives y - h(x) and H = dh/d(error) at x, where the attitude error is a rotation vector in
-body axes. Air data are measured at the probe: V, alpha, beta of u + omega x r with the air-relative velocity u.
+``residual_and_jacobian`` gives y - h(x) and H = dh/d(error) at x, where the attitude error is a rotation
+vector in body axes. Air data are measured at the probe: V, alpha, beta of u + omega x r with the air-relative
+velocity u.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
@@ -29,8 +33,11 @@ from aircraft_sysid_ros.reconstruction.state import (
     GYRO_BIAS,
     POSITION,
     VELOCITY,
+    Setup,
 )
 from aircraft_sysid_ros.samples import Kind
+
+Array = npt.NDArray[np.float64]
 
 _ATTITUDE, _MAGNETIC_FIELD = int(Kind.ATTITUDE), int(Kind.MAGNETIC_FIELD)
 _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
@@ -38,20 +45,20 @@ _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Ki
 
 
 @njit(cache=True)
-def wrap(angle):
+def wrap(angle: float) -> float:
     """Angle [rad] within [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 @njit(cache=True)
-def _put(h, row, column, block):
+def _put(h: Array, row: int, column: int, block: npt.NDArray[np.floating[Any]]) -> None:
     for i in range(3):
         for j in range(3):
             h[row + i, column + j] = block[i, j]
 
 
 @njit(cache=True)
-def air_velocity_at(x, rate, place):
+def air_velocity_at(x: Array, rate: Array, place: Array) -> Array:
     """Air-relative body velocity (3,) at ``place`` (FRD from the IMU)."""
     omega = rate - x[GYRO_BIAS]
     v = x[AIR_VELOCITY].copy()
@@ -62,7 +69,7 @@ def air_velocity_at(x, rate, place):
 
 
 @njit(cache=True)
-def air_data_gradient(kind, v):
+def air_data_gradient(kind: int, v: Array) -> Array:
     """Gradient (3,) of V, alpha or beta by the air-relative velocity v (3,)."""
     uw2 = v[0] * v[0] + v[2] * v[2]
     v2 = uw2 + v[1] * v[1]
@@ -75,7 +82,9 @@ def air_data_gradient(kind, v):
 
 
 @njit(cache=True)
-def _air_data(kind, value, x, rate, setup, residual, h):
+def _air_data(
+    kind: int, value: float, x: Array, rate: Array, setup: Setup, residual: Array, h: Array
+) -> int:
     place = setup.probe_from_imu
     v = air_velocity_at(x, rate, place)
     uw = np.sqrt(v[0] * v[0] + v[2] * v[2])
@@ -94,7 +103,7 @@ def _air_data(kind, value, x, rate, setup, residual, h):
 
 
 @njit(cache=True)
-def _gps(kind, values, x, rate, setup, residual, h):
+def _gps(kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual: Array, h: Array) -> int:
     c = rotation_matrix(x[ATTITUDE])
     place = setup.gps_from_imu
     if kind == _GPS_POSITION:
@@ -115,7 +124,7 @@ def _gps(kind, values, x, rate, setup, residual, h):
 
 
 @njit(cache=True)
-def _attitude(values, x, residual, h):
+def _attitude(values: Array, x: Array, residual: Array, h: Array) -> int:
     error = quaternion_log(quaternion_product(quaternion_conjugate(x[ATTITUDE]), values[:4]))
     residual[:] = error
     # log(exp(-delta) exp(error)) = error - J_l(error)^-1 delta, and J_l(error) = J_r(-error)
@@ -124,7 +133,7 @@ def _attitude(values, x, residual, h):
 
 
 @njit(cache=True)
-def _heading(values, x, setup, residual, h):
+def _heading(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -> int:
     """Heading of the magnetic field: its horizontal direction in NED is the declination."""
     c = rotation_matrix(x[ATTITUDE])
     field = values[:3] / np.sqrt(np.sum(values[:3] * values[:3]))
@@ -140,8 +149,10 @@ def _heading(values, x, setup, residual, h):
 
 
 @njit(cache=True)
-def residual_and_jacobian(kind, values, x, rate, setup, residual, h):
-    """Fill residual (3,) = y - h(x) and h (3, 18); returns the number of outputs, 0 where there is nothing to fuse.
+def residual_and_jacobian(
+    kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual: Array, h: Array
+) -> int:
+    """Fill residual (3,) = y - h(x) and h (3, 18); returns the number of outputs, 0: nothing to fuse.
 
     ``rate`` is the angular rate as measured at that time (3,) [rad/s].
     """

@@ -1,9 +1,9 @@
 """Time order: samples arrive late and mixed; they leave in the order of the times at which they were taken.
 
-The stamps of the IMU are the clock, since it is the fastest sensor. A sample is held until the clock has passed it
-by the horizon plus the longest sensor delay, so that one that is late by less than the horizon takes its own place,
-and the result depends on stamps alone: live and replay are the same to the last bit. What comes later still is
-dropped and counted.
+The stamps of the IMU are the clock, since it is the fastest sensor. A sample is held until the clock has
+passed it by the horizon plus the longest sensor delay, so that one that is late by less than the horizon
+takes its own place, and the result depends on stamps alone: live and replay are the same to the last bit.
+What comes later still is dropped and counted.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ class OrderCounts:
 
 @dataclass(frozen=True)
 class Released:
-    """Samples in time order, stamps with the sensor delay removed; ``restarted``: the clock began anew before them."""
+    """Samples in time order, stamps less sensor delays; ``restarted``: the clock began anew before them."""
 
     samples: Samples
     restarted: bool = False
 
 
 class TimeOrder:
-    """Holds samples for ``horizon`` [s] and releases them in time order; ``delays`` [s] by kind, shape (kinds,)."""
+    """Holds samples for ``horizon`` [s], releases them in time order; ``delays`` [s] (kinds,)."""
 
     def __init__(self, horizon: float, delays: npt.NDArray[np.float64]) -> None:
         self._delays = np.rint(np.asarray(delays) * NANOSECONDS).astype(np.int64)
@@ -89,7 +89,7 @@ class TimeOrder:
         return np.asarray(valid)
 
     def _leaps(self, samples: Samples) -> list[int]:
-        """IMU samples whose stamp leaps back beyond the horizon or far ahead, and any IMU sample while in doubt."""
+        """IMU samples whose stamp leaps back beyond the horizon or far ahead; all of them while in doubt."""
         imu = np.flatnonzero(samples.kind == Kind.IMU)
         if not len(imu):
             return []
@@ -134,14 +134,16 @@ class TimeOrder:
         imu = samples.stamp[samples.kind == Kind.IMU]
         if len(imu):
             self._clock = int(imu.max()) if self._clock is None else max(self._clock, int(imu.max()))
-        held = held[np.lexsort((held.kind, held.stamp))]  # stable: equal stamps of a kind stay in order of arrival
-        due = 0 if self._clock is None else int(np.searchsorted(held.stamp, self._clock - self._lag, side="left"))
+        held = held[np.lexsort((held.kind, held.stamp))]  # stable: equals stay in the order of arrival
+        due = 0
+        if self._clock is not None:
+            due = int(np.searchsorted(held.stamp, self._clock - self._lag, side="left"))
         self._held = held[max(due, len(held) - _MOST_HELD) :]
         if due:
             yield Released(held[:due])
 
     def _clock_at_arrival(self, samples: Samples) -> npt.NDArray[np.int64]:
-        """The clock just before each sample arrived, shape (n,); the smallest integer before the first IMU sample."""
+        """The clock just before each sample arrived (n,); the smallest integer before there is one."""
         lowest = np.iinfo(np.int64).min
         stamps = np.where(samples.kind == Kind.IMU, samples.stamp, lowest)
         before = np.concatenate([[lowest if self._clock is None else self._clock], stamps[:-1]])

@@ -2,15 +2,16 @@
 
     v' = C(q) f + g,  p' = v,  q' = q (x) exp(omega dt),  u' = f + C(q)' g - omega x u  (6.16)-(6.18),
 
-with the velocity over ground v, the air-relative velocity u in body axes, f = f_m - b_a - w_a,
-omega = omega_m - b_g - w_g. Biases are random walks; a random walk of the wind enters u. f and omega are the measured
-specific force (6.4) and rate (6.5) at the middle of the step. White noise of an IMU sample of variance s^2, held
-over T, has the density s^2 T.
+with the velocity over ground v, the air-relative velocity u in body axes, f = f_m - b_a - w_a, omega =
+omega_m - b_g - w_g. Biases are random walks; a random walk of the wind enters u. f and omega are the measured
+specific force (6.4) and rate (6.5) at the middle of the step. White noise of an IMU sample of variance s^2,
+held over T, has the density s^2 T.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import (
@@ -33,11 +34,14 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_VELOCITY,
     ERROR_SIZE,
     GYRO_BIAS,
+    Setup,
 )
+
+Array = npt.NDArray[np.float64]
 
 
 @njit(cache=True)
-def propagate_state(x, force, rate, dt, gravity):
+def propagate_state(x: Array, force: Array, rate: Array, dt: float, gravity: float) -> None:
     """Advance the nominal state x (19,) by dt [s], in place; force and rate (3,) as measured at mid-step."""
     f = force - x[ACCELEROMETER_BIAS]
     omega = rate - x[GYRO_BIAS]
@@ -61,12 +65,12 @@ def propagate_state(x, force, rate, dt, gravity):
 
 
 @njit(cache=True)
-def transition_blocks(x, force, rate, dt, gravity):
-    """Blocks of the transition matrix (3.9) that are neither 0 nor I, each (3, 3), at the state before the step.
+def transition_blocks(x: Array, force: Array, rate: Array, dt: float, gravity: float) -> tuple[Array, ...]:
+    """Blocks (3, 3) of the transition matrix (3.9) that are neither 0 nor I, at the state before the step.
 
-    Velocity by attitude, accelerometer bias, gyro bias; attitude by attitude, gyro bias; air velocity by attitude,
-    accelerometer bias, gyro bias. Air velocity by itself is as attitude by attitude; position is dt times the mean of
-    velocity before and after.
+    Velocity by attitude, accelerometer bias, gyro bias; attitude by attitude, gyro bias; air velocity by
+    attitude, accelerometer bias, gyro bias. Air velocity by itself is as attitude by attitude; position is dt
+    times the mean of velocity before and after.
     """
     f = force - x[ACCELEROMETER_BIAS]
     omega = rate - x[GYRO_BIAS]
@@ -92,7 +96,7 @@ def transition_blocks(x, force, rate, dt, gravity):
 
 
 @njit(cache=True)
-def transition_matrix(x, force, rate, dt, gravity):
+def transition_matrix(x: Array, force: Array, rate: Array, dt: float, gravity: float) -> Array:
     """Whole transition matrix, shape (18, 18), for tests and smoothers."""
     phi = np.eye(ERROR_SIZE)
     _apply_transition(phi, transition_blocks(x, force, rate, dt, gravity), dt)
@@ -100,17 +104,18 @@ def transition_matrix(x, force, rate, dt, gravity):
 
 
 @njit(cache=True)
-def _row(block, i, a0, a1, a2):
+def _row(block: Array, i: int, a0: float, a1: float, a2: float) -> float:
     return block[i, 0] * a0 + block[i, 1] * a1 + block[i, 2] * a2
 
 
 @njit(cache=True)
-def _apply_transition(m, blocks, dt):
+def _apply_transition(m: Array, blocks: tuple[Array, ...], dt: float) -> None:
     """Phi m for m (18, n), in place; the zero and identity blocks are not multiplied."""
     va, vb, vg, aa, ag, ua, ub, ug = blocks
     for c in range(m.shape[1]):
         a0, a1, a2 = m[D_ATTITUDE, c], m[D_ATTITUDE + 1, c], m[D_ATTITUDE + 2, c]
-        b0, b1, b2 = m[D_ACCELEROMETER_BIAS, c], m[D_ACCELEROMETER_BIAS + 1, c], m[D_ACCELEROMETER_BIAS + 2, c]
+        b0, b1 = m[D_ACCELEROMETER_BIAS, c], m[D_ACCELEROMETER_BIAS + 1, c]
+        b2 = m[D_ACCELEROMETER_BIAS + 2, c]
         g0, g1, g2 = m[D_GYRO_BIAS, c], m[D_GYRO_BIAS + 1, c], m[D_GYRO_BIAS + 2, c]
         u0, u1, u2 = m[D_AIR_VELOCITY, c], m[D_AIR_VELOCITY + 1, c], m[D_AIR_VELOCITY + 2, c]
         for i in range(3):
@@ -127,7 +132,7 @@ def _apply_transition(m, blocks, dt):
 
 
 @njit(cache=True)
-def process_noise(x, dt, sample_time, setup):
+def process_noise(x: Array, dt: float, sample_time: float, setup: Setup) -> Array:
     """Covariance (18, 18) of Gamma w over dt [s] (3.11), at the state after the step.
 
     The noise of the accelerometer moves both velocities; that of the gyro turns u together with the attitude.
@@ -154,8 +159,10 @@ def process_noise(x, dt, sample_time, setup):
 
 
 @njit(cache=True)
-def propagate(x, p, force, rate, dt, sample_time, setup):
-    """State and covariance (3.10), (3.11) by dt [s], in place; sample_time is the interval between IMU samples."""
+def propagate(
+    x: Array, p: Array, force: Array, rate: Array, dt: float, sample_time: float, setup: Setup
+) -> None:
+    """State and covariance (3.10), (3.11) by dt [s], in place; sample_time: interval between IMU samples."""
     blocks = transition_blocks(x, force, rate, dt, setup.gravity)
     propagate_state(x, force, rate, dt, setup.gravity)
     _apply_transition(p, blocks, dt)

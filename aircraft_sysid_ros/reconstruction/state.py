@@ -1,13 +1,13 @@
 """Layouts of the reconstructed state, (6.24) of the summary.
 
-(6.24) has u, v, w, position, attitude, six biases and the wind W; the velocity over ground is C (u, v, w) + W.
-The filter carries u, v, w and the velocity over ground and forms the wind as their difference: the same state in
-other coordinates. In them air data and GPS are nearly linear, each sees its own three numbers, while with the wind
-as a coordinate an unknown heading bends what is known into a circle, and a filter that linearises it becomes sure of
-a wrong wind (5 standard errors after 10 s of straight flight). A wandering wind enters u, v, w as process noise,
-which (6.16)-(6.18) leave out. Attitude is a quaternion with a rotation-vector error: regular in any attitude.
-The state belongs to the place of the IMU, which needs no angular acceleration; outputs belong to the centre of
-gravity.
+(6.24) has u, v, w, position, attitude, six biases and the wind W; the velocity over ground is C (u, v, w) +
+W. The filter carries u, v, w and the velocity over ground and forms the wind as their difference: the same
+state in other coordinates. In them air data and GPS are nearly linear, each sees its own three numbers, while
+with the wind as a coordinate an unknown heading bends what is known into a circle, and a filter that
+linearises it becomes sure of a wrong wind (5 standard errors after 10 s of straight flight). A wandering wind
+enters u, v, w as process noise, which (6.16)-(6.18) leave out. Attitude is a quaternion with a
+rotation-vector error: regular in any attitude. The state belongs to the place of the IMU, which needs no
+angular acceleration; outputs belong to the centre of gravity.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-# Nominal state, 19 numbers: velocity over ground and position NED, quaternion, biases, air-relative velocity u, v, w.
+# Nominal state, 19 numbers: velocity over ground and position NED, quaternion, biases, air-relative velocity.
 VELOCITY = slice(0, 3)
 POSITION = slice(3, 6)
 ATTITUDE = slice(6, 10)

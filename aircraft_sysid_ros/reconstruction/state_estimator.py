@@ -13,7 +13,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
 from aircraft_sysid_ros.reconstruction.alignment import WIND_STD, Alignment, keep_biases
 from aircraft_sysid_ros.reconstruction.fusion import RUNNING, run, wind_jacobian, wind_of
-from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, TimeOrder
+from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.state import (
     D_ACCELEROMETER_BIAS,
     D_AIR_VELOCITY,
@@ -45,6 +45,11 @@ SENSOR_OF_KIND = {
     Kind.HEIGHT: "height_above_ground",
     Kind.FIVE_HOLE: "five_hole_probe",
 }
+#: Kinds that the first step uses. Any other would split the integration between two IMU samples, so that the
+#: numbers depended on who else listens.
+_USED = np.isin(
+    np.arange(len(Kind)), (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.FIVE_HOLE), invert=True
+)
 #: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
 _EPOCH_STEP = 2**20 * NANOSECONDS
 
@@ -85,8 +90,8 @@ def sensor_delays(aircraft: Aircraft) -> Array:
 
 
 def gate_thresholds(sigma: float) -> Array:
-    """Largest normalised innovation squared for 0 to 3 outputs, at the probability of ``sigma`` in one output."""
-    from scipy.special import erf, gammaincinv  # imported here: 0.3 s that other users of this module do not need
+    """Largest normalised innovation squared for 0 to 3 outputs, as probable as ``sigma`` in one output."""
+    from scipy.special import erf, gammaincinv  # here: 0.3 s that other users of this module do not need
 
     inside = float(erf(sigma / np.sqrt(2.0)))
     return np.array([0.0] + [2.0 * float(gammaincinv(0.5 * m, inside)) for m in (1, 2, 3)])
@@ -95,8 +100,8 @@ def gate_thresholds(sigma: float) -> Array:
 class StateEstimator:
     """Iterated extended Kalman filter over (6.24), fed in any order within the horizon.
 
-    ``push`` takes samples as they arrive and returns rows of ``state.Column``, one per IMU sample, complete up to
-    ``horizon`` plus the longest sensor delay before the newest IMU stamp.
+    ``push`` takes samples as they arrive and returns rows of ``state.Column``, one per IMU sample, complete
+    up to ``horizon`` plus the longest sensor delay before the newest IMU stamp.
     """
 
     def __init__(self, aircraft: Aircraft, options: StateOptions | None = None) -> None:
@@ -119,7 +124,11 @@ class StateEstimator:
         self._last_airborne: Array | None = None  # newest row with air data
 
     def push(self, samples: Samples) -> Array:
-        """Take n samples in the order of arrival; returns rows (m, Column.WIDTH), m >= 0."""
+        """Take n samples in the order of arrival; returns rows (m, Column.WIDTH), m >= 0.
+
+        Kinds that belong to the second step are passed over.
+        """
+        samples = samples[_USED[samples.kind]]
         if self.epoch is None and len(samples):
             self.epoch = epoch_of(int(samples.stamp[0]))
         return self._collect(self.order.push(samples))
@@ -131,7 +140,9 @@ class StateEstimator:
     @property
     def status(self) -> int:
         """Value of ``state.Status``."""
-        return int(self.last_row[Column.STATUS]) if self._aligned and self.last_row is not None else Status.WAITING
+        if not self._aligned or self.last_row is None:
+            return Status.WAITING
+        return int(self.last_row[Column.STATUS])
 
     @property
     def flight_time(self) -> float:
@@ -154,7 +165,7 @@ class StateEstimator:
         return self._p.copy()
 
     def summary(self) -> dict[str, Any]:
-        """The content of state.json, without the timing: newest biases and wind with their standard deviations."""
+        """The content of state.json without the timing: newest biases and wind, their standard deviations."""
         known = self._aligned or self._has_biases
         sigma = np.sqrt(np.diag(self._p))
         wind, wind_std = self._wind_in_flight()
@@ -170,15 +181,16 @@ class StateEstimator:
         return result
 
     def innovation_consistency(self) -> dict[str, float]:
-        """Mean normalised innovation squared per degree of freedom, by kind: near 1 when noise is as configured."""
+        """Mean normalised innovation squared per degree of freedom: near 1 when noise is as configured."""
         sums, degrees = self.memory.nis_sum, self.memory.degrees
         return {kind.name.lower(): float(sums[kind] / degrees[kind]) for kind in Kind if degrees[kind]}
 
     def _wind_in_flight(self) -> tuple[Array, Array]:
-        """Wind NED (3,) and its standard deviations when air data last told it: after a landing nothing does."""
+        """Wind NED (3,) and its standard deviations when air data last told them: not after a landing."""
         if self._last_airborne is None:
             return self._known_wind()
-        return self._last_airborne[Column.WIND], self._last_airborne[Column.STANDARD_DEVIATIONS][D_AIR_VELOCITY:]
+        row = self._last_airborne
+        return row[Column.WIND], row[Column.STANDARD_DEVIATIONS][D_AIR_VELOCITY:]
 
     def _known_wind(self) -> tuple[Array, Array]:
         """Newest wind NED (3,) and its standard deviations (3,)."""
@@ -188,7 +200,7 @@ class StateEstimator:
         return wind_of(self._x), np.sqrt(np.diag(jacobian @ self._p @ jacobian.T))
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """What became of the samples, by kind: received, fused, rejected, skipped, late, invalid, wrong_stamp."""
+        """What became of the samples, by kind."""
         order, memory = self.order.counts, self.memory
         return {
             kind.name.lower(): {
@@ -203,8 +215,8 @@ class StateEstimator:
             for kind in Kind
         }
 
-    def _collect(self, released: Iterator[Any]) -> Array:
-        blocks = []
+    def _collect(self, released: Iterator[Released]) -> Array:
+        blocks: list[Array] = []
         for part in released:
             if part.restarted:
                 self._lose_alignment()
@@ -226,6 +238,7 @@ class StateEstimator:
             if not self._aligned:
                 at = self._align(times, kinds, values, at)
                 continue
+            assert self._setup is not None  # known from the first alignment on
             rows = np.full((int(np.sum(kinds[at:] == Kind.IMU)), Column.WIDTH), np.nan)
             at, count, state = run(times, kinds, values, at, self._x, self._p, self._setup, self.memory, rows)
             if count:

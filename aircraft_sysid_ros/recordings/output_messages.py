@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.modelling.error_window import AxisError
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterSet
+from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
 from aircraft_sysid_ros.recordings.ros_conversion import enu_from_ned
 

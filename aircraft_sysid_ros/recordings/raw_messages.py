@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -196,9 +195,3 @@ def _with_notes(messages: RawMessages, notes: tuple[str, ...]) -> RawMessages:
     from dataclasses import replace
 
     return replace(messages, notes=(*notes, *messages.notes))
-
-
-def iterate(messages: RawMessages) -> Iterator[tuple[Channel, int, bytes]]:
-    """Channel, log time [ns] and bytes of each message in order."""
-    for i in range(len(messages)):
-        yield messages.channels[int(messages.channel[i])], int(messages.log_time[i]), messages[i]

@@ -9,9 +9,9 @@ How each channel was understood (flight 75; "fit" is a least-squares fit over th
   the servos follow the pilot's channels instead: they are NaN there. Positive is trailing edge down for
   elevator and each aileron: da_r = -da_l, and positive da_r rolls left (fit: Cl_da < 0, Cm_de < 0, as in the
   lab's own model), so that aileron = (da_r - da_l) / 2.
-- IMU: once the onboard filter runs (25 s) the recorded rates and accelerations are less its bias estimates. At
-  rest p is -0.0198 rad/s before and 0.0002 after, with p_bias -0.0204; ax is 1.92 and 1.53 m/s^2, with ax_bias
-  0.37: the estimates are added back, so that the recording is what the sensors gave.
+- IMU: once the onboard filter runs (25 s) the recorded rates and accelerations are less its bias estimates.
+  At rest p is -0.0198 rad/s before and 0.0002 after, with p_bias -0.0204; ax is 1.92 and 1.53 m/s^2, with
+  ax_bias 0.37: the estimates are added back, so that the recording is what the sensors gave.
 - Air data are made from the pressures. Each pressure reads its zero (median while the aircraft stands) when
   there is no flow: without it, Pd alone is wrong by 5.9 m/s at rest. The onboard ``ias`` is the same thing,
   equivalent airspeed without the zero (fit: sqrt(2 (Pd + 19.7 Pa) / 1.225) to 0.001 m/s); true airspeed uses
@@ -114,8 +114,9 @@ def _imu(data: Any, start: float) -> list[ImportedTopic]:
     field = np.stack([data.hx, data.hy, data.hz], axis=1)[measured]  # its axes are FLU already
     mag, raw = ({"magnetic_field": f * TESLA_PER_GAUSS} for f in (field - np.array(HARD_IRON), field))
     magnetic = stamps(start, data.time[measured])
+    source = "ax ay az p q r with the onboard biases put back"
     return [
-        ImportedTopic("imu/data", stamp, imu_fields(force, rate), "ax ay az p q r with the onboard biases put back"),
+        ImportedTopic("imu/data", stamp, imu_fields(force, rate), source),
         ImportedTopic("imu/mag", magnetic, mag, "hx hy hz without hard iron"),
         ImportedTopic("imu/mag_raw", magnetic, raw, "hx hy hz", type_name=TOPICS["imu/mag"]),
     ]

@@ -17,13 +17,14 @@ Array = npt.NDArray[np.float64]
 
 # Okabe and Ito: told apart by the colour-blind.
 MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR = "#000000", "#D55E00", "#0072B2"
+_AXIS_COLOURS = ("#E69F00", "#56B4E9", "#D55E00", "#0072B2", "#000000", "#CC79A7")
 _SYMBOLS = {"CX": "$C_X$", "CY": "$C_Y$", "CZ": "$C_Z$", "Cl": "$C_l$", "Cm": "$C_m$", "Cn": "$C_n$"}
 
 
 def load_points(run: str | Path) -> dict[str, Any]:
-    """Points of a run with ``time`` [s] from its start, and ``fitted`` (n, 6): coefficients by the final parameters.
+    """Points of a run with ``time`` [s] from its start, and ``fitted`` (n, 6).
 
-    Raises InputError when the folder is not a run.
+    ``fitted`` are the coefficients by the final parameters. Raises InputError when the folder is not a run.
     """
     run = Path(run)
     try:
@@ -60,13 +61,16 @@ def coefficients_figure(run: str | Path, path: str | Path, title: str) -> Path:
     import matplotlib.pyplot as plt
 
     points = load_points(run)
-    figure, axes = plt.subplots(6, 2, figsize=(14, 13), sharex=True, width_ratios=(3, 2), layout="constrained")
+    figure, axes = plt.subplots(
+        6, 2, figsize=(14, 13), sharex=True, width_ratios=(3, 2), layout="constrained"
+    )
     for i, axis in enumerate(AXES):
         measured, fitted = points["measured"][:, i], points["fitted"][:, i]
         both, residual = axes[i]
-        both.plot(points["time"], measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
-        both.plot(points["time"], fitted, color=PREDICTED_COLOUR, lw=0.9, ls="--", label="predicted by the model")
-        residual.plot(points["time"], measured - fitted, color=RESIDUAL_COLOUR, lw=0.7)
+        time = points["time"]
+        both.plot(time, measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
+        both.plot(time, fitted, color=PREDICTED_COLOUR, lw=0.9, ls="--", label="predicted by the model")
+        residual.plot(time, measured - fitted, color=RESIDUAL_COLOUR, lw=0.7)
         both.set_ylabel(f"{_SYMBOLS[axis]} [-]")
         residual.set_ylim(both.get_ylim() - np.mean(both.get_ylim()))
         error = nrmse(measured, fitted)
@@ -83,3 +87,52 @@ def coefficients_figure(run: str | Path, path: str | Path, title: str) -> Path:
     figure.savefig(path, dpi=110)
     plt.close(figure)
     return Path(path)
+
+
+def learning_figure(run: str | Path, path: str | Path, title: str, window: float = 5.0) -> Path:
+    """Write how the prediction error falls while the parameters are learnt, to a PNG file.
+
+    Every sample is predicted by the parameters from before it was seen. The error of each axis is the rms
+    over ``window`` [s], over the standard deviation of the coefficient in the whole flight.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    points = load_points(run)
+    figure, (above, below) = plt.subplots(2, 1, figsize=(11, 6.5), sharex=True, layout="constrained")
+    pitch = AXES.index("Cm")
+    above.plot(points["time"], points["measured"][:, pitch], color=MEASURED_COLOUR, lw=0.9, label="measured")
+    above.plot(
+        points["time"], points["predicted"][:, pitch], color=PREDICTED_COLOUR, lw=0.9, ls="--",
+        label="predicted, before the sample was learnt from",
+    )  # fmt: skip
+    above.set_ylabel(f"{_SYMBOLS['Cm']} [-]")
+    above.legend(loc="upper right", ncols=2, fontsize=9)
+    for i, axis in enumerate(AXES):
+        time, error = _sliding_error(points, i, window)
+        below.semilogy(time, 100.0 * error, lw=1.5, color=_AXIS_COLOURS[i], label=_SYMBOLS[axis])
+    below.set_ylabel("prediction error [% of spread]")
+    below.set_xlabel("time in flight [s]")
+    below.legend(loc="upper right", ncols=6, fontsize=9)
+    for plot in (above, below):
+        plot.grid(alpha=0.3)
+    figure.suptitle(title)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return Path(path)
+
+
+def _sliding_error(points: dict[str, Any], axis: int, window: float) -> tuple[Array, Array]:
+    """Ends [s] of windows and the rms error within them, over the spread of the whole flight."""
+    valid = points["valid"][:, axis]
+    time = points["time"][valid]
+    error = (points["measured"] - points["predicted"])[valid, axis]
+    if len(time) < 2:
+        return np.empty(0), np.empty(0)
+    total = np.concatenate([[0.0], np.cumsum(error**2)])
+    first = np.searchsorted(time, time - window)
+    count = np.arange(1, len(time) + 1) - first
+    rms = np.sqrt((total[1:] - total[first]) / count)
+    return time, rms / np.std(points["measured"][valid, axis])

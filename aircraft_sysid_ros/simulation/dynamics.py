@@ -26,8 +26,7 @@ from aircraft_sysid_ros.errors import InputError
 # Layout of the state: position, velocity over ground [NED], quaternion, rates, actual controls.
 POSITION, VELOCITY, ATTITUDE, RATES, CONTROLS = 0, 3, 6, 10, 13
 STATE_SIZE = 17
-#: Controls of the state and of commands: elevator, aileron, rudder [rad], throttle 0..1.
-CONTROL_COUNT = 4
+# Controls of the state and of commands: elevator, aileron, rudder [rad], throttle 0..1.
 DEFLECTION_LIMIT = np.radians(25.0)
 #: First-order lags of the servos and of the motor [1/s].
 ACTUATOR_RATES = np.array([20.0, 20.0, 20.0, 5.0])

@@ -13,10 +13,14 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import (
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_programs
 from aircraft_sysid_ros.errors import InputError
 
-NAMES = (
-    "CX_0 CX_alpha CX_alpha2 CX_q CX_de CX_Tc CY_0 CY_beta CY_p CY_r CY_da CY_dr CZ_0 CZ_alpha CZ_q CZ_de "
-    "Cl_0 Cl_beta Cl_p Cl_r Cl_da Cl_dr Cm_0 Cm_alpha Cm_q Cm_de Cn_0 Cn_beta Cn_p Cn_r Cn_da Cn_dr"
-).split()
+NAMES = [
+    "CX_0", "CX_alpha", "CX_alpha2", "CX_q", "CX_de", "CX_Tc",
+    "CY_0", "CY_beta", "CY_p", "CY_r", "CY_da", "CY_dr",
+    "CZ_0", "CZ_alpha", "CZ_q", "CZ_de",
+    "Cl_0", "Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cl_dr",
+    "Cm_0", "Cm_alpha", "Cm_q", "Cm_de",
+    "Cn_0", "Cn_beta", "Cn_p", "Cn_r", "Cn_da", "Cn_dr",
+]  # fmt: skip
 FLIGHT = {name: np.array([0.01 * (i + 1)]) for i, name in enumerate(SIGNALS)}
 
 
@@ -62,7 +66,14 @@ def test_each_parameter_multiplies_its_term_in_its_axis_alone(name):
 
 def test_a_hand_worked_example():
     parameters = dict.fromkeys(NAMES, 0.0)
-    parameters |= {"CX_0": -0.03, "CX_alpha": 0.2, "CX_alpha2": 2.0, "CX_Tc": 1.0, "CZ_0": -0.2, "CZ_alpha": -4.5}
+    parameters |= {
+        "CX_0": -0.03,
+        "CX_alpha": 0.2,
+        "CX_alpha2": 2.0,
+        "CX_Tc": 1.0,
+        "CZ_0": -0.2,
+        "CZ_alpha": -4.5,
+    }
     parameters |= {"CZ_q": -4.0, "CZ_de": -0.4, "Cl_beta": -0.06, "Cl_p": -0.5, "Cl_da": -0.15}
     signals = {name: np.array([0.0, 0.0]) for name in SIGNALS}
     signals |= {"alpha": np.array([0.1, 0.0]), "q": np.array([0.01, 0.0]), "de": np.array([-0.05, 0.0])}
@@ -84,7 +95,13 @@ def test_linked_code_gives_the_regressors_of_all_axes():
 
 @pytest.mark.parametrize(
     ("term", "label"),
-    [("1", "0"), ("alpha", "alpha"), ("alpha**2", "alpha2"), ("alpha*da", "alpha*da"), ("alpha**2*q", "alpha**2*q")],
+    [
+        ("1", "0"),
+        ("alpha", "alpha"),
+        ("alpha**2", "alpha2"),
+        ("alpha*da", "alpha*da"),
+        ("alpha**2*q", "alpha**2*q"),
+    ],
 )
 def test_labels(term, label):
     assert term_label(term) == label
@@ -126,4 +143,6 @@ def test_an_axis_that_is_left_out_has_no_terms():
     model = model_from_terms({"CZ": [1, "alpha"]})
     assert model.parameter_names == ("CZ_0", "CZ_alpha")
     assert model.terms["CX"] == () and model.regressors("CX", FLIGHT).shape == (1, 0)
-    np.testing.assert_allclose(model.coefficients({"CZ_0": 1.0, "CZ_alpha": 2.0}, FLIGHT), [[0, 0, 1.02, 0, 0, 0]])
+    np.testing.assert_allclose(
+        model.coefficients({"CZ_0": 1.0, "CZ_alpha": 2.0}, FLIGHT), [[0, 0, 1.02, 0, 0, 0]]
+    )

@@ -44,5 +44,10 @@ def test_the_tropopause_is_continuous():
 
 
 def test_an_altitude_that_is_not_known_gives_nothing():
-    for quantity in (atmosphere.temperature, atmosphere.pressure, atmosphere.air_density, atmosphere.speed_of_sound):
+    for quantity in (
+        atmosphere.temperature,
+        atmosphere.pressure,
+        atmosphere.air_density,
+        atmosphere.speed_of_sound,
+    ):
         assert np.isnan(quantity(np.nan))

@@ -38,7 +38,9 @@ def test_a_minimal_file_is_enough(tmp_path):
     aircraft = loaded(tmp_path, MINIMAL)
     assert (aircraft.name, aircraft.mass, aircraft.wing_area) == ("Small", 2.0, 0.3)
     assert (aircraft.span, aircraft.chord) == (1.2, 0.25)
-    np.testing.assert_array_equal(aircraft.inertia, [[0.07, 0.0, -0.014], [0.0, 0.09, 0.0], [-0.014, 0.0, 0.15]])
+    np.testing.assert_array_equal(
+        aircraft.inertia, [[0.07, 0.0, -0.014], [0.0, 0.09, 0.0], [-0.014, 0.0, 0.15]]
+    )
     for position in ("imu_position", "air_data_position", "gps_position", "aerodynamic_reference"):
         np.testing.assert_array_equal(getattr(aircraft, position), np.zeros(3))
     assert aircraft.sensors == DEFAULT_SENSORS and aircraft.process_noise == DEFAULT_PROCESS_NOISE
@@ -118,7 +120,10 @@ BAD = {
     "name that is false": (MINIMAL.replace("Small", "no"), "name must be text .*, not false"),
     "name of blanks": (MINIMAL.replace("Small", "'  '"), "name must be text"),
     "name that is a list": (MINIMAL.replace("Small", "[a]"), "name must be text .*, not a list"),
-    "inertia as number": (MINIMAL.replace("{xx: 0.07, yy: 0.09, zz: 0.15, xz: 0.014}", "3"), "inertia must be a mapping"),
+    "inertia as number": (
+        MINIMAL.replace("{xx: 0.07, yy: 0.09, zz: 0.15, xz: 0.014}", "3"),
+        "inertia must be a mapping",
+    ),
     "inertia without yy": (MINIMAL.replace("yy: 0.09, ", ""), "inertia needs 'yy'"),
     "inertia negative": (MINIMAL.replace("0.09", "-0.09"), "inertia yy must be positive, not -0.09"),
     "inertia not positive": (MINIMAL.replace("0.014", "0.2"), "inertia is not that of a body"),
@@ -127,18 +132,39 @@ BAD = {
     "position as number": (MINIMAL + "gps_position: 1\n", "gps_position must be three numbers"),
     "position with text": (MINIMAL + "gps_position: [1, 2, x]\n", "gps_position must be a number, not 'x'"),
     "sensor typo": (MINIMAL + "sensors: {gyo: {rate: 1}}\n", "unknown sensor 'gyo': did you mean 'gyro'?"),
-    "sensor key typo": (MINIMAL + "sensors: {gyro: {nois: 1}}\n", "unknown key of sensor gyro: 'nois': did you mean 'noise'?"),
-    "sensor as number": (MINIMAL + "sensors: {gyro: 0.1}\n", "sensor gyro must be a mapping with noise, .*, not '0.1'"),
+    "sensor key typo": (
+        MINIMAL + "sensors: {gyro: {nois: 1}}\n",
+        "unknown key of sensor gyro: 'nois': did you mean 'noise'?",
+    ),
+    "sensor as number": (
+        MINIMAL + "sensors: {gyro: 0.1}\n",
+        "sensor gyro must be a mapping with noise, .*, not '0.1'",
+    ),
     "sensor switched off": (MINIMAL + "sensors: {gyro: no}\n", "sensor gyro must be a mapping .*, not false"),
     "sensors switched off": (MINIMAL + "sensors: no\n", "sensors must be a mapping such as .*, not false"),
     "sensors as list": (MINIMAL + "sensors: [gyro]\n", "sensors must be a mapping such as .*, not a list"),
-    "negative delay": (MINIMAL + "sensors: {gyro: {delay: -0.1}}\n", "delay of sensor gyro must be between 0 and 2 s"),
-    "long delay": (MINIMAL + "sensors: {gyro: {delay: 20}}\n", "delay of sensor gyro must be between 0 and 2 s, not 20"),
+    "negative delay": (
+        MINIMAL + "sensors: {gyro: {delay: -0.1}}\n",
+        "delay of sensor gyro must be between 0 and 2 s",
+    ),
+    "long delay": (
+        MINIMAL + "sensors: {gyro: {delay: 20}}\n",
+        "delay of sensor gyro must be between 0 and 2 s, not 20",
+    ),
     "rate zero": (MINIMAL + "sensors: {gyro: {rate: 0}}\n", "rate of sensor gyro must be positive"),
     "noise zero": (MINIMAL + "sensors: {gyro: {noise: 0}}\n", "noise of sensor gyro must be positive"),
-    "noise of two": (MINIMAL + "sensors: {gyro: {noise: [1, 2]}}\n", "noise of sensor gyro must have 1 numbers"),
-    "noise of GPS of two": (MINIMAL + "sensors: {gps_position: {noise: [1, 2]}}\n", "must have 1 or 3 numbers"),
-    "noise of a group": (MINIMAL + "sensors: {air_data: {noise: 1}}\n", "noise of sensor air_data must have 3 numbers"),
+    "noise of two": (
+        MINIMAL + "sensors: {gyro: {noise: [1, 2]}}\n",
+        "noise of sensor gyro must have 1 numbers",
+    ),
+    "noise of GPS of two": (
+        MINIMAL + "sensors: {gps_position: {noise: [1, 2]}}\n",
+        "must have 1 or 3 numbers",
+    ),
+    "noise of a group": (
+        MINIMAL + "sensors: {air_data: {noise: 1}}\n",
+        "noise of sensor air_data must have 3 numbers",
+    ),
     "process noise": (MINIMAL + "process_noise: {wind: -1}\n", "process_noise wind must not be negative"),
     "process noise typo": (MINIMAL + "process_noise: {winds: 1}\n", "unknown key of process_noise: 'winds'"),
     "process noise as number": (MINIMAL + "process_noise: 0.2\n", "process_noise must be a mapping"),
@@ -152,7 +178,7 @@ BAD = {
     "model term twice": (MINIMAL + "model: {CZ: [alpha, alpha]}\n", "the term 'alpha' twice in CZ"),
     "airspeed zero": (MINIMAL + "minimum_airspeed: 0\n", "minimum_airspeed must be positive"),
     "trim airspeed": (MINIMAL + "trim_airspeed: fast\n", "trim_airspeed must be a number"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD.keys())
@@ -167,7 +193,7 @@ def test_a_bad_file_is_one_line_that_names_the_file_and_the_key(tmp_path, text, 
 def test_a_file_that_is_not_there_and_a_folder_are_named(tmp_path):
     with pytest.raises(InputError, match=r"cannot read the aircraft file .*none\.yaml: No such file"):
         load_aircraft(tmp_path / "none.yaml")
-    with pytest.raises(InputError, match="cannot read the aircraft file .*: Is a directory"):
+    with pytest.raises(InputError, match=r"cannot read the aircraft file .*: Is a directory"):
         load_aircraft(tmp_path)
 
 
@@ -184,7 +210,9 @@ def test_yaml_anchors_and_merges_still_work(tmp_path):
 
 
 def test_keys_without_a_value_have_their_defaults(tmp_path):
-    empty = "sensors:\nmodel:\nimu_position:\nprocess_noise:\ncoefficients:\nminimum_airspeed:\ntrim_airspeed:\n"
+    empty = (
+        "sensors:\nmodel:\nimu_position:\nprocess_noise:\ncoefficients:\nminimum_airspeed:\ntrim_airspeed:\n"
+    )
     aircraft = loaded(tmp_path, MINIMAL + empty)
     assert aircraft.sensors == DEFAULT_SENSORS and len(aircraft.model.parameter_names) == 32
     assert with_sensor(gyro=None)["gyro"] == DEFAULT_SENSORS["gyro"]
@@ -208,8 +236,14 @@ def test_a_single_sensor_goes_before_its_group(group_first):
 
 
 def test_gps_noise_is_one_number_or_three_and_aliases_are_known():
-    sensors = with_sensor(gps={"noise": [2.0, 0.1], "rate": 10}, beta={"rate": 20}, gyroscope={"noise": [0.2]})
-    assert sensors["gps_position"].noise == (2.0, 2.0, 2.0) and sensors["gps_velocity"].noise == (0.1, 0.1, 0.1)
+    sensors = with_sensor(
+        gps={"noise": [2.0, 0.1], "rate": 10}, beta={"rate": 20}, gyroscope={"noise": [0.2]}
+    )
+    assert sensors["gps_position"].noise == (2.0, 2.0, 2.0) and sensors["gps_velocity"].noise == (
+        0.1,
+        0.1,
+        0.1,
+    )
     assert sensors["gps_velocity"].rate == 10.0 and sensors["sideslip"].rate == 20.0
     assert sensors["gyro"].noise == (0.2,)
     assert with_sensor(gps_position={"noise": [1, 2, 3]})["gps_position"].noise == (1.0, 2.0, 3.0)

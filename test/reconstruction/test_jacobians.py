@@ -1,4 +1,4 @@
-"""Every Jacobian of the first step against central differences, at random states and at the singular ones beside."""
+"""Every Jacobian of the first step against central differences, at random states and near singular ones."""
 
 from __future__ import annotations
 
@@ -123,7 +123,11 @@ def test_process_noise_is_what_noisy_inputs_do(setup: Setup) -> None:
     x, dt = random_state(4, 0.1), 0.01
     force, rate = np.array([1.0, -2.0, -9.0]), np.array([0.5, -0.2, 0.3])
     quiet = setup._replace(
-        accelerometer_variance=0.2**2, gyro_variance=0.05**2, accelerometer_walk=0.0, gyro_walk=0.0, wind_walk=0.0
+        accelerometer_variance=0.2**2,
+        gyro_variance=0.05**2,
+        accelerometer_walk=0.0,
+        gyro_walk=0.0,
+        wind_walk=0.0,
     )
     end = x.copy()
     propagate_state(end, force, rate, dt, GRAVITY)
@@ -131,7 +135,8 @@ def test_process_noise_is_what_noisy_inputs_do(setup: Setup) -> None:
     errors = []
     for _ in range(20000):
         moved = x.copy()
-        propagate_state(moved, force + 0.2 * random.normal(size=3), rate + 0.05 * random.normal(size=3), dt, GRAVITY)
+        noisy_force, noisy_rate = force + 0.2 * random.normal(size=3), rate + 0.05 * random.normal(size=3)
+        propagate_state(moved, noisy_force, noisy_rate, dt, GRAVITY)
         errors.append(difference(moved, end))
     sampled = np.cov(np.array(errors).T)
     expected = process_noise(end, dt, dt, quiet)

@@ -1,4 +1,4 @@
-"""Time order: what comes late takes its own place, what comes too late is counted, and stamps alone decide."""
+"""Time order: what is late takes its own place, what is too late is counted, and stamps alone decide."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -87,7 +86,7 @@ def test_late_arrival_gives_the_same_bits(flight, aircraft) -> None:
 
 
 def test_fused_at_its_own_time_is_better_than_at_arrival(flight, aircraft) -> None:
-    """A delay that the aircraft file states is taken out; the same delay unstated makes innovations larger."""
+    """A delay that the aircraft file states is taken out; unstated, it makes innovations larger."""
     samples = flight.samples[:20000]
     shift = np.where(np.isin(samples.kind, GPS), 300_000_000, 0)
     delayed = Samples(samples.stamp + shift, samples.kind, samples.values)
@@ -102,9 +101,16 @@ def test_fused_at_its_own_time_is_better_than_at_arrival(flight, aircraft) -> No
 
 @pytest.mark.parametrize(
     ("kinds", "status"),
-    [((Kind.IMU,), None), (GPS, Status.NO_GPS), (AIR_DATA, Status.NO_AIR_DATA), ((Kind.ANGLE_OF_ATTACK,), Status.OK),
-     ((Kind.SIDESLIP,), Status.OK), ((Kind.GPS_POSITION,), Status.OK), ((Kind.GPS_VELOCITY,), Status.OK)],
-)  # fmt: skip
+    [
+        ((Kind.IMU,), None),
+        (GPS, Status.NO_GPS),
+        (AIR_DATA, Status.NO_AIR_DATA),
+        ((Kind.ANGLE_OF_ATTACK,), Status.OK),
+        ((Kind.SIDESLIP,), Status.OK),
+        ((Kind.GPS_POSITION,), Status.OK),
+        ((Kind.GPS_VELOCITY,), Status.OK),
+    ],
+)
 def test_a_gap_of_ten_seconds_in_each_sensor(kinds, status, flight, aircraft) -> None:
     estimator, rows = run(aircraft, without(flight, kinds, 50.0, 60.0))
     truth, time = true_rows(flight, estimator, rows)
@@ -123,7 +129,7 @@ def test_a_gap_of_ten_seconds_in_each_sensor(kinds, status, flight, aircraft) ->
 
 
 def test_gps_lost_for_a_minute(flight, aircraft) -> None:
-    """Air data and IMU carry on: attitude and airspeed stay good, position says how uncertain it gets, then recovers."""
+    """Air data and IMU carry on: attitude, airspeed stay good, position says how uncertain it gets."""
     estimator, rows = run(aircraft, without(flight, GPS, 50.0, 110.0))
     truth, time = true_rows(flight, estimator, rows)
     lost = (time > 55.0) & (time < 109.0)
@@ -149,7 +155,7 @@ def test_nan_samples_are_counted_and_harmless(kind, flight, aircraft) -> None:
 
 
 def test_stamps_that_go_backwards_for_good_are_a_restart(flight, aircraft) -> None:
-    """The autopilot reboots at 40 s and its clock begins anew: the filter aligns again and keeps its biases."""
+    """The autopilot reboots at 40 s, its clock begins anew: the filter aligns again, keeps its biases."""
     time = seconds_of_flight(flight, flight.samples)
     shift = np.where(time > 40.0, 3000 * 10**9, 0)
     samples = flight.samples
@@ -161,27 +167,14 @@ def test_stamps_that_go_backwards_for_good_are_a_restart(flight, aircraft) -> No
     assert np.abs(gyro - flight.biases.gyro[-1]).max() < 0.002
 
 
-def stuck(samples: Samples, chosen: np.ndarray) -> np.ndarray:
-    values = samples.values.copy()
-    values[chosen, 0] = values[chosen[0], 0]
-    return values
-
-
-def wild(samples: Samples, chosen: np.ndarray) -> np.ndarray:
-    values = samples.values.copy()
-    values[chosen, 0] += 0.5 if samples.kind[chosen[0]] != Kind.AIRSPEED else 15.0
-    return values
-
-
 @pytest.mark.parametrize("kind", [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP])
-@pytest.mark.parametrize("fault", [wild])
-def test_a_sensor_that_lies_is_rejected_by_the_gate(
-    kind: Kind, fault: Callable[[Samples, np.ndarray], np.ndarray], flight, aircraft
-) -> None:
+def test_a_sensor_that_lies_is_rejected_by_the_gate(kind: Kind, flight, aircraft) -> None:
     samples = flight.samples
     time = seconds_of_flight(flight, samples)
     chosen = np.flatnonzero((samples.kind == kind) & (time > 60.0) & (time < 65.0))
-    estimator, rows = run(aircraft, Samples(samples.stamp, samples.kind, fault(samples, chosen)))
+    values = samples.values.copy()
+    values[chosen, 0] += 15.0 if kind == Kind.AIRSPEED else 0.5
+    estimator, rows = run(aircraft, Samples(samples.stamp, samples.kind, values))
     assert estimator.counts()[kind.name.lower()]["rejected"] > 0.9 * len(chosen)
     truth, at = true_rows(flight, estimator, rows)
     during = (at > 60.0) & (at < 70.0)

@@ -1,4 +1,4 @@
-"""Reading recordings: the fast way against the slow one, names, order, and what is damaged."""
+"""Reading recordings: names, order, other writers, and what is damaged."""
 
 import shutil
 import struct
@@ -8,122 +8,15 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings import tables
-from aircraft_sysid_ros.recordings.cdr_layout import decode
 from aircraft_sysid_ros.recordings.message_types import known_types
-from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages, read_raw
+from aircraft_sysid_ros.recordings.raw_messages import read_raw
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, USED_FIELDS, gps_velocity_fields, imu_fields
-from aircraft_sysid_ros.recordings.tables import read_table, table_of
+from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.samples import Kind
 
-TYPES = [*sorted(set(TOPICS.values())), "aircraft_sysid_msgs/msg/AircraftState"]
 START = 1_700_000_000_000_000_000
-
-
-def random_message(type_name, rng, frame_id):
-    """A message with other numbers in every field."""
-    types = known_types()
-
-    def value(description):
-        node, content = int(description[0]), description[1]
-        if node == 2:
-            return build(content)
-        if node == 3:
-            return np.array([value(content[0]) for _ in range(content[1])])
-        base = content[0]
-        if base == "string":
-            return frame_id
-        return float(np.float32(rng.normal())) if base.startswith("float") else int(rng.integers(0, 100))
-
-    def build(name):
-        return types.types[name](**{field: value(d) for field, d in types.fielddefs[name][1]})
-
-    return build(type_name)
-
-
-def raw_of(type_name, contents):
-    lengths = np.array([len(c) for c in contents])
-    n = len(contents)
-    data = np.frombuffer(b"".join(contents), np.uint8)
-    start = np.cumsum(lengths) - lengths
-    return RawMessages(
-        data, np.ones(n, np.int64), np.arange(n), start, lengths, {1: Channel("/x", type_name)}
-    )
-
-
-def assert_same(fast, slow):
-    assert fast.fields.keys() == slow.fields.keys()
-    np.testing.assert_array_equal(fast.stamp, slow.stamp)
-    np.testing.assert_array_equal(fast.rows, slow.rows)
-    for name in fast.fields:
-        np.testing.assert_array_equal(fast.fields[name], slow.fields[name], err_msg=name)
-
-
-@pytest.mark.parametrize("size", range(10))
-@pytest.mark.parametrize("type_name", TYPES)
-def test_decoding_at_once_says_the_same_as_one_by_one(type_name, size):
-    rng = np.random.default_rng(size)
-    messages = [random_message(type_name, rng, "f" * size) for _ in range(3)]
-    raw = raw_of(type_name, [bytes(known_types().serialize_cdr(m, type_name)) for m in messages])
-    fast = tables._decoded_at_once(raw, 1, None)
-    slow = tables._decoded_one_by_one(raw, 1)
-    assert_same(fast, slow)
-
-
-@pytest.mark.parametrize("padding", [1, 2, 3])
-def test_padding_at_the_end_is_allowed(padding):
-    type_name = TOPICS["air_data"]
-    rng = np.random.default_rng(0)
-    contents = [
-        bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(2)
-    ]
-    raw = raw_of(type_name, [content + bytes(padding) for content in contents])
-    assert_same(
-        tables._decoded_at_once(raw, 1, None), tables._decoded_at_once(raw_of(type_name, contents), 1, None)
-    )
-
-
-def test_big_endian_messages_are_decoded_one_by_one():
-    type_name = TOPICS["air_data"]
-    rng = np.random.default_rng(0)
-    messages = [random_message(type_name, rng, "air") for _ in range(3)]
-    contents = [bytes(known_types().serialize_cdr(m, type_name, little_endian=False)) for m in messages]
-    raw = raw_of(type_name, contents)
-    assert tables._decoded_at_once(raw, 1, None) is None
-    np.testing.assert_array_equal(
-        table_of(raw, 1).fields["true_airspeed"], [message.true_airspeed for message in messages]
-    )
-
-
-def test_frame_ids_of_several_lengths_are_decoded_one_by_one():
-    """Equal sizes of the messages do not mean equal layouts: "a" and "ab" are padded to the same length."""
-    type_name = TOPICS["air_data"]
-    rng = np.random.default_rng(0)
-    messages = [random_message(type_name, rng, frame) for frame in ("a", "ab", "a", "abcdefghijk")]
-    for chosen in (messages[:2], messages):
-        raw = raw_of(type_name, [bytes(known_types().serialize_cdr(m, type_name)) for m in chosen])
-        assert tables._decoded_at_once(raw, 1, None) is None
-        expected = [message.sideslip for message in chosen]
-        np.testing.assert_array_equal(table_of(raw, 1).fields["sideslip"], expected)
-
-
-def test_a_message_that_cannot_be_decoded_is_skipped_and_counted():
-    type_name = TOPICS["air_data"]
-    rng = np.random.default_rng(0)
-    contents = [
-        bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(3)
-    ]
-    table = table_of(raw_of(type_name, [contents[0], contents[1][:20], contents[2]]), 1)
-    assert table.skipped == 1
-    np.testing.assert_array_equal(table.rows, [0, 2])
-
-
-def test_sequences_have_no_layout():
-    block = np.zeros((1, 40), np.uint8)
-    block[:, 1] = 1
-    assert decode(known_types().fielddefs, "aircraft_sysid_msgs/msg/Parameters", block) is None
 
 
 def write_flight(path, prefix="", n=20, **options):
@@ -312,6 +205,11 @@ def test_definition_of_the_recording_goes_before_ours(tmp_path):
     np.testing.assert_array_equal(samples.values[0, :4], [1.0, 2.0, 3.0, 4.0])
 
 
+def velocity_message(second, numbers):
+    """A gps/vel message as other writers encode it, without a frame."""
+    return struct.pack("<BBBBiIIBxxx6d", 0, 1, 0, 0, second, 0, 1, 0, *numbers)
+
+
 def truncated(flight: Path, tmp_path: Path, size: int) -> Path:
     file = tmp_path / "cut.mcap"
     file.write_bytes(next(flight.glob("*.mcap")).read_bytes()[:size])
@@ -375,11 +273,7 @@ def test_a_damaged_chunk_is_left_out_and_noted(tmp_path):
 
     file = tmp_path / "damaged.mcap"
     definition = known_types().generate_msgdef(TOPICS["gps/vel"], ros_version=2)[0].encode()
-    content = bytes(
-        known_types().serialize_cdr(
-            random_message(TOPICS["gps/vel"], np.random.default_rng(0), ""), TOPICS["gps/vel"]
-        )
-    )
+    content = velocity_message(0, np.random.default_rng(0).normal(size=6))
     with file.open("wb") as stream:
         writer = Writer(stream, chunk_size=1000, compression=CompressionType.NONE)
         writer.start("ros2", "test")
@@ -412,8 +306,7 @@ def test_chunks_of_other_writers(tmp_path, name):
         )
         channel = writer.register_channel("/gps/vel", "cdr", schema)
         for i in range(50):
-            header = struct.pack("<BBBBiIIBxxx", 0, 1, 0, 0, i, 0, 1, 0)
-            writer.add_message(channel, START + i, header + struct.pack("<6d", i, 0, 0, 0, 0, 0), START + i)
+            writer.add_message(channel, START + i, velocity_message(i, (i, 0, 0, 0, 0, 0)), START + i)
         writer.finish()
     samples = read_recording(file).samples
     np.testing.assert_array_equal(samples.values[:, 1], np.arange(50))  # east

@@ -1,0 +1,114 @@
+"""What the recursion has learnt, as parameters with standard errors and verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
+from aircraft_sysid_ros.modelling.regression import Learning
+from aircraft_sysid_ros.modelling.trust import Evidence, Trust, TrustRules, judge
+
+Array = npt.NDArray[np.float64]
+
+#: A constant term is compared with this where others are compared with their noise.
+_NOISE_OF_ONE = 0.01
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """One parameter as published."""
+
+    name: str
+    value: float
+    std: float
+    status: Trust
+    reason: str
+    age: float
+    excitation: float
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """All parameters at one time [s after the epoch]."""
+
+    time: float
+    model: str
+    parameters: tuple[ParameterEstimate, ...]
+    covariance: Array  # (n, n), corrected for coloured residuals
+    airspeed: tuple[float, float]  # learnt between these
+    alpha: tuple[float, float]
+    beta: tuple[float, float]
+
+
+def axis_estimates(
+    model: AerodynamicModel, axis: int, learning: Learning, now: float, missing: tuple[str, ...]
+) -> tuple[list[ParameterEstimate], Array]:
+    """Parameters of one axis at the time ``now`` [s] and their covariance (n, n).
+
+    ``missing`` are the signals that the axis needs and that are not measured.
+    """
+    names = model.parameter_names[model.axis_slice(AXES[axis])]
+    n, first = len(names), int(model.offsets[axis])
+    theta = learning.theta[axis, :n].copy()
+    sums = np.ascontiguousarray(learning.sums[axis, :, : n + 2, : n + 2])
+    samples = int(learning.updates[axis])
+    covariance = np.full((n, n), np.nan)
+    excitation, effect = np.zeros(n), np.full(n, np.inf)
+    if samples > n:
+        covariance = _covariance(model, axis, learning, theta, sums)
+        moments = sums[0] / sums[0, n + 1, n + 1]
+        excitation = _excitation(moments, learning.noise_square[first : first + n])
+        effect = _effect_of_std(moments, np.sqrt(np.diag(covariance)))
+    else:
+        theta = np.full(n, np.nan)
+    estimates = []
+    for j, name in enumerate(names):
+        value, std, excited = float(theta[j]), float(np.sqrt(covariance[j, j])), float(excitation[j])
+        evidence = Evidence(name, value, std, excited, float(effect[j]), samples, missing)
+        verdict = judge(evidence, TrustRules())
+        age = float(now - learning.last_learnt[first + j])
+        estimates.append(ParameterEstimate(name, value, std, verdict.status, verdict.reason, age, excited))
+    return estimates, covariance
+
+
+def _covariance(model: AerodynamicModel, axis: int, learning: Learning, theta: Array, sums: Array) -> Array:
+    """Covariance of the recursion, widened by what coloured residuals do to its diagonal.
+
+    Two systematic parts are added: the pull of noise in the terms towards zero, and the bias of the
+    accelerometer as far as it is not known, which stands in the constant term.
+    """
+    n, first = len(theta), int(model.offsets[axis])
+    p = learning.p[axis, :n, :n]
+    coloured, white, autocovariance = coloured_covariance(sums, theta)
+    effective = min(int(learning.updates[axis]), sums[0, n + 1, n + 1])
+    variance = autocovariance[0] * effective / max(effective - n, 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        widening = np.sqrt(np.maximum(np.diag(coloured) / np.diag(white), 1.0))
+    covariance = variance * p * np.outer(widening, widening)
+    pull = p @ (effective * learning.noise_square[first : first + n] * theta)
+    constant = np.array([program.text == "1" for program in model.programs[axis]], dtype=np.float64)
+    of_bias = learning.doubt[axis] * np.outer(constant, constant)
+    return np.asarray(covariance + np.outer(pull, pull) + of_bias)
+
+
+def _excitation(moments: Array, noise_square: Array) -> Array:
+    """Rms of each term that the other terms of its axis do not explain, over its noise, shape (n,)."""
+    n = len(noise_square)
+    scale = np.sqrt(np.diag(moments)[:n])
+    if not np.all(scale > 0.0):
+        return np.zeros(n)
+    correlation = moments[:n, :n] / np.outer(scale, scale) + 1e-14 * np.eye(n)
+    alone = scale / np.sqrt(np.diag(np.linalg.inv(correlation)))
+    noise = np.sqrt(noise_square)
+    return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE))
+
+
+def _effect_of_std(moments: Array, std: Array) -> Array:
+    """What one standard error of each parameter moves the coefficient by, over the coefficient's spread."""
+    n = len(std)
+    spread = moments[n, n] - moments[n, n + 1] ** 2
+    return np.asarray(std * np.sqrt(np.diag(moments)[:n] / max(spread, 1e-300)))
