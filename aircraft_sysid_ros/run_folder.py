@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-import json
+import os
 import shutil
 import tempfile
 import time
@@ -25,6 +25,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.modelling.error_window import AxisError
 from aircraft_sysid_ros.modelling.model_file import parameters_json
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
@@ -159,12 +160,15 @@ def state_json(state: StateEstimator) -> dict[str, Any]:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """JSON for people and programs; NaN is refused, what is not known is null."""
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf8")
+    """JSON for people and programs."""
+    path.write_text(json_text(content) + "\n", encoding="utf8")
 
 
 def _check_target(path: Path, overwrite: bool) -> None:
-    if not path.exists():
+    existing = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    if existing != path:  # said before a flight, not after it
+        if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
+            raise InputError(f"cannot write the run {path}: {existing} is no folder that can be written to")
         return
     if not path.is_dir():
         raise InputError(f"{path} is a file: give the name of a folder for the run")

@@ -31,18 +31,21 @@ from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, simu
 
 DURATION = 120.0
 EARLY = 10.0  # [s] after the start, before the first turn
+SETTLED = 20.0  # [s] from when on innovations are counted: before, the filter still allows for gusts
+TURBULENCE = {"light": 20, "moderate": 20}  # flights besides those in calm air
 MAIN_DERIVATIVES = (
     "CX_alpha2", "CX_Tc", "CY_beta", "CY_dr", "CZ_alpha", "Cl_beta", "Cl_p", "Cl_r", "Cl_da",
     "Cm_alpha", "Cm_q", "Cm_de", "Cn_beta", "Cn_r", "Cn_dr",
 )  # fmt: skip
 
 
-def fly(seed: int) -> SimulatedFlight:
+def fly(seed: int, turbulence: str = "none") -> SimulatedFlight:
     """The flight of one seed: wind of up to 6 m/s from any side."""
     random = np.random.default_rng(1000 + seed)
     speed, direction = random.uniform(0.0, 6.0), random.uniform(-np.pi, np.pi)
     wind = (speed * np.cos(direction), speed * np.sin(direction), 0.0)
-    return simulate_samples(load_aircraft(config_path("ultra_stick_25e.yaml")), seed, DURATION, wind=wind)
+    aircraft = load_aircraft(config_path("ultra_stick_25e.yaml"))
+    return simulate_samples(aircraft, seed, DURATION, wind=wind, turbulence=turbulence)
 
 
 def state_error(flight: SimulatedFlight, pipeline: Pipeline) -> np.ndarray[Any, Any]:
@@ -70,17 +73,20 @@ def state_error(flight: SimulatedFlight, pipeline: Pipeline) -> np.ndarray[Any, 
     return error
 
 
-def run_seed(seed: int) -> dict[str, Any]:
+def run_seed(seed: int, turbulence: str = "none") -> dict[str, Any]:
     """Errors of one flight."""
-    flight = fly(seed)
+    flight = fly(seed, turbulence)
     pipeline = Pipeline(flight.aircraft)
-    early = int(np.searchsorted(flight.samples.stamp, flight.biases.stamp[0] + int(EARLY * 1e9)))
+    begin = flight.biases.stamp[0]
+    early, settled = (int(np.searchsorted(flight.samples.stamp, begin + int(t * 1e9))) for t in (EARLY, SETTLED))
     pipeline.push(flight.samples[:early])
     z_early = state_error(flight, pipeline) / np.sqrt(np.diag(pipeline.state.covariance))
-    pipeline.push(flight.samples[early:])
+    pipeline.push(flight.samples[early:settled])
+    memory = pipeline.state.memory
+    nis_sum, degrees = memory.nis_sum.copy(), memory.degrees.copy()
+    pipeline.push(flight.samples[settled:])
     pipeline.flush()
     error, covariance = state_error(flight, pipeline), pipeline.state.covariance
-    memory = pipeline.state.memory
     parameters = {
         p.name: {
             "value": p.value,
@@ -98,7 +104,7 @@ def run_seed(seed: int) -> dict[str, Any]:
         "z_early": z_early.tolist(),
         "z_late": (error / np.sqrt(np.diag(covariance))).tolist(),
         "nees": float(error @ np.linalg.solve(covariance, error)),
-        "nis": {k.name: [float(memory.nis_sum[k]), int(memory.degrees[k])] for k in fused},
+        "nis": {k.name: [float((memory.nis_sum - nis_sum)[k]), int((memory.degrees - degrees)[k])] for k in fused},
         "rejected": int(memory.rejected.sum()),
     }
 
@@ -147,6 +153,26 @@ def summarise(runs: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
+def coverage(summary: dict[str, Any], runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """What is asked of flights in turbulence: how far standard errors can be trusted, and which least."""
+    inside: dict[str, list[bool]] = {}
+    for run in runs:
+        for name, p in run["parameters"].items():
+            if p["status"] == "USE":
+                inside.setdefault(name, []).append(abs(p["value"] - p["truth"]) <= 3.0 * p["std"])
+    worst = sorted(((float(np.mean(v)), name, len(v)) for name, v in inside.items() if len(v) > 4))[:4]
+    return {
+        "seeds": len(runs),
+        "use_share": summary["use_pairs"] / (32 * len(runs)),
+        "use_within_3_sigma": summary["use_within_3_sigma"],
+        "worst": {name: share for share, name, _ in worst},
+        "median_relative_error_all": summary["median_relative_error_all"],
+        "median_relative_error": summary["median_relative_error"],
+        "nees_mean": summary["nees"]["mean"],
+        "bias_and_wind_within_3_sigma": summary["bias_and_wind_within_3_sigma"],
+    }
+
+
 def innovation_consistency(runs: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
     """Normalised innovation squared per degree of freedom, by kind, and where 95 % of them should be."""
     from scipy.stats import chi2
@@ -169,7 +195,10 @@ def main() -> None:
     run_seed(0)  # compile once, before the workers
     with ProcessPoolExecutor(2) as pool:
         runs = list(pool.map(run_seed, range(arguments.seeds)))
-    result = summarise(runs)
+        result = summarise(runs)
+        for turbulence, seeds in TURBULENCE.items():
+            runs = list(pool.map(run_seed, range(seeds), [turbulence] * seeds))
+            result[turbulence] = coverage(summarise(runs), runs)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     arguments.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")
     print(json.dumps(result, indent=1))

@@ -37,9 +37,9 @@ THOR_AIRBORNE = (211.0, 579.0)  # [s]
 #: The lab's simulation model, wind axes, per rad, rates q c/2V: here in our axes and with q c/V.
 THOR_MODEL = {
     "CZ_alpha": -4.58, "CZ_q": -3.08, "CZ_de": -0.0983, "CY_beta": -0.4889, "CY_p": -0.0375, "CY_r": 0.15,
-    "CY_dr": 0.1913, "Cl_beta": -0.0545, "Cl_p": -0.4496, "Cl_r": 0.1086, "Cl_da": -0.1646, "Cm_alpha": -0.723,
-    "Cm_q": -6.785, "Cm_de": -0.8488, "Cn_beta": 0.0723, "Cn_p": 0.118, "Cn_r": -0.1833, "Cn_da": 0.0574,
-    "Cn_dr": -0.1811,
+    "CY_dr": 0.1913, "Cl_beta": -0.0545, "Cl_p": -0.4496, "Cl_r": 0.1086, "Cl_da": -0.1646,
+    "Cm_alpha": -0.723, "Cm_q": -6.785, "Cm_de": -0.8488, "Cn_beta": 0.0723, "Cn_p": 0.118,
+    "Cn_r": -0.1833, "Cn_da": 0.0574, "Cn_dr": -0.1811,
 }  # fmt: skip
 
 
@@ -77,7 +77,8 @@ def thor(data: Path, folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     rows, time = rows[airborne], time[airborne]
     log_time = 0.02 * np.arange(len(log.p))
     euler = np.array([euler_from_quaternion(q) for q in rows[:, Column.ATTITUDE]])
-    onboard = np.stack([np.interp(time, log_time, np.unwrap(getattr(log, n))) for n in ("phi", "theta", "psi")], 1)
+    angles = [np.unwrap(getattr(log, name)) for name in ("phi", "theta", "psi")]
+    onboard = np.stack([np.interp(time, log_time, angle) for angle in angles], axis=1)
     difference = np.degrees((euler - onboard + np.pi) % (2.0 * np.pi) - np.pi)
     biases = np.array([np.interp(time, log_time, getattr(log, f"{n}_bias")).mean() for n in "pqr"])
     wind = rows[:, Column.WIND].mean(axis=0)
@@ -128,7 +129,8 @@ def inertialnav(data: Path, folder: Path) -> dict[str, Any]:
         recording = imported(data, f"inertialnav/{name}.mat", folder)
         aircraft = load_aircraft(config_path(configuration))
         undelayed = {key: replace(sensor, delay=0.0) for key, sensor in aircraft.sensors.items()}
-        for label, variant in (("with delays", aircraft), ("without delays", replace(aircraft, sensors=undelayed))):
+        without = replace(aircraft, sensors=undelayed)
+        for label, variant in (("with delays", aircraft), ("without delays", without)):
             pipeline, rows, _ = replayed(variant, recording)
             counts = pipeline.state.counts()
             result.setdefault(name, {})[label] = {
@@ -154,9 +156,8 @@ def draw_thor(series: dict[str, Array], folder: Path) -> None:
     for i, name in enumerate(("roll", "pitch", "yaw")):
         offset = 2.0 * np.pi * np.round((series["euler"][:, i] - series["onboard"][:, i]) / (2.0 * np.pi))
         axes[i].plot(series["time"], np.degrees(series["onboard"][:, i]), "k", lw=0.8, label="onboard filter")
-        axes[i].plot(
-            series["time"], np.degrees(series["euler"][:, i] - offset), color="#D55E00", lw=0.8, ls="--", label="ours"
-        )
+        ours = np.degrees(series["euler"][:, i] - offset)
+        axes[i].plot(series["time"], ours, color="#D55E00", lw=0.8, ls="--", label="ours")
         axes[i].set_ylabel(f"{name} [deg]")
     for i, (label, colour) in enumerate((("north", "#0072B2"), ("east", "#D55E00"), ("down", "#009E73"))):
         axes[3].plot(series["time"], series["wind"][:, i], color=colour, lw=0.8, label=label)
@@ -169,8 +170,9 @@ def draw_thor(series: dict[str, Array], folder: Path) -> None:
     figure, axes = plt.subplots(6, 1, figsize=(12, 11), sharex=True, layout="constrained")
     part = (series["points_time"] > 310.0) & (series["points_time"] < 410.0)
     for i, axis in enumerate(AXES):
-        axes[i].plot(series["points_time"][part], series["measured"][part, i], "k", lw=0.8, label="measured")
-        axes[i].plot(series["points_time"][part], series["fitted"][part, i], color="#D55E00", lw=0.8, label="predicted")
+        time, measured, fitted = series["points_time"][part], series["measured"], series["fitted"]
+        axes[i].plot(time, measured[part, i], "k", lw=0.8, label="measured")
+        axes[i].plot(time, fitted[part, i], color="#D55E00", lw=0.8, label="predicted")
         axes[i].set_ylabel(f"{axis} [-]")
     axes[0].legend(ncols=2, fontsize=8)
     axes[-1].set_xlabel("time in log [s]")
@@ -178,7 +180,9 @@ def draw_thor(series: dict[str, Array], folder: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

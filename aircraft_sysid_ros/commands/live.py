@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
 import time
 from pathlib import Path
@@ -56,18 +55,23 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     writer = RunWriter(args.out, aircraft, overwrite=args.overwrite) if args.out else None
     try:
         import rclpy
+        from rclpy.exceptions import NameValidationException
+        from rclpy.signals import SignalHandlerOptions
 
-        from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start
+        from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start, stop_signals
     except ImportError as error:
         raise InputError(
             f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS"
         ) from None
-    rclpy.init(args=_ros_arguments(args, *options))
+    arguments = _node_arguments(args, *options)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # else Ctrl-C takes the context away
     from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
     from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 
-    state, parameters = StateEstimatorNode(), ParameterEstimatorNode()
+    nodes: list[Any] = []
     try:
+        nodes.extend(kind(**arguments) for kind in (StateEstimatorNode, ParameterEstimatorNode))
+        state, parameters = nodes
         if writer is not None:
             state.on_rows, parameters.on_points = writer.add_rows, writer.add_points
             parameters.on_parameters = writer.add_parameters
@@ -75,17 +79,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError("the nodes did not start: see the messages above")
         executor = make_executor([state, parameters])
         print("listening", file=sys.stderr, flush=True)
-        if args.ready_file:
-            Path(args.ready_file).touch()
+        _say_ready(args.ready_file)
         started = time.perf_counter()
-        _spin(executor, state, args.until_idle, spin_until)
+        _spin(executor, state, args.until_idle, spin_until, stop_signals)
         state.finish()
         _wait_for_last_states(executor, state, parameters, spin_until)
         parameters.finish()
         return _result(args, state, parameters, writer, started)
+    except NameValidationException as error:
+        raise InputError(f"--namespace {args.namespace} is no namespace: {error}") from None
     finally:
-        state.destroy_node()
-        parameters.destroy_node()
+        for node in nodes:
+            node.destroy_node()
         rclpy.try_shutdown()
 
 
@@ -94,23 +99,33 @@ def render(result: dict[str, Any]) -> str:
     return render_run(result)
 
 
-def _ros_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> list[str]:
+def _say_ready(path: str | None) -> None:
+    if path:
+        try:
+            Path(path).touch()
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> dict[str, Any]:
+    """What both nodes are made with; a parameter that a node does not declare is not looked at."""
+    from rclpy.parameter import Parameter
+
     values = {
-        "aircraft_file": args.aircraft,
+        "aircraft_file": str(args.aircraft),
         "input_reliability": "reliable" if args.reliable else "best_effort",
         "input_depth": 5000 if args.reliable else 100,
         "horizon": float(state.horizon),
         "forgetting_time": float(parameters.forgetting_time),
     }
-    arguments = ["--ros-args"]
-    for name, value in values.items():
-        arguments += ["-p", f"{name}:={value}"]
-    if args.namespace:
-        arguments += ["-r", f"__ns:=/{args.namespace.strip('/')}"]
-    return arguments
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    namespace = args.namespace.strip("/")
+    return {"parameter_overrides": overrides, "namespace": f"/{namespace}" if namespace else None}
 
 
-def _spin(executor: Any, state: Any, until_idle: float | None, spin_until: Any) -> None:
+def _spin(
+    executor: Any, state: Any, until_idle: float | None, spin_until: Any, stop_signals: Any
+) -> None:
     """Callbacks until Ctrl-C or silence, with the time of flight as progress."""
     last = {"count": 0, "time": time.perf_counter()}
     with progress_bar() as progress:
@@ -123,8 +138,8 @@ def _spin(executor: Any, state: Any, until_idle: float | None, spin_until: Any) 
                 progress.update(task, description=f"{count} samples, {state.rows_published} states")
             return until_idle is not None and count > 0 and now - last["time"] > until_idle
 
-        with contextlib.suppress(KeyboardInterrupt):
-            spin_until(executor, finished)
+        with stop_signals() as stop:
+            spin_until(executor, lambda: stop.is_set() or finished())
 
 
 def _wait_for_last_states(executor: Any, state: Any, parameters: Any, spin_until: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from importlib import import_module
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.json_text import json_text
 
 #: Command, the module that has it and its purpose, in the order in which a user meets them.
 COMMANDS = {
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{args.prog}: stopped", file=sys.stderr)
         return 130
     try:
-        print(json.dumps(result, indent=1) if args.json else args.module.render(result))
+        print(json_text(result) if args.json else args.module.render(result))
         sys.stdout.flush()
     except BrokenPipeError:  # the reader has seen enough, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -33,8 +33,8 @@ def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, Parameter
     """Options of both steps; raises InputError where they make no sense."""
     if not 0.0 <= args.horizon <= 5.0:
         raise InputError(f"--horizon must be between 0 and 5 s, not {args.horizon:g}")
-    if not args.forgetting_time >= 1.0:
-        raise InputError(f"--forgetting-time must be at least 1 s, not {args.forgetting_time:g}")
+    if not 1.0 <= args.forgetting_time <= 1e6:
+        raise InputError(f"--forgetting-time must be between 1 and 1e6 s, not {args.forgetting_time:g}")
     return StateOptions(horizon=args.horizon), ParameterOptions(forgetting_time=args.forgetting_time)
 
 

@@ -21,11 +21,15 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
 from aircraft_sysid_ros.run_folder import RunWriter
+from aircraft_sysid_ros.samples import Kind, Samples
 
 NEEDED = ("imu/data", "gps/fix", "gps/vel", "air_data")
 #: Time of flight [s] between parameter sets in the run.
 PARAMETERS_PERIOD = 1.0
+#: A silence [s] of a sensor that is worth a note.
+LONGEST_SILENCE = 2.0
 #: Samples that go through the pipeline at a time; the numbers do not depend on it.
 BLOCK = 1000
 
@@ -83,15 +87,49 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
     found = list(recording.notes)
     if "control_surfaces" not in recording.topics:
         found.append("no /control_surfaces: state, biases and wind only, no parameters")
+    found += gap_notes(recording.samples) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
             share = counts[what] / max(counts["received"], 1)
             if share > 0.01:
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
+    if pipeline.state.order.counts.restarts:
+        found.append(f"the clock of the recording leapt {pipeline.state.order.counts.restarts} times")
     if pipeline.state.realignments:
         times = pipeline.state.realignments
         found.append(f"the filter aligned anew {times} times after gaps or contradictions")
     return found
+
+
+def gap_notes(samples: Samples) -> list[str]:
+    """Silences by kind of sample."""
+    found = []
+    for kind in Kind:
+        interval = np.diff(np.sort(samples.stamp[samples.kind == kind])) / NANOSECONDS
+        if len(interval):
+            gaps = interval[interval > max(LONGEST_SILENCE, 10.0 * float(np.median(interval)))]
+            if len(gaps):
+                name, longest = kind.name.lower(), gaps.max()
+                found.append(f"the {name} samples have {len(gaps)} gaps of up to {longest:.1f} s")
+    return found
+
+
+def air_data_notes(recording: Recording) -> list[str]:
+    """Parts of the air data that are not measured, always or at times."""
+    messages, found = recording.topics.get("air_data", 0), []
+    for kind in (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP):
+        missing = 1.0 - np.sum(recording.samples.kind == kind) / max(messages, 1)
+        if missing > 0.01:
+            found.append(f"{100 * missing:.0f} % of the air data have no {kind.name.lower()}")
+    return found
+
+
+def control_notes(samples: Samples) -> list[str]:
+    """Controls that are measured at times only."""
+    missing = np.isnan(samples.values[samples.kind == Kind.CONTROLS])
+    share = float(np.mean(np.any(missing[:, ~np.all(missing, axis=0)], axis=1))) if len(missing) else 0.0
+    text = f"{100 * share:.0f} % of the control samples lack values that others have"
+    return [text] if share > 0.01 else []
 
 
 def raise_no_start(out: str | Path) -> None:

@@ -22,6 +22,8 @@ _SIGNAL_COUNT = len(SIGNALS)
 
 _ACCELEROMETER_BIAS_STD = Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 
+#: Nothing is learnt while the innovations of the first step are this much larger than expected: a sensor lies.
+LARGEST_CONSISTENCY = 4.0
 #: Forgetting stops where a parameter makes the prediction this uncertain, over the noise variance.
 LARGEST_PREDICTION_VARIANCE = 10.0
 
@@ -105,7 +107,8 @@ def fill_history(
         rate = row[44:47]
         signals = h[SIGNAL:NOISE]
         h[TIME] = row[0]
-        h[FLYING] = 1.0 if row[47] >= body.minimum_airspeed and row[53] > 0.0 else 0.0
+        flying = row[47] >= body.minimum_airspeed and row[53] > 0.0
+        h[FLYING] = 1.0 if flying and row[52] < LARGEST_CONSISTENCY else 0.0
         fill_signals(row, controls[i], heights[i], start_time, body.geometry, body.gravity, signals)
         signal_noise(signals, row, sensors, body.geometry, h[NOISE:TERM])
         h[QBAR] = 0.5 * row[50] * row[47] * row[47]

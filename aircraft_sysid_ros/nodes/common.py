@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib
 import os
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from rclpy.exceptions import ParameterException
 from rclpy.logging import get_logger
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.errors import InputError
@@ -186,23 +190,41 @@ def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
         except ExternalShutdownException:
             return
         except rclpy_implementation.RCLError as error:
-            # A client asked for a transition that the state does not have: rclpy raises here, and flying goes on.
+            # A client asked for a transition that the state does not have: rclpy raises; flying goes on.
             get_logger("aircraft_sysid_ros").error(" ".join(str(error).split()))
+
+
+@contextlib.contextmanager
+def stop_signals() -> Iterator[threading.Event]:
+    """An event that Ctrl-C or a termination sets: no callback is torn apart.
+
+    An exception from a signal inside the events executor would abort the process.
+    """
+    stop = threading.Event()
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def run_node(kind: Callable[[], LifecycleNode], arguments: Sequence[str] | None = None) -> int:
     """Entry point of a node's executable: start and spin until a signal. Exit status 2: it did not start."""
     try:
-        rclpy.init(args=None if arguments is None else list(arguments))
+        own = None if arguments is None else list(arguments)
+        rclpy.init(args=own, signal_handler_options=SignalHandlerOptions.NO)
         node = kind()
-    except (ParameterException, rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+    except (ParameterException, RuntimeError) as error:  # bad arguments: rclpy has a RuntimeError for each
         print(" ".join(str(error).split()), file=sys.stderr)
         rclpy.try_shutdown()
         return 2
     try:
         if node.get_parameter("autostart").value and not start(node):
             return 2
-        spin_until(make_executor([node]), lambda: False)
+        with stop_signals() as stop:
+            spin_until(make_executor([node]), stop.is_set)
     except KeyboardInterrupt:
         pass
     finally:

@@ -202,6 +202,8 @@ class ParameterEstimatorNode(LifecycleNode):
     def _on_save(self, request: SaveModel.Request, response: SaveModel.Response) -> SaveModel.Response:
         assert self.estimator is not None
         try:
+            if not request.path:
+                raise InputError("the path is empty: give that of the file to write")
             save_model(self.estimator, request.path)
             response.success, response.message = True, f"written to {request.path}"
         except InputError as error:

@@ -48,6 +48,15 @@ _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 SENSOR_TIMEOUT = 2.0
 #: Weight of the newest update in the running innovation consistency.
 _NIS_WEIGHT = 0.01
+#: An innovation counts in the consistency as at most this many variances.
+_LARGEST_NIS = 25.0
+# The random walk of the wind follows the gusts: it grows while the innovations of air data are larger than expected
+# and falls back when they are not. Fast enough for a gust front (a factor of 10 in some seconds), and deaf to what
+# no gust does.
+_GUSTY, _CALM = 1.3, 1.1  # running mean of the normalised innovation squared
+_WALK_RATE = 0.01  # per sample and unit of that mean
+_LARGEST_WALK = 2.0  # [m/s per sqrt(s)]
+_NO_GUST = 400.0  # normalised innovation squared of a sensor that fails
 # Columns, as plain numbers for numba.
 _COLUMN_STD = Column.STANDARD_DEVIATIONS.start
 
@@ -153,6 +162,9 @@ def _passes_gate(
     for i in range(m):
         nis += innovation[i] * weighted[i]
         memory.innovation[kind, i] = innovation[i]
+    memory.recent_nis[0] += _NIS_WEIGHT * (min(nis / m, _LARGEST_NIS) - memory.recent_nis[0])
+    if kind == _AIRSPEED or kind == _ALPHA or kind == _BETA:
+        _follow_gusts(nis, setup, memory)
     if not nis <= setup.gate[m]:
         memory.rejected[kind] += 1
         memory.last_rejected[kind] = time
@@ -160,8 +172,21 @@ def _passes_gate(
     memory.fused[kind] += 1
     memory.nis_sum[kind] += nis
     memory.degrees[kind] += m
-    memory.recent_nis[0] += _NIS_WEIGHT * (nis / m - memory.recent_nis[0])
     return True
+
+
+@njit(cache=True)
+def _follow_gusts(nis: float, setup: Setup, memory: Memory) -> None:
+    """Raise or lower the random walk of the wind by one innovation of air data."""
+    if not nis <= _NO_GUST:
+        return
+    memory.air_nis[0] += _NIS_WEIGHT * (min(nis, _LARGEST_NIS) - memory.air_nis[0])
+    walk = memory.wind_walk[0]
+    if memory.air_nis[0] > _GUSTY:
+        walk *= np.exp(_WALK_RATE * (memory.air_nis[0] - 1.0))
+    elif memory.air_nis[0] < _CALM:
+        walk *= np.exp(-_WALK_RATE * (1.0 + _CALM - memory.air_nis[0]) * 0.2)
+    memory.wind_walk[0] = min(max(walk, setup.wind_walk), max(_LARGEST_WALK, setup.wind_walk))
 
 
 @njit(cache=True)
@@ -340,7 +365,7 @@ def run(
             if until > now:
                 middle = (0.5 * (now + until) - begin) / interval
                 force, rate = force0 + middle * force_step, rate0 + middle * rate_step
-                propagate(x, p, force, rate, until - now, interval, setup)
+                propagate(x, p, force, rate, until - now, interval, memory.wind_walk[0], setup)
                 now = until
             if k < j:
                 at = (now - begin) / interval if interval > 0.0 else 0.0

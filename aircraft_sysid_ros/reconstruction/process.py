@@ -132,7 +132,7 @@ def _apply_transition(m: Array, blocks: tuple[Array, ...], dt: float) -> None:
 
 
 @njit(cache=True)
-def process_noise(x: Array, dt: float, sample_time: float, setup: Setup) -> Array:
+def process_noise(x: Array, dt: float, sample_time: float, wind_walk: float, setup: Setup) -> Array:
     """Covariance (18, 18) of Gamma w over dt [s] (3.11), at the state after the step.
 
     The noise of the accelerometer moves both velocities; that of the gyro turns u together with the attitude.
@@ -148,7 +148,7 @@ def process_noise(x: Array, dt: float, sample_time: float, setup: Setup) -> Arra
         q[D_ATTITUDE + i, D_ATTITUDE + i] = rate
         q[D_ACCELEROMETER_BIAS + i, D_ACCELEROMETER_BIAS + i] = setup.accelerometer_walk**2 * dt
         q[D_GYRO_BIAS + i, D_GYRO_BIAS + i] = setup.gyro_walk**2 * dt
-        q[D_AIR_VELOCITY + i, D_AIR_VELOCITY + i] = force + setup.wind_walk**2 * dt
+        q[D_AIR_VELOCITY + i, D_AIR_VELOCITY + i] = force + wind_walk**2 * dt
         for j in range(3):
             q[D_AIR_VELOCITY + i, D_AIR_VELOCITY + j] += by_rate[i, j]
             q[D_VELOCITY + i, D_AIR_VELOCITY + j] = force * c[i, j]
@@ -160,7 +160,7 @@ def process_noise(x: Array, dt: float, sample_time: float, setup: Setup) -> Arra
 
 @njit(cache=True)
 def propagate(
-    x: Array, p: Array, force: Array, rate: Array, dt: float, sample_time: float, setup: Setup
+    x: Array, p: Array, force: Array, rate: Array, dt: float, sample_time: float, wind_walk: float, setup: Setup
 ) -> None:
     """State and covariance (3.10), (3.11) by dt [s], in place; sample_time: interval between IMU samples."""
     blocks = transition_blocks(x, force, rate, dt, setup.gravity)
@@ -168,5 +168,5 @@ def propagate(
     _apply_transition(p, blocks, dt)
     transposed = p.T.copy()
     _apply_transition(transposed, blocks, dt)
-    p[:] = transposed + process_noise(x, dt, sample_time, setup)
+    p[:] = transposed + process_noise(x, dt, sample_time, wind_walk, setup)
     symmetrise(p)

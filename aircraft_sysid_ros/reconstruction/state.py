@@ -94,7 +94,7 @@ class Setup(NamedTuple):
     gyro_variance: float
     accelerometer_walk: float  # [m/s^2 per sqrt(s)]
     gyro_walk: float
-    wind_walk: float
+    wind_walk: float  # at least; gusts raise it
     gate: npt.NDArray[np.float64]  # (4,) largest normalised innovation squared for 1, 2, 3 outputs, by index
     maximum_iterations: int
     tolerance: float
@@ -114,12 +114,22 @@ class Memory(NamedTuple):
     last_rejected: npt.NDArray[np.float64]  # (kinds,)
     nis_sum: npt.NDArray[np.float64]  # (kinds,) of fused samples
     degrees: npt.NDArray[np.int64]  # (kinds,) degrees of freedom in nis_sum
-    recent_nis: npt.NDArray[np.float64]  # (1,) running mean per degree of freedom
+    recent_nis: npt.NDArray[np.float64]  # (1,) running mean per degree of freedom, rejected samples too
+    air_nis: npt.NDArray[np.float64]  # (1,) the same of air data alone, faster
+    wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now
     innovation: npt.NDArray[np.float64]  # (kinds, 3) the newest
 
 
-def new_memory(kinds: int) -> Memory:
-    """Memory at the start of a flight."""
+#: Random walk of the wind [m/s per sqrt(s)] at the start: that of moderate turbulence.
+GUSTY_START = 1.0
+
+
+def new_memory(kinds: int, wind_walk: float) -> Memory:
+    """Memory at the start of a flight, with the random walk of the wind [m/s per sqrt(s)] of the aircraft file.
+
+    The wind is allowed to be gusty until the air data say that it is not: gusts that are taken for a steady wind
+    would be explained by tilt and accelerometer bias, and a bias that is known too well is never found again.
+    """
     return Memory(
         imu=np.zeros(7),
         air=np.array([np.nan]),
@@ -131,5 +141,7 @@ def new_memory(kinds: int) -> Memory:
         nis_sum=np.zeros(kinds),
         degrees=np.zeros(kinds, np.int64),
         recent_nis=np.ones(1),
+        air_nis=np.ones(1),
+        wind_walk=np.array([max(wind_walk, GUSTY_START)]),
         innovation=np.full((kinds, 3), np.nan),
     )

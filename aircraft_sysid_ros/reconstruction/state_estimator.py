@@ -118,7 +118,7 @@ class StateEstimator:
         self._p = np.zeros((ERROR_SIZE, ERROR_SIZE))
         self._aligned = False
         self._has_biases = False
-        self.memory: Memory = new_memory(len(Kind))
+        self.memory: Memory = new_memory(len(Kind), aircraft.process_noise["wind"])
         self.last_row: Array | None = None
         self.first_time = np.nan  # [s] of the first state
         self._last_airborne: Array | None = None  # newest row with air data

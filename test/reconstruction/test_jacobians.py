@@ -139,7 +139,7 @@ def test_process_noise_is_what_noisy_inputs_do(setup: Setup) -> None:
         propagate_state(moved, noisy_force, noisy_rate, dt, GRAVITY)
         errors.append(difference(moved, end))
     sampled = np.cov(np.array(errors).T)
-    expected = process_noise(end, dt, dt, quiet)
+    expected = process_noise(end, dt, dt, 0.0, quiet)
     moving = [0, 1, 2, 6, 7, 8, 15, 16, 17]
     scale = np.sqrt(np.diag(expected)[moving])
     assert np.allclose(

@@ -186,3 +186,26 @@ def test_without_gps_the_filter_waits_and_says_so(flight, aircraft) -> None:
     assert len(rows) == 0
     assert estimator.status == Status.WAITING
     assert estimator.summary()["wind_ned"] == [None] * 3
+
+
+@pytest.mark.parametrize("turbulence", ["light", "moderate"])
+def test_gusts_do_not_corrupt_attitude_and_biases(turbulence: str, aircraft) -> None:
+    """The aircraft file promises a nearly steady wind; the filter finds out that it is not, and stays honest."""
+    from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+    gusty = simulate_samples(aircraft, seed=7, turbulence=turbulence)
+    estimator, rows = run(aircraft, gusty.samples)
+    truth, time = true_rows(gusty, estimator, rows)
+    settled = time > 30.0
+    z = (attitude_error(rows, truth) / rows[:, ATTITUDE_STD])[settled]
+    assert np.sqrt(np.mean(z**2)) < 2.0
+    summary = estimator.summary()
+    bias_error = np.array(summary["accelerometer_bias"]) - gusty.biases.accelerometer[-1]
+    assert np.all(np.abs(bias_error) < 4.0 * np.array(summary["accelerometer_bias_std"]))
+    assert estimator.memory.wind_walk[0] > 3.0 * aircraft.process_noise["wind"]
+
+
+def test_calm_air_is_found_calm(flight, aircraft) -> None:
+    """The allowance for gusts at the start is gone when the air data do not need it."""
+    estimator, _ = run(aircraft, flight.samples)
+    assert estimator.memory.wind_walk[0] < 1.5 * aircraft.process_noise["wind"]

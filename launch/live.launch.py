@@ -1,0 +1,50 @@
+"""Both nodes on the topics of one aircraft.
+
+    ros2 launch aircraft_sysid_ros live.launch.py aircraft_file:=/path/to/aircraft.yaml namespace:=uav1
+"""
+
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import LifecycleNode
+from launch_ros.parameter_descriptions import ParameterValue
+
+from launch import LaunchDescription
+
+PACKAGE = "aircraft_sysid_ros"
+NODES = ("state_estimator", "parameter_estimator")
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Arguments, then the nodes; with autostart they configure and activate themselves."""
+    arguments = [
+        DeclareLaunchArgument("aircraft_file", description="path of the aircraft file (YAML)"),
+        DeclareLaunchArgument("namespace", default_value="", description="of the nodes and their topics"),
+        DeclareLaunchArgument(
+            "autostart",
+            default_value="true",
+            description="false: a lifecycle manager configures and activates the nodes",
+        ),
+        DeclareLaunchArgument(
+            "input_reliability",
+            default_value="best_effort",
+            description="reliable asks publishers for every sample, as of a playback",
+        ),
+    ]
+    parameters = {
+        "aircraft_file": ParameterValue(LaunchConfiguration("aircraft_file"), value_type=str),
+        "autostart": ParameterValue(LaunchConfiguration("autostart"), value_type=bool),
+        "input_reliability": ParameterValue(LaunchConfiguration("input_reliability"), value_type=str),
+    }
+    nodes = [
+        LifecycleNode(
+            package=PACKAGE,
+            executable=name,
+            name=name,
+            namespace=LaunchConfiguration("namespace"),
+            parameters=[parameters],
+            output="screen",
+            emulate_tty=True,
+        )
+        for name in NODES
+    ]
+    return LaunchDescription([*arguments, *nodes])

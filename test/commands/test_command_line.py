@@ -1,0 +1,435 @@
+"""The command line as a user meets it: one clear line and status 2 for bad input, JSON on request."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace as replaced
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+SECOND = 1_000_000_000
+NAMES = (
+    "CX_0 CX_alpha CX_alpha2 CX_q CX_de CX_Tc", "CY_0 CY_beta CY_p CY_r CY_da CY_dr",
+    "CZ_0 CZ_alpha CZ_q CZ_de",
+    "Cl_0 Cl_beta Cl_p Cl_r Cl_da Cl_dr", "Cm_0 Cm_alpha Cm_q Cm_de", "Cn_0 Cn_beta Cn_p Cn_r Cn_da Cn_dr",
+)  # fmt: skip
+RUN_FILES = {"estimates.mcap", "parameters.json", "state.json", "points.npz", "aircraft.yaml"}
+
+
+@pytest.fixture
+def cli(capfd):
+    """Calls the command line in this process; returns exit status, standard output and standard error."""
+
+    def call(*arguments):
+        try:
+            status = main([str(argument) for argument in arguments])
+        except SystemExit as end:  # of argparse
+            status = end.code
+        captured = capfd.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def without_nan(text):
+    """The JSON document of a text; NaN and infinity, which JSON does not have, fail."""
+
+    def refuse(name):
+        raise AssertionError(f"{name} in JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@pytest.fixture(scope="module")
+def short(aircraft):
+    """A flight of 45 s in memory."""
+    return simulate_samples(aircraft, seed=3, duration=45.0)
+
+
+def write(path, streams, prefix=""):
+    with RecordingWriter(path) as writer:
+        for s in streams:
+            writer.write(prefix + s.topic, TOPICS[s.topic], s.stamp, s.fields, log_time=s.arrival)
+    return path
+
+
+def chosen(stream, rows):
+    fields = {name: np.asarray(value)[rows] for name, value in stream.fields.items()}
+    return replaced(stream, stamp=stream.stamp[rows], arrival=stream.arrival[rows], fields=fields)
+
+
+@pytest.fixture(scope="module")
+def bag(short, tmp_path_factory):
+    return write(tmp_path_factory.mktemp("bag") / "flight", short.streams)
+
+
+@pytest.fixture(scope="module")
+def run(bag, aircraft_file, tmp_path_factory):
+    """A replayed run and what the command printed."""
+    folder = tmp_path_factory.mktemp("run") / "run"
+    command = ["replay", bag, "--aircraft", aircraft_file, "--out", folder, "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, command)],
+        capture_output=True, text=True, timeout=300, check=True,
+    )  # fmt: skip
+    return folder, done.stdout
+
+
+# -- bad input ----------------------------------------------------------------------------------------------
+
+
+def check_refused(result, *texts):
+    status, out, err = result
+    assert status == 2
+    assert out == ""
+    assert len(err.strip().splitlines()) == 1, err
+    assert err.startswith("aircraft-sysid") and "Traceback" not in err
+    for text in texts:
+        assert text in err
+
+
+def test_recordings_that_cannot_be_replayed(cli, short, bag, aircraft_file, tmp_path):
+    def replay(recording):
+        out = tmp_path / "run"
+        result = cli("replay", recording, "--aircraft", aircraft_file, "--out", out)
+        assert not out.exists()
+        return result
+
+    check_refused(replay("nowhere"), "there is no recording nowhere")
+    check_refused(replay(aircraft_file), "is not a recording")
+    check_refused(replay(tmp_path), "is not a recording")
+    for topic in ("imu/data", "air_data", "gps/fix"):
+        streams = [s for s in short.streams if s.topic != topic]
+        name = tmp_path / topic.replace("/", "_")
+        check_refused(replay(write(name, streams)), f"lacks /{topic}", "it holds /", "/control_surfaces")
+    damaged = tmp_path / "damaged"
+    shutil.copytree(bag, damaged)
+    (file,) = damaged.glob("*.mcap")
+    file.write_bytes(b"\x00" * 5000)
+    check_refused(replay(damaged), str(file.name))
+    file.write_bytes(b"")
+    check_refused(replay(damaged))
+    (damaged / "metadata.yaml").write_text(": [")
+    check_refused(replay(damaged), "metadata.yaml")
+
+
+@pytest.mark.parametrize(
+    ("line", "texts"),
+    [
+        ("mass: -1.0", ("mass must be positive", "-1")),
+        ("wing_area: 0.3097\nwing_aera: 2", ("unknown key 'wing_aera'", "did you mean 'wing_area'")),
+        ("mass: nan", ("mass must be a finite number",)),
+        ("mass: heavy", ("mass must be a number", "'heavy'")),
+    ],
+)
+def test_bad_aircraft_files(cli, bag, tmp_path, line, texts):
+    base = ["name: x", "mass: 1.9", "wing_area: 0.3", "span: 1.2", "chord: 0.2"]
+    key = line.split(":")[0]
+    path = tmp_path / "plane.yaml"
+    kept = [item for item in base if not item.startswith(key + ":")]
+    path.write_text("\n".join([*kept, line, "inertia: {xx: 0.07, yy: 0.08, zz: 0.15}"]))
+    check_refused(cli("replay", bag, "--aircraft", path, "--out", tmp_path / "run"), str(path), *texts)
+    check_refused(cli("live", "--aircraft", path), *texts)
+
+
+def test_an_aircraft_file_that_is_not_there(cli, bag, tmp_path):
+    result = cli("replay", bag, "--aircraft", "nowhere.yaml", "--out", tmp_path / "run")
+    check_refused(result, "nowhere.yaml", "No such file")
+
+
+def test_targets_that_are_taken_or_cannot_be_written(cli, bag, run, aircraft_file, tmp_path):
+    def replay(out, *options):
+        return cli("replay", bag, "--aircraft", aircraft_file, "--out", out, *options)
+
+    file = tmp_path / "file"
+    file.write_text("precious")
+    check_refused(replay(file, "--overwrite"), "is a file")
+    check_refused(replay(file / "run"), "cannot write the run", str(file))
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.txt").write_text("precious")
+    check_refused(replay(other, "--overwrite"), "is not a run and is not overwritten")
+    check_refused(replay(run[0]), "already there", "--overwrite")
+    check_refused(cli("live", "--aircraft", aircraft_file, "--out", run[0]), "already there")
+    check_refused(replay("/proc/run"), "cannot write the run /proc/run")
+    assert file.read_text() == (other / "thesis.txt").read_text() == "precious"
+    assert {item.name for item in tmp_path.iterdir()} == {"file", "other"}
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission(cli, bag, aircraft_file, tmp_path):
+    tmp_path.chmod(0o500)
+    result = cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")
+    tmp_path.chmod(0o700)
+    check_refused(result, "cannot write the run")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "texts"),
+    [
+        ("", ("COMMAND", "--help")),
+        ("fly", ("invalid choice: 'fly'", "simulate")),
+        ("replay", ("required", "BAG")),
+        ("replay BAG --aircraft FILE --out RUN --horizon soon", ("--horizon", "'soon'")),
+        ("replay BAG --aircraft FILE --out RUN --horizon -1", ("--horizon must be between 0 and 5",)),
+        ("replay BAG --aircraft FILE --out RUN --horizon nan", ("--horizon must be between 0 and 5",)),
+        ("replay BAG --aircraft FILE --out RUN --forgetting-time 0", ("--forgetting-time",)),
+        ("replay BAG --aircraft FILE --out RUN --forgetting-time inf", ("--forgetting-time",)),
+        ("replay BAG --aircraft FILE --out RUN --wrong 1", ("unrecognized arguments: --wrong",)),
+        ("live --aircraft FILE --until-idle 0", ("--until-idle must be a positive time",)),
+        ("live --aircraft FILE --forgetting-time 1e7", ("--forgetting-time",)),
+        ("live --aircraft FILE --namespace a:b", ("--namespace a:b is no namespace",)),
+        ("live --aircraft FILE --ready-file /nowhere/ready", ("cannot write /nowhere/ready",)),
+        ("play nowhere", ("there is no recording nowhere",)),
+        ("play BAG --rate -2", ("--rate must be 0 or more",)),
+        ("import nowhere.mat --out BAG2", ("there is no log nowhere.mat",)),
+        ("import FILE --out BAG2", ("cannot be imported", ".mat")),
+        ("simulate --out BAG2 --duration 1", ("lasts 20 to 3600 s",)),
+        ("simulate", ("required: --out",)),
+    ],
+)
+def test_bad_options_and_commands(cli, bag, aircraft_file, tmp_path, monkeypatch, arguments, texts):
+    monkeypatch.chdir(tmp_path)
+    if arguments.startswith("live"):
+        pytest.importorskip("rclpy")
+    words = {"BAG": str(bag), "FILE": str(aircraft_file)}
+    status, out, err = cli(*(words.get(word, word) for word in arguments.split()))
+    lines = [line for line in err.splitlines() if "[INFO]" not in line and line != "listening"]
+    check_refused((status, out, "\n".join(lines)), *texts)
+    assert not list(tmp_path.iterdir())
+
+
+# -- what comes out -----------------------------------------------------------------------------------------
+
+
+def test_json_is_one_document(run, bag, cli, tmp_path, aircraft_file):
+    folder, printed = run
+    document = without_nan(printed)
+    assert document["run"] == str(folder)
+    assert document["parameters"] == without_nan((folder / "parameters.json").read_text())
+    assert document["state"] == without_nan((folder / "state.json").read_text())
+    status, out, _ = cli("simulate", "--out", tmp_path / "bag", "--duration", 20, "--json")
+    assert status == 0
+    assert without_nan(out)["messages"]["imu/data"] > 1900
+    status, out, err = cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")
+    assert (status, err) == (0, "")
+    assert "CZ_alpha" in out and "times real time" in out
+    pytest.importorskip("rclpy")
+    status, out, _ = cli("play", tmp_path / "bag", "--rate", 0, "--wait", 0.1, "--best-effort", "--json")
+    assert status == 0
+    assert without_nan(out)["messages"]["/gps/fix"] == 100
+
+
+def test_import_prints_one_document(cli, tmp_path, monkeypatch):
+    """The importers have their own tests: here a report with a number that JSON does not have."""
+    from aircraft_sysid_ros.commands import import_log
+
+    (tmp_path / "log.mat").write_bytes(b"")
+    report = {"rate": float("nan"), "n": [1, 2.5]}
+    monkeypatch.setitem(import_log._IMPORTERS, ".mat", lambda path, out, overwrite: report)
+    status, out, _ = cli("import", tmp_path / "log.mat", "--out", tmp_path / "bag", "--json")
+    assert status == 0
+    assert without_nan(out) == {"rate": None, "n": [1, 2.5]}
+
+
+def test_the_run_folder_is_as_promised(run, short):
+    folder, _ = run
+    assert {item.name for item in folder.iterdir()} == RUN_FILES
+    parameters = without_nan((folder / "parameters.json").read_text())
+    assert parameters["model"] == short.aircraft.model.identifier
+    assert [p["name"] for p in parameters["parameters"]] == " ".join(NAMES).split()
+    for p in parameters["parameters"]:
+        assert {"name", "value", "std", "status", "reason"} <= p.keys()
+        assert p["status"] in ("USE", "HOLD", "REJECT")
+        assert (p["status"] == "USE") == (p["reason"] == "")
+    state = without_nan((folder / "state.json").read_text())
+    truth = {
+        "accelerometer_bias": short.biases.accelerometer[-1],
+        "gyro_bias": short.biases.gyro[-1],
+        "wind_ned": short.truth.wind[-1],
+    }
+    for name, value in truth.items():
+        std = np.array(state[name + "_std"])
+        assert std.shape == (3,) and np.all(std > 0.0)
+        assert np.all(np.abs(np.array(state[name]) - value) < 5.0 * std), name  # in FRD and NED
+    assert state["duration"] == pytest.approx(45.0, abs=1.5)
+    assert state["realtime_factor"] > 1.0
+
+
+def test_estimates_are_an_ordinary_recording(run, short):
+    """Readable by rosbags and by plain mcap, with the definitions inside; NED against the truth."""
+    from mcap.reader import make_reader
+    from rosbags.highlevel import AnyReader
+
+    path = run[0] / "estimates.mcap"
+    counts = {}
+    with AnyReader([path]) as reader:
+        types = {c.topic: c.msgtype for c in reader.connections}
+        for connection, _, content in reader.messages():
+            message = reader.deserialize(content, connection.msgtype)
+            counts[connection.topic] = counts.get(connection.topic, 0) + 1
+            if connection.topic.endswith("/parameters"):
+                assert [p.name for p in message.parameters] == " ".join(NAMES).split()
+                assert len(message.covariance) == 1024
+            elif connection.topic.endswith("/model_error"):
+                assert {axis.axis for axis in message.axes} <= {"CX", "CY", "CZ", "Cl", "Cm", "Cn"}
+            elif connection.topic.endswith("/state"):
+                last = message
+            else:
+                wind = message.twist.twist.linear
+    assert types == {
+        "/state_estimator/state": "aircraft_sysid_msgs/msg/AircraftState",
+        "/state_estimator/wind": "geometry_msgs/msg/TwistWithCovarianceStamped",
+        "/parameter_estimator/parameters": "aircraft_sysid_msgs/msg/Parameters",
+        "/parameter_estimator/model_error": "aircraft_sysid_msgs/msg/ModelError",
+    }
+    assert counts["/state_estimator/state"] == counts["/state_estimator/wind"]
+    assert counts["/state_estimator/state"] == pytest.approx(44 * 25, abs=40)
+    assert counts["/parameter_estimator/parameters"] == counts["/parameter_estimator/model_error"] > 5
+    assert [wind.y, wind.x, -wind.z] == list(last.wind_ned)
+    assert np.array(last.wind_ned) == pytest.approx(short.truth.wind[-1], abs=0.7)
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        assert sum(1 for _ in reader.iter_messages()) == sum(counts.values())
+        schemas = reader.get_summary().schemas.values()
+        assert {schema.encoding for schema in schemas} == {"ros2msg"}
+        assert all(schema.data for schema in schemas)
+
+
+def test_replay_is_deterministic(cli, run, bag, aircraft_file, tmp_path):
+    assert cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")[0] == 0
+    for name in ("parameters.json", "points.npz", "estimates.mcap"):
+        assert (tmp_path / "run" / name).read_bytes() == (run[0] / name).read_bytes(), name
+
+
+def test_the_numbers_do_not_depend_on_blocks(cli, run, bag, aircraft_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("aircraft_sysid_ros.commands.replay.BLOCK", 37)
+    assert cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")[0] == 0
+    assert (tmp_path / "run" / "parameters.json").read_bytes() == (run[0] / "parameters.json").read_bytes()
+
+
+def test_overwrite_replaces_a_run(cli, run, bag, aircraft_file, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(run[0], folder)
+    (folder / "parameters.json").write_text("{}")
+    assert cli("replay", bag, "--aircraft", aircraft_file, "--out", folder, "--overwrite")[0] == 0
+    assert (folder / "parameters.json").read_bytes() == (run[0] / "parameters.json").read_bytes()
+    assert [item.name for item in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize("place", ["push", "finish"])
+def test_an_interrupted_replay_leaves_nothing(cli, bag, aircraft_file, tmp_path, monkeypatch, place):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    target = {
+        "push": "aircraft_sysid_ros.pipeline.Pipeline.flush",
+        "finish": "aircraft_sysid_ros.run_folder.RunWriter._write_points",
+    }[place]
+    monkeypatch.setattr(target, interrupt)
+    status, out, err = cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run", "--json")
+    assert (status, out, err) == (130, "", "aircraft-sysid replay: stopped\n")
+    assert not list(tmp_path.iterdir())
+
+
+# -- recordings as they come --------------------------------------------------------------------------------
+
+
+def replay(cli, recording, aircraft_file, out):
+    status, printed, err = cli("replay", recording, "--aircraft", aircraft_file, "--out", out, "--json")
+    assert (status, err) == (0, "")
+    return without_nan(printed)
+
+
+def test_a_namespace_changes_nothing(cli, run, short, aircraft_file, tmp_path):
+    named = write(tmp_path / "bag", short.streams, "fleet/uav1/")
+    result = replay(cli, named, aircraft_file, tmp_path / "run")
+    assert result["parameters"] == json.loads((run[0] / "parameters.json").read_text())
+
+
+def test_sqlite3_changes_nothing(cli, run, bag, aircraft_file, tmp_path):
+    from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+
+    sqlite3 = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    with Reader(bag) as reader, sqlite3 as writer:
+        connections = {
+            c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01=c.digest)
+            for c in reader.connections
+        }
+        for connection, log_time, content in reader.messages():
+            writer.write(connections[connection.id], log_time, content)
+    assert list((tmp_path / "bag").glob("*.db3"))
+    result = replay(cli, tmp_path / "bag", aircraft_file, tmp_path / "run")
+    assert result["parameters"] == json.loads((run[0] / "parameters.json").read_text())
+
+
+def check_good(result, short, note):
+    assert np.array(result["state"]["wind_ned"]) == pytest.approx(short.truth.wind[-1], abs=1.0)
+    values = {p["name"]: p for p in result["parameters"]["parameters"]}
+    assert values["CZ_alpha"]["value"] == pytest.approx(-4.616, abs=0.5)
+    assert values["Cm_de"]["value"] == pytest.approx(-0.8488, rel=0.2)
+    assert any(note in text for text in result["notes"]), result["notes"]
+
+
+@pytest.mark.parametrize("topic", ["imu/data", "gps/fix", "gps/vel", "air_data", "control_surfaces"])
+def test_ten_seconds_without_a_sensor(cli, short, aircraft_file, tmp_path, topic):
+    streams = []
+    for stream in short.streams:
+        time = (stream.stamp - short.streams[0].stamp[0]) / SECOND
+        streams.append(chosen(stream, (time < 15.0) | (time > 25.0)) if stream.topic == topic else stream)
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    check_good(result, short, "gaps of up to 10.")
+
+
+@pytest.mark.parametrize("topic", ["imu/data", "gps/fix", "gps/vel", "air_data", "control_surfaces"])
+def test_nan_among_the_samples(cli, short, aircraft_file, tmp_path, topic):
+    streams = []
+    for stream in short.streams:
+        fields = dict(stream.fields)
+        if stream.topic == topic:
+            for name, value in fields.items():
+                if np.asarray(value).dtype.kind == "f" and "covariance" not in name:
+                    fields[name] = value.copy()
+                    fields[name][7::20] = np.nan
+        streams.append(replaced(stream, fields=fields))
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    notes = {"air_data": "air data have no airspeed", "control_surfaces": "control samples lack values"}
+    check_good(result, short, "5 % of the " + notes.get(topic, ""))
+
+
+def test_stamps_that_go_backwards(cli, short, aircraft_file, tmp_path):
+    """The clock is set back by a minute in the middle of the flight; arrival goes on."""
+    streams = []
+    for stream in short.streams:
+        late = stream.arrival > short.streams[0].arrival[0] + 15 * SECOND
+        streams.append(replaced(stream, stamp=stream.stamp - np.where(late, 60 * SECOND, 0)))
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    assert result["state"]["clock_restarts"] == 1
+    check_good(result, short, "the clock of the recording leapt 1 times")
+
+
+def test_single_samples_with_old_stamps(cli, short, aircraft_file, tmp_path):
+    """Every fiftieth sample of each sensor is two seconds old: it is dropped, and said."""
+    streams = []
+    for stream in short.streams:
+        old = np.arange(len(stream.stamp)) % 50 == 49
+        streams.append(replaced(stream, stamp=stream.stamp - 2 * SECOND * old))
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    check_good(result, short, "samples were late")
+
+
+def test_the_installed_command_is_this_one():
+    command = Path(sys.executable).with_name("aircraft-sysid")
+    if not command.exists():
+        pytest.skip("the package is not installed in this environment")
+    done = subprocess.run([command, "--help"], capture_output=True, text=True, check=True)
+    assert all(name in done.stdout for name in ("simulate", "import", "replay", "play", "live", "demo"))

@@ -1,0 +1,116 @@
+"""Messages that no sensor should send: the nodes go on, count them, and find the state again."""
+
+import numpy as np
+import pytest
+from aircraft_sysid_msgs.msg import AircraftState
+
+from aircraft_sysid_ros.nodes.common import message_class, start
+from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
+from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
+from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+
+BEFORE, AFTER = 8.0, 26.0  # [s] of flight
+#: Far in the future, and the last that a stamp can hold.
+FUTURE, LAST = 2_000_000_000, 2**31 - 1
+
+
+def filled(message, value):
+    """Every floating-point field of a message, however deep, set to a value."""
+    for name, kind in message.get_fields_and_field_types().items():
+        if name == "header":
+            continue
+        if kind in ("double", "float"):
+            setattr(message, name, value)
+        elif kind.startswith("double["):
+            getattr(message, name)[:] = value
+        elif "/" in kind:
+            filled(getattr(message, name), value)
+    return message
+
+
+def garbage(topic, value, seconds, count):
+    kind = message_class(TOPICS[topic])
+    for i in range(count):
+        message = filled(kind(), value)
+        message.header.stamp.sec = seconds
+        message.header.stamp.nanosec = i * 1_000_000
+        yield message
+
+
+def fly_with(bench, raw, throw):
+    """Flight, garbage, flight again; the nodes and the states that were heard."""
+    state, parameters = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode)
+    states = bench.listen(AircraftState, "state_estimator/state")
+    assert start(state) and start(parameters)
+    bench.play(raw, 0.0, BEFORE, state)
+    now = int(raw.log_time[0] // 1_000_000_000 + BEFORE)
+    wanted = sum(state.received.values()) + sum(parameters.received.values())
+    for topic, messages in throw(now).items():
+        publisher = bench.publisher(message_class(TOPICS[topic]), topic)
+        for message in messages:
+            publisher.publish(message)
+            wanted += 1
+    bench.spin_until(lambda: sum(state.received.values()) + sum(parameters.received.values()) >= wanted)
+    bench.play(raw, BEFORE, AFTER, state)
+    bench.spin_until(lambda: parameters.states_received == state.rows_published == len(states))
+    return state, parameters, states
+
+
+TOPICS_IN = tuple(topic for topic in TOPICS if topic not in ("five_hole_probe", "mass_properties"))
+
+
+def everywhere(value, seconds=None, count=30):
+    return lambda now: {t: garbage(t, value, now if seconds is None else seconds, count) for t in TOPICS_IN}
+
+
+def no_orientation(now):
+    """The covariance says that there is an orientation, and it is all zero."""
+    messages = list(garbage("imu/data", 0.0, now, 30))
+    for message in messages:
+        message.linear_acceleration.z = 9.8
+        message.orientation.w = 0.0
+        message.orientation_covariance[[0, 4, 8]] = 0.01
+    return {"imu/data": messages}
+
+
+@pytest.mark.parametrize(
+    "throw",
+    [
+        everywhere(np.nan),
+        everywhere(np.inf),
+        everywhere(0.0, seconds=0),
+        everywhere(1.0, seconds=0),
+        everywhere(0.5, seconds=FUTURE, count=1),
+        everywhere(np.nan, seconds=FUTURE),
+        everywhere(0.5, seconds=LAST),
+        no_orientation,
+    ],
+    ids=["nan", "inf", "zero", "stamp-zero", "one-ahead", "nan-ahead", "last-stamp", "orientation"],
+)
+def test_the_nodes_survive_and_recover(bench, raw, recording, throw):
+    check_recovery(bench, raw, recording, throw)
+
+
+@pytest.mark.xfail(strict=True, reason="numbers beyond all physics are not refused at the entrance yet")
+def test_the_nodes_survive_huge_numbers(bench, raw, recording):
+    check_recovery(bench, raw, recording, everywhere(1e300))
+
+
+def check_recovery(bench, raw, recording, throw):
+    from aircraft_sysid_ros.simulation.truth_files import load_truth
+
+    _, parameters, states = fly_with(bench, raw, throw)
+    last = states[-1]
+    seconds = last.header.stamp.sec + 1e-9 * last.header.stamp.nanosec
+    assert seconds == pytest.approx(raw.log_time[0] * 1e-9 + AFTER, abs=1.0)
+    assert last.status == AircraftState.STATUS_OK
+    _, truth = load_truth(recording)
+    at = int(np.argmin(abs(truth["stamp"] * 1e-9 - seconds)))
+    assert np.array(last.wind_ned) == pytest.approx(truth["wind"][at], abs=1.0)
+    assert last.true_airspeed == pytest.approx(truth["airspeed"][at], abs=1.0)
+    assert np.all(np.isfinite(last.standard_deviations))
+    estimates = parameters.estimator.snapshot()
+    assert np.isfinite([p.value for p in estimates.parameters]).all()
+    assert estimates.time * 1e9 + parameters._epoch == pytest.approx(seconds * 1e9, abs=2e9)
+    lift = next(p for p in estimates.parameters if p.name == "CZ_alpha")
+    assert lift.value == pytest.approx(-4.616, abs=0.7)

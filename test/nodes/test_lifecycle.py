@@ -1,0 +1,260 @@
+"""The nodes as a lifecycle manager and other programs meet them: transitions, parameters, services."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from aircraft_sysid_msgs.msg import AircraftState
+from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
+
+from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
+from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
+from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
+
+CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
+ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
+KINDS = [StateEstimatorNode, ParameterEstimatorNode]
+
+
+def executable(name, *parameters):
+    arguments = [a for parameter in parameters for a in ("-p", parameter)]
+    command = [sys.executable, "-m", f"aircraft_sysid_ros.nodes.{name}"]
+    return command + (["--ros-args", *arguments] if arguments else [])
+
+
+def change(bench, name, transition):
+    response = bench.call(ChangeState, f"/{name}/change_state", transition=Transition(id=transition))
+    return response.success
+
+
+def label(bench, name):
+    return bench.call(GetState, f"/{name}/get_state").current_state.label
+
+
+# -- starting --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "text"),
+    [
+        ("state_estimator", [], "aircraft_file is empty"),
+        ("parameter_estimator", ["aircraft_file:=nowhere.yaml"], "cannot read the aircraft file nowhere"),
+        ("state_estimator", ["aircraft_file:=BAD"], "mass must be positive"),
+        ("state_estimator", ["aircraft_file:=GOOD", "input_reliability:=maybe"], "not 'maybe'"),
+        ("state_estimator", ["aircraft_file:=GOOD", "horizon:=9.0"], "out of range"),
+        ("parameter_estimator", ["aircraft_file:=GOOD", "step:=quick"], "'quick'"),
+    ],
+)
+def test_an_executable_that_cannot_start_says_why_once(aircraft_file, tmp_path, name, parameters, text):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(aircraft_file.read_text().replace("mass: 1.959", "mass: -1.959"))
+    given = [p.replace("BAD", str(bad)).replace("GOOD", str(aircraft_file)) for p in parameters]
+    done = subprocess.run(executable(name, *given), capture_output=True, text=True, timeout=60, check=False)
+    lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
+    assert done.returncode == 2, lines
+    assert len(lines) == 1, lines
+    assert text in lines[0]
+
+
+@pytest.mark.parametrize("name", ["state_estimator", "parameter_estimator"])
+def test_an_executable_ends_in_order_at_a_signal(name):
+    process = subprocess.Popen(
+        executable(name, "autostart:=false"), stderr=subprocess.PIPE, text=True, env={**os.environ}
+    )
+    time.sleep(1.0)
+    for _ in range(100):  # it may come while Python is still importing
+        process.send_signal(signal.SIGTERM)
+        if process.poll() is not None:
+            break
+        time.sleep(0.1)
+    errors = process.communicate(timeout=30)[1]
+    assert process.returncode in (0, -signal.SIGTERM)
+    assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_configuring_without_an_aircraft_fails_and_can_be_mended(bench, aircraft_file, kind):
+    node = bench.node(kind, aircraft_file="")
+    assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+    assert label(bench, node.get_name()) == "unconfigured"
+    node.set_parameters([Parameter("aircraft_file", value=str(aircraft_file))])
+    assert change(bench, node.get_name(), CONFIGURE)
+    assert label(bench, node.get_name()) == "inactive"
+
+
+# -- transitions -----------------------------------------------------------------------------------------
+
+
+def test_activated_again_the_state_goes_on(bench, raw):
+    node = bench.node(StateEstimatorNode)
+    states = bench.listen(AircraftState, "state_estimator/state")
+    assert change(bench, "state_estimator", CONFIGURE)
+    assert change(bench, "state_estimator", ACTIVATE)
+    bench.play(raw, 0.0, 6.0, node)
+    assert change(bench, "state_estimator", DEACTIVATE)
+    bench.spin_until(lambda: len(states) == node.rows_published)
+    first = len(states)
+    assert first > 400
+    assert not node._inputs
+    assert change(bench, "state_estimator", ACTIVATE)
+    bench.play(raw, 6.0, 10.0, node)
+    assert change(bench, "state_estimator", DEACTIVATE)
+    bench.spin_until(lambda: len(states) == node.rows_published)
+    assert len(states) > first + 350
+    assert states[-1].status == AircraftState.STATUS_OK
+    assert node.estimator.realignments == 0  # it was silent for less than the filter integrates
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_cleaned_up_and_configured_again_there_is_one_of_each(bench, kind):
+    node = bench.node(kind)
+    name = node.get_name()
+    for _ in range(2):
+        for transition in (CONFIGURE, ACTIVATE, DEACTIVATE, CLEANUP):
+            assert change(bench, name, transition)
+    bench.spin_until(lambda: node.count_services(f"/{name}/reset") == 0, 10.0)
+    assert node.estimator is None
+    assert change(bench, name, CONFIGURE)
+    bench.spin_until(lambda: node.count_publishers("/diagnostics") == 1, 10.0)
+    assert node.count_services(f"/{name}/reset") == 1
+    assert bench.call(Reset, f"/{name}/reset").success
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_shut_down_while_active_it_listens_no_more(bench, kind):
+    node = bench.node(kind)
+    for transition in (CONFIGURE, ACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN):
+        assert change(bench, node.get_name(), transition)
+    assert label(bench, node.get_name()) == "finalized"
+    assert not node._inputs
+
+
+def test_a_transition_that_does_not_exist_stops_nothing(bench):
+    bench.node(StateEstimatorNode)
+    assert change(bench, "state_estimator", CONFIGURE)
+    client = bench.helper.create_client(ChangeState, "/state_estimator/change_state")
+    bench.spin_until(client.service_is_ready)
+    client.call_async(ChangeState.Request(transition=Transition(id=CONFIGURE)))  # rclpy never answers
+    end = time.monotonic() + 1.0
+    bench.spin_until(lambda: time.monotonic() > end)
+    assert label(bench, "state_estimator") == "inactive"
+    assert change(bench, "state_estimator", ACTIVATE)
+
+
+# -- parameters ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("module", [state_estimator, parameter_estimator])
+def test_parameters_are_described_and_keep_their_ranges(bench, module):
+    kind = StateEstimatorNode if module is state_estimator else ParameterEstimatorNode
+    node = bench.node(kind)
+    name = node.get_name()
+    assert change(bench, name, CONFIGURE)  # what on_configure sets must not hide the parameters
+    names = list(bench.call(ListParameters, f"/{name}/list_parameters").result.names)
+    common = {"aircraft_file", "autostart", "input_reliability", "input_depth"}
+    assert common | set(module.OPTIONS) <= set(names)
+    ours = sorted(common | set(module.OPTIONS))
+    descriptors = bench.call(DescribeParameters, f"/{name}/describe_parameters", names=ours).descriptors
+    for descriptor in descriptors:
+        assert len(descriptor.description) > 10, descriptor.name
+    values = bench.call(GetParameters, f"/{name}/get_parameters", names=ours).values
+    assert values[ours.index("aircraft_file")].string_value == bench.aircraft_file
+    for option, limits in module.OPTIONS.items():
+        default = node.get_parameter(option).value
+        assert limits.low <= default <= limits.high
+        for wrong in (limits.low - 1, limits.high * 2 + 1):
+            parameter = Parameter(option, value=type(default)(wrong)).to_parameter_msg()
+            result = bench.call(SetParameters, f"/{name}/set_parameters", parameters=[parameter]).results[0]
+            assert not result.successful
+            assert "range" in result.reason
+        assert node.get_parameter(option).value == default
+
+
+def test_options_reach_the_estimators(bench):
+    state = bench.node(StateEstimatorNode, horizon=0.25, maximum_iterations=3)
+    parameters = bench.node(ParameterEstimatorNode, forgetting_time=33.0)
+    assert state.trigger_configure() == parameters.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert (state.estimator.options.horizon, state.estimator.options.maximum_iterations) == (0.25, 3)
+    assert parameters.estimator.options.forgetting_time == 33.0
+
+
+# -- diagnostics and services ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def flown(bench, raw):
+    """Both nodes after 15 s of flight, and the diagnostics that came."""
+    state, parameters = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode)
+    diagnostics = bench.listen(DiagnosticArray, "/diagnostics")
+    for name in ("state_estimator", "parameter_estimator"):
+        assert change(bench, name, CONFIGURE)
+        assert change(bench, name, ACTIVATE)
+    bench.play(raw, 0.0, 15.0, state)
+    bench.spin_until(lambda: parameters.states_received == state.rows_published)
+    return bench, state, parameters, diagnostics
+
+
+def newest(diagnostics, name):
+    found = [s for message in diagnostics for s in message.status if s.name == name]
+    return found[-1], {item.key: item.value for item in found[-1].values}
+
+
+def test_diagnostics_count_what_arrived(flown):
+    bench, state, parameters, diagnostics = flown
+    diagnostics.clear()
+    bench.spin_until(lambda: len({s.name for m in diagnostics for s in m.status}) == 2, 10.0)
+    status, values = newest(diagnostics, "state_estimator")
+    assert status.level == b"\x00" and status.message == "ok"
+    assert values["imu.received"] == str(state.received["imu/data"])
+    assert int(values["airspeed.fused"]) > 500
+    assert 0.0 <= float(values["cpu_share"]) < 3.0
+    status, values = newest(diagnostics, "parameter_estimator")
+    assert status.level == b"\x00"
+    assert values["states_received"] == str(parameters.states_received)
+    assert values["controls_received"] == str(parameters.received["control_surfaces"])
+    assert sum(int(values[name]) for name in ("USE", "HOLD", "REJECT")) == 32
+
+
+def test_services_reset_save_and_load(flown, tmp_path):
+    bench, state, parameters, _ = flown
+    learnt = parameters.estimator.learning.theta.copy()
+    assert learnt.any()
+    path = tmp_path / "model.json"
+    saved = bench.call(SaveModel, "/parameter_estimator/save_model", path=str(path))
+    assert saved.success and str(path) in saved.message
+    assert len(json.loads(path.read_text())["parameters"]) == 32
+    assert bench.call(Reset, "/parameter_estimator/reset").success
+    assert not parameters.estimator.learning.theta.any()
+    loaded = bench.call(LoadModel, "/parameter_estimator/load_model", path=str(path))
+    assert loaded.success and loaded.model == parameters.estimator.model.identifier
+    assert (parameters.estimator.learning.theta == learnt).all()
+    assert bench.call(Reset, "/state_estimator/reset").success
+    assert state.estimator.last_row is None
+
+
+def test_bad_paths_are_answered_with_a_sentence(bench, tmp_path, capfd):
+    node = bench.node(ParameterEstimatorNode)
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    (tmp_path / "text.json").write_text("no model")
+    (tmp_path / "other.json").write_text('{"format": "something else"}')
+    (tmp_path / "damaged.json").write_text('{"format": "aircraft_sysid_ros model 1", "terms": 3}')
+    (tmp_path / "bytes.json").write_bytes(b"\xff\xfe\x00")
+    for path in ("nowhere/model.json", "text.json", "other.json", "damaged.json", "bytes.json", "", "."):
+        answer = bench.call(LoadModel, "/parameter_estimator/load_model", path=str(tmp_path / path))
+        assert not answer.success, path
+        assert len(answer.message.split()) > 4 and "\n" not in answer.message
+    for path in (str(tmp_path / "nowhere" / "model.json"), str(tmp_path), ""):
+        answer = bench.call(SaveModel, "/parameter_estimator/save_model", path=path)
+        assert not answer.success, path
+        assert len(answer.message.split()) > 4 and "\n" not in answer.message
+    assert "Traceback" not in "".join(capfd.readouterr())

@@ -1,0 +1,185 @@
+"""Replay and live nodes give the same numbers to the last bit, at any speed, in one process or in two."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from aircraft_sysid_ros.commands.main import main
+
+START = 180.0  # [s] the first start compiles
+MODULE = "aircraft_sysid_ros"
+
+
+def ours(module, *arguments):
+    return [sys.executable, "-m", f"{MODULE}.{module}", *map(str, arguments)]
+
+
+def read_run(folder):
+    """What must be the same: all of parameters.json, and of state.json what is not timing."""
+    parameters = json.loads((folder / "parameters.json").read_text())
+    state = json.loads((folder / "state.json").read_text())
+    return parameters, {k: v for k, v in state.items() if k not in ("duration", "realtime_factor")}
+
+
+def play(recording, rate):
+    command = ours("commands.main", "play", recording, "--rate", rate, "--json")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=START, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def domain():
+    """A ROS domain of this module's own for child processes; nodes of other tests do not hear it."""
+    before = os.environ["ROS_DOMAIN_ID"]
+    os.environ["ROS_DOMAIN_ID"] = str((int(before) + 7) % 100)
+    yield os.environ["ROS_DOMAIN_ID"]
+    os.environ["ROS_DOMAIN_ID"] = before
+
+
+@pytest.fixture(scope="module")
+def replayed(recording, aircraft_file, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("replay") / "run"
+    arguments = ["replay", recording, "--aircraft", aircraft_file, "--out", folder, "--json"]
+    assert main([*map(str, arguments)]) == 0
+    return folder
+
+
+@contextlib.contextmanager
+def live(folder, aircraft_file, *options):
+    """`live` in another process; yields it once it listens."""
+    ready = folder.parent / "ready"
+    command = ours(
+        "commands.main", "live", "--aircraft", aircraft_file, "--out", folder, "--reliable",
+        "--ready-file", ready, "--json", *options,
+    )  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + START
+        while not ready.exists():
+            assert process.poll() is None and time.monotonic() < deadline, "live did not start"
+            time.sleep(0.05)
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def check_same(process, folder, replayed, counts):
+    output, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 0, errors
+    result = json.loads(output)
+    received = {"/" + topic: count for topic, count in result["received"].items() if count}
+    assert received == counts, "samples were lost on the way: the numbers cannot be compared"
+    assert result["states"][0] == result["states"][1]
+    (parameters, state), (expected_parameters, expected_state) = read_run(folder), read_run(replayed)
+    assert sum(p["status"] == "USE" for p in expected_parameters["parameters"]) > 5  # no comparison of nulls
+    assert parameters == expected_parameters
+    assert state == expected_state
+    assert result["parameters"] == expected_parameters
+
+
+@pytest.mark.parametrize("rate", [4, 16])
+def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replayed, tmp_path, rate):
+    with live(tmp_path / "run", aircraft_file, "--until-idle", 1.5) as process:
+        sent = play(recording, rate)
+        check_same(process, tmp_path / "run", replayed, sent["messages"])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "termination"])
+def test_stopped_by_a_signal_the_run_is_written_in_full(
+    domain, recording, aircraft_file, replayed, tmp_path, number
+):
+    with live(tmp_path / "run", aircraft_file) as process:
+        sent = play(recording, 16)
+        time.sleep(0.5)  # nothing says from outside that the last samples are processed
+        process.send_signal(number)
+        check_same(process, tmp_path / "run", replayed, sent["messages"])
+
+
+def test_two_processes_give_the_same(domain, recording, aircraft_file, replayed, tmp_path):
+    """The executables, steered as a lifecycle manager does; the last message says what replay's files say."""
+    rclpy = pytest.importorskip("rclpy")
+    from aircraft_sysid_msgs.msg import AircraftState, Parameter, Parameters
+    from diagnostic_msgs.msg import DiagnosticArray
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+    from rclpy.qos import QoSProfile
+
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(domain))
+    node = rclpy.create_node("manager", context=context)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def spin_until(done, timeout=START):
+        deadline = time.monotonic() + timeout
+        while not done() and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+        assert done(), "nothing came in time"
+
+    def change(name, transition):
+        client = node.create_client(ChangeState, f"/{name}/change_state")
+        spin_until(client.service_is_ready)
+        future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        spin_until(future.done)
+        assert future.result().success
+
+    states, sets, values = [], [], {}
+    node.create_subscription(AircraftState, "/state_estimator/state", states.append, QoSProfile(depth=5000))
+    node.create_subscription(Parameters, "/parameter_estimator/parameters", sets.append, 100)
+
+    def on_diagnostics(message):
+        for status in message.status:
+            values[status.name] = {item.key: item.value for item in status.values}
+
+    node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 100)
+    options = {"aircraft_file": aircraft_file, "autostart": "false"}
+    options |= {"input_reliability": "reliable", "input_depth": 5000}
+    arguments = ["--ros-args", *(a for k, v in options.items() for a in ("-p", f"{k}:={v}"))]
+    names = ("state_estimator", "parameter_estimator")
+    processes = [subprocess.Popen(ours(f"nodes.{name}", *arguments)) for name in names]
+    try:
+        for name in names:
+            change(name, Transition.TRANSITION_CONFIGURE)
+            change(name, Transition.TRANSITION_ACTIVATE)
+        sent = play(recording, 8)
+        count = sent["messages"]
+        spin_until(lambda: values.get("state_estimator", {}).get("imu.received") == str(count["/imu/data"]))
+        change("state_estimator", Transition.TRANSITION_DEACTIVATE)
+        assert values["state_estimator"]["gps_position.received"] == str(count["/gps/fix"])
+        assert values["state_estimator"]["gps_velocity.received"] == str(count["/gps/vel"])
+        # Diagnostics come once a second: the last ones have everything.
+        spin_until(lambda: values["parameter_estimator"]["states_received"] == str(len(states)))
+        assert values["parameter_estimator"]["controls_received"] == str(count["/control_surfaces"])
+        change("parameter_estimator", Transition.TRANSITION_DEACTIVATE)
+        spin_until(lambda: bool(sets), 10.0)
+        expected_parameters, expected = read_run(replayed)
+        newest = {p.name: p for p in sets[-1].parameters}
+        assert all(process.poll() is None for process in processes)
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        codes = [process.wait(timeout=30) for process in processes]
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    assert codes == [0, 0]
+    statuses = {Parameter.USE: "USE", Parameter.HOLD: "HOLD", Parameter.REJECT: "REJECT"}
+    for p in expected_parameters["parameters"]:
+        got = newest[p["name"]]
+        assert (got.value, got.standard_deviation) == (p["value"], p["std"])
+        assert (statuses[got.status], got.reason) == (p["status"], p["reason"])
+    last = states[-1]
+    assert list(last.accelerometer_bias) == expected["accelerometer_bias"]
+    assert list(last.gyro_bias) == expected["gyro_bias"]
+    assert list(last.wind_ned) == expected["wind_ned"]
+    assert list(last.standard_deviations[9:12]) == expected["accelerometer_bias_std"]
+    assert list(last.standard_deviations[12:15]) == expected["gyro_bias_std"]
+    assert list(last.standard_deviations[15:18]) == expected["wind_ned_std"]

@@ -1,0 +1,146 @@
+"""What the nodes publish is what their estimators hold, in the frames that the topics promise."""
+
+import numpy as np
+import pytest
+from aircraft_sysid_msgs.msg import AircraftState, ModelError, Parameter, Parameters
+from geometry_msgs.msg import TwistWithCovarianceStamped
+
+from aircraft_sysid_ros.nodes.common import start
+from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
+from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
+from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
+
+NAMES = (
+    "CX_0 CX_alpha CX_alpha2 CX_q CX_de CX_Tc", "CY_0 CY_beta CY_p CY_r CY_da CY_dr",
+    "CZ_0 CZ_alpha CZ_q CZ_de",
+    "Cl_0 Cl_beta Cl_p Cl_r Cl_da Cl_dr", "Cm_0 Cm_alpha Cm_q Cm_de", "Cn_0 Cn_beta Cn_p Cn_r Cn_da Cn_dr",
+)  # fmt: skip
+
+
+def stamp(message):
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+@pytest.fixture
+def flown(bench, raw):
+    """Both nodes after 12 s of flight: what they published, and what their estimators gave."""
+    state, parameters = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode)
+    heard = {
+        "state": bench.listen(AircraftState, "state_estimator/state"),
+        "wind": bench.listen(TwistWithCovarianceStamped, "state_estimator/wind"),
+        "parameters": bench.listen(Parameters, "parameter_estimator/parameters"),
+        "model_error": bench.listen(ModelError, "parameter_estimator/model_error"),
+    }
+    rows, sets = [], []
+    state.on_rows = lambda new: rows.extend(new.copy())
+    parameters.on_parameters = lambda estimates, errors: sets.append((estimates, errors))
+    assert start(state) and start(parameters)
+    bench.play(raw, 0.0, 12.0, state)
+    state.finish()
+    bench.spin_until(lambda: parameters.states_received == state.rows_published)
+    parameters.finish()
+    bench.spin_until(lambda: len(heard["state"]) == len(rows) and len(heard["model_error"]) == len(sets))
+    bench.spin_until(lambda: len(heard["parameters"]) == len(sets) and heard["wind"])
+    return state, parameters, heard, np.array(rows), sets
+
+
+def test_messages_say_what_the_estimators_say(flown):
+    state, parameters, heard, rows, sets = flown
+    check_states(state, heard["state"], rows)
+    check_wind(state, heard["wind"], rows)
+    check_parameters(heard["parameters"], sets, parameters._epoch)
+    check_model_error(heard["model_error"], sets, parameters.estimator.options.error_window)
+    assert all(p.status == Parameter.HOLD and p.reason for p in heard["parameters"][0].parameters)
+
+
+def check_states(node, messages, rows):
+    assert len(rows) > 900
+    assert [stamp(m) for m in messages] == nanoseconds(rows[:, Column.TIME], node.estimator.epoch).tolist()
+    for name, columns in (
+        ("air_velocity_body", Column.AIR_VELOCITY), ("position_ned", Column.POSITION),
+        ("velocity_ned", Column.VELOCITY), ("attitude", Column.ATTITUDE), ("wind_ned", Column.WIND),
+        ("accelerometer_bias", Column.ACCELEROMETER_BIAS), ("gyro_bias", Column.GYRO_BIAS),
+        ("standard_deviations", Column.STANDARD_DEVIATIONS), ("angular_velocity", Column.ANGULAR_VELOCITY),
+    ):  # fmt: skip
+        assert np.array_equal(np.array([getattr(m, name) for m in messages]), rows[:, columns]), name
+    last, row = messages[-1], node.estimator.last_row
+    assert (last.status, last.status_text) == (AircraftState.STATUS_OK, "")
+    assert last.fused == sum(counts["fused"] for counts in node.estimator.counts().values())
+    assert last.true_airspeed == row[Column.AIRSPEED]
+    w, x, y, z = last.attitude
+    assert last.euler[0] == pytest.approx(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
+    assert last.euler[2] == pytest.approx(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    # The wind triangle closes: velocity over ground = attitude (air velocity) + wind, all in NED.
+    v = np.array(last.air_velocity_body)
+    turned = v + 2 * np.cross([x, y, z], np.cross([x, y, z], v) + w * v)
+    assert turned + np.array(last.wind_ned) == pytest.approx(np.array(last.velocity_ned), abs=1e-9)
+
+
+def check_wind(node, messages, rows):
+    by_stamp = dict(zip(nanoseconds(rows[:, Column.TIME], node.estimator.epoch).tolist(), rows, strict=True))
+    for message in messages:
+        row = by_stamp[stamp(message)]
+        north, east, down = row[Column.WIND]
+        linear, covariance = message.twist.twist.linear, message.twist.covariance
+        assert (linear.x, linear.y, linear.z) == (east, north, -down)
+        deviations = row[Column.STANDARD_DEVIATIONS][15:18]
+        assert [covariance[0], covariance[7], covariance[14]] == pytest.approx(
+            [deviations[i] ** 2 for i in (1, 0, 2)], rel=1e-14
+        )
+        assert [covariance[i] for i in (21, 28, 35)] == [-1.0] * 3
+
+
+def check_parameters(messages, sets, epoch):
+    assert len(messages) > 8
+    for message, (estimates, _) in zip(messages, sets, strict=True):
+        assert stamp(message) == int(nanoseconds(np.array(estimates.time), epoch))
+        assert message.model == estimates.model
+        assert [p.name for p in message.parameters] == " ".join(NAMES).split()
+        covariance = np.array(message.covariance).reshape(32, 32)
+        assert np.array_equal(covariance, estimates.covariance, equal_nan=True)
+        for p, e in zip(message.parameters, estimates.parameters, strict=True):
+            assert np.array_equal(
+                [p.value, p.standard_deviation, p.age, p.excitation],
+                [e.value, e.std, e.age, e.excitation],
+                equal_nan=True,
+            )
+            assert (p.status, p.reason) == (int(e.status), e.reason)
+            assert (p.status == Parameter.USE) == (p.reason == "")
+        airspeed = (message.airspeed_min, message.airspeed_max)
+        assert np.array_equal(airspeed, estimates.airspeed, equal_nan=True)
+    last = messages[-1]
+    deviations = [p.standard_deviation for p in last.parameters]
+    assert np.sqrt(np.diag(np.array(last.covariance).reshape(32, 32))) == pytest.approx(deviations)
+    assert 10.0 < last.airspeed_min < last.airspeed_max < 30.0
+    assert last.alpha_min < last.alpha_max and last.beta_min < last.beta_max
+
+
+def check_model_error(messages, sets, window):
+    for message, (estimates, errors) in zip(messages, sets, strict=True):
+        assert (message.window, message.model) == (window, estimates.model)
+        for axis, e in zip(message.axes, errors, strict=True):
+            assert (axis.axis, axis.measured, axis.predicted) == (e.axis, e.measured, e.predicted)
+            assert np.array_equal([axis.nrmse, axis.residual_rms], [e.nrmse, e.residual_rms], equal_nan=True)
+            assert (axis.lag_one_correlation, axis.white) == (e.lag_one_correlation, e.white)
+    assert [axis.axis for axis in messages[-1].axes] == ["CX", "CY", "CZ", "Cl", "Cm", "Cn"]
+
+
+def test_a_known_wind_by_hand(bench, aircraft):
+    """Air that moves 3 m/s to the north, 2 to the west and half a metre down: x is east, y north, z up."""
+    node = bench.node(StateEstimatorNode)
+    heard = bench.listen(TwistWithCovarianceStamped, "state_estimator/wind")
+    assert start(node)
+    bench.spin_until(lambda: node._wind_publisher.get_subscription_count() > 0)
+    row = np.zeros((1, Column.WIDTH))
+    row[0, Column.WIND] = [3.0, -2.0, 0.5]
+    row[0, Column.STANDARD_DEVIATIONS][15:18] = [0.1, 0.2, 0.3]
+    row[0, Column.ATTITUDE.start] = 1.0
+    row[0, Column.TIME] = 1.5
+    node.estimator.epoch = 1_000_000_000
+    node._publish(row)
+    bench.spin_until(lambda: bool(heard))
+    linear, covariance = heard[0].twist.twist.linear, heard[0].twist.covariance
+    assert (linear.x, linear.y, linear.z) == (-2.0, 3.0, -0.5)
+    assert [covariance[0], covariance[7], covariance[14]] == pytest.approx([0.04, 0.01, 0.09])
+    assert stamp(heard[0]) == 2_500_000_000
