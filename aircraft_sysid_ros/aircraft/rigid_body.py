@@ -8,17 +8,22 @@ read.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
+
+Array = npt.NDArray[np.float64]
 
 
 @njit(cache=True)
-def cross(a, b):
+def cross(a: Array, b: Array) -> Array:
     """Vector product a x b, shape (3,)."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 @njit(cache=True)
-def forces_and_moments(coefficients, dynamic_pressure, wing_area, span, chord):
+def forces_and_moments(
+    coefficients: Array, dynamic_pressure: float, wing_area: float, span: float, chord: float
+) -> tuple[Array, Array]:
     """Force [N] and moment [N m], each (3,), of C_X C_Y C_Z C_l C_m C_n, shape (6,): (6.14), (6.15)."""
     scale = dynamic_pressure * wing_area
     force = scale * coefficients[:3]
@@ -27,7 +32,9 @@ def forces_and_moments(coefficients, dynamic_pressure, wing_area, span, chord):
 
 
 @njit(cache=True)
-def coefficients_of(force, moment, dynamic_pressure, wing_area, span, chord):
+def coefficients_of(
+    force: Array, moment: Array, dynamic_pressure: float, wing_area: float, span: float, chord: float
+) -> Array:
     """C_X … C_n, shape (6,): inverse of forces_and_moments; NaN without dynamic pressure."""
     scale = dynamic_pressure * wing_area
     if scale <= 0.0:
@@ -43,7 +50,7 @@ def coefficients_of(force, moment, dynamic_pressure, wing_area, span, chord):
 
 
 @njit(cache=True)
-def solve_inertia(inertia, vector):
+def solve_inertia(inertia: Array, vector: Array) -> Array:
     """x of ``inertia x = vector`` for the matrix of (6.19), whose xy and yz products are zero; shape (3,)."""
     determinant = inertia[0, 0] * inertia[2, 2] - inertia[0, 2] * inertia[2, 0]
     return np.array(
@@ -56,30 +63,30 @@ def solve_inertia(inertia, vector):
 
 
 @njit(cache=True)
-def angular_acceleration(moment, rates, inertia):
+def angular_acceleration(moment: Array, rates: Array, inertia: Array) -> Array:
     """d/dt (p, q, r) [rad/s^2] for the moment about the centre of gravity [N m]: (6.19)."""
     return solve_inertia(inertia, moment - cross(rates, inertia @ rates))
 
 
 @njit(cache=True)
-def moment_of_motion(acceleration, rates, inertia):
+def moment_of_motion(acceleration: Array, rates: Array, inertia: Array) -> Array:
     """Moment about the centre of gravity [N m] of an angular acceleration [rad/s^2]: inverse of (6.19)."""
     return inertia @ acceleration + cross(rates, inertia @ rates)
 
 
 @njit(cache=True)
-def moment_at_centre_of_gravity(moment, force, reference):
+def moment_at_centre_of_gravity(moment: Array, force: Array, reference: Array) -> Array:
     """M_cg = M_ref + r x F [N m], r from the centre of gravity to the aerodynamic reference point [m]."""
     return moment + cross(reference, force)
 
 
 @njit(cache=True)
-def moment_at_reference(moment, force, reference):
+def moment_at_reference(moment: Array, force: Array, reference: Array) -> Array:
     """M_ref = M_cg - r x F [N m]: inverse of moment_at_centre_of_gravity."""
     return moment - cross(reference, force)
 
 
 @njit(cache=True)
-def body_velocity_derivative(specific_force, rates, velocity, gravity_b):
+def body_velocity_derivative(specific_force: Array, rates: Array, velocity: Array, gravity_b: Array) -> Array:
     """d/dt (u, v, w) [m/s^2] of the inertial velocity in body axes: (6.16)-(6.18), gravity in body axes."""
     return specific_force + gravity_b - cross(rates, velocity)

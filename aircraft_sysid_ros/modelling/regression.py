@@ -9,6 +9,7 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_programs
+from aircraft_sysid_ros.aircraft.rigid_body import coefficients_of, moment_at_reference
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
 from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
 from aircraft_sysid_ros.estimation.window_average import window_average
@@ -132,12 +133,9 @@ def measured_coefficients(means: Array, slopes: Array, body: Body, out: Array) -
         np.cross(acceleration, body.imu) + means[CENTRIPETAL : CENTRIPETAL + 3]
     )
     moment = body.inertia @ acceleration + means[GYROSCOPIC : GYROSCOPIC + 3]
-    moment = moment - np.cross(body.reference, at_cg)  # from centre of gravity to aerodynamic reference
-    area = means[QBAR] * body.geometry[0]
-    out[0:3] = at_cg / area
-    out[3] = moment[0] / (area * body.geometry[1])
-    out[4] = moment[1] / (area * body.geometry[2])
-    out[5] = moment[2] / (area * body.geometry[1])
+    moment = moment_at_reference(moment, at_cg, body.reference)
+    area, span, chord = body.geometry
+    out[:] = coefficients_of(at_cg, moment, means[QBAR], area, span, chord)
 
 
 @njit(cache=True)
