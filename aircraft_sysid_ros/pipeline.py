@@ -28,12 +28,11 @@ class Pipeline:
     def push(self, samples: Samples) -> tuple[Array, Array]:
         """Take samples in the order of arrival; returns new rows of ``Column`` and new rows of ``Point``."""
         rows = self.state.push(samples)
-        if self.state.epoch is not None:
-            self.parameters.push_samples(samples, self.state.epoch)
-        return rows, self.parameters.push_states(rows)
+        self.parameters.push_samples(samples, self.state.epoch)
+        return rows, self.parameters.push_states(rows, self.state.epoch)
 
     def flush(self) -> tuple[Array, Array]:
         """Process what is held back, at the end of a recording."""
         rows = self.state.flush()
-        points = [self.parameters.push_states(rows), self.parameters.flush()]
+        points = [self.parameters.push_states(rows, self.state.epoch), self.parameters.flush()]
         return rows, np.vstack(points)

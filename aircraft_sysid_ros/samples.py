@@ -43,6 +43,25 @@ for _kind, _count in (
 ):  # fmt: skip
     REQUIRED_VALUES[_kind] = _count
 
+#: Beyond these magnitudes a value is no measurement of an aircraft but a fault of transmission, (kinds, WIDTH).
+LARGEST_VALUES = np.full((len(Kind), WIDTH), np.inf)
+for _kind, _limits in {
+    Kind.IMU: [2000.0] * 3 + [200.0] * 3,
+    Kind.ATTITUDE: [2.0] * 4,
+    Kind.MAGNETIC_FIELD: [1e6] * 3,
+    Kind.GPS_POSITION: [1.6, 6.3, 1e5],
+    Kind.GPS_VELOCITY: [2000.0] * 3,
+    Kind.AIRSPEED: [2000.0],
+    Kind.ANGLE_OF_ATTACK: [3.2],
+    Kind.SIDESLIP: [3.2],
+    Kind.AIR: [10.0, 1e6],
+    Kind.CONTROLS: [7.0] * 4 + [10.0, 1e7, 1e5],
+    Kind.HEIGHT: [1e5],
+    Kind.MASS: [1e7] + [1e10] * 4 + [1e3] * 3,
+    Kind.FIVE_HOLE: [1e6] * 4,
+}.items():
+    LARGEST_VALUES[_kind, : len(_limits)] = _limits
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -82,3 +101,8 @@ def concatenate(batches: list[Samples]) -> Samples:
         np.concatenate([b.kind for b in batches]),
         np.concatenate([b.values for b in batches]),
     )
+
+
+def is_absurd(samples: Samples) -> npt.NDArray[np.bool_]:
+    """Which values (n, WIDTH) no aircraft has; NaN is not absurd."""
+    return np.asarray(np.abs(samples.values) > LARGEST_VALUES[samples.kind])

@@ -3,12 +3,11 @@
     ros2 launch aircraft_sysid_ros live.launch.py aircraft_file:=/path/to/aircraft.yaml namespace:=uav1
 """
 
+from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
-
-from launch import LaunchDescription
 
 PACKAGE = "aircraft_sysid_ros"
 NODES = ("state_estimator", "parameter_estimator")

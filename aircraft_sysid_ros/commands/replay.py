@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         recording.require(NEEDED)
         pipeline = Pipeline(aircraft, *options)
         feed(pipeline, recording, writer)
-        result = writer.finish(pipeline.state, pipeline.parameters, recording.duration, started)
+        result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started)
     if not pipeline.state.has_been_aligned:
         raise_no_start(args.out)
     return {"run": str(args.out), "notes": notes(recording, pipeline), **result}

@@ -26,13 +26,17 @@ def save_model(estimator: ParameterEstimator, path: str | Path) -> None:
         "parameters": parameters_json(estimator)["parameters"],
         "learnt": {name: getattr(estimator.learning, name).tolist() for name in _LEARNT},
     }
+    if not str(path):
+        raise InputError("the path is empty: give that of the file to write")
     path = Path(path)
     temporary = path.with_name(path.name + ".part")
     try:
-        temporary.write_text(json.dumps(content), encoding="utf8")
+        temporary.write_text(json.dumps(content, allow_nan=False), encoding="utf8")
         os.replace(temporary, path)
     except OSError as error:
         raise InputError(f"cannot write the model to {path}: {error.strerror}") from None
+    except ValueError:
+        raise InputError("the model has numbers that are not finite and is not saved: reset it") from None
 
 
 def load_model(estimator: ParameterEstimator, path: str | Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -27,12 +28,16 @@ from aircraft_sysid_ros.modelling.regression import (
 )
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
 Array = npt.NDArray[np.float64]
 
 #: Variance of the parameters before any data, over that of the coefficient noise.
 _PRIOR_VARIANCE = 1e8
+
+_OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
+#: Batches that wait for the first state; older ones are from before it.
+_MOST_EARLY = 10_000
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,7 @@ class ParameterEstimator:
         self.options = options or ParameterOptions()
         self.model: AerodynamicModel = aircraft.model
         self.late = 0
+        self._early: deque[Samples] = deque(maxlen=_MOST_EARLY)
         self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
         self._code = self.model.linked
@@ -117,21 +123,30 @@ class ParameterEstimator:
 
     # -- what comes in --------------------------------------------------------------------------------------
 
-    def push_samples(self, samples: Samples, epoch: int) -> None:
-        """Take controls, heights and mass properties; other kinds are passed over."""
+    def push_samples(self, samples: Samples, epoch: int | None) -> None:
+        """Take controls, heights and mass properties; other kinds are passed over.
+
+        ``epoch`` is that of the states; None while no state has come: the samples then wait for it.
+        """
+        if epoch is None:
+            self._early.append(samples[np.isin(samples.kind, _OWN_KINDS)])
+            return
         times = seconds(samples.stamp - self._delays[samples.kind], epoch)
+        values = np.where(is_absurd(samples), np.nan, samples.values)
         for kind in (Kind.CONTROLS, Kind.HEIGHT):
             chosen = samples.kind == kind
             if chosen.any():
-                self._insert(kind, times[chosen], samples.values[chosen])
+                self._insert(kind, times[chosen], values[chosen])
         for i in np.flatnonzero(samples.kind == Kind.MASS):
-            self._masses.append((float(times[i]), samples.values[i]))
+            self._masses.append((float(times[i]), values[i]))
             self._masses.sort(key=lambda item: item[0])
 
-    def push_states(self, rows: Array) -> Array:
+    def push_states(self, rows: Array, epoch: int | None = None) -> Array:
         """Take rows (n, Column.WIDTH) in order of time; returns new points (m, Point.TERMS + terms)."""
         if not len(rows):
             return self._no_points()
+        while epoch is not None and self._early:
+            self.push_samples(self._early.popleft(), epoch)
         if self._newest_time is not None and rows[0, Column.TIME] <= self._newest_time:
             self._restart_time()  # the clock began anew: what was learnt stays
         self._waiting.append(rows)

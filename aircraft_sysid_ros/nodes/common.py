@@ -161,14 +161,6 @@ def start(node: LifecycleNode) -> bool:
     return True
 
 
-def stop_offering(node: LifecycleNode, publishers: Sequence[Any], services: Sequence[Any]) -> None:
-    """Destroy what on_configure created, so that the node can be configured again."""
-    for publisher in publishers:
-        node.destroy_lifecycle_publisher(publisher)
-    for service in services:
-        node.destroy_service(service)
-
-
 def make_executor(nodes: Sequence[LifecycleNode]) -> Any:
     """The events executor where this rclpy has it (under half the processor time), else the ordinary one."""
     try:

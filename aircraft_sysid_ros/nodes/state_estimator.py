@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
 from aircraft_sysid_msgs.msg import AircraftState
 from aircraft_sysid_msgs.srv import Reset
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.common import Option
-from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column, Status
+from aircraft_sysid_ros.nodes.estimator_node import EstimatorNode
+from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
 from aircraft_sysid_ros.reconstruction.state_estimator import (
     StateEstimator,
     StateOptions,
@@ -25,7 +23,7 @@ from aircraft_sysid_ros.reconstruction.state_estimator import (
     warm_up,
 )
 from aircraft_sysid_ros.recordings.output_messages import state_fields, wind_fields
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, message_fields, to_samples
+from aircraft_sysid_ros.recordings.ros_conversion import message_fields, to_samples
 from aircraft_sysid_ros.samples import concatenate
 
 INPUTS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data")
@@ -41,82 +39,48 @@ OPTIONS = {
 }
 
 
-class StateEstimatorNode(LifecycleNode):
+class StateEstimatorNode(EstimatorNode):
     """Lifecycle node that owns a StateEstimator while it is configured."""
 
     def __init__(self, **arguments: Any) -> None:
-        super().__init__("state_estimator", **arguments)
-        common.declare_common(self)
-        common.declare_options(self, StateOptions(), OPTIONS)
-        self.estimator: StateEstimator | None = None
-        self.received = dict.fromkeys(INPUTS, 0)
+        super().__init__("state_estimator", INPUTS, StateOptions(), OPTIONS, **arguments)
         self.rows_published = 0
         self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
-        self._inputs: list[Any] = []
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the aircraft file, compile, create publishers."""
-        try:
-            aircraft = common.configured_aircraft(self)
-            self._quality = common.input_quality(self)
-        except InputError as error:
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
-        self.get_logger().info("preparing the filter; the first start compiles it, up to a minute")
+    def make_estimator(self, aircraft: Aircraft, options: StateOptions) -> StateEstimator:
+        """The filter, compiled."""
         warm_up(aircraft)
-        self.estimator = StateEstimator(aircraft, common.read_options(self, StateOptions, OPTIONS))
-        quality = common.state_quality()
-        self._state_publisher = self.create_lifecycle_publisher(AircraftState, "~/state", quality)
-        self._wind_publisher = self.create_lifecycle_publisher(TwistWithCovarianceStamped, "~/wind", 10)
-        self._diagnostics_publisher = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._offered = [self.create_service(Reset, "~/reset", self._on_reset)]
-        return TransitionCallbackReturn.SUCCESS
+        return StateEstimator(aircraft, options)
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Listen."""
-        self._process_times = common.process_times()
-        for topic in INPUTS:
-            kind, receive = common.message_class(TOPICS[topic]), partial(self._on_message, topic)
-            self._inputs.append(self.create_subscription(kind, topic, receive, self._quality))
-        self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, self._publish_diagnostics)
-        return super().on_activate(state)
+    def offer(self) -> None:
+        """State, wind, reset."""
+        self._state_publisher = self.publisher(AircraftState, "~/state", common.state_quality())
+        self._wind_publisher = self.publisher(TwistWithCovarianceStamped, "~/wind", 10)
+        self.service(Reset, "~/reset", self._on_reset)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening; publish what was held back."""
-        self.finish()
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
-        self._inputs.clear()
-        self.destroy_timer(self._timer)
-        return super().on_deactivate(state)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the flight."""
-        publishers = (self._state_publisher, self._wind_publisher, self._diagnostics_publisher)
-        common.stop_offering(self, publishers, self._offered)
-        self.estimator = None
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop, from whatever state."""
-        return self.on_deactivate(state) if self._inputs else TransitionCallbackReturn.SUCCESS
+    def take(self, topic: str, message: Any) -> None:
+        """One sensor message: convert, push, publish the states that are complete."""
+        samples = to_samples(topic, *message_fields(topic, message))
+        if samples:
+            self._publish(self.estimator.push(concatenate(samples)))
 
     def finish(self) -> None:
         """Publish the states that still wait for late samples."""
         if self.estimator is not None:
             self._publish(self.estimator.flush())
 
-    def _on_message(self, topic: str, message: Any) -> None:
-        assert self.estimator is not None
-        self.received[topic] += 1
-        samples = to_samples(topic, *message_fields(topic, message))
-        if samples:
-            self._publish(self.estimator.push(concatenate(samples)))
+    def condition(self) -> tuple[str, dict[str, Any]]:
+        """What the state rests on, and what became of every sample."""
+        values: dict[str, Any] = {}
+        for kind, counts in self.estimator.counts().items():
+            values.update({f"{kind}.{name}": n for name, n in counts.items() if n})
+        values["realignments"] = self.estimator.realignments
+        values["restarts"] = self.estimator.order.counts.restarts
+        return STATUS_TEXT[self.estimator.status], values
 
     def _publish(self, rows: Any) -> None:
         if not len(rows):
             return
-        assert self.estimator is not None and self.estimator.epoch is not None
         self.rows_published += len(rows)
         if self.on_rows is not None:
             self.on_rows(rows)
@@ -137,22 +101,7 @@ class StateEstimatorNode(LifecycleNode):
         message.twist.covariance = wind["twist.covariance"][0]
         self._wind_publisher.publish(common.stamp_of(message, stamp))
 
-    def _publish_diagnostics(self) -> None:
-        assert self.estimator is not None
-        times = common.process_times()
-        values: dict[str, Any] = {"cpu_share": f"{common.cpu_share(self._process_times, times):.3f}"}
-        self._process_times = times
-        for kind, counts in self.estimator.counts().items():
-            values.update({f"{kind}.{name}": n for name, n in counts.items() if n})
-        values["realignments"] = self.estimator.realignments
-        values["restarts"] = self.estimator.order.counts.restarts
-        status = self.estimator.status
-        level = DiagnosticStatus.OK[0] if status == Status.OK else DiagnosticStatus.WARN[0]
-        text = STATUS_TEXT[status] or "ok"
-        self._diagnostics_publisher.publish(common.diagnostics(self, level, text, values))
-
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
-        assert self.estimator is not None
         self.estimator = StateEstimator(self.estimator.aircraft, self.estimator.options)
         response.success, response.message = True, "the state starts anew"
         return response

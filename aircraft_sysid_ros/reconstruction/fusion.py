@@ -373,8 +373,9 @@ def run(
         memory_imu[0] = end
         memory_imu[1:7] = values[j, 0:6]
         i = j + 1
-        if interval > 0.0:  # a stamp that stands twice gives one row
+        finite = np.isfinite(np.sum(x) + np.sum(p))
+        if interval > 0.0 and finite:  # a stamp that stands twice gives one row
             _write_row(rows[count], x, p, values[j, 0:3], values[j, 3:6], end, setup, memory)
             count += 1
-        if _has_diverged(setup, memory):
+        if not finite or _has_diverged(setup, memory):
             return i, count, DIVERGED

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, concatenate
+from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, concatenate, is_absurd
 
 NANOSECONDS = 1_000_000_000
 #: An IMU stamp that leaps further ahead than this [ns] is believed only if the next one confirms it.
@@ -54,6 +54,7 @@ class TimeOrder:
         self._clock: int | None = None
         self._suspect: Samples | None = None
         self._held = concatenate([])
+        self.elapsed = 0  # [ns] by the clock, leaps left out
         self.counts = OrderCounts()
 
     @property
@@ -83,7 +84,7 @@ class TimeOrder:
     def _valid(self, samples: Samples) -> npt.NDArray[np.bool_]:
         needed = REQUIRED_VALUES[samples.kind]
         present = np.arange(samples.values.shape[1])[None, :] >= needed[:, None]
-        valid = np.all(np.isfinite(samples.values) | present, axis=1)
+        valid = np.all(np.isfinite(samples.values) | present, axis=1) & ~np.any(is_absurd(samples), axis=1)
         if not valid.all():
             np.add.at(self.counts.invalid, samples.kind[~valid], 1)
         return np.asarray(valid)
@@ -133,7 +134,9 @@ class TimeOrder:
         held = concatenate([self._held, Samples(taken[keep], samples.kind[keep], samples.values[keep])])
         imu = samples.stamp[samples.kind == Kind.IMU]
         if len(imu):
-            self._clock = int(imu.max()) if self._clock is None else max(self._clock, int(imu.max()))
+            begin = int(imu[0]) if self._clock is None else self._clock
+            self._clock = max(begin, int(imu.max()))
+            self.elapsed += self._clock - begin
         held = held[np.lexsort((held.kind, held.stamp))]  # stable: equals stay in the order of arrival
         due = 0
         if self._clock is not None:

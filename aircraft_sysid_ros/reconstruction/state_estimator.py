@@ -12,13 +12,14 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
 from aircraft_sysid_ros.reconstruction.alignment import WIND_STD, Alignment, keep_biases
-from aircraft_sysid_ros.reconstruction.fusion import RUNNING, run, wind_jacobian, wind_of
+from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run, wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.state import (
     D_ACCELEROMETER_BIAS,
     D_AIR_VELOCITY,
     D_GYRO_BIAS,
     ERROR_SIZE,
+    GUSTY_START,
     STATE_SIZE,
     Column,
     Memory,
@@ -120,7 +121,6 @@ class StateEstimator:
         self._has_biases = False
         self.memory: Memory = new_memory(len(Kind), aircraft.process_noise["wind"])
         self.last_row: Array | None = None
-        self.first_time = np.nan  # [s] of the first state
         self._last_airborne: Array | None = None  # newest row with air data
 
     def push(self, samples: Samples) -> Array:
@@ -129,8 +129,6 @@ class StateEstimator:
         Kinds that belong to the second step are passed over.
         """
         samples = samples[_USED[samples.kind]]
-        if self.epoch is None and len(samples):
-            self.epoch = epoch_of(int(samples.stamp[0]))
         return self._collect(self.order.push(samples))
 
     def flush(self) -> Array:
@@ -146,13 +144,13 @@ class StateEstimator:
 
     @property
     def flight_time(self) -> float:
-        """Time [s] from the first state to the newest."""
-        return 0.0 if self.last_row is None else float(self.last_row[Column.TIME] - self.first_time)
+        """Time [s] that the IMU has counted; leaps of its clock are left out."""
+        return self.order.elapsed / NANOSECONDS
 
     @property
     def has_been_aligned(self) -> bool:
         """The filter started at some time of the flight."""
-        return self._has_biases
+        return self.last_row is not None
 
     @property
     def state_vector(self) -> Array:
@@ -220,8 +218,11 @@ class StateEstimator:
         for part in released:
             if part.restarted:
                 self._lose_alignment()
+                if not self._has_biases:
+                    self.epoch = None  # the first stamps were wrong
             if len(part.samples):
-                assert self.epoch is not None
+                if self.epoch is None:
+                    self.epoch = epoch_of(int(part.samples.stamp[0]))
                 times = seconds(part.samples.stamp, self.epoch)
                 blocks.extend(self._process(times, part.samples.kind, part.samples.values))
         return np.vstack(blocks) if blocks else np.empty((0, Column.WIDTH))
@@ -242,8 +243,6 @@ class StateEstimator:
             rows = np.full((int(np.sum(kinds[at:] == Kind.IMU)), Column.WIDTH), np.nan)
             at, count, state = run(times, kinds, values, at, self._x, self._p, self._setup, self.memory, rows)
             if count:
-                if np.isnan(self.first_time):
-                    self.first_time = float(rows[0, Column.TIME])
                 rows[:count, Column.LATE] = self.order.counts.late.sum()
                 self.last_row = rows[count - 1]
                 airborne = np.flatnonzero(np.isin(rows[:count, Column.STATUS], (Status.OK, Status.NO_GPS)))
@@ -252,6 +251,8 @@ class StateEstimator:
                 yield rows[:count]
             if state != RUNNING:
                 self._lose_alignment()
+            if state == DIVERGED:
+                self._forget_slow_states()
         self._held = (times[at:], kinds[at:], values[at:])
 
     def _align(self, times: Array, kinds: npt.NDArray[np.int64], values: Array, at: int) -> int:
@@ -282,6 +283,13 @@ class StateEstimator:
         self._aligned = False
         self._held = None
         self._alignment.forget()
+
+    def _forget_slow_states(self) -> None:
+        """After a divergence wind and biases are not to be trusted either: begin as at the first start."""
+        self._has_biases = False
+        self._last_airborne = None
+        self.memory.recent_nis[:] = self.memory.air_nis[:] = 1.0
+        self.memory.wind_walk[:] = max(self.aircraft.process_noise["wind"], GUSTY_START)
 
     def _new_alignment(self, gravity_here: float) -> Alignment:
         return Alignment(gravity_here, self.aircraft.minimum_airspeed, self.aircraft.magnetic_declination)

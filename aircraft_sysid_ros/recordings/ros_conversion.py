@@ -225,7 +225,8 @@ def _attitude(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
     if not is_there.any():
         return []
     x, y, z, w = fields["orientation"].T
-    norm = np.sqrt(w * w + x * x + y * y + z * z)
+    with np.errstate(over="ignore"):
+        norm = np.sqrt(w * w + x * x + y * y + z * z)
     usable = is_there & (np.abs(norm - 1.0) <= _NORM_TOLERANCE)
     if not usable.any():
         return []

@@ -105,7 +105,7 @@ def test_activated_again_the_state_goes_on(bench, raw):
     bench.spin_until(lambda: len(states) == node.rows_published)
     first = len(states)
     assert first > 400
-    assert not node._inputs
+    assert not node._heard
     assert change(bench, "state_estimator", ACTIVATE)
     bench.play(raw, 6.0, 10.0, node)
     assert change(bench, "state_estimator", DEACTIVATE)
@@ -136,7 +136,7 @@ def test_shut_down_while_active_it_listens_no_more(bench, kind):
     for transition in (CONFIGURE, ACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN):
         assert change(bench, node.get_name(), transition)
     assert label(bench, node.get_name()) == "finalized"
-    assert not node._inputs
+    assert not node._heard
 
 
 def test_a_transition_that_does_not_exist_stops_nothing(bench):

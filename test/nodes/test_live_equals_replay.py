@@ -15,6 +15,8 @@ import time
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.samples import Kind
 
 DEFAULT, LONG = 0.5, 4.0  # [s] horizons
 START = 180.0  # [s] the first start compiles
@@ -30,6 +32,10 @@ def read_run(folder):
     parameters = json.loads((folder / "parameters.json").read_text())
     state = json.loads((folder / "state.json").read_text())
     return parameters, {k: v for k, v in state.items() if k not in ("duration", "realtime_factor")}
+
+
+def stamp(message):
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
 def play(recording, rate):
@@ -171,6 +177,9 @@ def test_two_processes_give_the_same(domain, recording, aircraft_file, replayed,
         change("state_estimator", Transition.TRANSITION_DEACTIVATE)
         assert values["state_estimator"]["gps_position.received"] == str(count["/gps/fix"])
         assert values["state_estimator"]["gps_velocity.received"] == str(count["/gps/vel"])
+        samples = read_recording(recording).samples
+        last_imu = int(samples.stamp[samples.kind == Kind.IMU].max())
+        spin_until(lambda: bool(states) and stamp(states[-1]) == last_imu)
         # Diagnostics come once a second: the last ones have everything.
         spin_until(lambda: values["parameter_estimator"]["states_received"] == str(len(states)))
         assert values["parameter_estimator"]["controls_received"] == str(count["/control_surfaces"])

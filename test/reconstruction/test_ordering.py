@@ -121,3 +121,19 @@ def test_memory_is_bounded_without_an_imu() -> None:
     for start in range(0, 500_000, 50_000):
         list(order.push(gps((start + np.arange(50_000)) * 0.001)))
     assert len(order._held) <= 200_000
+
+
+@pytest.mark.parametrize("value", [1e300, -1e10, np.inf])
+def test_absurd_numbers_are_counted_and_left_out(value: float) -> None:
+    bad = gps([0.5])
+    bad.values[0, 1] = value
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    out, _ = released(order, imu([0.4]), bad, imu([0.6]))
+    assert [t for t, _ in out] == [0.4, 0.6]
+    assert order.counts.invalid[Kind.GPS_VELOCITY] == 1
+
+
+def test_leaps_of_the_clock_are_not_flight_time() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    released(order, imu(np.arange(0.0, 2.005, 0.01)), imu(5000.0 + np.arange(0.0, 3.005, 0.01)))
+    assert order.elapsed == pytest.approx(5 * NANOSECONDS, abs=NANOSECONDS // 50)

@@ -209,3 +209,17 @@ def test_calm_air_is_found_calm(flight, aircraft) -> None:
     """The allowance for gusts at the start is gone when the air data do not need it."""
     estimator, _ = run(aircraft, flight.samples)
     assert estimator.memory.wind_walk[0] < 1.5 * aircraft.process_noise["wind"]
+
+
+def test_a_state_that_contradicts_gps_is_given_up(flight, aircraft) -> None:
+    """GPS is elsewhere and faster from 50 s on: after some seconds the filter begins anew there, nothing kept."""
+    samples = flight.samples
+    time = seconds_of_flight(flight, samples)
+    values = samples.values.copy()
+    values[(samples.kind == Kind.GPS_POSITION) & (time > 50.0), 0] += 0.01  # 64 km north
+    values[(samples.kind == Kind.GPS_VELOCITY) & (time > 50.0), 1] += 30.0
+    estimator, rows = run(aircraft, Samples(samples.stamp, samples.kind, values))
+    assert estimator.realignments == 1
+    after = rows[rows[:, Column.TIME] > rows[-1, Column.TIME] - 20.0]
+    assert np.all(np.isfinite(after[:, : Column.STATUS]))
+    assert np.median(after[:, Column.WIND][:, 1]) == pytest.approx(30.0 + flight.truth.wind[-1, 1], abs=5.0)
