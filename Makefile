@@ -59,7 +59,16 @@ $(STAMPS)/messages: msg_defs/CMakeLists.txt msg_defs/package.xml $(wildcard msg_
 	@tools/build_messages.sh "$(VENV)" build/messages
 	@touch $@
 
-$(STAMPS)/complete: $(STAMPS)/messages
+KERNELS := $(shell grep -rl --include='*.py' njit aircraft_sysid_ros)
+
+$(STAMPS)/kernels: $(KERNELS) $(STAMPS)/messages
+	@rm -f $(STAMPS)/complete
+	@echo "make env: compiling the numerical kernels, up to a minute"
+	@find aircraft_sysid_ros -name '*.nb[ic]' -delete
+	@$(BIN)/python -m aircraft_sysid_ros.compile_kernels
+	@touch $@
+
+$(STAMPS)/complete: $(STAMPS)/kernels
 	@touch $@
 
 # --- checks -----------------------------------------------------------------------------------------------

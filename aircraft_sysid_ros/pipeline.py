@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions, warm_up
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -24,6 +24,11 @@ class Pipeline:
     ) -> None:
         self.state = StateEstimator(aircraft, state_options)
         self.parameters = ParameterEstimator(aircraft, parameter_options)
+
+    def warm_up(self) -> None:
+        """Compile (or load from the cache) the kernels before the first sample."""
+        warm_up(self.state.aircraft)
+        self.parameters.warm_up()
 
     def push(self, samples: Samples) -> tuple[Array, Array]:
         """Take samples in the order of arrival; returns new rows of ``Column`` and new rows of ``Point``."""

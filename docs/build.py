@@ -171,7 +171,8 @@ def main() -> int:
         picture = ROOT / "runs" / "demo" / f"{name}.png"
         if picture.exists() and not arguments.check:
             shutil.copy(picture, ROOT / "docs" / "figures" / f"demo_{name}.png")
-    print("out of date: " + ", ".join(stale) if stale else "every table is up to date")
+    verb = "out of date: " if arguments.check else "written: "
+    print(verb + ", ".join(stale) if stale else "every table is up to date")
     return int(bool(stale) and arguments.check)
 
 

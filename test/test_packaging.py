@@ -213,3 +213,11 @@ def test_an_unsuitable_machine_is_named_in_one_line(tmp_path, answer, complaint)
     assert complaint in check.stderr
     assert check.stderr.count("\n") == 1
     assert check.stdout == ""
+
+
+def test_tables_of_the_docs_are_those_of_the_results() -> None:
+    """No number in README or docs is typed: the committed tables are what the committed results give."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "docs" / "build.py"), "--check"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout

@@ -23,6 +23,16 @@ def cross_matrix(v: Array) -> Array:
 
 
 @njit(cache=True)
+def product(a: Array, b: Array) -> Array:
+    """Matrix product of two (3, 3): for so small a matrix a call of BLAS costs more than the work."""
+    c = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            c[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+    return c
+
+
+@njit(cache=True)
 def rotation_matrix(q: Array) -> Array:
     """C(q), shape (3, 3): body to NED, L_EB of (6.23)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -89,7 +99,7 @@ def right_jacobian(v: Array) -> Array:
     else:
         angle = np.sqrt(angle2)
         a, b = (1.0 - np.cos(angle)) / angle2, (angle - np.sin(angle)) / (angle2 * angle)
-    return np.eye(3) - a * s + b * (s @ s)
+    return np.eye(3) - a * s + b * product(s, s)
 
 
 @njit(cache=True)

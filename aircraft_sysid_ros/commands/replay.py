@@ -51,11 +51,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Replay and write; returns state, parameters and notes. Raises InputError."""
     options = estimator_options(args)
     aircraft = load_aircraft(args.aircraft)
+    pipeline = Pipeline(aircraft, *options)
     with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer:
+        pipeline.warm_up()
         started = time.perf_counter()
         recording = read_recording(args.bag)
         recording.require(NEEDED)
-        pipeline = Pipeline(aircraft, *options)
         feed(pipeline, recording, writer)
         result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started)
     if not pipeline.state.has_been_aligned:

@@ -88,6 +88,8 @@ def gain(p: Array, h: Array, r: Array) -> tuple[Array, Array]:
             innovation[i, j] = s
         innovation[i, i] += r[i]
     factor = cholesky(innovation)
+    if m == 1:  # most measurements are scalars
+        return ph / (factor[0, 0] * factor[0, 0]), factor
     k_gain = np.empty((n, m))
     for i in range(n):
         k_gain[i] = solve_factored(factor, ph[i])

@@ -16,6 +16,7 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import (
     cross_matrix,
+    product,
     quaternion_exp,
     quaternion_product,
     right_jacobian,
@@ -76,22 +77,24 @@ def transition_blocks(x: Array, force: Array, rate: Array, dt: float, gravity: f
     omega = rate - x[GYRO_BIAS]
     begin = rotation_matrix(x[ATTITUDE])
     turn_half = rotation_matrix(quaternion_exp(0.5 * dt * omega))
-    half = begin @ turn_half
-    turned = half @ cross_matrix(f)
-    back_half = np.ascontiguousarray(turn_half.T)
+    half = product(begin, turn_half)
+    across = cross_matrix(f)
+    turned = product(half, across)
     back = rotation_matrix(quaternion_exp(-dt * omega))
+    to_end = product(back, turn_half)  # from mid-step to the end
     down = begin[2] * gravity  # gravity in body axes, before the step
-    u_end = back @ (x[AIR_VELOCITY] + dt * (turn_half @ f + down))
+    moved = turn_half @ f + down
+    u_end = back @ (x[AIR_VELOCITY] + dt * moved)
     by_rate = right_jacobian(dt * omega) * dt
     return (
-        -dt * (turned @ back_half),
+        -dt * product(turned, turn_half.T),
         -dt * half,
         0.5 * dt * dt * turned,
         back,
         -by_rate,
-        dt * (back @ cross_matrix(down)),
-        -dt * (back @ turn_half),
-        -(cross_matrix(u_end) @ by_rate) + 0.5 * dt * dt * (back @ turn_half @ cross_matrix(f)),
+        dt * product(back, cross_matrix(down)),
+        -dt * to_end,
+        0.5 * dt * dt * product(to_end, across) - product(cross_matrix(u_end), by_rate),
     )
 
 
@@ -132,30 +135,30 @@ def _apply_transition(m: Array, blocks: tuple[Array, ...], dt: float) -> None:
 
 
 @njit(cache=True)
-def process_noise(x: Array, dt: float, sample_time: float, wind_walk: float, setup: Setup) -> Array:
-    """Covariance (18, 18) of Gamma w over dt [s] (3.11), at the state after the step.
+def add_process_noise(
+    p: Array, x: Array, dt: float, sample_time: float, wind_walk: float, setup: Setup
+) -> None:
+    """Add the covariance of Gamma w over dt [s] (3.11) to p (18, 18), at the state after the step.
 
     The noise of the accelerometer moves both velocities; that of the gyro turns u together with the attitude.
     """
-    q = np.zeros((ERROR_SIZE, ERROR_SIZE))
     c = rotation_matrix(x[ATTITUDE])
     arm = cross_matrix(x[AIR_VELOCITY])
     force = setup.accelerometer_variance * sample_time * dt
     rate = setup.gyro_variance * sample_time * dt
-    by_rate = rate * (arm @ arm.T)
+    by_rate = product(arm, arm.T)
     for i in range(3):
-        q[D_VELOCITY + i, D_VELOCITY + i] = force
-        q[D_ATTITUDE + i, D_ATTITUDE + i] = rate
-        q[D_ACCELEROMETER_BIAS + i, D_ACCELEROMETER_BIAS + i] = setup.accelerometer_walk**2 * dt
-        q[D_GYRO_BIAS + i, D_GYRO_BIAS + i] = setup.gyro_walk**2 * dt
-        q[D_AIR_VELOCITY + i, D_AIR_VELOCITY + i] = force + wind_walk**2 * dt
+        p[D_VELOCITY + i, D_VELOCITY + i] += force
+        p[D_ATTITUDE + i, D_ATTITUDE + i] += rate
+        p[D_ACCELEROMETER_BIAS + i, D_ACCELEROMETER_BIAS + i] += setup.accelerometer_walk**2 * dt
+        p[D_GYRO_BIAS + i, D_GYRO_BIAS + i] += setup.gyro_walk**2 * dt
+        p[D_AIR_VELOCITY + i, D_AIR_VELOCITY + i] += force + wind_walk**2 * dt
         for j in range(3):
-            q[D_AIR_VELOCITY + i, D_AIR_VELOCITY + j] += by_rate[i, j]
-            q[D_VELOCITY + i, D_AIR_VELOCITY + j] = force * c[i, j]
-            q[D_AIR_VELOCITY + j, D_VELOCITY + i] = force * c[i, j]
-            q[D_AIR_VELOCITY + i, D_ATTITUDE + j] = rate * arm[i, j]
-            q[D_ATTITUDE + j, D_AIR_VELOCITY + i] = rate * arm[i, j]
-    return q
+            p[D_AIR_VELOCITY + i, D_AIR_VELOCITY + j] += rate * by_rate[i, j]
+            p[D_VELOCITY + i, D_AIR_VELOCITY + j] += force * c[i, j]
+            p[D_AIR_VELOCITY + j, D_VELOCITY + i] += force * c[i, j]
+            p[D_AIR_VELOCITY + i, D_ATTITUDE + j] += rate * arm[i, j]
+            p[D_ATTITUDE + j, D_AIR_VELOCITY + i] += rate * arm[i, j]
 
 
 @njit(cache=True)
@@ -168,5 +171,6 @@ def propagate(
     _apply_transition(p, blocks, dt)
     transposed = p.T.copy()
     _apply_transition(transposed, blocks, dt)
-    p[:] = transposed + process_noise(x, dt, sample_time, wind_walk, setup)
+    p[:] = transposed
+    add_process_noise(p, x, dt, sample_time, wind_walk, setup)
     symmetrise(p)

@@ -15,7 +15,7 @@ from aircraft_sysid_ros.aircraft.frames import (
 )
 from aircraft_sysid_ros.reconstruction.fusion import retract, wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
-from aircraft_sysid_ros.reconstruction.process import process_noise, propagate_state, transition_matrix
+from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate_state, transition_matrix
 from aircraft_sysid_ros.reconstruction.state import ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import WIDTH, Kind
@@ -139,7 +139,8 @@ def test_process_noise_is_what_noisy_inputs_do(setup: Setup) -> None:
         propagate_state(moved, noisy_force, noisy_rate, dt, GRAVITY)
         errors.append(difference(moved, end))
     sampled = np.cov(np.array(errors).T)
-    expected = process_noise(end, dt, dt, 0.0, quiet)
+    expected = np.zeros((ERROR_SIZE, ERROR_SIZE))
+    add_process_noise(expected, end, dt, dt, 0.0, quiet)
     moving = [0, 1, 2, 6, 7, 8, 15, 16, 17]
     scale = np.sqrt(np.diag(expected)[moving])
     assert np.allclose(
