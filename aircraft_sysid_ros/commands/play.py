@@ -17,8 +17,9 @@ import numpy as np
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.playback import Schedule, every
-from aircraft_sysid_ros.recordings.raw_messages import RawMessages, read_raw
+from aircraft_sysid_ros.recordings.raw_messages import RawMessages
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+from aircraft_sysid_ros.recordings.storage import read_raw
 
 RELIABLE_DEPTH, BEST_EFFORT_DEPTH = 1000, 100
 #: The middleware asks for acknowledgements every 3 s when nothing more is sent.

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages, read_raw
+from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS, USED_FIELDS, samples_and_rows
+from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import table_of
 from aircraft_sysid_ros.samples import Samples, concatenate
 

@@ -13,8 +13,9 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import cdr_layout
 from aircraft_sysid_ros.recordings.message_types import channel_types, flat_fields
-from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages, read_raw
+from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+from aircraft_sysid_ros.recordings.storage import read_raw
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
 

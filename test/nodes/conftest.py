@@ -125,6 +125,6 @@ def recording(aircraft, tmp_path_factory):
 @pytest.fixture(scope="session")
 def raw(recording):
     """Its messages."""
-    from aircraft_sysid_ros.recordings.raw_messages import read_raw
+    from aircraft_sysid_ros.recordings.storage import read_raw
 
     return read_raw(recording)

@@ -9,9 +9,9 @@ import pytest
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.message_types import known_types
-from aircraft_sysid_ros.recordings.raw_messages import read_raw
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, USED_FIELDS, gps_velocity_fields, imu_fields
+from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.samples import Kind

@@ -98,7 +98,7 @@ def test_our_reader_reads_texts_and_sequences(tmp_path):
 
 def test_vectorised_bytes_are_those_of_the_slow_serialiser(tmp_path):
     """Both ways in, the same bytes out, for a type with uneven alignment (uint8, uint16, float64, array)."""
-    from aircraft_sysid_ros.recordings.raw_messages import read_raw
+    from aircraft_sysid_ros.recordings.storage import read_raw
 
     covariance = np.arange(9.0)
     with RecordingWriter(tmp_path / "bag") as writer:
