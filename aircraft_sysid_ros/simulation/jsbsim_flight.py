@@ -204,6 +204,7 @@ def trimmed(name: str) -> Any:
     executive = jsbsim.FGFDMExec(None)
     executive.set_debug_level(0)
     executive.load_model(name)
+    executive.disable_output()  # some models write a CSV file into the working directory
     executive.set_dt(1.0 / RATE)
     for key, value in {
         "ic/lat-geod-rad": LATITUDE, "ic/long-gc-rad": LONGITUDE, "ic/terrain-elevation-ft": _GROUND / FOOT,

@@ -145,3 +145,10 @@ def test_unknown_aeroplanes_and_a_missing_simulator_are_said(monkeypatch):
     monkeypatch.setitem(sys.modules, "jsbsim", None)
     with pytest.raises(InputError, match="pip install jsbsim"):
         prepare_jsbsim("c172p")
+
+
+def test_nothing_is_written_into_the_working_directory(tmp_path, monkeypatch):
+    """Some models of JSBSim come with an output file."""
+    monkeypatch.chdir(tmp_path)
+    trimmed("c172p")
+    assert not list(tmp_path.iterdir())
