@@ -55,7 +55,7 @@ for _kind, _limits in {
     Kind.ANGLE_OF_ATTACK: [3.2],
     Kind.SIDESLIP: [3.2],
     Kind.AIR: [10.0, 1e6],
-    Kind.CONTROLS: [7.0] * 4 + [10.0, 1e7, 1e5],
+    Kind.CONTROLS: [1.6] * 4 + [10.0, 1e7, 1e5],
     Kind.HEIGHT: [1e5],
     Kind.MASS: [1e7] + [1e10] * 4 + [1e3] * 3,
     Kind.FIVE_HOLE: [1e6] * 4,

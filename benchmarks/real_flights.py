@@ -137,7 +137,7 @@ def inertialnav(data: Path, folder: Path) -> dict[str, Any]:
                 "innovation_consistency": pipeline.state.innovation_consistency(),
                 "rejected": {kind: c["rejected"] for kind, c in counts.items() if c["rejected"]},
                 "realignments": pipeline.state.realignments,
-                "finite": bool(np.all(np.isfinite(rows[:, : Column.STATUS]))),
+                "finite": bool(np.all(np.isfinite(rows[:, : Column.AIRSPEED + 1]))),
                 "largest_roll_deg": float(
                     np.degrees(np.abs([euler_from_quaternion(q)[0] for q in rows[:, Column.ATTITUDE]]).max())
                 ),

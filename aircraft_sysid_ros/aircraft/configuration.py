@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, model_from_terms, textbook_model
+from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.expression import one_line
 from aircraft_sysid_ros.errors import InputError
@@ -161,11 +161,11 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         aerodynamic_reference=_position(data, "aerodynamic_reference"),
         sensors=_sensors(_mapping(data, "sensors", "{gyro: {noise: 0.002, rate: 100, delay: 0}}")),
         process_noise=_process_noise(_mapping(data, "process_noise", "{wind: 0.2}")),
-        model=textbook_model() if data.get("model") is None else model_from_terms(terms),
+        model=model_from_terms({**TEXTBOOK_TERMS, **terms}),  # axes that are not named keep their terms
         coefficients=_coefficients(_mapping(data, "coefficients", "{CZ_alpha: -4.5}")),
         surface_signs=_surface_signs(_mapping(data, "surface_signs", "{rudder: -1}")),
         ground_altitude=_optional_number(data, "ground_altitude"),
-        magnetic_declination=_optional_number(data, "magnetic_declination"),
+        magnetic_declination=_declination(data),
         minimum_airspeed=_positive(data, "minimum_airspeed", default=0.8 * float(stall)),
         trim_airspeed=_positive(data, "trim_airspeed") if data.get("trim_airspeed") is not None else None,
         source=dict(data),
@@ -259,6 +259,13 @@ def _position(data: Mapping[str, Any], key: str) -> Vector:
     return np.array([_number(v, key) for v in value])
 
 
+def _declination(data: Mapping[str, Any]) -> float | None:
+    value = _optional_number(data, "magnetic_declination")
+    if value is not None and abs(value) > np.pi:
+        raise InputError(f"magnetic_declination must be in rad, not {value:g}")
+    return value
+
+
 def _inertia(data: Any) -> Vector:
     if not isinstance(data, Mapping):
         raise InputError("inertia must be a mapping with xx, yy, zz and xz in kg m^2")
@@ -270,6 +277,8 @@ def _inertia(data: Any) -> Vector:
     xz = _number(data.get("xz", 0.0), "inertia xz")
     if xz * xz >= xx * zz:
         raise InputError("inertia is not that of a body: xz^2 must be less than xx*zz")
+    if 1.01 * (xx + yy + zz) < 2.02 * max(xx, yy, zz):
+        raise InputError("inertia is not that of a body: none of xx, yy, zz may exceed the sum of the other two")
     return inertia_matrix(xx, yy, zz, xz)
 
 

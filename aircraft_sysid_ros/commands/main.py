@@ -22,6 +22,9 @@ COMMANDS = {
     "live": ("live", "all nodes on ROS 2 topics"),
 }
 BAD_INPUT = 2
+FAILED = 1
+#: Environment variable that shows the traceback of what should not have happened.
+TRACEBACK = "AIRCRAFT_SYSID_TRACEBACK"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -62,6 +65,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{args.prog}: stopped", file=sys.stderr)
         return 130
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        print(f"{args.prog}: the system refused{where}: {error.strerror or error}", file=sys.stderr)
+        return BAD_INPUT
+    except Exception as error:
+        if os.environ.get(TRACEBACK):
+            raise
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        print(f"{args.prog}: failed, {text} ({TRACEBACK}=1 shows where)", file=sys.stderr)
+        return FAILED
     try:
         print(json_text(result) if args.json else args.module.render(result))
         sys.stdout.flush()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,9 +57,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         recording = read_recording(args.bag)
         recording.require(NEEDED)
         feed(pipeline, recording, writer)
+        if not pipeline.state.has_been_aligned:
+            raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline)}")
         result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started)
-    if not pipeline.state.has_been_aligned:
-        raise_no_start(args.out)
     return {"run": str(args.out), "notes": notes(recording, pipeline), **result}
 
 
@@ -133,11 +132,20 @@ def control_notes(samples: Samples) -> list[str]:
     return [text] if share > 0.01 else []
 
 
-def raise_no_start(out: str | Path) -> None:
-    """The recording never allowed a start: say so, the folder holds the counts."""
-    raise InputError(
-        f"the filter never started: it needs IMU and GPS at the same time and motion or a heading; "
-        f"see the counts in {Path(out) / 'state.json'}"
+def why_no_start(pipeline: Pipeline) -> str:
+    """What a recording lacks that the filter could start with."""
+    counts = pipeline.state.counts()
+    for kind, name in (("imu", "IMU"), ("gps_position", "GPS position"), ("gps_velocity", "GPS velocity")):
+        c = counts[kind]
+        if c["received"] == c["invalid"] + c["late"] + c["wrong_stamp"]:
+            return (
+                f"of {c['received']} {name} samples {c['invalid']} have no usable numbers and "
+                f"{c['late'] + c['wrong_stamp']} a stamp that does not fit the IMU"
+            )
+    speed = pipeline.state.aircraft.minimum_airspeed
+    return (
+        "it needs a second of IMU and GPS together, and then an attitude, a magnetometer, or motion of more than "
+        f"{0.8 * speed:.1f} m/s (from minimum_airspeed, or from mass and wing_area of the aircraft file)"
     )
 
 

@@ -25,6 +25,9 @@ _ACCELEROMETER_BIAS_STD = Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIA
 
 #: Nothing is learnt while the innovations of the first step are this much larger than expected: a sensor lies.
 LARGEST_CONSISTENCY = 4.0
+#: Nor with biases that no working IMU has: it is mounted or scaled in another way than the recording says.
+LARGEST_ACCELEROMETER_BIAS = 2.0  # [m/s^2]
+LARGEST_GYRO_BIAS = 0.3  # [rad/s]
 #: Forgetting stops where a parameter makes the prediction this uncertain, over the noise variance.
 LARGEST_PREDICTION_VARIANCE = 10.0
 
@@ -91,6 +94,17 @@ class Tuning(NamedTuple):
 
 
 @njit(cache=True)
+def _may_learn(row: Array, body: Body) -> bool:
+    """In flight, and the first step is not at odds with its sensors."""
+    if not (row[47] >= body.minimum_airspeed and row[53] > 0.0 and row[52] < LARGEST_CONSISTENCY):
+        return False
+    for i in range(3):
+        if abs(row[14 + i]) > LARGEST_ACCELEROMETER_BIAS or abs(row[17 + i]) > LARGEST_GYRO_BIAS:
+            return False
+    return True
+
+
+@njit(cache=True)
 def fill_history(
     rows: Array,
     controls: Array,
@@ -108,8 +122,7 @@ def fill_history(
         rate = row[44:47]
         signals = h[SIGNAL:NOISE]
         h[TIME] = row[0]
-        flying = row[47] >= body.minimum_airspeed and row[53] > 0.0
-        h[FLYING] = 1.0 if flying and row[52] < LARGEST_CONSISTENCY else 0.0
+        h[FLYING] = 1.0 if _may_learn(row, body) else 0.0
         fill_signals(row, controls[i], heights[i], start_time, body.geometry, body.gravity, signals)
         signal_noise(signals, row, sensors, body.geometry, h[NOISE:TERM])
         h[QBAR] = 0.5 * row[50] * row[47] * row[47]

@@ -55,8 +55,18 @@ class Verdict:
 PHYSICAL_BOUNDS: dict[str, tuple[float, float]] = {
     "CZ_alpha": (-15.0, 0.0), "CZ_q": (-60.0, 5.0), "Cm_q": (-200.0, 0.0),
     "Cl_p": (-3.0, 0.0), "Cn_r": (-3.0, 0.0), "CY_beta": (-5.0, 0.0),
-    "Cm_alpha": (-20.0, 20.0), "Cn_beta": (-1.0, 2.0), "Cl_beta": (-2.0, 1.0),
+    "Cm_alpha": (-20.0, 20.0), "Cn_beta": (-1.0, 2.0), "Cl_beta": (-2.0, 1.0), "CX_Tc": (0.4, 1.6),
 }  # fmt: skip
+#: The same by term, for axes and terms that are not named above; C_X,Tc is near 1 since T_c is the thrust itself.
+_BOUNDS_BY_TERM = {
+    "0": 3.0, "alpha": 20.0, "beta": 10.0, "p": 50.0, "q": 300.0, "r": 50.0, "de": 5.0, "da": 5.0, "dr": 5.0,
+}  # fmt: skip
+
+
+def physical_bounds(name: str) -> tuple[float, float]:
+    """Lowest and highest value that aeroplanes have; infinite for terms that nobody has bounds for."""
+    limit = _BOUNDS_BY_TERM.get(name.partition("_")[2], np.inf)
+    return PHYSICAL_BOUNDS.get(name, (-limit, limit))
 
 
 def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
@@ -67,9 +77,9 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
     if e.samples < rules.samples or not np.isfinite(e.std):
         return Verdict(Trust.HOLD, "not enough motion yet")
     if e.excitation < rules.excitation:
-        moves = f"{e.excitation:.1f} times its noise, {rules.excitation:g} needed"
+        moves = f"{e.excitation:.2f} times its noise, {rules.excitation:g} needed"
         return Verdict(Trust.HOLD, f"its term hardly moves on its own: {moves}")
-    low, high = PHYSICAL_BOUNDS.get(e.name, (-np.inf, np.inf))
+    low, high = physical_bounds(e.name)
     if e.value - 2.0 * e.std > high or e.value + 2.0 * e.std < low:
         bounds = f"({low:g} to {high:g})"
         return Verdict(Trust.REJECT, f"{e.value:.3g} is outside of what aeroplanes have {bounds}")
@@ -79,4 +89,7 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
     if not low <= e.value <= high:
         sign = "has the sign that aeroplanes do not have, within its error"
         return Verdict(Trust.HOLD, f"{e.value:.3g} {sign}")
+    if e.std > rules.relative_error * abs(e.value):
+        share = f"{rules.negligible:.0%}"
+        return Verdict(Trust.USE, f"small: its standard error moves the coefficient by less than {share}")
     return Verdict(Trust.USE, "")

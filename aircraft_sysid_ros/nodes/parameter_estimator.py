@@ -40,6 +40,7 @@ OPTIONS = {
     "lag_time": Option("Time [s] over which residuals may be correlated.", 0.1, 10.0),
     "error_window": Option("Length [s] of the sliding window of the model error.", 1.0, 600.0),
 }
+STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
 PERIOD = 1.0
 
@@ -72,7 +73,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen to the first step too."""
-        self.hear(AircraftState, "state_estimator/state", self._on_state, common.state_quality())
+        self.hear(AircraftState, STATES, self._on_state, common.state_quality())
         return super().on_activate(state)
 
     def take(self, topic: str, message: Any) -> None:
@@ -96,6 +97,8 @@ class ParameterEstimatorNode(EstimatorNode):
             "controls_late": self.estimator.late,
             **{trust.name: statuses.count(trust) for trust in Trust},
         }
+        if self.count_publishers(STATES) > 1:
+            return f"{self.count_publishers(STATES)} nodes publish {STATES}: give each aircraft a namespace", values
         return "" if self.estimator.newest_point is not None else "waiting for states in flight", values
 
     def _on_state(self, message: AircraftState) -> None:

@@ -265,7 +265,10 @@ def _write_row(
         row[_COLUMN_STD + D_AIR_VELOCITY + i] = np.sqrt(max(_quadratic(jacobian[i], p), 0.0))
     row[41:44] = force - x[ACCELEROMETER_BIAS]
     row[44:47] = omega
-    row[47], row[48], row[49] = speed, alpha, beta
+    row[47] = speed
+    # without a vane the angles rest on the wind staying as it was: not a measurement, so NaN
+    row[48] = alpha if time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT else np.nan
+    row[49] = beta if time - memory.last_fused[_BETA] < SENSOR_TIMEOUT else np.nan
     density = memory.air[0]
     row[50] = density if density > 0.0 else air_density(setup.origin[2] - x[5])
     row[51] = _air_velocity_std(p, v)

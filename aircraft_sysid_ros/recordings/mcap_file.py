@@ -114,7 +114,10 @@ class _Contents:
         """Messages, channels and chunks among the records, in their order."""
         for kind, start, length in records[records[:, _KIND] != _MESSAGE]:
             if kind in (_SCHEMA, _CHANNEL):
-                self._add_description(kind, data[start : start + length].tobytes())
+                try:
+                    self._add_description(kind, data[start : start + length].tobytes())
+                except Exception:  # the reader of such records fails in many ways on damaged ones
+                    raise InputError("the recording is damaged: it has a topic that cannot be read") from None
             elif kind == _CHUNK:
                 self._add_chunk(data, start, start + length, base)
         messages = records[(records[:, _KIND] == _MESSAGE) & (records[:, _LENGTH] >= _MESSAGE_HEADER)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import textbook_model
+from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, textbook_model
 from aircraft_sysid_ros.aircraft.configuration import (
     DEFAULT_PROCESS_NOISE,
     DEFAULT_SENSORS,
@@ -59,7 +59,8 @@ def test_a_full_file_is_read(tmp_path):
     assert aircraft.process_noise["wind"] == 0.0
     assert aircraft.surface_signs == {"elevator": 1.0, "aileron": 1.0, "rudder": -1.0, "flaps": 1.0}
     assert aircraft.coefficients == {"CZ_alpha": -4.5}
-    assert aircraft.model.parameter_names == ("CZ_0", "CZ_alpha", "CZ_alpha3", "CZ_q")
+    assert aircraft.model.terms["CZ"] == ("1", "alpha", "alpha**3", "q")
+    assert aircraft.model.terms["Cm"] == TEXTBOOK_TERMS["Cm"]  # an axis that is not named keeps its terms
     assert aircraft.source["trim_airspeed"] == 17
 
 
