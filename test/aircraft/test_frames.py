@@ -24,7 +24,7 @@ SHORT_ROTATION = st.tuples(VECTOR, st.floats(0.0, 3.14)).map(
 )
 
 
-def same_turn(a, b, tolerance):
+def assert_same_turn(a, b, tolerance):
     """Two quaternions of one attitude, which q and -q are."""
     np.testing.assert_allclose(a * np.sign(a @ b), b, atol=tolerance)
 
@@ -100,14 +100,14 @@ def test_a_nose_up_pitch_points_the_nose_up_and_a_right_roll_the_right_wing_down
 @LAWS
 @given(QUATERNION)
 def test_a_quaternion_comes_back_from_its_matrix(q):
-    same_turn(frames.quaternion_from_matrix(frames.rotation_matrix(q)), q, 1e-14)
+    assert_same_turn(frames.quaternion_from_matrix(frames.rotation_matrix(q)), q, 1e-14)
 
 
 @pytest.mark.parametrize("axis", range(3))
 def test_half_turns_come_back_from_their_matrices(axis):
     q = np.zeros(4)
     q[1 + axis] = 1.0
-    same_turn(frames.quaternion_from_matrix(frames.rotation_matrix(q)), q, 1e-15)
+    assert_same_turn(frames.quaternion_from_matrix(frames.rotation_matrix(q)), q, 1e-15)
 
 
 @LAWS
@@ -121,7 +121,7 @@ def test_log_is_the_inverse_of_exp(v):
 def test_exp_is_the_inverse_of_log_and_the_shorter_way_round(q):
     v = frames.quaternion_log(q)
     assert np.linalg.norm(v) <= np.pi + 1e-15
-    same_turn(frames.quaternion_exp(v), q, 1e-14)
+    assert_same_turn(frames.quaternion_exp(v), q, 1e-14)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-12, 0.99e-5, 1.01e-5, 1e-3])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft import rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.errors import InputError
@@ -41,20 +40,6 @@ def signals_of(aircraft, truth):
     }  # fmt: skip
 
 
-def measured_coefficients(aircraft, truth):
-    """Coefficients from mass, specific force, rates and angular acceleration: (6.14)-(6.19) backwards."""
-    rows = []
-    for i in range(len(truth)):
-        force = aircraft.mass * truth.specific_force[i]
-        moment = rigid_body.moment_of_motion(truth.angular_acceleration[i], truth.rates[i], aircraft.inertia)
-        moment = rigid_body.moment_at_reference(moment, force, aircraft.aerodynamic_reference)
-        qbar = 0.5 * truth.density[i] * truth.airspeed[i] ** 2
-        rows.append(
-            rigid_body.coefficients_of(force, moment, qbar, aircraft.wing_area, aircraft.span, aircraft.chord)
-        )
-    return np.array(rows)
-
-
 def short_flight(aircraft, seconds=20.0, wind=None, effects=(), rate=400.0):
     setup = prepare(aircraft, effects)
     time = np.arange(round(seconds * rate) + 1) / rate
@@ -62,14 +47,14 @@ def short_flight(aircraft, seconds=20.0, wind=None, effects=(), rate=400.0):
     return setup, fly(setup, flight_plan(time, setup.excitation), air)
 
 
-def test_the_motion_has_the_coefficients_of_the_aircraft_file(aircraft, flight):
+def test_the_motion_has_the_coefficients_of_the_aircraft_file(aircraft, flight, measured_coefficients):
     truth = flight.truth[::20]
     expected = aircraft.model.coefficients(aircraft.coefficients, signals_of(aircraft, truth))
     np.testing.assert_allclose(measured_coefficients(aircraft, truth), expected, atol=1e-9)
     np.testing.assert_allclose(truth.coefficients, expected, atol=1e-12)
 
 
-def test_moment_coefficients_are_about_the_aerodynamic_reference(aircraft):
+def test_moment_coefficients_are_about_the_aerodynamic_reference(aircraft, measured_coefficients):
     moved = replace(aircraft, aerodynamic_reference=np.array([0.01, 0.005, -0.02]))
     _, truth = short_flight(moved)
     truth = truth[::40]

@@ -37,19 +37,10 @@ def test_aeroplanes_trim_and_answer_their_controls(name):
     assert setup.slopes.pitch_control * setup.autopilot.pitch_gain > 0.0
 
 
-def test_moments_of_the_motion_are_those_that_jsbsim_reports(flight):
+def test_moments_of_the_motion_are_those_that_jsbsim_reports(flight, measured_coefficients):
     """Inertia, rates and accelerations in our axes give back the moments behind the coefficients."""
     aircraft, truth = flight.aircraft, flight.truth[::10]
-    rows = []
-    for i in range(len(truth)):
-        force = aircraft.mass * truth.specific_force[i]
-        moment = rigid_body.moment_of_motion(truth.angular_acceleration[i], truth.rates[i], aircraft.inertia)
-        moment = rigid_body.moment_at_reference(moment, force, aircraft.aerodynamic_reference)
-        qbar = 0.5 * truth.density[i] * truth.airspeed[i] ** 2
-        rows.append(
-            rigid_body.coefficients_of(force, moment, qbar, aircraft.wing_area, aircraft.span, aircraft.chord)
-        )
-    error = np.array(rows) - truth.coefficients
+    error = measured_coefficients(aircraft, truth) - truth.coefficients
     np.testing.assert_allclose(error[:, :3], 0.0, atol=1e-12)
     # JSBSim has products of inertia xy and yz of a crew of one, which an aircraft file does not
     assert np.all(error[:, 3:].std(axis=0) < 0.02 * truth.coefficients[:, 3:].std(axis=0))
