@@ -90,6 +90,6 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
         sign = "has the sign that aeroplanes do not have, within its error"
         return Verdict(Trust.HOLD, f"{e.value:.3g} {sign}")
     if e.std > rules.relative_error * abs(e.value):
-        share = f"{rules.negligible:.0%}"
-        return Verdict(Trust.USE, f"small: its standard error moves the coefficient by less than {share}")
+        small = f"{rules.negligible:.0%}"
+        return Verdict(Trust.USE, f"small: its standard error moves the coefficient by less than {small}")
     return Verdict(Trust.USE, "")
