@@ -10,6 +10,8 @@ import pytest
 # Before any rclpy import: traffic stays on this machine and runs do not hear each other.
 os.environ.setdefault("ROS_DOMAIN_ID", str(60 + os.getpid() % 40))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+# Killed processes leave segments of shared memory behind, which make later ones deaf.
+os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
