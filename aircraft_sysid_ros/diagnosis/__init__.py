@@ -1,0 +1,1 @@
+"""Compare a model with measurements, find where it fails, and which physical effect is missing."""

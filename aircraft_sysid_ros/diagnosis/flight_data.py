@@ -1,0 +1,87 @@
+"""Measured coefficients and signals of a flight, as diagnosis reads them from a run."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_programs, link
+from aircraft_sysid_ros.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+POINTS, AIRCRAFT = "points.npz", "aircraft.yaml"
+#: Length [s] of the blocks that are held out together, and what is left out at the borders of each.
+BLOCK, GUARD = 5.0, 0.4
+FOLDS = 4
+#: Least flight [s] from which anything is said.
+SHORTEST = 20.0
+
+
+@dataclass(frozen=True)
+class FlightData:
+    """n points of a flight at one step: what was measured and what the terms of a model can read."""
+
+    aircraft: Aircraft
+    time: Array  # (n,) [s] from the first point
+    measured: Array  # (n, 6) C_X … C_n
+    signals: Array  # (n, len(SIGNALS))
+    step: float  # [s]
+
+    @property
+    def model(self) -> AerodynamicModel:
+        """The model of the aircraft file."""
+        return self.aircraft.model
+
+    @cached_property
+    def block(self) -> npt.NDArray[np.int64]:
+        """Number of the block (n,) that each point lies in."""
+        return np.asarray(np.floor(self.time / BLOCK), dtype=np.int64)
+
+    @cached_property
+    def guarded(self) -> Mask:
+        """Points (n,) near a border of a block: neither fitted nor judged, since residuals are coloured."""
+        phase = np.mod(self.time, BLOCK)
+        return np.asarray((phase < 0.5 * GUARD) | (phase > BLOCK - 0.5 * GUARD))
+
+    def signal(self, name: str) -> Array:
+        """One signal (n,)."""
+        return np.asarray(self.signals[:, SIGNAL_INDEX[name]])
+
+    def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
+        """Terms (n, len(programs)) on the signals."""
+        code, offsets = link(programs)
+        out = np.empty((len(self.time), len(programs)))
+        for row, result in zip(self.signals, out, strict=True):
+            evaluate_programs(code, offsets, row, result)
+        return out
+
+
+def load_flight_data(run: str | Path) -> FlightData:
+    """The points of a run folder in flight; InputError when there is no run, or too little flight in it."""
+    folder = Path(run)
+    if not (folder / POINTS).is_file() or not (folder / AIRCRAFT).is_file():
+        raise InputError(f"{run} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
+    aircraft = load_aircraft(folder / AIRCRAFT)
+    try:
+        with np.load(folder / POINTS) as stored:
+            stamp, measured, signals = stored["stamp"], stored["measured"], stored["signals"]
+            names = tuple(str(name) for name in stored["signal_names"])
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+        raise InputError(f"{folder / POINTS} cannot be read: replay the recording again") from None
+    if names != SIGNALS or measured.shape != (len(stamp), len(AXES)):
+        raise InputError(f"{run} was written by another version of this program: replay the recording again")
+    time = (stamp - stamp[0]) * 1e-9 if len(stamp) else np.empty(0)
+    step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
+    if not len(time) * step >= SHORTEST:
+        seconds = 0.0 if not len(time) else len(time) * step
+        raise InputError(f"{run} has {seconds:.0f} s in flight with air data: {SHORTEST:g} s are needed")
+    return FlightData(aircraft, time, measured, signals, step)
