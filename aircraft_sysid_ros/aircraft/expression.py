@@ -35,7 +35,7 @@ _OPERATORS: dict[type[ast.operator], int] = {
 }  # fmt: skip
 STACK_SIZE = 16
 MAXIMUM_POWER = 9
-MAXIMUM_LENGTH = 200
+MAXIMUM_LENGTH = 400
 
 
 @dataclass(frozen=True)
@@ -214,6 +214,18 @@ def evaluate_programs(  # noqa: C901  one flat switch is the plainest form
         out[k] = stack[0]
 
 
+@njit(cache=True)
+def evaluate_rows(
+    code: npt.NDArray[np.float64],
+    offsets: npt.NDArray[np.int64],
+    rows: npt.NDArray[np.float64],
+    out: npt.NDArray[np.float64],
+) -> None:
+    """``evaluate_programs`` on rows of SIGNALS, shape (n, len(SIGNALS)), into ``out`` (n, len(offsets) - 1)."""
+    for i in range(len(rows)):
+        evaluate_programs(code, offsets, rows[i], out[i])
+
+
 def evaluate(
     programs: Sequence[Program], signals: Callable[[str], npt.ArrayLike] | dict[str, npt.ArrayLike]
 ) -> npt.NDArray[np.float64]:
@@ -225,6 +237,5 @@ def evaluate(
         rows[:, SIGNAL_INDEX[name]] = value
     code, offsets = link(programs)
     out = np.empty((size, len(programs)))
-    for row, result in zip(rows, out, strict=True):
-        evaluate_programs(code, offsets, row, result)
+    evaluate_rows(code, offsets, rows, out)
     return out

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_programs, link
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_rows, link
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -60,8 +60,7 @@ class FlightData:
         """Terms (n, len(programs)) on the signals."""
         code, offsets = link(programs)
         out = np.empty((len(self.time), len(programs)))
-        for row, result in zip(self.signals, out, strict=True):
-            evaluate_programs(code, offsets, row, result)
+        evaluate_rows(code, offsets, self.signals, out)
         return out
 
 

@@ -1,0 +1,105 @@
+"""From the library of effects to columns that can be tried on a flight.
+
+A candidate is one effect in one variant with its inner numbers fixed: terms by axis, as texts that an aircraft
+file could hold. ``{CZ}`` in a term of the library becomes what the present model says of C_Z.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.diagnosis.effect import Effect, Inner, Variant, fill, placeholders
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be missing, ready to be tried; ``effect`` is None for an expression of no effect."""
+
+    effect: Effect | None
+    variant: str
+    inner: tuple[tuple[str, float], ...]
+    terms: Mapping[str, tuple[str, ...]]
+
+    @property
+    def label(self) -> str:
+        """Id with variant, or the expression."""
+        if self.effect is None:
+            return "; ".join(f"{axis}: {' + '.join(terms)}" for axis, terms in self.terms.items())
+        return self.effect.identifier + (f" ({self.variant})" if self.variant else "")
+
+    @property
+    def family(self) -> str:
+        """What competes under one name: the id of the effect, or the expression."""
+        return self.effect.identifier if self.effect is not None else self.label
+
+
+def base_texts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dict[str, str]:
+    """What the model says of each coefficient, as one expression per axis: ``{CZ}`` of a term."""
+    texts = {}
+    for axis in AXES:
+        values = [parameters[name] for name in model.parameter_names[model.axis_slice(axis)]]
+        parts = [f"{value:.5g}*{term}" for value, term in zip(values, model.terms[axis], strict=True)]
+        texts[axis] = "+".join(parts) if parts else "0"
+    return texts
+
+
+def candidates_of(effect: Effect, data: FlightData, base: Mapping[str, str]) -> Iterator[Candidate]:
+    """All variants of an effect on the grid of its inner numbers; none where a signal that it reads is missing."""
+    for variant in effect.variants:
+        if not variant.terms or not is_measured(variant, data, base):
+            continue
+        used = {name for terms in variant.terms.values() for term in terms for name in placeholders(term)}
+        inner = [number for number in effect.inner if number.name in used]
+        for values in itertools.product(*(grid(number, data) for number in inner)):
+            names = tuple(number.name for number in inner)
+            yield with_inner(effect, variant, dict(zip(names, values, strict=True)), base)
+
+
+def with_inner(
+    effect: Effect, variant: Variant, values: Mapping[str, float], base: Mapping[str, str]
+) -> Candidate:
+    """One candidate with these inner numbers."""
+    terms = {
+        axis: tuple(fill(term, {**base, **values}) for term in texts) for axis, texts in variant.terms.items()
+    }
+    return Candidate(effect, variant.name, tuple(values.items()), terms)
+
+
+def limits(number: Inner, data: FlightData) -> tuple[float, float]:
+    """Lowest and highest value of an inner number that this flight can tell."""
+    if number.signal is None:
+        return number.low, number.high
+    values = data.signal(number.signal)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return np.nan, np.nan
+    bottom, top = float(values.min()), float(values.max())
+    return bottom + number.low * (top - bottom), bottom + number.high * (top - bottom)
+
+
+def grid(number: Inner, data: FlightData) -> Array:
+    """Values of an inner number that are tried first."""
+    return np.linspace(*limits(number, data), number.count)
+
+
+def is_measured(variant: Variant, data: FlightData, base: Mapping[str, str]) -> bool:
+    """Every signal that the variant reads has numbers in this flight."""
+    for terms in variant.terms.values():
+        for term in terms:
+            neutral = {name: base.get(name, 0.5) for name in placeholders(term)}
+            code = parse_expression(fill(term, neutral)).code
+            for operation, argument in code:
+                column = data.signals[:, int(argument)] if operation == 1 else None
+                if column is not None and not np.any(np.isfinite(column)):
+                    return False
+    return True

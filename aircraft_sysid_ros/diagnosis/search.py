@@ -1,0 +1,210 @@
+"""Try the effects of a library, and expressions outside it, on one flight: how much does each explain?
+
+The score of a candidate is the sum over its axes of ln(before / after), with the held-out sums of squares of
+``fit``: the logarithm by which it lowers the error variance on flight that it was not fitted to. An axis in which it
+explains nothing counts as nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.diagnosis.candidates import (
+    Candidate,
+    base_texts,
+    candidates_of,
+    limits,
+    with_inner,
+)
+from aircraft_sysid_ros.diagnosis.effect import Effect
+from aircraft_sysid_ros.diagnosis.fit import AxisFit, Gain, fit_axis
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+#: Steps of the refinement of an inner number, each a third as wide as the last.
+REFINEMENTS = 3
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate tried on a flight: its gain in each of its axes where it has data."""
+
+    candidate: Candidate
+    gains: Mapping[str, Gain]
+
+    @property
+    def log_ratios(self) -> dict[str, float]:
+        """ln(held-out sum of squares before / after) by axis."""
+        return {axis: log_ratio(gain) for axis, gain in self.gains.items()}
+
+    @property
+    def score(self) -> float:
+        """Sum of the log ratios of the axes in which the candidate explains something."""
+        return sum(max(value, 0.0) for value in self.log_ratios.values())
+
+    @property
+    def main_axis(self) -> str:
+        """The axis in which it explains most."""
+        ratios = self.log_ratios
+        return max(ratios, key=lambda axis: ratios[axis])
+
+
+def log_ratio(gain: Gain) -> float:
+    """ln(before / after) of the held-out sums of squares."""
+    before, after = float(np.sum(gain.before)), float(np.sum(gain.after))
+    return float(np.log(before / after)) if after > 0.0 and before > 0.0 else 0.0
+
+
+class Bench:
+    """One flight, with the fit of the present model in every axis, on which candidates are tried."""
+
+    def __init__(self, data: FlightData, fits: Mapping[str, AxisFit] | None = None) -> None:
+        self.data = data
+        self.fits = dict(fits) if fits is not None else _fits(data)
+        self._base: dict[str, str] | None = None
+
+    @property
+    def base(self) -> dict[str, str]:
+        """Text of the fitted model by axis, for candidates that are made of it."""
+        if self._base is None:
+            parameters = dict.fromkeys(self.data.model.parameter_names, 0.0)
+            for axis in self.fits:
+                fit = fit_axis(self.data, axis).fit
+                parameters |= dict(zip(fit.names, np.nan_to_num(fit.parameters).tolist(), strict=True))
+            self._base = base_texts(self.data.model, parameters)
+        return self._base
+
+    def trial(self, candidate: Candidate) -> Trial | None:
+        """Try one candidate; None where it has no data in any of its axes."""
+        gains = {}
+        for axis, terms in candidate.terms.items():
+            if axis in self.fits:
+                columns = self.data.columns([parse_expression(term) for term in terms])
+                with contextlib.suppress(InputError):
+                    gains[axis] = self.fits[axis].gain(columns)
+        return Trial(candidate, gains) if gains else None
+
+    def best_of(self, effect: Effect) -> Trial | None:
+        """The best variant of an effect with its best inner numbers; None where the flight cannot tell."""
+        trials = [self.trial(candidate) for candidate in candidates_of(effect, self.data, self.base)]
+        best = max((t for t in trials if t is not None), key=lambda t: t.score, default=None)
+        return None if best is None else self._refined(best)
+
+    def _refined(self, best: Trial) -> Trial:
+        """Move each inner number to where it explains most, in ever smaller steps."""
+        effect, candidate = best.candidate.effect, best.candidate
+        if effect is None or not candidate.inner:
+            return best
+        variant = next(v for v in effect.variants if v.name == candidate.variant)
+        numbers = {number.name: number for number in effect.inner}
+        for name, _ in candidate.inner:
+            low, high = limits(numbers[name], self.data)
+            width = (high - low) / max(numbers[name].count - 1, 1)
+            for _ in range(REFINEMENTS):
+                width /= 3.0
+                for sign in (-2.0, -1.0, 1.0, 2.0):
+                    values = dict(best.candidate.inner)
+                    values[name] = float(np.clip(values[name] + sign * width, low, high))
+                    other = self.trial(with_inner(effect, variant, values, self.base))
+                    if other is not None and other.score > best.score:
+                        best = other
+        return best
+
+    def extended(self, candidate: Candidate) -> Bench:
+        """The bench with a candidate added to the model in all of its axes."""
+        fits = dict(self.fits)
+        for axis, terms in candidate.terms.items():
+            if axis in fits:
+                columns = self.data.columns([parse_expression(term) for term in terms])
+                with contextlib.suppress(InputError):
+                    fits[axis] = fits[axis].extended(columns, [f"{axis}_{term}" for term in terms])
+        other = Bench(self.data, fits)
+        other._base = self.base
+        return other
+
+    def contribution(self, trial: Trial, axis: str) -> Array:
+        """What a candidate explains in an axis beyond the model, (n,), 0 where it has no data."""
+        fit, gain = self.fits[axis], trial.gains[axis]
+        columns = self.data.columns([parse_expression(term) for term in trial.candidate.terms[axis]])
+        values = np.zeros(len(fit.rows))
+        rows = fit.rows & np.all(np.isfinite(columns), axis=1)
+        z = columns @ np.nan_to_num(gain.parameters)
+        inside = np.where(np.isfinite(z[fit.rows]), z[fit.rows], 0.0)
+        values[fit.rows] = inside - fit.basis @ (fit.basis.T @ inside)
+        values[~rows] = 0.0
+        return values
+
+
+def _fits(data: FlightData) -> dict[str, AxisFit]:
+    """The fit of every axis that has data, with the tilt of the lift vector in C_X."""
+    fits = {}
+    for axis in AXES:
+        with contextlib.suppress(InputError):
+            fits[axis] = fit_axis(data, axis)
+    if "CX" in fits:
+        tilt = tilt_terms(data)
+        columns = data.columns([parse_expression(term) for term in tilt])
+        with contextlib.suppress(InputError):
+            fits["CX"] = fits["CX"].extended(columns, [f"CX_{term}" for term in tilt])
+    if not fits:
+        raise InputError("no axis of the model can be fitted on this flight: it lacks air data or controls")
+    return fits
+
+
+def tilt_terms(data: FlightData) -> list[str]:
+    """Terms of C_X that follow from terms of C_Z, since lift turns with the flow: no effect is missing for them.
+
+    In body axes C_X = C_L sin(alpha) - C_D cos(alpha): a lift that depends on q and de gives alpha q and alpha de.
+    """
+    present = set(data.model.terms["CX"])
+    tilted = [f"alpha*{term}" for term in data.model.terms["CZ"] if term not in ("1", "alpha")]
+    texts = [parse_expression(term).text for term in tilted]
+    return [text for text in texts if text not in present]
+
+
+#: Signals whose products the search outside the library tries.
+_SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "flaps", "Tc", "V", "height", "alpha_dot", "beta_dot")
+_HINGED = ("alpha", "beta", "V", "height")
+
+
+def expressions(data: FlightData) -> Iterator[Candidate]:
+    """Generic terms, one per axis each: products, powers, kinks of the signals that this flight has and moves."""
+    moving = [name for name in _SIGNALS if _moves(data.signal(name))]
+    texts = [*moving, *(f"{name}*abs({name})" for name in moving), *(f"{name}**3" for name in moving)]
+    texts += [f"{a}*{b}" for i, a in enumerate(moving) for b in moving[i + 1 :]]
+    texts += [f"{name}**2" for name in moving]
+    texts += [f"abs({name})" for name in ("beta", "de", "da", "dr") if name in moving]
+    for name in _HINGED:
+        if name in moving:
+            levels = np.nanquantile(data.signal(name), (0.25, 0.5, 0.75))
+            texts += [f"max({name}-({level:.4g}),0)" for level in levels]
+    for axis in AXES:
+        known = set(data.model.terms[axis]) | (set(tilt_terms(data)) if axis == "CX" else set())
+        for text in texts:
+            canonical = parse_expression(text).text
+            if canonical not in known:
+                yield Candidate(None, "", (), {axis: (canonical,)})
+
+
+def _moves(column: Array) -> bool:
+    finite = column[np.isfinite(column)]
+    return len(finite) > 0.5 * len(column) and float(np.ptp(finite)) > 0.0
+
+
+def ranked(trials: Sequence[Trial]) -> list[Trial]:
+    """Best first."""
+    return sorted(trials, key=lambda trial: -trial.score)
+
+
+def on_other_flight(trial: Trial, bench: Bench) -> Trial | None:
+    """The same candidate, inner numbers and all, on another bench."""
+    return bench.trial(replace(trial.candidate))
