@@ -12,6 +12,7 @@ from pathlib import Path
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.reader import read_recording
 
 
@@ -26,6 +27,7 @@ def main() -> None:
         samples = read_recording(Path(folder) / "flight").samples
     pipeline = Pipeline(aircraft)
     pipeline.warm_up()
+    warm_up(aircraft, smoother=True)
     pipeline.push(samples)
     pipeline.flush()
     pipeline.parameters.snapshot()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.commands.options import (
@@ -19,10 +21,14 @@ from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
+from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
 from aircraft_sysid_ros.run_folder import RunWriter
 from aircraft_sysid_ros.samples import Kind, Samples
+
+Array = npt.NDArray[np.float64]
 
 NEEDED = ("imu/data", "gps/fix", "gps/vel", "air_data")
 #: Time of flight [s] between parameter sets in the run.
@@ -42,6 +48,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("--aircraft", required=True, metavar="FILE", help="aircraft file (YAML)")
     parser.add_argument("--out", required=True, metavar="RUN", help="folder to write")
     parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
+    parser.add_argument(
+        "--smooth",
+        action="store_true",
+        help="estimate every state from later measurements too, which live cannot, and learn from those states",
+    )
     add_estimator_options(parser)
     return parser
 
@@ -51,8 +62,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     options = estimator_options(args)
     aircraft = load_aircraft(args.aircraft)
     pipeline = Pipeline(aircraft, *options)
-    with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer:
+    with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer, FlightTape() as tape:
         pipeline.warm_up()
+        if args.smooth:
+            warm_up(aircraft, smoother=True)
+            pipeline.state.tape = tape
         started = time.perf_counter()
         recording = read_recording(args.bag)
         recording.require(NEEDED)
@@ -64,22 +78,49 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def feed(pipeline: Pipeline, recording: Recording, writer: RunWriter) -> None:
-    """Push a recording through the pipeline and keep what comes out."""
+    """Push a recording through the pipeline and keep what comes out; smoothed if the pipeline has a tape."""
     samples, due = recording.samples, -np.inf
+    writer.add_samples(samples)
+    blocks = [samples[begin : begin + BLOCK] for begin in range(0, len(samples), BLOCK)]
     with progress_bar() as progress:
-        task = progress.add_task("replay", total=len(samples))
-        for begin in range(0, len(samples), BLOCK):
-            rows, points = pipeline.push(samples[begin : begin + BLOCK])
+        if pipeline.state.tape is None:
+            results = forward(pipeline, progress.track(blocks, description="replay"))
+        else:
+            results = smoothed(pipeline, blocks, progress.track(blocks, description="replay"))
+        for rows, points in results:
             writer.add_rows(rows)
             writer.add_points(points)
             if len(points) and points[-1, Point.TIME] >= due:
                 due = points[-1, Point.TIME] + PARAMETERS_PERIOD
                 writer.add_parameters(pipeline.parameters.snapshot(), pipeline.parameters.model_error())
-            progress.update(task, completed=begin + BLOCK)
-    rows, points = pipeline.flush()
-    writer.add_rows(rows)
-    writer.add_points(points)
     writer.add_parameters(pipeline.parameters.snapshot(), pipeline.parameters.model_error())
+
+
+def forward(pipeline: Pipeline, blocks: Iterable[Samples]) -> Iterator[tuple[Array, Array]]:
+    """New rows and points, as live has them."""
+    for block in blocks:
+        yield pipeline.push(block)
+    yield pipeline.flush()
+
+
+def smoothed(
+    pipeline: Pipeline, blocks: list[Samples], watched: Iterable[Samples]
+) -> Iterator[tuple[Array, Array]]:
+    """New rows and points, where the second step follows on the first over the whole flight, there and back.
+
+    It meets samples and states in the same portions as in ``forward``. ``watched``: the blocks for the first step.
+    """
+    state, parameters, portions = pipeline.state, pipeline.parameters, []
+    for block in watched:
+        portions.append((len(state.push(block)), state.epoch))
+    state.flush()
+    rows, at = state.smooth(), 0
+    for block, (count, epoch) in zip(blocks, portions, strict=True):
+        parameters.push_samples(block, epoch)
+        yield rows[at : at + count], parameters.push_states(rows[at : at + count], epoch)
+        at += count
+    points = [parameters.push_states(rows[at:], state.epoch), parameters.flush()]
+    yield rows[at:], np.vstack(points)
 
 
 def notes(recording: Recording, pipeline: Pipeline) -> list[str]:

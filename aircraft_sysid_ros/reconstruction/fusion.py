@@ -6,36 +6,14 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, air_density, temperature
-from aircraft_sysid_ros.aircraft.frames import (
-    air_data_from_velocity,
-    cross_matrix,
-    quaternion_exp,
-    quaternion_product,
-    right_jacobian,
-    rotation_matrix,
-)
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature
+from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, right_jacobian
 from aircraft_sysid_ros.estimation.iterated_ekf import gain, joseph_update, solve_factored, symmetrise
-from aircraft_sysid_ros.reconstruction.measurements import (
-    air_data_gradient,
-    air_velocity_at,
-    residual_and_jacobian,
-)
+from aircraft_sysid_ros.reconstruction.flight_tape import HAS_ROW, record_step
+from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import propagate
-from aircraft_sysid_ros.reconstruction.state import (
-    ACCELEROMETER_BIAS,
-    AIR_VELOCITY,
-    ATTITUDE,
-    D_AIR_VELOCITY,
-    D_ATTITUDE,
-    D_VELOCITY,
-    ERROR_SIZE,
-    GYRO_BIAS,
-    Column,
-    Memory,
-    Setup,
-    Status,
-)
+from aircraft_sysid_ros.reconstruction.state import ATTITUDE, D_ATTITUDE, ERROR_SIZE, Memory, Setup
+from aircraft_sysid_ros.reconstruction.state_row import write_row
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
@@ -44,8 +22,6 @@ _IMU, _AIR = int(Kind.IMU), int(Kind.AIR)
 _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
 _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 
-#: A sensor that has not been fused for this long [s] is counted as lost.
-SENSOR_TIMEOUT = 2.0
 #: Weight of the newest update in the running innovation consistency.
 _NIS_WEIGHT = 0.01
 #: An innovation counts in the consistency as at most this many variances.
@@ -57,12 +33,6 @@ _GUSTY, _CALM = 1.3, 1.1  # running mean of the normalised innovation squared
 _WALK_RATE = 0.01  # per sample and unit of that mean
 _LARGEST_WALK = 2.0  # [m/s per sqrt(s)]
 _NO_GUST = 400.0  # normalised innovation squared of a sensor that fails
-# Columns, as plain numbers for numba.
-_COLUMN_STD = Column.STANDARD_DEVIATIONS.start
-
-_OK, _NO_GPS = Status.OK, Status.NO_GPS
-_NO_AIR_DATA, _INERTIAL_ONLY = Status.NO_AIR_DATA, Status.INERTIAL_ONLY
-
 RUNNING, GAP, DIVERGED = 0, 1, 2
 
 
@@ -87,9 +57,8 @@ def _turn_attitude_columns(h: Array, jacobian: Array) -> None:
 
 
 @njit(cache=True)
-def _reset_attitude_error(p: Array, delta: Array) -> None:
-    """Covariance of the error about the updated attitude, from that about the predicted one."""
-    jacobian = right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3])
+def turn_attitude_error(p: Array, jacobian: Array) -> None:
+    """Covariance p (18, 18) after the attitude error is multiplied by ``jacobian`` (3, 3), in place."""
     rows = slice(D_ATTITUDE, D_ATTITUDE + 3)
     p[rows, :] = jacobian @ np.ascontiguousarray(p[rows, :])
     p[:, rows] = np.ascontiguousarray(p[:, rows]) @ jacobian.T
@@ -146,7 +115,8 @@ def fuse(
         if change <= setup.tolerance:
             break
     joseph_update(p, k_gain, h, variance)
-    _reset_attitude_error(p, delta)
+    # from the error about the predicted attitude to that about the updated one
+    turn_attitude_error(p, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
     x[:] = eta
     memory.last_fused[kind] = time
 
@@ -217,115 +187,12 @@ def _take(
 
 
 @njit(cache=True)
-def _status(time: float, memory: Memory) -> int:
-    gps = time - max(memory.last_fused[_GPS_POSITION], memory.last_fused[_GPS_VELOCITY]) < SENSOR_TIMEOUT
-    air = time - memory.last_fused[_AIRSPEED] < SENSOR_TIMEOUT
-    if gps:
-        return _OK if air else _NO_AIR_DATA
-    return _NO_GPS if air else _INERTIAL_ONLY
-
-
-@njit(cache=True)
 def _has_diverged(setup: Setup, memory: Memory) -> bool:
     """GPS position and velocity both rejected without a break: the state is wrong, not the sensors."""
     for kind in (_GPS_POSITION, _GPS_VELOCITY):
         if not memory.last_rejected[kind] - memory.last_fused[kind] > setup.divergence_time:
             return False
     return True
-
-
-@njit(cache=True)
-def _write_row(
-    row: Array, x: Array, p: Array, force: Array, rate: Array, time: float, setup: Setup, memory: Memory
-) -> None:
-    """Row of Column at the centre of gravity."""
-    to_cg = -setup.imu_position
-    v = air_velocity_at(x, rate, to_cg)
-    c = rotation_matrix(x[ATTITUDE])
-    omega = rate - x[GYRO_BIAS]
-    speed, alpha, beta = air_data_from_velocity(v)
-    row[0] = time
-    row[1:4] = v
-    arm = np.array(
-        [
-            omega[1] * to_cg[2] - omega[2] * to_cg[1],
-            omega[2] * to_cg[0] - omega[0] * to_cg[2],
-            omega[0] * to_cg[1] - omega[1] * to_cg[0],
-        ]
-    )
-    for i in range(3):
-        row[4 + i] = x[3 + i] + c[i, 0] * to_cg[0] + c[i, 1] * to_cg[1] + c[i, 2] * to_cg[2]
-        row[7 + i] = x[i] + c[i, 0] * arm[0] + c[i, 1] * arm[1] + c[i, 2] * arm[2]
-    row[10:20] = x[6:16]
-    for i in range(D_AIR_VELOCITY):
-        row[_COLUMN_STD + i] = np.sqrt(p[i, i])
-    row[20:23] = wind_of(x)
-    jacobian = wind_jacobian(x)
-    for i in range(3):
-        row[_COLUMN_STD + D_AIR_VELOCITY + i] = np.sqrt(max(_quadratic(jacobian[i], p), 0.0))
-    row[41:44] = force - x[ACCELEROMETER_BIAS]
-    row[44:47] = omega
-    row[47] = speed
-    # without a vane the angles rest on the wind staying as it was: not a measurement, so NaN
-    row[48] = alpha if time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT else np.nan
-    row[49] = beta if time - memory.last_fused[_BETA] < SENSOR_TIMEOUT else np.nan
-    density = memory.air[0]
-    row[50] = density if density > 0.0 else air_density(setup.origin[2] - x[5])
-    row[51] = _air_velocity_std(p, v)
-    row[52] = memory.recent_nis[0]
-    row[53] = _status(time, memory)
-    row[54] = np.sum(memory.fused)
-    row[55] = np.sum(memory.rejected)
-    row[57:60] = setup.origin
-
-
-@njit(cache=True)
-def wind_of(x: Array) -> Array:
-    """Wind NED (3,): velocity over ground minus C u (6.23)."""
-    c = rotation_matrix(x[ATTITUDE])
-    wind = np.empty(3)
-    for i in range(3):
-        wind[i] = x[i] - (c[i, 0] * x[16] + c[i, 1] * x[17] + c[i, 2] * x[18])
-    return wind
-
-
-@njit(cache=True)
-def wind_jacobian(x: Array) -> Array:
-    """Derivative of the wind by the error of the state, shape (3, 18)."""
-    c = rotation_matrix(x[ATTITUDE])
-    h = np.zeros((3, ERROR_SIZE))
-    by_attitude = c @ cross_matrix(x[AIR_VELOCITY])
-    for i in range(3):
-        h[i, D_VELOCITY + i] = 1.0
-        for j in range(3):
-            h[i, D_ATTITUDE + j] = by_attitude[i, j]
-            h[i, D_AIR_VELOCITY + j] = -c[i, j]
-    return h
-
-
-@njit(cache=True)
-def _quadratic(h: Array, p: Array) -> float:
-    """h p h' for a row h with few numbers that are not 0."""
-    total = 0.0
-    for i in range(len(h)):
-        if h[i] != 0.0:
-            for j in range(len(h)):
-                total += h[i] * p[i, j] * h[j]
-    return total
-
-
-@njit(cache=True)
-def _air_velocity_std(p: Array, v: Array) -> float:
-    """Rms standard deviation [m/s] of the air velocity across the flow: what alpha and beta rest on."""
-    if v[0] * v[0] + v[2] * v[2] < 1e-6:
-        return np.nan
-    total = 0.0
-    for kind in (_ALPHA, _BETA):
-        g = air_data_gradient(kind, v)
-        for i in range(3):
-            for j in range(3):
-                total += g[i] * p[D_AIR_VELOCITY + i, D_AIR_VELOCITY + j] * g[j]
-    return np.sqrt(max(0.5 * total * np.sum(v * v), 0.0))
 
 
 @njit(cache=True)
@@ -339,27 +206,29 @@ def run(
     setup: Setup,
     memory: Memory,
     rows: Array,
-) -> tuple[int, int, int]:
+    tape: Array,
+) -> tuple[int, int, int, int]:
     """Process samples ``start`` onward, up to the last IMU sample among them.
 
     times (n,) [s] ascending, kinds (n,), values (n, WIDTH). The IMU input is interpolated between its
-    samples, so that every measurement is fused at its own time. Writes rows (at most n, Column.WIDTH).
-    Returns the index of the first sample that is not processed, the number of rows, and RUNNING, or GAP when
-    the IMU was silent for longer than setup.maximum_gap before that sample, or DIVERGED when GPS and state
-    contradict each other for long.
+    samples, so that every measurement is fused at its own time. Writes rows (at most n, Column.WIDTH), and for
+    a smoother every step of the integration to the tape (at most n, STEP_WIDTH; of length 0: off).
+    Returns the index of the first sample that is not processed, the numbers of rows and of steps, and RUNNING,
+    or GAP when the IMU was silent for longer than setup.maximum_gap before that sample, or DIVERGED when GPS and
+    state contradict each other for long.
     """
-    count, i, n = 0, start, len(times)
+    count, steps, i, n = 0, 0, start, len(times)
     memory_imu = memory.imu
     while True:
         j = i
         while j < n and kinds[j] != _IMU:
             j += 1
         if j == n:
-            return i, count, RUNNING
+            return i, count, steps, RUNNING
         begin, end = memory_imu[0], times[j]
         interval = end - begin
         if interval > setup.maximum_gap:
-            return i, count, GAP
+            return i, count, steps, GAP
         force0, rate0 = memory_imu[1:4].copy(), memory_imu[4:7].copy()
         force_step, rate_step = values[j, 0:3] - force0, values[j, 3:6] - rate0
         now = begin
@@ -368,6 +237,9 @@ def run(
             if until > now:
                 middle = (0.5 * (now + until) - begin) / interval
                 force, rate = force0 + middle * force_step, rate0 + middle * rate_step
+                if steps < len(tape):
+                    record_step(tape[steps], x, p, force, rate, until - now, interval, memory.wind_walk[0])
+                    steps += 1
                 propagate(x, p, force, rate, until - now, interval, memory.wind_walk[0], setup)
                 now = until
             if k < j:
@@ -378,7 +250,9 @@ def run(
         i = j + 1
         finite = np.isfinite(np.sum(x) + np.sum(p))
         if interval > 0.0 and finite:  # a stamp that stands twice gives one row
-            _write_row(rows[count], x, p, values[j, 0:3], values[j, 3:6], end, setup, memory)
+            write_row(rows[count], x, p, values[j, 0:3], values[j, 3:6], end, setup, memory)
             count += 1
+            if steps > 0:
+                tape[steps - 1, HAS_ROW] = 1.0
         if not finite or _has_diverged(setup, memory):
-            return i, count, DIVERGED
+            return i, count, steps, DIVERGED

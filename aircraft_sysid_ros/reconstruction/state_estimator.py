@@ -12,7 +12,8 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
 from aircraft_sysid_ros.reconstruction.alignment import WIND_STD, Alignment, keep_biases
-from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run, wind_jacobian, wind_of
+from aircraft_sysid_ros.reconstruction.flight_tape import STEP_WIDTH, FlightTape
+from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.state import (
     D_ACCELEROMETER_BIAS,
@@ -27,7 +28,8 @@ from aircraft_sysid_ros.reconstruction.state import (
     Status,
     new_memory,
 )
-from aircraft_sysid_ros.samples import Kind, Samples, concatenate
+from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
 
 Array = npt.NDArray[np.float64]
 
@@ -53,6 +55,8 @@ _USED = np.isin(
 )
 #: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
 _EPOCH_STEP = 2**20 * NANOSECONDS
+#: States that air data have a part in.
+_AIRBORNE = (Status.OK, Status.NO_GPS)
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,14 @@ def sensor_delays(aircraft: Aircraft) -> Array:
     return delays
 
 
+def sensor_scales(aircraft: Aircraft) -> Array:
+    """Scale of the first value by kind, shape (kinds,)."""
+    scales = np.ones(len(Kind))
+    for kind, sensor in SENSOR_OF_KIND.items():
+        scales[kind] = aircraft.sensors[sensor].scale
+    return scales
+
+
 def gate_thresholds(sigma: float) -> Array:
     """Largest normalised innovation squared for 0 to 3 outputs, as probable as ``sigma`` in one output."""
     from scipy.special import erf, gammaincinv  # here: 0.3 s that other users of this module do not need
@@ -102,16 +114,20 @@ class StateEstimator:
     """Iterated extended Kalman filter over (6.24), fed in any order within the horizon.
 
     ``push`` takes samples as they arrive and returns rows of ``state.Column``, one per IMU sample, complete
-    up to ``horizon`` plus the longest sensor delay before the newest IMU stamp.
+    up to ``horizon`` plus the longest sensor delay before the newest IMU stamp. With a ``tape`` it records what
+    ``smooth`` needs at the end of the flight.
     """
 
-    def __init__(self, aircraft: Aircraft, options: StateOptions | None = None) -> None:
+    def __init__(self, aircraft: Aircraft, options: StateOptions | None = None, tape: FlightTape | None = None) -> None:
         self.aircraft = aircraft
+        self.tape = tape
+        self.smoothed = False
         self.options = options or StateOptions()
         self.order = TimeOrder(self.options.horizon, sensor_delays(aircraft))
         self.epoch: int | None = None
         self.realignments = 0
         self._gate = gate_thresholds(self.options.gate)
+        self._scales = sensor_scales(aircraft)
         self._alignment = self._new_alignment(9.80665)
         self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
         self._setup: Setup | None = None  # known once there is an origin
@@ -128,12 +144,33 @@ class StateEstimator:
 
         Kinds that belong to the second step are passed over.
         """
-        samples = samples[_USED[samples.kind]]
+        samples = self._unscaled(samples[_USED[samples.kind]])
         return self._collect(self.order.push(samples))
+
+    def _unscaled(self, samples: Samples) -> Samples:
+        """Samples without the scales that the aircraft file gives to its air data sensors."""
+        factor = self._scales[samples.kind]
+        if np.all(factor == 1.0):
+            return samples
+        values = samples.values.copy()
+        values[:, 0] /= factor
+        return Samples(samples.stamp, samples.kind, values)
 
     def flush(self) -> Array:
         """Process what is still held, at the end of a recording."""
         return self._collect(self.order.flush())
+
+    def smooth(self) -> Array:
+        """Rows of the whole flight (n, Column.WIDTH), smoothed; after ``flush``. The newest does not change."""
+        from aircraft_sysid_ros.reconstruction.smoother import smooth
+
+        assert self.tape is not None
+        rows = smooth(self.tape)
+        airborne = np.flatnonzero(np.isin(rows[:, Column.STATUS], _AIRBORNE))
+        if self._last_airborne is not None:
+            self._last_airborne = rows[airborne[-1]].copy()
+        self.smoothed = True
+        return rows
 
     @property
     def status(self) -> int:
@@ -172,7 +209,7 @@ class StateEstimator:
             "gyro_bias": (self._x[13:16], sigma[D_GYRO_BIAS : D_GYRO_BIAS + 3]),
             "wind_ned": (wind, wind_std),
         }
-        result: dict[str, Any] = {}
+        result: dict[str, Any] = {"smoothed": self.smoothed}
         for name, (value, std) in values.items():
             result[name] = [float(v) for v in value] if known else [None] * 3
             result[name + "_std"] = [float(v) for v in std] if known else [None] * 3
@@ -241,14 +278,19 @@ class StateEstimator:
                 continue
             assert self._setup is not None  # known from the first alignment on
             rows = np.full((int(np.sum(kinds[at:] == Kind.IMU)), Column.WIDTH), np.nan)
-            at, count, state = run(times, kinds, values, at, self._x, self._p, self._setup, self.memory, rows)
+            tape = np.empty((0 if self.tape is None else len(times) - at, STEP_WIDTH))
+            at, count, steps, state = run(
+                times, kinds, values, at, self._x, self._p, self._setup, self.memory, rows, tape
+            )
             if count:
                 rows[:count, Column.LATE] = self.order.counts.late.sum()
                 self.last_row = rows[count - 1]
-                airborne = np.flatnonzero(np.isin(rows[:count, Column.STATUS], (Status.OK, Status.NO_GPS)))
+                airborne = np.flatnonzero(np.isin(rows[:count, Column.STATUS], _AIRBORNE))
                 if len(airborne):
                     self._last_airborne = rows[airborne[-1]]
                 yield rows[:count]
+            if self.tape is not None:
+                self.tape.add(tape[:steps], rows[:count], self._x, self._p)
             if state != RUNNING:
                 self._lose_alignment()
             if state == DIVERGED:
@@ -276,6 +318,8 @@ class StateEstimator:
         self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak
         self.memory.last_rejected[:] = -np.inf
         self._aligned = self._has_biases = True
+        if self.tape is not None:
+            self.tape.begin(self._setup)
 
     def _lose_alignment(self) -> None:
         if self._aligned:
@@ -333,23 +377,21 @@ class StateEstimator:
         )
 
 
-def warm_up(aircraft: Aircraft) -> None:
-    """Compile (or load from the cache) the jitted loop before the first sample of a flight."""
-    from aircraft_sysid_ros.samples import samples_of
-
-    estimator = StateEstimator(aircraft)
+def warm_up(aircraft: Aircraft, *, smoother: bool = False) -> None:
+    """Compile (or load from the cache) the jitted loop, and the smoother, before the first sample of a flight."""
     stamp = np.arange(0, 3 * NANOSECONDS, NANOSECONDS // 50)
     ones = np.ones(len(stamp))
     level = np.outer(ones, [0.0, 0.0, -9.80665, 0.0, 0.0, 0.0])
     speed = 2.0 * aircraft.minimum_airspeed
-    estimator.push(
-        concatenate(
-            [
-                samples_of(Kind.GPS_POSITION, stamp, 0.1 * ones, 0.1 * ones, 100.0 * ones),
-                samples_of(Kind.GPS_VELOCITY, stamp, speed * ones, 0.0 * ones, 0.0 * ones),
-                samples_of(Kind.AIRSPEED, stamp, speed * ones),
-                samples_of(Kind.IMU, stamp, level),
-            ]
-        )
-    )
-    estimator.flush()
+    batches = [
+        samples_of(Kind.GPS_POSITION, stamp, 0.1 * ones, 0.1 * ones, 100.0 * ones),
+        samples_of(Kind.GPS_VELOCITY, stamp, speed * ones, 0.0 * ones, 0.0 * ones),
+        samples_of(Kind.AIRSPEED, stamp, speed * ones),
+        samples_of(Kind.IMU, stamp, level),
+    ]
+    with FlightTape() as tape:
+        estimator = StateEstimator(aircraft, tape=tape if smoother else None)
+        estimator.push(concatenate(batches))
+        estimator.flush()
+        if smoother:
+            estimator.smooth()

@@ -13,11 +13,12 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_log,
     quaternion_product,
 )
-from aircraft_sysid_ros.reconstruction.fusion import retract, wind_jacobian, wind_of
+from aircraft_sysid_ros.reconstruction.fusion import retract
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate_state, transition_matrix
 from aircraft_sysid_ros.reconstruction.state import ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.samples import WIDTH, Kind
 
 GRAVITY = 9.81
