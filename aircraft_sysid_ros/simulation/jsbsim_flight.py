@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft import earth, rigid_body
-from aircraft_sysid_ros.aircraft.aerodynamic_model import textbook_model
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, textbook_model
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
+from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.autopilot import (
     Autopilot,
@@ -28,9 +28,9 @@ from aircraft_sysid_ros.simulation.autopilot import (
 )
 from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, POSITION, STATE_SIZE, VELOCITY
 from aircraft_sysid_ros.simulation.flight import LATITUDE, LONGITUDE
-from aircraft_sysid_ros.simulation.manoeuvres import Plan, flight_plan, orthogonal_multisines
+from aircraft_sysid_ros.simulation.manoeuvres import Plan, flight_plan, level_plan, orthogonal_multisines
 from aircraft_sysid_ros.simulation.trim import Derivatives, Trim, level_state
-from aircraft_sysid_ros.simulation.truth import THROTTLE, THRUST, Truth
+from aircraft_sysid_ros.simulation.truth import PROPELLER_SPEED, THROTTLE, THRUST, Truth
 
 Array = npt.NDArray[np.float64]
 
@@ -68,13 +68,14 @@ _LOG: tuple[tuple[str, str, float], ...] = (
 )
 #: Columns of the log by group.
 _AT = {group: np.flatnonzero([g == group for g, _, _ in _LOG]) for group, _, _ in _LOG}
-_COMMANDS = ("fcs/elevator-cmd-norm", "fcs/aileron-cmd-norm", "fcs/rudder-cmd-norm", "fcs/throttle-cmd-norm")
+COMMANDS = ("fcs/elevator-cmd-norm", "fcs/aileron-cmd-norm", "fcs/rudder-cmd-norm", "fcs/throttle-cmd-norm")
 #: Of the controls above, those that the commands move.
 _MOVED = [0, 1, 2, THROTTLE]
 # The probe: seconds, and peaks of the commands.
 _PROBE_TIME, _PROBE_SIZE = 16.0, np.array([0.04, 0.05, 0.05, 0.10])
 
 _SETTLING = 20.0  # [s]
+_ADAMS_BASHFORTH_2 = 3  # number of the method in JSBSim; its default for turning is Euler's
 #: Commands (4,) of step i from its row of the log.
 Command = Callable[[int, Array], Array]
 
@@ -97,10 +98,10 @@ def prepare_jsbsim(name: str = DEFAULT_MODEL) -> JsbsimSetup:
     """Trim a JSBSim aeroplane, move its controls a little for some seconds, and fit gains to what happens."""
     aircraft = aircraft_from_dict(jsbsim_aircraft_file(name))
     executive = trimmed(name)
-    trim_commands = np.array([executive[command] for command in _COMMANDS])
+    trim_commands = np.array([executive[command] for command in COMMANDS])
     time = np.arange(int(_PROBE_TIME * RATE)) / RATE
     commands = trim_commands + _PROBE_SIZE * orthogonal_multisines(time, _PROBE_TIME, 1.0)
-    truth = _truth(aircraft, time, _run(executive, lambda i, _: commands[i], np.zeros((len(time), 3))))
+    truth = truth_of_log(aircraft, time, _run(executive, lambda i, _: commands[i], np.zeros((len(time), 3))))
     moved = truth.controls[:, _MOVED]
     gains = [_slope(commands[:, i], moved[:, i]) for i in range(4)]
     start = truth[:1]
@@ -121,7 +122,7 @@ def fly_jsbsim(setup: JsbsimSetup, wind: Array) -> Truth:
 
     executive = trimmed(setup.name)
     _settle(executive, setup, wind[0])
-    truth = _truth(setup.aircraft, time, _run(executive, _pilot(setup, plan), wind))
+    truth = truth_of_log(setup.aircraft, time, _run(executive, _pilot(setup, plan), wind))
     lost = ~np.isfinite(truth.airspeed) | (truth.height < 10.0) | (np.abs(truth.alpha) > 0.6)
     if lost.any():
         raise InputError(
@@ -157,22 +158,47 @@ def jsbsim_aircraft_file(name: str = DEFAULT_MODEL) -> dict[str, Any]:
     }
 
 
-def fitted_derivatives(aircraft: Aircraft, truth: Truth) -> Derivatives:
-    """Derivatives by a least-squares fit of the terms of (6.8)-(6.13) to the coefficients of a flight."""
-    scale = 0.5 * truth.density * truth.airspeed**2 * aircraft.wing_area
-    half_span = aircraft.span / (2.0 * truth.airspeed)
+def signals_of(aircraft: Aircraft, truth: Truth) -> dict[str, Array]:
+    """Signals (n,) that the terms of a model read, from the truth; without flaps, mach, height and beta_dot."""
+    speed = truth.airspeed
+    qbar = 0.5 * truth.density * speed**2
+    half_span = aircraft.span / (2.0 * speed)
     signals = {
         "alpha": truth.alpha, "beta": truth.beta, "de": truth.controls[:, 0], "da": truth.controls[:, 1],
-        "dr": truth.controls[:, 2], "Tc": truth.controls[:, THRUST] / scale,
-        "p": truth.rates[:, 0] * half_span, "q": truth.rates[:, 1] * aircraft.chord / truth.airspeed,
-        "r": truth.rates[:, 2] * half_span,
+        "dr": truth.controls[:, 2], "Tc": truth.controls[:, THRUST] / (qbar * aircraft.wing_area),
+        "p": truth.rates[:, 0] * half_span, "q": truth.rates[:, 1] * aircraft.chord / speed,
+        "r": truth.rates[:, 2] * half_span, "V": speed, "qbar": qbar, "throttle": truth.controls[:, THROTTLE],
+        "propeller_speed": truth.controls[:, PROPELLER_SPEED],
+        "alpha_dot": kinematic_alpha_dot(truth) * aircraft.chord / speed,
     }  # fmt: skip
-    model = textbook_model()
+    return signals
+
+
+def kinematic_alpha_dot(truth: Truth) -> Array:
+    """d alpha / dt (n,) [rad/s] of (6.16)-(6.18) in a steady wind, which is what the aerodynamics of JSBSim reads.
+
+    The wander of the wind moves alpha from step to step too: its derivative would be noise.
+    """
+    weight = earth.gravity(float(truth.origin[0]), float(truth.origin[2]))
+    gravity = np.array([rotation_matrix(q)[2] * weight for q in truth.quaternion])
+    change = truth.specific_force + gravity - np.cross(truth.rates, truth.air_velocity)
+    u, w = truth.air_velocity[:, 0], truth.air_velocity[:, 2]
+    return (u * change[:, 2] - w * change[:, 0]) / (u * u + w * w)
+
+
+def projection(model: AerodynamicModel, signals: dict[str, Array], coefficients: Array) -> dict[str, float]:
+    """Parameters of a model whose coefficients are nearest to true ones (n, 6) in the least-squares sense."""
     fitted = [
-        np.linalg.lstsq(model.regressors(axis, signals), truth.coefficients[:, i], rcond=None)[0]
+        np.linalg.lstsq(model.regressors(axis, signals), coefficients[:, i], rcond=None)[0]
         for i, axis in enumerate(model.terms)
     ]
-    found = dict(zip(model.parameter_names, np.concatenate(fitted).tolist(), strict=True))
+    return dict(zip(model.parameter_names, np.concatenate(fitted).tolist(), strict=True))
+
+
+def fitted_derivatives(aircraft: Aircraft, truth: Truth) -> Derivatives:
+    """Derivatives by a least-squares fit of the terms of (6.8)-(6.13) to the coefficients of a flight."""
+    found = projection(textbook_model(), signals_of(aircraft, truth), truth.coefficients)
+    scale = 0.5 * truth.density * truth.airspeed**2 * aircraft.wing_area
     speed, force_rate = float(truth.airspeed[0]), float(scale[0]) / aircraft.mass
     thrust_per_throttle = float(truth.controls[0, THRUST] / truth.controls[0, THROTTLE])
     return Derivatives(
@@ -206,6 +232,8 @@ def trimmed(name: str) -> Any:
     executive.load_model(name)
     executive.disable_output()  # some models write a CSV file into the working directory
     executive.set_dt(1.0 / RATE)
+    for quantity in ("rate", "position"):  # or rates would lag half a step behind the moments that are logged
+        executive[f"simulation/integrator/{quantity}/rotational"] = _ADAMS_BASHFORTH_2
     for key, value in {
         "ic/lat-geod-rad": LATITUDE, "ic/long-gc-rad": LONGITUDE, "ic/terrain-elevation-ft": _GROUND / FOOT,
         "ic/h-sl-ft": _ALTITUDE / FOOT, "ic/psi-true-deg": 0.0, "ic/gamma-deg": 0.0,
@@ -227,7 +255,7 @@ def _settle(executive: Any, setup: JsbsimSetup, wind: Array) -> None:
     """Let the wind NED (3,) [m/s] rise from nothing while the autopilot flies, before the flight begins."""
     time = np.arange(int(_SETTLING * RATE)) / RATE
     rise = np.clip(time / (0.5 * _SETTLING), 0.0, 1.0)[:, None] * wind
-    still = Plan(time, np.zeros((len(time), 4)), np.zeros(len(time)), np.full(len(time), setup.trim.airspeed))
+    still = level_plan(time, setup.trim.airspeed)
     _run(executive, _pilot(setup, still), rise)
 
 
@@ -236,7 +264,7 @@ def _pilot(setup: JsbsimSetup, plan: Plan) -> Command:
 
     def command(i: int, row: Array) -> Array:
         state = np.zeros(STATE_SIZE)
-        state[POSITION + 2] = _ALTITUDE - row[_AT["place"]][2]
+        state[POSITION + 2] = _ALTITUDE - row[_AT["place"]][2] + plan.height[i]
         state[VELOCITY : VELOCITY + 3] = row[_AT["velocity"]]
         state[ATTITUDE : ATTITUDE + 4] = quaternion_from_euler(*row[_AT["euler"]])
         airspeed = float(np.linalg.norm(row[_AT["air_velocity"]]))
@@ -249,13 +277,10 @@ def _pilot(setup: JsbsimSetup, plan: Plan) -> Command:
 
 def _run(executive: Any, command: Command, wind: Array) -> Array:
     """Fly len(wind) steps and log them in SI, shape (n, columns of _LOG)."""
-    names = [name for _, name, _ in _LOG]
-    factors = np.array([factor for _, _, factor in _LOG])
-    rows = np.empty((len(wind), len(names)))
+    rows = np.empty((len(wind), len(_LOG)))
     for i in range(len(wind)):
-        rows[i] = [executive[name] for name in names]
-        rows[i] *= factors
-        for name, value in zip(_COMMANDS, command(i, rows[i]), strict=True):
+        rows[i] = log_row(executive)
+        for name, value in zip(COMMANDS, command(i, rows[i]), strict=True):
             executive[name] = value
         following = wind[min(i + 1, len(wind) - 1)] / FOOT
         for axis, value in zip(_NED, following, strict=True):
@@ -264,7 +289,12 @@ def _run(executive: Any, command: Command, wind: Array) -> Array:
     return rows
 
 
-def _truth(aircraft: Aircraft, time: Array, log: Array) -> Truth:
+def log_row(executive: Any) -> Array:
+    """What JSBSim reports now, in SI, shape (columns of _LOG,)."""
+    return np.array([executive[name] * factor for _, name, factor in _LOG])
+
+
+def truth_of_log(aircraft: Aircraft, time: Array, log: Array) -> Truth:
     """Truth of a log; the world is a plane tangent where the log begins."""
     part = {group: log[:, columns] for group, columns in _AT.items()}
     origin = part["place"][0].copy()

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.simulation.jsbsim_derivatives import derived_truth
 from aircraft_sysid_ros.simulation.sensors import EPOCH, stamps_of
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight
 from aircraft_sysid_ros.simulation.truth import SERIES
@@ -56,7 +57,10 @@ def load_truth(recording: str | Path) -> tuple[dict[str, Any], dict[str, npt.NDA
 
 
 def truth_document(flight: SimulatedFlight) -> dict[str, Any]:
-    """truth.json: biases (FRD) and wind (NED) at the end of the flight, and at its start or on average."""
+    """truth.json: biases (FRD) and wind (NED) at the end of the flight, and at its start or on average.
+
+    A JSBSim aeroplane has no coefficients; ``derived_coefficients`` are what its forces say they are.
+    """
     truth, biases = flight.truth, flight.biases
     return {
         "aircraft": flight.aircraft.name,
@@ -65,6 +69,7 @@ def truth_document(flight: SimulatedFlight) -> dict[str, Any]:
         "duration": float(truth.time[-1] - truth.time[0]),
         "model": flight.aircraft.model.identifier,
         "coefficients": flight.aircraft.coefficients if flight.simulator == "textbook" else None,
+        "derived_coefficients": _derived(flight),
         "effects": [{"axis": e.axis, "expression": e.expression, "value": e.value} for e in flight.effects],
         "accelerometer_bias": biases.accelerometer[-1].tolist(),
         "gyro_bias": biases.gyro[-1].tolist(),
@@ -74,6 +79,13 @@ def truth_document(flight: SimulatedFlight) -> dict[str, Any]:
         "wind_ned_mean": truth.wind.mean(axis=0).tolist(),
         "origin": {"latitude": truth.origin[0], "longitude": truth.origin[1], "altitude": truth.origin[2]},
     }
+
+
+def _derived(flight: SimulatedFlight) -> dict[str, Any] | None:
+    if flight.simulator != "jsbsim":
+        return None
+    name = flight.aircraft.name.removeprefix("JSBSim ")
+    return derived_truth(name, flight.aircraft, flight.truth)
 
 
 def truth_series(flight: SimulatedFlight) -> dict[str, npt.NDArray[Any]]:
