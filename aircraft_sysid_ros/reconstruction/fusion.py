@@ -128,10 +128,12 @@ def _passes_gate(
     """Normalised innovation squared against its gate; keeps the counts and the consistency."""
     m = len(innovation)
     weighted = solve_factored(factor, innovation)
-    nis = 0.0
+    nis, log_determinant = 0.0, 0.0
     for i in range(m):
         nis += innovation[i] * weighted[i]
+        log_determinant += 2.0 * np.log(factor[i, i])
         memory.innovation[kind, i] = innovation[i]
+    memory.log_likelihood[kind] -= 0.5 * (min(nis, m * _LARGEST_NIS) + log_determinant)  # (5.7)
     memory.recent_nis[0] += _NIS_WEIGHT * (min(nis / m, _LARGEST_NIS) - memory.recent_nis[0])
     if kind == _AIRSPEED or kind == _ALPHA or kind == _BETA:
         _follow_gusts(nis, setup, memory)
