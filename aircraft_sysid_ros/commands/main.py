@@ -18,6 +18,10 @@ COMMANDS = {
     "simulate": ("simulate", "a flight with known truth, recorded as a bag"),
     "import": ("import_log", "a flight log of another format to a bag"),
     "replay": ("replay", "the whole pipeline over a recording"),
+    "compare": ("compare", "how good the model is, and where it fails"),
+    "add": ("add", "an effect or a term added to the model, with the error before and after"),
+    "remove": ("remove", "an effect or a term taken out again"),
+    "refine": ("refine", "maximum likelihood on a run, after the flight"),
     "play": ("play", "a recording onto ROS 2 topics"),
     "live": ("live", "all nodes on ROS 2 topics"),
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -35,6 +35,9 @@ class FlightData:
     measured: Array  # (n, 6) C_X … C_n
     signals: Array  # (n, len(SIGNALS))
     step: float  # [s]
+    #: One sigma [m/s] of the air-relative velocity across the flow, the median over the flight; NaN: not stated.
+    air_velocity_std: float = np.nan
+    smoothed: bool = False  # by later measurements too
 
     @property
     def model(self) -> AerodynamicModel:
@@ -51,6 +54,10 @@ class FlightData:
         """Points (n,) near a border of a block: neither fitted nor judged, since residuals are coloured."""
         phase = np.mod(self.time, BLOCK)
         return np.asarray((phase < 0.5 * GUARD) | (phase > BLOCK - 0.5 * GUARD))
+
+    def with_signals(self, signals: Array) -> FlightData:
+        """The same flight with other signals (n, len(SIGNALS))."""
+        return replace(self, signals=signals)
 
     def signal(self, name: str) -> Array:
         """One signal (n,)."""
@@ -74,13 +81,18 @@ def load_flight_data(run: str | Path) -> FlightData:
         with np.load(folder / POINTS) as stored:
             stamp, measured, signals = stored["stamp"], stored["measured"], stored["signals"]
             names = tuple(str(name) for name in stored["signal_names"])
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
         raise InputError(f"{folder / POINTS} cannot be read: replay the recording again") from None
     if names != SIGNALS or measured.shape != (len(stamp), len(AXES)):
         raise InputError(f"{run} was written by another version of this program: replay the recording again")
     time = (stamp - stamp[0]) * 1e-9 if len(stamp) else np.empty(0)
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
-    if not len(time) * step >= SHORTEST:
-        seconds = 0.0 if not len(time) else len(time) * step
-        raise InputError(f"{run} has {seconds:.0f} s in flight with air data: {SHORTEST:g} s are needed")
+    check_length(str(run), time, step)
     return FlightData(aircraft, time, measured, signals, step)
+
+
+def check_length(run: str, time: Array, step: float) -> None:
+    """Raises InputError where a run has less than SHORTEST in flight."""
+    if not len(time) * step >= SHORTEST:
+        seconds = 0.0 if len(time) < 2 else len(time) * step
+        raise InputError(f"{run} has {seconds:.0f} s in flight with air data: {SHORTEST:g} s are needed")

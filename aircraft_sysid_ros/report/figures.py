@@ -136,3 +136,38 @@ def _sliding_error(points: dict[str, Any], axis: int, window: float) -> tuple[Ar
     count = np.arange(1, len(time) + 1) - first
     rms = np.sqrt((total[1:] - total[first]) / count)
     return time, rms / np.std(points["measured"][valid, axis])
+
+
+def outputs_figure(time: Array, measured: Array, modelled: Array, path: str | Path, title: str) -> Path:
+    """Write measured outputs (n, 18) of (6.3) against those of the refined model over time [s] to a PNG file.
+
+    Where nothing was fitted the model is NaN and leaves a gap; outputs that were never measured are left out.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from aircraft_sysid_ros.flight_model.layout import OUTPUT_NAMES
+
+    shown = [i for i in range(len(OUTPUT_NAMES)) if np.any(np.isfinite(measured[:, i]))]
+    rows = (len(shown) + 2) // 3
+    figure, axes = plt.subplots(
+        rows, 3, figsize=(16, 2.1 * rows), sharex=True, layout="constrained", squeeze=False
+    )
+    for i, plot in zip(shown, axes.flat, strict=False):
+        there, fitted = np.isfinite(measured[:, i]), np.isfinite(modelled[:, i])
+        plot.plot(time[there], measured[there, i], color=MEASURED_COLOUR, lw=0, marker=".", ms=1.5, label="measured")
+        parts = np.split(np.flatnonzero(fitted), np.flatnonzero(np.diff(time[fitted]) > 1.0) + 1)
+        for k, part in enumerate(parts):
+            label = "model" if k == 0 else None
+            plot.plot(time[part], modelled[part, i], color=PREDICTED_COLOUR, lw=0.9, label=label)
+        plot.set_title(OUTPUT_NAMES[i], fontsize=9, loc="left")
+        plot.grid(alpha=0.3)
+    axes[0, 0].legend(loc="upper right", fontsize=8)
+    for plot in axes[-1]:
+        plot.set_xlabel("time in flight [s]")
+    figure.suptitle(title)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return Path(path)

@@ -1,0 +1,71 @@
+"""``add``: an effect of the library, or a term such as "CZ: alpha**3", as a new version of the model of a run."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.commands.compare import percent
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.diagnosis.additions import Outcome, add
+from aircraft_sysid_ros.diagnosis.versions import AIRCRAFT, MODELS
+from aircraft_sysid_ros.report.diagnosis_figures import errors_figure
+
+FIGURE = "errors.png"
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "add", help="an effect or a term added to the model, with the error before and after", description=__doc__
+    )
+    add_arguments(parser)
+    return parser
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``add`` and ``remove`` take."""
+    parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument("what", metavar="EFFECT_OR_EXPRESSION", help='an id of the library, or "CZ: alpha**3"')
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Add and draw. Raises InputError."""
+    with progress_bar() as progress:
+        task = progress.add_task(f"add {args.what}", total=1.0)
+        outcome = add(args.run, args.what, lambda share: progress.update(task, completed=share))
+    return {"model": outcome.version.identifier, "added": outcome.label, **described(args.run, outcome, "with")}
+
+
+def described(run: str, outcome: Outcome, word: str) -> dict[str, Any]:
+    """What ``add`` and ``remove`` say of an outcome, and its figure in the folder of the version."""
+    folder = Path(run) / MODELS / outcome.version.identifier
+    figure = errors_figure(outcome.axes, folder / FIGURE, f"{word} {outcome.label}: {outcome.verdict}")
+    settings = [{"key": ".".join(key), "value": value} for key, value in outcome.change.settings]
+    return {
+        "axes": outcome.axes,
+        "parameters": outcome.parameters,
+        "settings": settings,
+        "improved": outcome.improved,
+        "verdict": outcome.verdict,
+        "parents": list(outcome.version.parents),
+        "aircraft": str(folder / AIRCRAFT),
+        "figure": str(figure),
+    }
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [f"model {result['model']} from {' '.join(result['parents'])}, held-out errors in % of the spread", ""]
+    header = f"{'axis':<6}{'before':>8}{'after':>8}{'floor':>8}"
+    lines += [header, "-" * len(header)]
+    for name, errors in result["axes"].items():
+        numbers = (percent(errors[key]) for key in ("error_before", "error_after", "noise_floor"))
+        lines.append(f"{name:<6}" + "".join(f"{number:>8}" for number in numbers))
+    lines.append("")
+    for p in result["parameters"]:
+        lines.append(f"{p['name']} = {p['value']:.4g} ± {p['std']:.2g}")
+    lines += [f"{s['key']} = {s['value']:.4g} in the aircraft file" for s in result["settings"]]
+    lines += [result["verdict"], f"aircraft file {result['aircraft']}", f"figure {result['figure']}"]
+    return "\n".join(lines)

@@ -1,0 +1,129 @@
+"""Model against measurement, axis by axis: error on flight that was not fitted, its floor, what is left, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.fit import AxisFit, Fit, fit_axis
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.noise_floor import HALF_WIDTH, NoiseFloor, noise_floor, noise_seen
+from aircraft_sysid_ros.diagnosis.where import Place, failing_places
+from aircraft_sysid_ros.diagnosis.whiteness import ORDER, Whiteness, on_grid, whiteness_of
+from aircraft_sysid_ros.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+#: Places that are listed.
+MOST_PLACES = 10
+#: The fast part of a residual may be so many times the noise of the aircraft file, or its inverse, without a note.
+_ODD_NOISE = 1.6
+
+
+@dataclass(frozen=True)
+class AxisComparison:
+    """One axis of the flight under the flight's own model."""
+
+    axis: str
+    fit: Fit
+    spread: float  # standard deviation of the measured coefficient
+    floor: NoiseFloor
+    whiteness: Whiteness
+    noise_seen: float  # fast part of the residual over what the aircraft file says of the sensors
+    predicted: Array  # (n,) by the fit to all points
+    places: tuple[Place, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All axes; an axis without data is in ``reasons`` with a sentence."""
+
+    flight: FlightData
+    axes: Mapping[str, AxisComparison]
+    reasons: Mapping[str, str]
+
+    @property
+    def worst(self) -> list[Place]:
+        """The worst places of all axes, worst first."""
+        places = [place for axis in self.axes.values() for place in axis.places]
+        return sorted(places, key=lambda place: -place.nrmse)[:MOST_PLACES]
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know about the noise that the aircraft file states."""
+        odd = {name: a.noise_seen for name, a in self.axes.items() if not 1 / _ODD_NOISE < a.noise_seen < _ODD_NOISE}
+        return [
+            f"the fast part of the residual of {name} is {seen:.1f} times the noise that the aircraft file gives: its "
+            "noise floor is wrong by as much, check the noise of the sensors"
+            for name, seen in odd.items()
+            if np.isfinite(seen)
+        ]
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The content of ``compare --json``."""
+        axes = {name: self._axis_json(name) for name in AXES}
+        worst = [
+            {
+                "axis": place.axis,
+                "t_start": place.t_start,
+                "t_end": place.t_end,
+                "conditions": place.conditions,
+                "nrmse": place.nrmse,
+                "times_noise": place.excess,
+                "p_value": place.p_value,
+                "text": place.text,
+            }
+            for place in self.worst
+        ]
+        return {"axes": axes, "worst": worst, "notes": self.notes}
+
+    def _axis_json(self, name: str) -> dict[str, Any]:
+        if name in self.reasons:
+            empty = dict.fromkeys(("nrmse_fit", "nrmse_held_out", "noise_floor", "white"))
+            return {**empty, "reason": self.reasons[name]}
+        axis = self.axes[name]
+        return {
+            "nrmse_fit": axis.fit.nrmse_fit,
+            "nrmse_held_out": axis.fit.nrmse_held_out,
+            "noise_floor": axis.floor.nrmse,
+            "white": axis.whiteness.white,
+            "white_p_value": axis.whiteness.p_value,
+            "noise_seen": axis.noise_seen,
+            "not_determined": list(axis.fit.not_determined),
+        }
+
+
+def compare(flight: FlightData) -> Comparison:
+    """Compare a flight with the model of its aircraft file. Raises InputError where no axis has data."""
+    axes, reasons = {}, {}
+    for axis in AXES:
+        try:
+            axes[axis] = compare_axis(flight, fit_axis(flight, axis))
+        except InputError as error:
+            reasons[axis] = str(error)
+    if not axes:
+        raise InputError(f"no axis can be compared: {next(iter(reasons.values()))}")
+    return Comparison(flight, axes, reasons)
+
+
+def compare_axis(flight: FlightData, fit: AxisFit) -> AxisComparison:
+    """Compare one axis under a fit of the flight's own terms."""
+    result = fit.fit
+    floor = noise_floor(flight, fit.axis, result)
+    predicted = fit.columns @ np.nan_to_num(fit.parameters)
+    residual, std = fit.measured - predicted, floor.std
+    every = int(np.ceil(2.0 * HALF_WIDTH / flight.step))  # windows that do not overlap
+    whiteness = whiteness_of(
+        on_grid(flight.time, residual, flight.step, every),
+        on_grid(flight.time, std, flight.step, every),
+        floor.correlation(ORDER, every),
+    )
+    places = tuple(failing_places(flight, fit.axis, result.held_out, std, fit.spread))
+    seen = noise_seen(floor, flight.time, residual)
+    return AxisComparison(fit.axis, result, fit.spread, floor, whiteness, seen, predicted, places)

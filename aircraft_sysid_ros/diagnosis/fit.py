@@ -1,0 +1,299 @@
+"""Least squares of one axis, judged on blocks of time that the fit did not see.
+
+Model: ``C(k) = x(k)' theta + e(k)``, (4.1) with the estimate (4.6); e is coloured, since windows overlap and the
+state that the regressors are made of is filtered. Blocks of FlightData take turns at being held out: block b is
+predicted by parameters from the blocks of the other folds (b modulo FOLDS). Points near a border of a block are
+neither fitted nor judged, or the colour of e would tell the one side of the other.
+
+All is done in an orthonormal basis of the regressors (QR of the scaled columns, then singular values): with
+W = [w_1 … w_r], W'W = I, the normal matrix of a training set is I - sum over held-out blocks of W_b'W_b, and one
+more column costs its products with the basis and no new factorisation of the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.flight_data import FOLDS, FlightData
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+#: A direction of the scaled regressors that is this small against the largest is not in the data.
+SINGULAR = 1e-6
+#: Nor is a direction of which the training blocks hold no more than this share: it is predicted without.
+UNTRAINED = 1e-6
+#: Time [s] over which residuals may be correlated.
+LAG_TIME = 2.0
+#: Points per parameter below which nothing is fitted.
+LEAST_POINTS = 10
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters of one axis from all of its points, and the residuals (n,), NaN where there is no point.
+
+    ``covariance`` (k, k) allows for coloured residuals; a parameter that the flight does not determine is NaN,
+    with its rows and columns, and its name is in ``not_determined``. ``residual`` is measured minus fitted,
+    ``held_out`` measured minus predicted from the other folds. Either NRMSE is over the same points.
+    """
+
+    names: tuple[str, ...]
+    parameters: Array
+    covariance: Array
+    residual: Array
+    held_out: Array
+    nrmse_fit: float
+    nrmse_held_out: float
+    not_determined: tuple[str, ...]
+
+    @property
+    def std(self) -> Array:
+        """Standard errors (k,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What m more columns do to the fit of an axis, over the blocks (B,) of that axis."""
+
+    before: Array  # (B,) held-out sum of squares without the columns
+    after: Array  # (B,) and with them
+    count: Integers  # (B,) points of each block
+    fitted_before: float  # sum of squares of the residuals from all points
+    fitted_after: float
+    parameters: Array  # (m,) NaN where the columns say nothing that the base does not
+    fit: AxisFit  # the base on the points where the columns have values
+    nrmse_before: float  # held out
+    nrmse_after: float
+
+
+class AxisFit:
+    """The fit of one axis on columns (n, k), and quickly on more columns.
+
+    ``measured`` (n,) stands in for the measured coefficient of the axis. Rows with a value that is not finite are
+    left out. Raises InputError, with a sentence that names what is missing, where there is nothing to fit.
+    """
+
+    def __init__(
+        self,
+        flight: FlightData,
+        axis: str,
+        columns: Array,
+        names: Sequence[str] = (),
+        measured: Array | None = None,
+    ) -> None:
+        self.flight, self.axis, self.columns = flight, axis, columns
+        self.names = tuple(names) or tuple(f"{axis}_{j}" for j in range(columns.shape[1]))
+        self.measured = flight.measured[:, AXES.index(axis)] if measured is None else measured
+        finite = np.isfinite(columns)
+        self.rows: Mask = np.isfinite(self.measured) & finite.all(axis=1) & ~flight.guarded
+        self._check(finite)
+        self.y = self.measured[self.rows]
+        numbers = flight.block[self.rows]
+        self._starts = np.flatnonzero(np.diff(numbers, prepend=-1))
+        self.blocks: Integers = numbers[self._starts]
+        self.count: Integers = np.diff(np.append(self._starts, len(numbers)))
+        self.fold: Integers = self.blocks % FOLDS
+        self._row_fold = numbers % FOLDS
+        self.spread = float(np.std(self.y))
+        self._factor()
+
+    def _check(self, finite: Mask) -> None:
+        axis, empty = self.axis, ~finite.any(axis=0)
+        if not self.columns.shape[1]:
+            raise InputError(f"the model has no terms for {axis}: add some")
+        if not np.isfinite(self.measured).any():
+            raise InputError(f"{axis} is not measured in this flight")
+        if empty.any():
+            name = self.names[int(np.argmax(empty))]
+            raise InputError(f"{axis} cannot be fitted: {name} reads a signal that this flight does not have")
+        count, folds = int(self.rows.sum()), np.unique(self.flight.block[self.rows] % FOLDS)
+        if count < LEAST_POINTS * self.columns.shape[1] or len(folds) < 2:
+            raise InputError(f"{axis} cannot be fitted: it has {count} points, too few for {len(self.names)} terms")
+
+    # -- factorisation ---------------------------------------------------------------------------------------
+
+    def _factor(self) -> None:
+        """Basis of the columns, and the sums over blocks on which all else rests."""
+        x = self.columns[self.rows]
+        self.basis, self._transform, self.determined = _orthonormal(x, np.sqrt(np.sum(x**2, axis=0)))
+        self._projected = self.basis.T @ self.y
+        self._residual = self.y - self.basis @ self._projected
+        self._gram = self._sums(self.basis, self.basis)
+        self._moment = self._sums(self.basis, self._residual[:, None])[:, :, 0]
+
+    def _sums(self, a: Array, b: Array) -> Array:
+        """a'b by block, (B, columns of a, columns of b)."""
+        products = (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)
+        return np.add.reduceat(products, self._starts, axis=0).reshape(len(self._starts), a.shape[1], b.shape[1])
+
+    def _by_fold(self, sums: Array) -> Array:
+        out = np.zeros((FOLDS, *sums.shape[1:]))
+        np.add.at(out, self.fold, sums)
+        return out
+
+    # -- judgement -------------------------------------------------------------------------------------------
+
+    def _held_out(self, gram: Array, moment: Array, square: Array) -> tuple[Array, Array]:
+        """Held-out sums of squares (B,) and the parameters (FOLDS, r) that predicted.
+
+        gram (B, r, r), moment (B, r) and square (B,) are sums of products of an orthonormal basis and of the
+        residuals from all points, whose moments sum to zero: parameters are those of the residuals.
+        """
+        training = np.eye(gram.shape[1]) - self._by_fold(gram)
+        right = -self._by_fold(moment)
+        values, vectors = np.linalg.eigh(training)
+        inverse = np.where(values > UNTRAINED, 1.0 / np.maximum(values, UNTRAINED), 0.0)
+        theta = np.einsum("fij,fj,fkj,fk->fi", vectors, inverse, vectors, right)
+        t = theta[self.fold]
+        error = square - 2.0 * np.einsum("bi,bi->b", t, moment) + np.einsum("bi,bij,bj->b", t, gram, t)
+        return np.maximum(error, 0.0), theta
+
+    @cached_property
+    def _judged(self) -> tuple[Array, Array]:
+        square = np.add.reduceat(self._residual**2, self._starts)
+        gram, moment = self._gram, self._moment
+        return self._held_out(gram, moment, square)
+
+    @property
+    def held_out_sse(self) -> Array:
+        """Held-out sum of squares (B,) of every block."""
+        return self._judged[0]
+
+    @property
+    def nrmse_held_out(self) -> float:
+        """Rms of the held-out residuals over the standard deviation of the measured coefficient."""
+        return self._nrmse(self.held_out_sse)
+
+    @property
+    def nrmse_fit(self) -> float:
+        """The same of the residuals of the fit to all points."""
+        return self._nrmse(self._residual**2)
+
+    def _nrmse(self, squares: Array) -> float:
+        return float(np.sqrt(np.sum(squares) / len(self.y)) / self.spread) if self.spread > 0.0 else np.nan
+
+    @property
+    def parameters(self) -> Array:
+        """Parameters (k,) that fit best, the smallest of them where the data do not determine all."""
+        return np.asarray(self._transform @ self._projected)
+
+    # -- results ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def fit(self) -> Fit:
+        """The whole result."""
+        theta = np.where(self.determined, self.parameters, np.nan)
+        held_out = self._residual - np.sum(self.basis * self._judged[1][self._row_fold], axis=1)
+        return Fit(
+            names=self.names,
+            parameters=theta,
+            covariance=self._covariance(),
+            residual=self._spread_out(self._residual),
+            held_out=self._spread_out(held_out),
+            nrmse_fit=self.nrmse_fit,
+            nrmse_held_out=self.nrmse_held_out,
+            not_determined=tuple(n for n, known in zip(self.names, self.determined, strict=True) if not known),
+        )
+
+    def _spread_out(self, values: Array) -> Array:
+        out = np.full(len(self.rows), np.nan)
+        out[self.rows] = values
+        return out
+
+    def _covariance(self) -> Array:
+        """Covariance (k, k) of the parameters, allowing for the colour of the residuals (Morelli and Klein 1997)."""
+        step = self.flight.step
+        slot = np.asarray(np.rint(self.flight.time[self.rows] / step), dtype=np.int64)
+        slot -= slot[0]
+        r = self.basis.shape[1]
+        table = np.zeros((slot[-1] + 1, r + 2))  # points that are not used are 0: lags bridge them
+        table[slot] = np.column_stack([self.basis, self.y, np.ones(len(slot))])
+        lags = max(min(round(LAG_TIME / step), len(table) - 1), 1)
+        sums = np.stack([table[lag:].T @ table[: len(table) - lag] for lag in range(lags)])
+        coloured, white, _ = coloured_covariance(sums, self._projected)
+        values, vectors = np.linalg.eigh(0.5 * (coloured + coloured.T))
+        least = 1e-3 * float(np.max(np.diag(white)))  # the lag window alone does not keep it positive
+        root = self._transform @ vectors * np.sqrt(np.maximum(values, least))
+        covariance = root @ root.T
+        covariance[~self.determined, :] = covariance[:, ~self.determined] = np.nan
+        return np.asarray(covariance)
+
+    # -- more columns ----------------------------------------------------------------------------------------
+
+    def gain(self, extra: Array) -> Gain:
+        """What columns ``extra`` (n, m) add, over points where they have values. Raises InputError as above."""
+        present: Mask = np.all(np.isfinite(extra), axis=1)
+        if not present[self.rows].all():
+            return self.on(present).gain(extra)
+        z = extra[self.rows]
+        size = np.sqrt(np.sum(z**2, axis=0))
+        for _ in range(2):  # twice is enough, Parlett (1980)
+            z = z - self.basis @ (self.basis.T @ z)
+        new, transform, determined = _orthonormal(z, size)
+        move = new.T @ self._residual
+        residual = self._residual - new @ move
+        gram, moment = self._bordered(new, residual, move)
+        square = np.add.reduceat(residual**2, self._starts)
+        after, _ = self._held_out(gram, moment, square)
+        return Gain(
+            before=self.held_out_sse,
+            after=after,
+            count=self.count,
+            fitted_before=float(np.sum(self._residual**2)),
+            fitted_after=float(np.sum(residual**2)),
+            parameters=np.where(determined, transform @ move, np.nan),
+            fit=self,
+            nrmse_before=self.nrmse_held_out,
+            nrmse_after=self._nrmse(after),
+        )
+
+    def _bordered(self, new: Array, residual: Array, move: Array) -> tuple[Array, Array]:
+        """Gram matrices and moments by block of the basis with more columns."""
+        cross, own = self._sums(self.basis, new), self._sums(new, new)
+        gram = np.block([[self._gram, cross], [np.swapaxes(cross, 1, 2), own]])
+        of_base = self._moment - np.einsum("bij,j->bi", cross, move)
+        of_new = self._sums(new, residual[:, None])[:, :, 0]
+        return gram, np.concatenate([of_base, of_new], axis=1)
+
+    def on(self, keep: Mask) -> AxisFit:
+        """The same fit on the points of a mask (n,) only. Raises InputError where none are left."""
+        measured = np.where(keep, self.measured, np.nan)
+        if not np.isfinite(measured).any():
+            raise InputError(f"{self.axis} cannot be fitted: a term reads a signal that this flight does not have")
+        return AxisFit(self.flight, self.axis, self.columns, self.names, measured)
+
+    def extended(self, extra: Array, names: Sequence[str]) -> AxisFit:
+        """The fit with columns ``extra`` (n, m) as well."""
+        columns = np.column_stack([self.columns, extra])
+        return AxisFit(self.flight, self.axis, columns, (*self.names, *names), self.measured)
+
+
+def _orthonormal(z: Array, size: Array) -> tuple[Array, Array, Mask]:
+    """Orthonormal basis W (N, r) of columns z (N, m) of a size (m,), T (m, r) with parameters T (W'y), and which of
+    the parameters are determined.
+    """
+    scale = np.where(size > 0.0, size, 1.0)
+    q, r = np.linalg.qr(z / scale)
+    u, s, vt = np.linalg.svd(r)
+    rank = int(np.sum(s > SINGULAR * max(s[0], 1.0)))
+    transform = vt[:rank].T / s[:rank] / scale[:, None]
+    determined = 1.0 - np.sum(vt[:rank] ** 2, axis=0) < SINGULAR
+    return q @ u[:, :rank], transform, determined
+
+
+def fit_axis(flight: FlightData, axis: str) -> AxisFit:
+    """The fit of one axis on the terms of the flight's own model. Raises InputError where it has no data."""
+    model = flight.model
+    names = model.parameter_names[model.axis_slice(axis)]
+    return AxisFit(flight, axis, flight.columns(model.programs[AXES.index(axis)]), names)

@@ -1,0 +1,215 @@
+"""How well any model could do: the noise of the measured coefficient, and of what the model is evaluated at.
+
+Two parts, added in squares, point by point:
+
+- the response: white noise of accelerometer and gyro through the window of estimation.window_average, which takes
+  means of the one and slopes of the other, and through m A / (qbar S) and (6.19);
+- the condition: what is not known of airspeed, alpha and beta, times how the residual answers to it, and the noise
+  of surfaces and rates. The reconstruction says how well it knows alpha and beta. The wind walks at random with
+  variance Q per sample and the vane measures with R; in steady state the error of the filter has P^2 = Q R for small
+  P/R and keeps 1 - K = 1 - P/R of itself per sample, (2.20) for one state, and that of the smoother keeps
+  (1 - P/R) / (1 + P/R): its spectrum is Q R / (Q + 2 R (1 - cos w)). This says how much a window takes out.
+  Airspeed shares the walk, so that its variance is greater by the root of the ratio of the measurement variances.
+
+What is slow, such as a bias, is explained by the constant term and is not part of it. Nor is what the aircraft file
+does not know: an accelerometer with more noise than it says. ``noise_seen`` asks the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, Program
+from aircraft_sysid_ros.diagnosis.fit import Fit
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.estimation.window_average import window_average
+from aircraft_sysid_ros.modelling.body import body_of
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.modelling.regression import FORCE, QBAR, RATE, SIGNAL, measured_coefficients
+
+Array = npt.NDArray[np.float64]
+
+HALF_WIDTH = ParameterOptions().half_width
+#: Signals that scale with a power of airspeed at a given motion, and that power.
+_WITH_AIRSPEED = {
+    "V": 1, "qbar": 2, "mach": 1, "Tc": -2, "p": -1, "q": -1, "r": -1, "alpha_dot": -1, "beta_dot": -1,
+}  # fmt: skip
+_SURFACES = ("de", "da", "dr", "flaps")
+#: Fourth differences see noise and not the slow part of a residual.
+_STENCIL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+#: A normal variable is within this many sigma half of the time.
+_MEDIAN = 0.6745
+
+
+@dataclass(frozen=True)
+class Source:
+    """One cause of error: samples at ``interval`` [s], each of a ``variance`` (n,) in the unit of the coefficient.
+
+    A sample keeps ``correlation`` of the one before; ``weights`` (m,) make a point of the samples in its window.
+    """
+
+    variance: Array
+    interval: float
+    weights: Array
+    correlation: float = 0.0
+
+    def of_points(self, stencil: Array, step: float) -> float:
+        """Variance, over that of a sample, of a sum of points ``step`` [s] apart with the weights ``stencil``."""
+        spaced = np.zeros((len(stencil) - 1) * max(round(step / self.interval), 1) + 1)
+        spaced[:: max(round(step / self.interval), 1)] = stencil
+        weights = np.convolve(spaced, self.weights)
+        lag = np.arange(len(weights))
+        return float(weights @ np.power(self.correlation, np.abs(lag[:, None] - lag)) @ weights)
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """One axis: what is not known, source by source, and the whole as NRMSE."""
+
+    response: tuple[Source, ...]
+    condition: tuple[Source, ...]
+    nrmse: float
+    step: float
+
+    @property
+    def std(self) -> Array:
+        """One sigma of the residual of a perfect model (n,)."""
+        return np.asarray(np.sqrt(variance_of((*self.response, *self.condition))))
+
+    def correlation(self, lags: int, every: int = 1) -> Array:
+        """Correlation (lags + 1,) of the residual of a perfect model, at multiples of ``every`` points."""
+        total = np.zeros(lags + 1)
+        for source in (*self.response, *self.condition):
+            single, size = source.of_points(np.ones(1), self.step), float(np.nanmean(source.variance))
+            for k in range(lags + 1):
+                pair = np.zeros(k * every + 1)
+                pair[0] += 1.0
+                pair[-1] += 1.0
+                total[k] += size * (0.5 * source.of_points(pair, self.step) - single if k else single)
+        return total / total[0] if total[0] > 0.0 else np.eye(1, lags + 1)[0]
+
+
+def window_weights(interval: float, half_width: float = HALF_WIDTH) -> tuple[Array, Array]:
+    """Weights (m,) of samples ``interval`` [s] apart in the mean and in the slope [1/s] of a window."""
+    count = int(np.ceil(half_width / interval)) + 1
+    times: Array = interval * np.arange(-count, count + 1, dtype=np.float64)
+    means, slopes = np.empty(len(times)), np.empty(len(times))
+    window_average(times, np.eye(len(times)), 0, len(times) - 1, 0.0, half_width, means, slopes)
+    return means, slopes
+
+
+def variance_of(sources: tuple[Source, ...], stencil: Array | None = None, step: float = 1.0) -> Array:
+    """Variance (n,) of a point, or of a weighted sum of neighbouring points ``step`` [s] apart."""
+    weights = np.ones(1) if stencil is None else stencil
+    parts = [source.variance * source.of_points(weights, step) for source in sources]
+    return np.asarray(np.sum(parts, axis=0))
+
+
+def response_sources(aircraft: Aircraft, qbar: Array, index: int) -> tuple[Source, ...]:
+    """White noise of accelerometer and gyro in the measured coefficient number ``index``."""
+    body = body_of(aircraft)
+    accelerometer, gyro = aircraft.sensors["accelerometer"], aircraft.sensors["gyro"]
+    of_force, of_slope, out = 0.0, 0.0, np.empty(6)
+    for i in range(3):
+        for first in (True, False):
+            means, slopes = np.zeros(SIGNAL), np.zeros(SIGNAL)
+            means[QBAR], means[FORCE + i], slopes[RATE + i] = 1.0, float(first), float(not first)
+            measured_coefficients(means, slopes, body, out)
+            of_force += out[index] ** 2 * first
+            of_slope += out[index] ** 2 * (not first)
+    force, interval = aircraft.mass * accelerometer.noise[0] / qbar, 1.0 / accelerometer.rate
+    return (
+        Source(of_force * force**2, interval, window_weights(interval)[0]),
+        Source(of_slope * (gyro.noise[0] / qbar) ** 2, 1.0 / gyro.rate, window_weights(1.0 / gyro.rate)[1]),
+    )
+
+
+def noise_floor(flight: FlightData, axis: str, fit: Fit) -> NoiseFloor:
+    """The floor of one axis under the fit of the flight's own model."""
+    index = AXES.index(axis)
+    response = response_sources(flight.aircraft, flight.signal("qbar"), index)
+    condition = tuple(_condition_sources(flight, flight.model.programs[index], index, fit))
+    used = np.isfinite(fit.residual)
+    mean_square = float(np.mean(variance_of((*response, *condition))[used]))
+    spread = float(np.std(flight.measured[used, index]))
+    nrmse = np.sqrt(mean_square) / spread if spread > 0.0 else np.nan
+    return NoiseFloor(response, condition, float(nrmse), flight.step)
+
+
+def _condition_sources(flight: FlightData, programs: tuple[Program, ...], index: int, fit: Fit) -> Iterator[Source]:
+    """Errors in the signals that the residual answers to, to first order by central differences."""
+    theta = np.nan_to_num(fit.parameters)
+    used = {SIGNAL_INDEX[name] for name in flight.model.signals_used}
+
+    def residual(factor: float, name: str = "", change: Array | float = 0.0) -> Array:
+        signals = flight.signals.copy()
+        for scaled, power in _WITH_AIRSPEED.items():
+            signals[:, SIGNAL_INDEX[scaled]] *= factor**power
+        if name:
+            signals[:, SIGNAL_INDEX[name]] += change
+        predicted = flight.with_signals(signals).columns(programs) @ theta
+        return np.asarray(flight.measured[:, index] / factor**2 - predicted)
+
+    vane, airspeed = flight.aircraft.sensors["angle_of_attack"], flight.aircraft.sensors["airspeed"]
+    flow, flow_kept, speed, speed_kept = _air_errors(flight)
+    moved = 0.5 * (residual(1.0 + speed) - residual(1.0 - speed))
+    yield Source(moved**2, 1.0 / airspeed.rate, window_weights(1.0 / airspeed.rate)[0], speed_kept)
+    noisy: dict[str, tuple[Array | float, float, float]] = {
+        "alpha": (flow, vane.rate, flow_kept),
+        "beta": (flow, vane.rate, flow_kept),
+    }
+    noisy |= {name: (sigma, rate, 0.0) for name, (sigma, rate) in _white_signals(flight).items()}
+    for name, (sigma, rate, kept) in noisy.items():
+        if SIGNAL_INDEX[name] in used:
+            moved = 0.5 * (residual(1.0, name, sigma) - residual(1.0, name, -sigma))
+            yield Source(moved**2, 1.0 / rate, window_weights(1.0 / rate)[0], kept)
+
+
+def _air_errors(flight: FlightData) -> tuple[Array, float, float, float]:
+    """One sigma of alpha and beta [rad] (n,) and what they keep, of airspeed over airspeed and what it keeps."""
+    sensors, speed = flight.aircraft.sensors, flight.signal("V")
+    vane, airspeed = sensors["angle_of_attack"], sensors["airspeed"]
+    typical = float(np.nanmedian(speed))
+    across = flight.air_velocity_std
+    if not np.isfinite(across):
+        across = np.sqrt(typical * vane.noise[0] * flight.aircraft.process_noise["wind"]) / vane.rate**0.25
+    along = across * np.sqrt(airspeed.noise[0] / (typical * vane.noise[0])) * (vane.rate / airspeed.rate) ** 0.25
+    flow_kept = _kept(across / (typical * vane.noise[0]), flight.smoothed)
+    return across / speed, flow_kept, along / typical, _kept(along / airspeed.noise[0], flight.smoothed)
+
+
+def _kept(ratio: float, smoothed: bool) -> float:
+    """Correlation from sample to sample of an error that is ``ratio`` of the sensor's noise."""
+    gain = min(ratio**2, 1.0)
+    return (1.0 - gain) / (1.0 + gain) if smoothed else 1.0 - gain
+
+
+def _white_signals(flight: FlightData) -> dict[str, tuple[Array | float, float]]:
+    """One sigma and rate [Hz] of signals with white noise: surfaces and rates."""
+    surface, gyro = flight.aircraft.sensors["control_surfaces"], flight.aircraft.sensors["gyro"]
+    per_speed = gyro.noise[0] / flight.signal("V")
+    half_span, chord = 0.5 * flight.aircraft.span, flight.aircraft.chord
+    rates = {"p": half_span * per_speed, "q": chord * per_speed, "r": half_span * per_speed}
+    surfaces = {name: (surface.noise[0], surface.rate) for name in _SURFACES}
+    return {**surfaces, **{name: (sigma, gyro.rate) for name, sigma in rates.items()}}
+
+
+def noise_seen(floor: NoiseFloor, time: Array, residual: Array) -> float:
+    """Fast part of a residual (n,) over what the noise of the aircraft file would give: 1 where the file is right.
+
+    Fourth differences of neighbouring points pass the noise and little else. Median, so that a burst does not
+    count; NaN without data.
+    """
+    expected = np.sqrt(variance_of((*floor.response, *floor.condition), _STENCIL, floor.step))
+    fast = np.convolve(residual, _STENCIL, mode="valid")
+    reach = len(_STENCIL) - 1
+    whole = time[reach:] - time[:-reach] < (reach + 0.5) * floor.step
+    ratio = np.abs(fast[whole]) / expected[reach // 2 : -(reach // 2)][whole]
+    ratio = ratio[np.isfinite(ratio)]
+    return float(np.median(ratio) / _MEDIAN) if len(ratio) else np.nan

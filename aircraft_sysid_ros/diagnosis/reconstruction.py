@@ -1,0 +1,77 @@
+"""The chain once more over the samples of a flight, with the smoother: diagnosis has all of the flight before it.
+
+A smoothed reconstruction has two virtues here. Biases are known from the first moment on, so that their settling does
+not look like a slow change of a coefficient; and errors of the angles of attack and sideslip, which stand on both
+sides of the regression in turbulence, are smaller and no longer late.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
+from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
+from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Samples
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """Smoothed states of a flight, rows (n, Column.WIDTH), and the points (m, …) of ``Point`` made of them."""
+
+    aircraft: Aircraft
+    samples: Samples
+    rows: Array
+    epoch: int  # [ns] from which times of rows and points count
+    points: Array
+    gusts: float  # random walk of the wind [m/s per sqrt(s)], the median over the flight
+
+    @property
+    def data(self) -> FlightData:
+        """What the fits read."""
+        return flight_data_of(self.aircraft, self.points)
+
+
+def reconstruct(aircraft: Aircraft, samples: Samples) -> Reconstruction:
+    """Both steps over all samples; InputError when the filter does not start on them."""
+    tape = FlightTape()
+    state, parameters = StateEstimator(aircraft, tape=tape), ParameterEstimator(aircraft)
+    state.push(samples)
+    state.flush()
+    if state.epoch is None or not state.has_been_aligned:
+        raise InputError("the filter does not start on the samples of this flight: replay says why")
+    rows = np.array(state.smooth())
+    parameters.push_samples(samples, state.epoch)
+    points = [parameters.push_states(rows, state.epoch), parameters.flush()]
+    gusts = float(state.memory.wind_walk[0])
+    return Reconstruction(aircraft, samples, rows, state.epoch, np.vstack(points), gusts)
+
+
+def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:
+    """FlightData of points (m, …) of ``Point``."""
+    time = points[:, Point.TIME]
+    step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
+    begin = time[0] if len(time) else 0.0
+    return FlightData(aircraft, time - begin, points[:, Point.MEASURED], points[:, Point.SIGNALS], step)
+
+
+def flying(rows: Array, minimum_airspeed: float) -> Array:
+    """The longest stretch of rows in flight without a gap, (n, Column.WIDTH)."""
+    good = (rows[:, Column.AIRSPEED] > minimum_airspeed) & (rows[:, Column.STATUS] > 0.0)
+    broken = np.diff(rows[:, Column.TIME], prepend=rows[0, Column.TIME]) > 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good & ~broken, [False]]).astype(int)))
+    starts, ends = edges[::2], edges[1::2]
+    if not len(starts):
+        return rows[:0]
+    longest = int(np.argmax(ends - starts))
+    return rows[starts[longest] : ends[longest]]

@@ -1,0 +1,240 @@
+"""Model versions of a run: each is an aircraft file, with its parents, its parameters and its errors.
+
+    RUN/aircraft.yaml                the root version
+    RUN/models/ID/aircraft.yaml      another version: loads like any aircraft file, for replay and live
+    RUN/models/ID/parameters.json    its parameters from all of the flight
+    RUN/models/ID/version.json       id, parents, what was added to the root, errors on held-out flight
+    RUN/model.json                   which version is the current one
+
+A version is written beside its place and moved there, and becomes the current one by replacing one file, so that a
+program that is killed leaves the run as it was. Two programs that change a run wait for each other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import fcntl
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
+from aircraft_sysid_ros.diagnosis.effect import with_setting
+from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check_length, load_flight_data
+from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, reconstruct
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.json_text import json_text
+from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.refinement.run_data import SAMPLES, load_run
+from aircraft_sysid_ros.samples import Samples
+
+MODELS, CURRENT, VERSION, PARAMETERS = "models", "model.json", "version.json", "parameters.json"
+#: The flight counts from where the air data are known this much worse than usual, at most.
+SETTLED = 1.5
+#: Keys of an aircraft file that are the model; a version that differs in another one has its own id.
+_MODEL_KEYS = ("model", "coefficients")
+
+
+@dataclass(frozen=True)
+class Change:
+    """What one addition did: terms that came, terms of the root that went, numbers of the file that changed."""
+
+    terms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    without: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    settings: tuple[tuple[tuple[str, ...], float], ...] = ()
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """For version.json."""
+        settings = [{"key": list(key), "value": value} for key, value in self.settings]
+        return {"terms": dict(self.terms), "without": dict(self.without), "settings": settings}
+
+
+def change_from_json(content: Mapping[str, Any]) -> Change:
+    """The inverse of Change.json; KeyError, TypeError or ValueError where it is none."""
+    terms, without = (
+        {axis: tuple(map(str, texts)) for axis, texts in content[key].items()} for key in ("terms", "without")
+    )
+    settings = tuple((tuple(map(str, s["key"])), float(s["value"])) for s in content["settings"])
+    return Change(terms, without, settings)
+
+
+@dataclass(frozen=True)
+class Version:
+    """One version: the root with changes, by what the user called them, in order."""
+
+    identifier: str
+    aircraft: Aircraft
+    changes: Mapping[str, Change] = field(default_factory=dict)
+    parents: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder with its current version. ``samples`` is None where the run has kept none."""
+
+    path: Path
+    root: Aircraft
+    current: Version
+    samples: Samples | None
+
+    def flight(self, aircraft: Aircraft | None = None) -> FlightData:
+        """The flight as the sensor settings of an aircraft file see it, by default those of the current version.
+
+        Reconstructed from all samples, smoothed; without samples, as the filter saw it with the root's settings.
+        """
+        aircraft = self.current.aircraft if aircraft is None else aircraft
+        if self.samples is None:
+            if settings_of(aircraft) != settings_of(self.root):
+                raise InputError(f"{self.path} holds no samples to reconstruct from: replay the recording again")
+            return replace(load_flight_data(self.path), aircraft=aircraft)
+        made = reconstruct(aircraft, self.samples)
+        check_length(str(self.path), made.data.time, made.data.step)
+        return settled_flight(made)
+
+
+def open_run(path: str | Path) -> Run:
+    """Read a run folder and its current version. Raises InputError where it is no run, or damaged."""
+    folder = Path(path)
+    if not (folder / AIRCRAFT).is_file():
+        raise InputError(f"{path} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
+    root = load_aircraft(folder / AIRCRAFT)
+    if not (folder / SAMPLES).is_file():
+        load_flight_data(folder)  # says what is wrong before anything is changed
+        return Run(folder, root, _current(folder, root), None)
+    try:
+        samples = load_run(folder).samples
+    except EOFError:  # an empty file
+        raise InputError(f"the run {path} is damaged: replay the recording again") from None
+    return Run(folder, root, _current(folder, root), samples)
+
+
+def settled_flight(made: Reconstruction) -> FlightData:
+    """The flight from when the filter has settled, with what is said of its air data.
+
+    It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is.
+    """
+    std = made.rows[:, Column.AIR_VELOCITY_STD]
+    usual = float(np.nanmedian(std))
+    settled = made.rows[int(np.argmax(std < SETTLED * usual)), Column.TIME]
+    keep = made.points[:, Point.TIME] >= settled
+    data = made.data
+    return replace(
+        data,
+        time=data.time[keep],
+        measured=data.measured[keep],
+        signals=data.signals[keep],
+        air_velocity_std=usual,
+        smoothed=True,
+    )
+
+
+def settings_of(aircraft: Aircraft) -> dict[str, Any]:
+    """All of an aircraft file but the model."""
+    return {key: value for key, value in aircraft.source.items() if key not in _MODEL_KEYS}
+
+
+def version_identifier(aircraft: Aircraft, root: Aircraft) -> str:
+    """Id of a version: that of its terms, and another one where it differs from the root in more than those."""
+    settings = settings_of(aircraft)
+    if settings == settings_of(root):
+        return aircraft.model.identifier
+    text = aircraft.model.identifier + json.dumps(settings, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def version_with(run: Run, changes: Mapping[str, Change], parents: Sequence[str]) -> Version:
+    """The root with these changes. Raises InputError where the aircraft file may not hold them."""
+    source = copy.deepcopy(run.root.source)
+    terms = {axis: list(texts) for axis, texts in run.root.model.terms.items()}
+    for change in changes.values():
+        for axis, texts in change.without.items():
+            terms[axis] = [text for text in terms[axis] if text not in texts]
+    for change in changes.values():
+        for axis, texts in change.terms.items():
+            terms[axis] += [text for text in texts if text not in terms[axis]]
+    source["model"] = {axis: [int(t) if t == "1" else t for t in terms[axis]] for axis in AXES}
+    aircraft = aircraft_from_dict(source)
+    for change in changes.values():
+        for key, value in change.settings:
+            aircraft = with_setting(aircraft, key, value)
+    return Version(version_identifier(aircraft, run.root), aircraft, dict(changes), tuple(parents))
+
+
+def _current(folder: Path, root: Aircraft) -> Version:
+    if not (folder / CURRENT).is_file():
+        return Version(root.model.identifier, root)
+    try:
+        identifier = str(json.loads((folder / CURRENT).read_text(encoding="utf8"))["model"])
+        place = folder / MODELS / identifier
+        content = json.loads((place / VERSION).read_text(encoding="utf8"))
+        changes = {str(label): change_from_json(change) for label, change in content["changes"].items()}
+        parents = tuple(map(str, content["parents"]))
+    except (OSError, KeyError, TypeError, ValueError, AttributeError):
+        message = f"the model versions of {folder} are damaged: remove {CURRENT} to go back to the model of the run"
+        raise InputError(message) from None
+    return Version(identifier, load_aircraft(place / AIRCRAFT), changes, parents)
+
+
+@contextlib.contextmanager
+def changing(path: str | Path) -> Iterator[None]:
+    """While a run is changed: others wait. Raises InputError where the folder is not there or not writable."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError:
+        yield  # no folder: open_run says so
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def write_version(
+    run: Run, version: Version, parameters: Sequence[Mapping[str, Any]], errors: Mapping[str, Any]
+) -> None:
+    """Store a version and make it the current one. Raises InputError where it cannot be written."""
+    source = dict(version.aircraft.source)
+    fitted = {p["name"]: float(p["value"]) for p in parameters if np.isfinite(p["value"])}
+    source["coefficients"] = {**version.aircraft.coefficients, **fitted}
+    content = {
+        "model": version.identifier,
+        "parents": list(version.parents),
+        "changes": {label: change.json for label, change in version.changes.items()},
+        "axes": errors,
+    }
+    models = run.path / MODELS
+    try:
+        models.mkdir(exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=run.path, prefix=".version.") as folder:
+            new = Path(folder) / "new"
+            new.mkdir()
+            text = yaml.safe_dump(source, sort_keys=False)
+            (new / AIRCRAFT).write_text(text, encoding="utf8")
+            listed = {"model": version.identifier, "parameters": list(parameters)}
+            (new / PARAMETERS).write_text(json_text(listed) + "\n", encoding="utf8")
+            (new / VERSION).write_text(json_text(content) + "\n", encoding="utf8")
+            load_aircraft(new / AIRCRAFT)
+            place = models / version.identifier
+            if place.exists():  # it may be the current one: never a moment without it
+                for name in (AIRCRAFT, PARAMETERS, VERSION):
+                    os.replace(new / name, place / name)
+            else:
+                new.rename(place)
+            pointer = Path(folder) / CURRENT
+            pointer.write_text(json_text({"model": version.identifier}) + "\n", encoding="utf8")
+            os.replace(pointer, run.path / CURRENT)
+    except OSError as error:
+        raise InputError(f"cannot write to the run {run.path}: {error.strerror or error}") from None

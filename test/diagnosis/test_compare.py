@@ -1,0 +1,54 @@
+"""Model against measurement: an axis that lacks a term is worse than its floor, and the place is named."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.diagnosis.compare import compare
+from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct
+from aircraft_sysid_ros.diagnosis.versions import settled_flight
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.json_text import json_text
+from aircraft_sysid_ros.simulation.dynamics import Effect
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+
+@pytest.fixture(scope="module")
+def flight(aircraft):
+    samples = simulate_samples(aircraft, 6, 60.0, effects=[Effect("CZ", "alpha**3", 60.0)]).samples
+    return settled_flight(reconstruct(aircraft, samples))
+
+
+def test_the_axis_that_lacks_a_term_stands_out(flight) -> None:
+    comparison = compare(flight)
+    errors = {name: axis.fit.nrmse_held_out / axis.floor.nrmse for name, axis in comparison.axes.items()}
+    assert errors["CZ"] > 3.0 and all(ratio < 1.3 for name, ratio in errors.items() if name != "CZ")
+    assert comparison.axes["CZ"].whiteness.white is False
+    assert comparison.worst[0].axis == "CZ" and "alpha above" in comparison.worst[0].text
+    assert np.nanstd(comparison.axes["CZ"].predicted - flight.measured[:, 2]) < 0.2 * np.std(flight.measured[:, 2])
+
+
+def test_json_is_that_of_the_interface(flight) -> None:
+    content = json.loads(json_text(compare(flight).json))
+    assert list(content["axes"]) == list(AXES)
+    for axis in content["axes"].values():
+        assert {"nrmse_fit", "nrmse_held_out", "noise_floor", "white"} <= axis.keys()
+        assert isinstance(axis["white"], bool) and 0.0 < axis["nrmse_held_out"] < 1.0
+    for place in content["worst"]:
+        assert {"axis", "t_start", "t_end", "conditions", "nrmse"} <= place.keys()
+    assert [p["nrmse"] for p in content["worst"]] == sorted((p["nrmse"] for p in content["worst"]), reverse=True)
+
+
+def test_an_axis_without_data_is_null_with_a_reason(flight) -> None:
+    signals = flight.signals.copy()
+    signals[:, SIGNAL_INDEX["Tc"]] = np.nan
+    content = compare(flight.with_signals(signals)).json["axes"]
+    assert content["CX"]["nrmse_held_out"] is None and "CX_Tc" in content["CX"]["reason"]
+    assert content["CZ"]["nrmse_held_out"] is not None
+    with pytest.raises(InputError, match="no axis can be compared"):
+        compare(flight.with_signals(np.full_like(signals, np.nan)))

@@ -1,0 +1,244 @@
+"""Model versions: add lowers the held-out error to the floor, remove restores, and nothing is left half-done."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.diagnosis import additions, versions
+from aircraft_sysid_ros.diagnosis.additions import add, golden_section, parse_request, remove
+from aircraft_sysid_ros.diagnosis.effect import Effect, Inner
+from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.diagnosis.versions import open_run, version_identifier, version_with
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Kind
+
+TRUE_VALUE = 60.0
+
+
+@pytest.fixture
+def run(hidden_run, tmp_path, monkeypatch) -> Path:
+    """A copy of the run; its flight is reconstructed once for all tests."""
+    path = tmp_path / "run"
+    shutil.copytree(hidden_run, path)
+    monkeypatch.setattr(versions, "reconstruct", _once)
+    return path
+
+
+_made: dict[str, object] = {}
+
+
+def _once(aircraft, samples):
+    from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, reconstruct
+
+    key = repr(aircraft.sensors) + repr(aircraft.imu_position) + str(len(samples))
+    if key not in _made:
+        _made[key] = reconstruct(aircraft, samples)
+    made = _made[key]
+    assert isinstance(made, Reconstruction)
+    return Reconstruction(aircraft, made.samples, made.rows, made.epoch, made.points, made.gusts)
+
+
+def snapshot(path: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(path)): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
+
+
+def test_the_missing_term_lowers_the_error_to_the_floor(run) -> None:
+    outcome = add(run, "CZ: alpha ** 3")
+    errors = outcome.axes["CZ"]
+    assert list(outcome.axes) == ["CZ"] and outcome.improved
+    assert errors["error_before"] > 3.0 * errors["noise_floor"]
+    assert errors["error_after"] < 1.2 * errors["noise_floor"]
+    (term,) = outcome.parameters
+    assert term["name"] == "CZ_alpha3" and term["value"] == pytest.approx(TRUE_VALUE, abs=4.0 * term["std"])
+    assert term["std"] < 0.1 * TRUE_VALUE and term["status"] == "USE"
+    assert "falls" in outcome.verdict
+
+
+def test_the_version_is_a_folder_that_other_commands_read(run, aircraft) -> None:
+    outcome = add(run, "CZ: alpha**3")
+    folder = run / "models" / outcome.version.identifier
+    written = load_aircraft(folder / "aircraft.yaml")
+    assert written.model.terms["CZ"] == (*aircraft.model.terms["CZ"], "alpha**3")
+    assert written.model.identifier == outcome.version.identifier
+    assert written.coefficients["CZ_alpha3"] == pytest.approx(TRUE_VALUE, rel=0.1)  # it can be simulated
+    assert written.coefficients["CZ_alpha"] == pytest.approx(aircraft.coefficients["CZ_alpha"], rel=0.05)
+    content = json.loads((folder / "version.json").read_text())
+    assert content["parents"] == [aircraft.model.identifier]
+    listed = json.loads((folder / "parameters.json").read_text())
+    assert [p["name"] for p in listed["parameters"]] == list(written.model.parameter_names)
+    assert json.loads((run / "model.json").read_text()) == {"model": outcome.version.identifier}
+    assert open_run(run).current.aircraft.model.terms == written.model.terms
+    assert not list(run.glob(".version*"))
+
+
+def test_remove_restores_the_id_and_the_errors(run, aircraft) -> None:
+    added = add(run, "CZ: alpha**3")
+    removed = remove(run, "CZ: alpha**3")
+    assert removed.version.identifier == aircraft.model.identifier
+    assert removed.axes["CZ"]["error_after"] == pytest.approx(added.axes["CZ"]["error_before"], rel=1e-12)
+    assert removed.axes["CZ"]["error_before"] == pytest.approx(added.axes["CZ"]["error_after"], rel=1e-12)
+    assert not removed.improved and open_run(run).current.changes == {}
+
+
+def test_a_needless_term_is_said_to_be_one(run) -> None:
+    outcome = add(run, "Cl: alpha*beta")
+    errors = outcome.axes["Cl"]
+    assert not outcome.improved and "does not lower the held-out error" in outcome.verdict
+    assert errors["error_after"] == pytest.approx(errors["error_before"], rel=0.02)
+
+
+def test_additions_build_on_each_other(run, aircraft) -> None:
+    first = add(run, "CZ: alpha**3")
+    second = add(run, "Cm: alpha**2; Cl: alpha*da")
+    assert second.version.parents == (first.version.identifier,)
+    model = open_run(run).current.aircraft.model
+    assert "alpha**3" in model.terms["CZ"] and "alpha**2" in model.terms["Cm"] and "alpha*da" in model.terms["Cl"]
+    assert sorted(second.axes) == ["Cl", "Cm"]
+    remove(run, "Cm: alpha**2")  # one of two terms
+    model = open_run(run).current.aircraft.model
+    assert model.terms["Cm"] == aircraft.model.terms["Cm"] and "alpha*da" in model.terms["Cl"]
+
+
+def test_a_term_of_the_first_model_goes_and_comes_back(run, aircraft) -> None:
+    without = remove(run, "CZ: de")
+    assert "de" not in open_run(run).current.aircraft.model.terms["CZ"]
+    back = add(run, "CZ: de")
+    assert (
+        back.version.identifier == aircraft.model.identifier and without.version.identifier != back.version.identifier
+    )
+
+
+def test_an_effect_brings_its_terms_with_inner_numbers_fitted(run) -> None:
+    outcome = add(run, "stall")
+    assert outcome.improved and outcome.axes["CZ"]["error_after"] < 0.6 * outcome.axes["CZ"]["error_before"]
+    assert any(term.startswith("max(alpha-") for term in outcome.change.terms["CZ"])
+    assert remove(run, "stall").axes.keys() == outcome.axes.keys()
+
+
+def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, aircraft, monkeypatch) -> None:
+    """All surfaces were recorded 80 ms after they moved, which the file does not say; 25 s of flight tell."""
+    monkeypatch.setattr(additions, "_SEARCHED", 25.0)
+    with np.load(run / "samples.npz") as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    arrays["stamp"][arrays["kind"] == Kind.CONTROLS] += 80_000_000
+    order = np.argsort(arrays["stamp"], kind="stable")
+    np.savez(run / "samples.npz", **{name: values[order] for name, values in arrays.items()})
+    _made.clear()
+    effect = Effect(**{**vars(BY_ID["actuator_lag"]), "inner": (Inner("delay", "s", 0.0, 0.2, 5),)})
+    opened = open_run(run)
+    change = additions._of_setting(opened, effect, list(effect.variants), lambda share: None)
+    ((key, value),) = change.settings
+    assert key == ("sensors", "control_surfaces", "delay") and value == pytest.approx(0.08, abs=0.01)
+    version = version_with(opened, {"actuator_lag": change}, ())
+    assert version.aircraft.sensors["control_surfaces"].delay == value
+    assert version.aircraft.model.terms == aircraft.model.terms
+    assert version.identifier != aircraft.model.identifier
+    assert version.identifier == version_identifier(version.aircraft, opened.root)
+    assert version_with(opened, {}, ()).identifier == aircraft.model.identifier
+    _made.clear()
+
+
+def test_golden_section_finds_a_minimum() -> None:
+    calls = []
+    found = golden_section(lambda x: calls.append(x) or (x - 0.123) ** 2, -1.0, 1.0, 12)
+    assert found == pytest.approx(0.123, abs=2.0 * 0.618**12) and len(calls) == 14
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("stal", "did you mean stall"),
+        ("CZ alpha", "no effect"),
+        ("CQ: alpha", "'CQ' is no axis: the axes are CX CY CZ Cl Cm Cn"),
+        ("CZ: wing", "'wing' in 'wing' is no signal"),
+        ("CZ: alpha**", "is not an expression"),
+        ("CZ: __import__('os')", "not allowed"),
+        ("CZ: alpha", "'alpha' in CZ already"),
+        ("CZ: 3*alpha", "does not determine"),
+        ("CZ: 0*alpha", "does not determine"),
+        ("CZ: propeller_speed**2/0", "does not"),
+        ("CZ: alpha**2; CZ: alpha**2", "twice"),
+        ("", "no effect"),
+    ],
+)
+def test_bad_requests_are_one_sentence_and_change_nothing(run, text: str, words: str) -> None:
+    before = snapshot(run)
+    with pytest.raises(InputError) as error:
+        add(run, text)
+    assert words in str(error.value) and "\n" not in str(error.value)
+    assert snapshot(run) == before
+
+
+def test_a_signal_that_the_flight_lacks_is_named(run) -> None:
+    with np.load(run / "samples.npz") as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    arrays["values"][arrays["kind"] == Kind.CONTROLS, 3] = np.nan  # flaps
+    np.savez(run / "samples.npz", **arrays)
+    _made.clear()
+    with pytest.raises(InputError, match="needs flaps, which this flight does not have"):
+        add(run, "CZ: flaps")
+    with pytest.raises(InputError, match="'flaps' needs flaps"):
+        add(run, "flaps")
+    _made.clear()
+
+
+def test_remove_says_what_there_is(run) -> None:
+    with pytest.raises(InputError, match="has no term 'alpha\\*\\*3' in CZ: it has 1 alpha q de"):
+        remove(run, "CZ: alpha**3")
+    with pytest.raises(InputError, match="'stall' is not in the model"):
+        remove(run, "stall")
+
+
+def test_what_is_no_run_or_damaged_is_said(run, tmp_path) -> None:
+    with pytest.raises(InputError, match="is no run"):
+        add(tmp_path / "nothing", "stall")
+    with pytest.raises(InputError, match="is no run"):
+        open_run(tmp_path)
+    add(run, "CZ: alpha**3")
+    (run / "model.json").write_text('{"model": "unknown"}')
+    with pytest.raises(InputError, match=r"damaged: remove model.json"):
+        open_run(run)
+
+
+def test_a_failed_write_leaves_the_run_as_it_was(run, monkeypatch) -> None:
+    add(run, "CZ: alpha**3")
+    before = snapshot(run)
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(InputError, match="No space left"):
+        add(run, "Cm: alpha**2")
+    after = snapshot(run)
+    assert {k: v for k, v in after.items() if k in before} == before
+    monkeypatch.undo()
+    assert open_run(run).current.aircraft.model.terms["CZ"][-1] == "alpha**3"
+
+
+def _add_one(run: Path, text: str) -> None:
+    additions.add(run, text)
+
+
+def test_two_programs_wait_for_each_other(run) -> None:
+    """Both terms are in the model at the end: the second builds on the first."""
+    context = multiprocessing.get_context("fork")
+    processes = [context.Process(target=_add_one, args=(run, text)) for text in ("CZ: alpha**3", "Cm: alpha**2")]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(60)
+        assert process.exitcode == 0
+    assert set(open_run(run).current.changes) == {"CZ: alpha**3", "Cm: alpha**2"}
+
+
+def test_axes_may_be_written_as_in_books() -> None:
+    assert parse_request("C_Z: alpha**2; cm:q*alpha") == {"CZ": ("alpha**2",), "Cm": ("q*alpha",)}
