@@ -4,6 +4,7 @@
     parameters.json  final parameters with standard errors and verdicts
     state.json       final biases and wind, what became of every sample, duration, speed
     points.npz       measured coefficients and regressors, from which models are compared
+    samples.npz      every sample as it arrived (stamp, kind, values of samples.Samples): the run needs no recording
     aircraft.yaml    the aircraft file that was used
 """
 
@@ -35,13 +36,14 @@ from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings import output_messages as out
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.samples import Samples, concatenate
 
 Array = npt.NDArray[np.float64]
 
 #: States written per second of flight: the live topic has them all.
 STATE_RATE = 25.0
-ESTIMATES, PARAMETERS, STATE, POINTS, AIRCRAFT = (
-    "estimates.mcap", "parameters.json", "state.json", "points.npz", "aircraft.yaml",
+ESTIMATES, PARAMETERS, STATE, POINTS, AIRCRAFT, SAMPLES = (
+    "estimates.mcap", "parameters.json", "state.json", "points.npz", "aircraft.yaml", "samples.npz",
 )  # fmt: skip
 
 
@@ -53,6 +55,7 @@ class RunWriter:
         self._aircraft = aircraft
         self._rows: list[Array] = []
         self._points: list[Array] = []
+        self._samples: list[Samples] = []
         self._parameters: list[ParameterSet] = []
         self._errors: list[tuple[float, list[AxisError]]] = []
         self._last_state = -np.inf
@@ -63,6 +66,7 @@ class RunWriter:
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self._rows.clear()
+        self._samples.clear()
 
     def add_rows(self, rows: Array) -> None:
         """New rows of Column, in order; STATE_RATE of them are kept per second."""
@@ -71,6 +75,11 @@ class RunWriter:
             new = np.diff(slot, prepend=self._last_state) != 0.0
             self._last_state = float(slot[-1])
             self._rows.append(rows[new])
+
+    def add_samples(self, samples: Samples) -> None:
+        """New samples, in the order of arrival."""
+        if len(samples):
+            self._samples.append(samples)
 
     def add_points(self, points: Array) -> None:
         """New rows of Point, in order."""
@@ -98,6 +107,8 @@ class RunWriter:
                 new.mkdir()
                 self._write_estimates(new / ESTIMATES, state.epoch or 0, parameters)
                 self._write_points(new / POINTS, state.epoch or 0, parameters)
+                samples = concatenate(self._samples)
+                np.savez(new / SAMPLES, stamp=samples.stamp, kind=samples.kind.astype(np.int8), values=samples.values)
                 aircraft = yaml.safe_dump(self._aircraft.source, sort_keys=False)
                 (new / AIRCRAFT).write_text(aircraft, encoding="utf8")
                 write_json(new / PARAMETERS, result["parameters"])

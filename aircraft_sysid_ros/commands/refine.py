@@ -1,0 +1,94 @@
+"""``refine``: maximum likelihood on a run, the whole aircraft model at once, after the flight.
+
+output-error simulates each piece of the flight from its start, for calm air; filter-error runs a Kalman filter with
+the model and estimates gusts and sensor noise as well. The result is a file and a picture in the run folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.commands.options import parameter_table
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.json_text import json_text
+from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, RefineOptions, refine, with_options
+from aircraft_sysid_ros.refinement.run_data import load_run
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "refine", help="maximum likelihood on a run", description=__doc__
+    )
+    parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument("--method", choices=METHODS, default=FILTER_ERROR, help="default: %(default)s")
+    parser.add_argument(
+        "--segment", type=float, metavar="S",
+        help=f"seconds of flight in one piece (default: {RefineOptions().segment:g})",
+    )  # fmt: skip
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Refine and write; returns the content of the file with its path. Raises InputError."""
+    options = with_options(RefineOptions(), args.segment)
+    folder = Path(args.run)
+    data = load_run(folder)
+    path = folder / f"refined-{args.method}.json"
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"cannot write to the run {folder}: change its permissions")
+    started = time.perf_counter()
+    with progress_bar() as progress:
+        task = progress.add_task(args.method, total=options.maximum_iterations)
+
+        def show(iteration: int, cost: float) -> None:
+            progress.update(task, completed=iteration, description=f"{args.method}, cost {cost:.1f}")
+
+        result = refine(data, args.method, options, show)
+    result.content["elapsed"] = time.perf_counter() - started
+    picture = path.with_suffix(".png")
+    _draw(picture, result, f"{args.method}: {data.aircraft.name}")
+    _write(path, json_text(result.content) + "\n")
+    return {**result.content, "file": str(path), "figure": str(picture)}
+
+
+def _draw(path: Path, result: Any, title: str) -> None:
+    from aircraft_sysid_ros.report.figures import outputs_figure
+
+    part = path.with_name(f".{path.name}.part.png")
+    outputs_figure(result.time, result.measured, result.modelled, part, title)
+    os.replace(part, path)
+
+
+def _write(path: Path, text: str) -> None:
+    """At once or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf8")
+    os.replace(part, path)
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [parameter_table(result["parameters"]), ""]
+    lines.append(f"{'bias or level':<46}{'estimate':>12}{'std. error':>12}")
+    lines.append("-" * len(lines[-1]))
+    for key in ("biases", "process_noise", "output_noise_factors"):
+        for item in result.get(key, []):
+            if item["std"] is not None:
+                title = item["name"] if key == "biases" else f"{key.replace('_', ' ')}: {item['name']}"
+                lines.append(f"{title:<46}{item['value']:>12.5f}{item['std']:>12.5f}")
+    lines += ["", "held out: rms error of a coefficient over its spread, refined (run)"]
+    for axis, error in result["held_out"].items():
+        lines.append(f"  {axis}  {100 * error['nrmse']:.1f} % ({100 * error['nrmse_of_run']:.1f} %)")
+    ending = "converged" if result["converged"] else f"NOT CONVERGED: {result['reason']}"
+    lines.append(
+        f"{ending} after {result['iterations']} iterations, {result['seconds_fitted']:.0f} s of flight fitted in "
+        f"{result['elapsed']:.0f} s"
+    )
+    lines += [f"figure {result['figure']}", f"file {result['file']}"]
+    return "\n".join(lines)

@@ -1,0 +1,307 @@
+"""The 18 outputs (6.3) of a flight on one grid, with the inputs of the model and a reference motion.
+
+The grid is made of groups of consecutive IMU samples: their mean is the output at their mean time, so that nothing is
+interpolated. Other samples belong to the nearest grid time; what the reference motion, that of the first step, says
+that they would have changed by until then (10 ms at most) is added. Sensor delays of the aircraft file are taken out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
+from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
+from aircraft_sysid_ros.aircraft.earth import gravity, ned_from_geodetic
+from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.aircraft.frames import (
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_product,
+    rotation_matrix,
+)
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_model.dynamics import fill_model_signals
+from aircraft_sysid_ros.flight_model.layout import (
+    AIRSPEED,
+    ALPHA,
+    ATTITUDE,
+    ATTITUDE_VECTOR,
+    BETA,
+    CONTROL_COUNT,
+    CONTROLS,
+    DENSITY,
+    FORCE,
+    GPS_POSITION,
+    GPS_VELOCITY,
+    GYRO,
+    HEIGHT,
+    INPUT_SIZE,
+    OUTPUT_SIZE,
+    REFERENCE,
+    SPEED_OF_SOUND,
+    STATE_SIZE,
+    TIME,
+    FlightModel,
+    flight_model_of,
+)
+from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
+from aircraft_sysid_ros.reconstruction.state import Column, Status
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, seconds, sensor_delays
+from aircraft_sysid_ros.refinement.resampling import cubic, sharpened
+from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+#: Signals that the columns of CONTROLS give.
+_CONTROL_SIGNALS = ("de", "da", "dr", "flaps", "throttle", "Tc", "propeller_speed")
+#: Longest distance [s] of a control sample.
+_SETTLE = 0.2
+#: A value that leaps from the mean of its neighbours by more than this many times the usual leap is a fault.
+_FAULT = 50.0
+
+
+@dataclass(frozen=True)
+class FlightRecord:
+    """N times of a flight, as the flight model wants them."""
+
+    model: FlightModel
+    stamp: npt.NDArray[np.int64]  # (N,) [ns]
+    time: Array  # (N,) [s]
+    inputs: Array  # (N, 22), with controls in the middle of each step
+    outputs: Array  # (N, 18), NaN: not measured then
+    states: Array  # (N, 16) of the first step, at the centre of gravity
+    in_flight: Mask  # (N,) and all inputs there
+    missing: frozenset[str]  # signals that were never measured
+    step: float  # [s]
+
+    @property
+    def measured(self) -> Mask:
+        """Which outputs (18,) are there at all in flight."""
+        return np.asarray(np.any(np.isfinite(self.outputs[self.in_flight]), axis=0))
+
+    def signals(self) -> Array:
+        """Signals (N, len(SIGNALS)) of the reference motion."""
+        out = np.zeros((len(self.time), len(SIGNALS)))
+        for k, x in enumerate(self.states):
+            u = rotation_matrix(x[ATTITUDE]).T @ (x[0:3] - x[13:16])
+            fill_model_signals(u, x[10:13], self.inputs[k], self.model.geometry, out[k])
+        return out
+
+
+def record_of(aircraft: Aircraft, samples: Samples, rate: float) -> FlightRecord:
+    """Record of a flight at about ``rate`` [Hz]; raises InputError where samples do not make a flight."""
+    with FlightTape() as tape:
+        estimator = StateEstimator(aircraft, tape=tape)
+        estimator.push(samples)
+        estimator.flush()
+        if not estimator.has_been_aligned or estimator.epoch is None:
+            raise InputError("the samples of the run give no state: replay the recording again")
+        rows = estimator.smooth()
+    first, last = _groups(rows, rate)
+    if not len(first):
+        raise InputError("the IMU samples of the run have gaps everywhere: nothing can be refined")
+    every = int(last[0] - first[0] + 1)
+    time = _mean(rows[:, Column.TIME], first, every)
+    states = _states(rows, first, every)
+    delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
+    times = seconds(samples.stamp - delays[samples.kind], estimator.epoch)
+    values = np.where(is_absurd(samples), np.nan, samples.values)
+    inputs, missing = _inputs(aircraft, samples.kind, times, values, rows, states, time, first, every)
+    origin = rows[first[0], Column.ORIGIN]
+    outputs = _outputs(aircraft, samples.kind, times, values, rows, time, first, every)
+    airspeed = _mean(rows[:, Column.AIRSPEED], first, every)
+    status = rows[first, Column.STATUS]
+    finite = np.all(np.isfinite(inputs), axis=1) & np.all(np.isfinite(states), axis=1)
+    in_flight = finite & (airspeed >= aircraft.minimum_airspeed) & (status != Status.WAITING)
+    model = flight_model_of(aircraft, float(gravity(origin[0], origin[2])), every)
+    outputs = _without_outliers(outputs, in_flight)
+    return FlightRecord(
+        model, nanoseconds(time, estimator.epoch), time, inputs, outputs, states, in_flight, missing,
+        step=float(np.median(np.diff(time))) if len(time) > 1 else 1.0 / rate,
+    )  # fmt: skip
+
+
+def _groups(rows: Array, rate: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """First and last row of each group of IMU samples that is one grid step, without gaps inside."""
+    time = rows[:, Column.TIME]
+    interval = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    every = max(round(1.0 / (rate * interval)), 1)
+    broken = np.flatnonzero((np.diff(time) > 1.5 * interval) | (np.diff(time) <= 0.0)) + 1
+    starts = []
+    for part in np.split(np.arange(len(time)), broken):
+        starts.append(part[: len(part) // every * every : every])
+    first = np.concatenate(starts)
+    return first, first + every - 1
+
+
+def _mean(series: Array, first: npt.NDArray[np.int64], every: int) -> Array:
+    """Means over groups of ``every`` rows that begin at ``first``."""
+    return np.asarray(np.mean([series[first + k] for k in range(every)], axis=0))
+
+
+def _states(rows: Array, first: npt.NDArray[np.int64], every: int) -> Array:
+    states = np.empty((len(first), STATE_SIZE))
+    attitude = rows[:, Column.ATTITUDE]
+    same_side = np.sign(np.sum(attitude[first][:, None] * np.stack([attitude[first + k] for k in range(every)], 1), 2))
+    turned = np.sum([same_side[:, k, None] * attitude[first + k] for k in range(every)], axis=0)
+    states[:, 0:3] = _mean(rows[:, Column.VELOCITY], first, every)
+    states[:, 3:6] = _mean(rows[:, Column.POSITION], first, every)
+    states[:, 6:10] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    states[:, 10:13] = _mean(rows[:, Column.ANGULAR_VELOCITY], first, every)
+    states[:, 13:16] = _mean(rows[:, Column.WIND], first, every)
+    return states
+
+
+def _inputs(
+    aircraft: Aircraft,
+    kinds: npt.NDArray[np.int64],
+    times: Array,
+    values: Array,
+    rows: Array,
+    states: Array,
+    time: Array,
+    first: npt.NDArray[np.int64],
+    every: int,
+) -> tuple[Array, frozenset[str]]:
+    """Inputs (N, 22) and the signals that are never measured, whose columns are 0."""
+    inputs = np.zeros((len(time), INPUT_SIZE + CONTROL_COUNT))
+    signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
+    middle = 0.5 * (time + np.concatenate([time[:1], time[:-1]]))
+    for part, at in ((CONTROLS, time), (slice(INPUT_SIZE, INPUT_SIZE + CONTROL_COUNT), middle)):
+        controls = _series(Kind.CONTROLS, CONTROL_COUNT, kinds, times, values, at) * signs
+        never = ~np.any(np.isfinite(controls), axis=0)
+        controls[:, never] = 0.0
+        inputs[:, part] = controls
+    inputs[:, DENSITY] = _mean(rows[:, Column.AIR_DENSITY], first, every)
+    altitude = rows[first, Column.ORIGIN.stop - 1] - states[:, 5]
+    ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(altitude.min())
+    height = _series(Kind.HEIGHT, 1, kinds, times, values, time)[:, 0]
+    inputs[:, HEIGHT] = np.where(np.isfinite(height), height, altitude - ground)
+    inputs[:, SPEED_OF_SOUND] = [speed_of_sound(h) for h in altitude]
+    inputs[:, TIME] = time - time[0]
+    inputs[:, REFERENCE] = states[:, ATTITUDE]
+    return inputs, frozenset(name for name, gone in zip(_CONTROL_SIGNALS, never, strict=True) if gone)
+
+
+def _series(
+    kind: Kind, width: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array
+) -> Array:
+    chosen = np.flatnonzero(kinds == kind)
+    order = chosen[np.argsort(times[chosen], kind="stable")]
+    return cubic(times[order], np.ascontiguousarray(values[order, :width]), at, _SETTLE)
+
+
+def _outputs(
+    aircraft: Aircraft,
+    kinds: npt.NDArray[np.int64],
+    times: Array,
+    values: Array,
+    rows: Array,
+    time: Array,
+    first: npt.NDArray[np.int64],
+    every: int,
+) -> Array:
+    """Outputs (N, 18); the IMU as measured, that is with the biases that the rows are without."""
+    y = np.full((len(time), OUTPUT_SIZE), np.nan)
+    force = rows[:, Column.SPECIFIC_FORCE] + rows[:, Column.ACCELEROMETER_BIAS]
+    y[:, FORCE : FORCE + 3] = sharpened(_mean(force, first, every), time, every)
+    rates = _mean(rows[:, Column.ANGULAR_VELOCITY] + rows[:, Column.GYRO_BIAS], first, every)
+    y[:, GYRO : GYRO + 3] = sharpened(rates, time, every)
+    row_time = rows[:, Column.TIME]
+    origin = rows[first[0], Column.ORIGIN].copy()
+
+    def put(kind: Kind, at: int, found: Array, reference: Array | None) -> None:
+        """Mean of the samples (m, k) at each grid time, carried there along the reference (rows, k)."""
+        seen = times[kinds == kind]
+        nearest, near = _nearest(time, seen)
+        if reference is not None:
+            for j in range(found.shape[1]):
+                column = reference[:, j]
+                found[:, j] += (
+                    np.interp(time[nearest], row_time, column) - np.interp(seen, row_time, column)
+                )
+        for j in range(found.shape[1]):
+            there = near & np.isfinite(found[:, j])
+            count = np.bincount(nearest[there], minlength=len(time))
+            total = np.bincount(nearest[there], weights=found[there, j], minlength=len(time))
+            y[count > 0, at + j] = total[count > 0] / count[count > 0]
+
+    def of(kind: Kind, width: int) -> Array:
+        return values[kinds == kind, :width].copy()
+
+    geodetic = of(Kind.GPS_POSITION, 3)
+    position = np.array([ned_from_geodetic(g[0], g[1], g[2], origin) for g in geodetic]).reshape(-1, 3)
+    put(Kind.GPS_POSITION, GPS_POSITION, position, rows[:, Column.POSITION])
+    put(Kind.GPS_VELOCITY, GPS_VELOCITY, of(Kind.GPS_VELOCITY, 3), rows[:, Column.VELOCITY])
+    for kind, at, column in (
+        (Kind.AIRSPEED, AIRSPEED, Column.AIRSPEED),
+        (Kind.ANGLE_OF_ATTACK, ALPHA, Column.ANGLE_OF_ATTACK),
+        (Kind.SIDESLIP, BETA, Column.SIDESLIP),
+    ):
+        put(kind, at, of(kind, 1), rows[:, column : column + 1])
+    if np.any(kinds == Kind.ATTITUDE):
+        turns = _attitude_errors(of(Kind.ATTITUDE, 4), times[kinds == Kind.ATTITUDE], rows)
+        put(Kind.ATTITUDE, ATTITUDE_VECTOR, turns, None)
+    elif aircraft.magnetic_declination is not None:
+        heading = _heading_errors(
+            of(Kind.MAGNETIC_FIELD, 3), times[kinds == Kind.MAGNETIC_FIELD], rows, aircraft.magnetic_declination
+        )
+        put(Kind.MAGNETIC_FIELD, ATTITUDE_VECTOR + 2, heading, None)
+    return y
+
+
+def _nearest(time: Array, at: Array) -> tuple[npt.NDArray[np.int64], Mask]:
+    """Index of the nearest grid time, and whether it is within half a step."""
+    right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+    nearest = np.where(at - time[right - 1] < time[right] - at, right - 1, right)
+    half = 0.51 * float(np.median(np.diff(time)))
+    return nearest, np.abs(time[nearest] - at) <= half
+
+
+def _attitude_at(at: float, rows: Array) -> Array:
+    """Reference attitude (4,) at a time, from the row before it and its rates."""
+    k = int(np.clip(np.searchsorted(rows[:, Column.TIME], at) - 1, 0, len(rows) - 1))
+    turn = rows[k, Column.ANGULAR_VELOCITY] * np.clip(at - rows[k, Column.TIME], -0.1, 0.1)
+    return np.asarray(quaternion_product(rows[k, Column.ATTITUDE], quaternion_exp(turn)))
+
+
+def _attitude_errors(quaternions: Array, at: Array, rows: Array) -> Array:
+    """Rotation vectors (m, 3), NED axes, from the reference attitude to that measured."""
+    out = np.empty((len(at), 3))
+    for i, (q, t) in enumerate(zip(quaternions, at, strict=True)):
+        size = float(np.sqrt(np.sum(q * q)))
+        unit = q / size if size > 0.0 else np.full(4, np.nan)
+        out[i] = quaternion_log(quaternion_product(unit, quaternion_conjugate(_attitude_at(t, rows))))
+    return out
+
+
+def _heading_errors(fields: Array, at: Array, rows: Array, declination: float) -> Array:
+    """Headings (m, 1) of the magnetic field over those of the reference attitude; NaN where it is vertical."""
+    out = np.full((len(at), 1), np.nan)
+    for i, (field, t) in enumerate(zip(fields, at, strict=True)):
+        level = rotation_matrix(_attitude_at(t, rows)) @ field
+        if np.hypot(level[0], level[1]) > 0.2 * np.sqrt(np.sum(level * level)):
+            angle = declination - np.arctan2(level[1], level[0])
+            out[i] = (angle + np.pi) % (2.0 * np.pi) - np.pi
+    return out
+
+
+def _without_outliers(outputs: Array, in_flight: Mask) -> Array:
+    """Outputs without single values that leap from both neighbours by far more than is usual."""
+    out = outputs.copy()
+    for j in range(OUTPUT_SIZE):
+        there = np.flatnonzero(in_flight & np.isfinite(outputs[:, j]))
+        if len(there) < 20:
+            continue
+        y = outputs[there, j]
+        leap = np.abs(y[1:-1] - 0.5 * (y[:-2] + y[2:]))
+        usual = 1.4826 * float(np.median(leap))
+        highest = np.maximum(np.abs(y[1:-1] - y[:-2]), np.abs(y[1:-1] - y[2:]))
+        alone = (leap >= 0.4 * highest) & (usual > 0.0)  # not a neighbour of the fault
+        out[there[1:-1][alone & (leap > _FAULT * usual)], j] = np.nan
+    return out

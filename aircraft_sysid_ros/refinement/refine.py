@@ -1,0 +1,271 @@
+"""``refine``: maximum likelihood on a run, by output error or filter error, from the parameters of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.maximum_likelihood import covariance_of, sandwich_covariance
+from aircraft_sysid_ros.flight_model.layout import (
+    GROUP_OF_OUTPUT,
+    OUTPUT_GROUPS,
+    OUTPUT_NAMES,
+    bias_slice,
+    make_theta,
+    output_slice,
+    process_slice,
+)
+from aircraft_sysid_ros.modelling.body import body_of, body_with
+from aircraft_sysid_ros.refinement.filter_error import FilterModel, filter_error_fit
+from aircraft_sysid_ros.refinement.output_error import SegmentModel, output_error_fit
+from aircraft_sysid_ros.refinement.parameters import (
+    biases_json,
+    difference_steps,
+    estimable,
+    judged,
+    levels_json,
+    scales_of,
+    without_information,
+)
+from aircraft_sysid_ros.refinement.record import FlightRecord, record_of
+from aircraft_sysid_ros.refinement.run_data import RunData
+from aircraft_sysid_ros.refinement.segments import Segment, segments_of
+from aircraft_sysid_ros.samples import Kind
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Progress = Callable[[int, float], None]
+
+OUTPUT_ERROR, FILTER_ERROR = "output-error", "filter-error"
+METHODS = (OUTPUT_ERROR, FILTER_ERROR)
+#: Where the estimation of the noise levels begins: gusts [m/s per sqrt(s)], rates [rad/s per sqrt(s)].
+_START_LEVELS = (0.3, 0.3, 0.05)
+#: Correlation of innovations that the standard errors allow for [s].
+_CORRELATION = 1.0
+#: Least time [s] to fit on.
+SHORTEST = 10.0
+
+
+@dataclass(frozen=True)
+class RefineOptions:
+    """How a flight is cut up, and when to stop."""
+
+    rate: float = 50.0  # [Hz] of the grid
+    segment: float = 16.0  # [s] simulated, or filtered, in one piece
+    held_out: float = 4.0  # [s] after each segment that is not fitted
+    maximum_iterations: int = 25
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Content of the file, and what a figure of it shows."""
+
+    content: dict[str, Any]
+    time: Array  # (N,) [s] of the record
+    measured: Array  # (N, 18)
+    modelled: Array  # (N, 18), NaN where nothing was fitted
+
+
+@dataclass
+class _Fitted:
+    """What both methods hand over."""
+
+    theta: Array
+    std: Array  # (parameters,), 0 where not active
+    cost: float
+    iterations: int
+    converged: bool
+    reason: str
+    residuals: list[Array]  # (N, 18) of each segment, NaN: not measured
+    fit: dict[str, Any] = field(default_factory=dict)
+
+
+def refine(run: RunData, method: str, options: RefineOptions, progress: Progress | None = None) -> Refinement:
+    """Refine the parameters of a run; InputError where its flight does not allow it."""
+    _check_mass(run)
+    record = record_of(run.aircraft, run.samples, options.rate)
+    _check(record)
+    segments = segments_of(record, options.segment, options.held_out)
+    fitted = [segment for segment in segments if not segment.held_out]
+    total = sum(s.part.stop - s.part.start for s in fitted) * record.step
+    if total < SHORTEST:
+        raise InputError(f"the run has {total:.0f} s in flight with all inputs: {SHORTEST:g} s are needed")
+    levels = _START_LEVELS if method == FILTER_ERROR else (0.0, 0.0, 0.0)
+    theta = make_theta(record.model, run.start, run.biases, levels)
+    scales = scales_of(run.aircraft.model, record, theta)
+    steps = difference_steps(record, scales)
+    theta, active = _hold_what_is_not_told(run, record, fitted, theta, steps)
+    work = _filter_error if method == FILTER_ERROR else _output_error
+    found = work(record, fitted, theta, active, steps, options.maximum_iterations, progress)
+    modelled = np.full(record.outputs.shape, np.nan)
+    for segment, residual in zip(fitted, found.residuals, strict=True):
+        modelled[segment.part] = record.outputs[segment.part] - residual
+    content = {
+        "method": method,
+        "model": run.aircraft.model.identifier,
+        "parameters": judged(
+            run.aircraft.model, record, found.theta, found.std, active, scales, run.parameters
+        ),
+        "biases": biases_json(record, found.theta, found.std, active),
+        "cost": found.cost,
+        "iterations": found.iterations,
+        "converged": found.converged,
+        "reason": found.reason,
+        **found.fit,
+        "segments": len(fitted),
+        "seconds_fitted": total,
+        "held_out": held_out_errors(run, record, segments, found.theta),
+    }
+    return Refinement(content, record.time - record.time[0], record.outputs, modelled)
+
+
+def _check(record: FlightRecord) -> None:
+    """InputError where the model of a whole aircraft has no inputs or no flow."""
+    if {"de", "da", "dr"} <= record.missing:
+        raise InputError("the run has no control surfaces: the flight cannot be simulated without its controls")
+    if not record.in_flight.any():
+        raise InputError("the run is never in flight with air data and controls: nothing can be refined")
+
+
+def _check_mass(run: RunData) -> None:
+    """InputError where mass properties were measured that are not those of the aircraft file."""
+    filed = body_of(run.aircraft)
+    for values in np.unique(run.samples.values[run.samples.kind == Kind.MASS], axis=0):
+        body = body_with(run.aircraft, filed, values)
+        same = np.allclose(body.inertia, filed.inertia, rtol=0.02, atol=0.02 * float(np.trace(filed.inertia)))
+        if abs(body.mass / filed.mass - 1.0) > 0.01 or not same or np.any(np.abs(body.imu - filed.imu) > 0.01):
+            raise InputError(
+                "the run has mass properties other than those of its aircraft file: refine takes them for constant, "
+                "so replay a recording without them, with the right ones in the file"
+            )
+
+
+def _hold_what_is_not_told(
+    run: RunData, record: FlightRecord, segments: list[Segment], theta: Array, steps: Array
+) -> tuple[Array, Mask]:
+    """Start and active numbers: coefficients without information, found one by one, stay where they are."""
+    active = estimable(run.aircraft.model, record)
+    count = len(run.aircraft.model.parameter_names)
+    theta[:count][~active[:count]] = 0.0  # what reads a signal that is not measured has no part in the model
+    scales = scales_of(run.aircraft.model, record, theta)
+    fit = output_error_fit(SegmentModel(record, segments, theta, active, steps), 0)
+    covariance = fit.covariance
+    while True:
+        worst = without_information(covariance, active, scales)
+        if worst is None:
+            return theta, active
+        keep = np.flatnonzero(active) != worst
+        # known: the information of the rest, with this one held, is the inverse of what its row leaves
+        covariance = _conditional(covariance, ~keep)[np.ix_(keep, keep)]
+        active[worst] = False
+
+
+def _conditional(covariance: Array, held: Mask) -> Array:
+    """Covariance of all numbers when one of them, where ``held`` is true, is known."""
+    i = int(np.argmax(held))
+    if not np.isfinite(covariance[i, i]):
+        return covariance
+    return covariance - np.outer(covariance[:, i], covariance[i]) / covariance[i, i]
+
+
+def _output_error(
+    record: FlightRecord, segments: list[Segment], theta: Array, active: Mask, steps: Array, most: int,
+    progress: Progress | None,
+) -> _Fitted:  # fmt: skip
+    model = SegmentModel(record, segments, theta, active, steps)
+    fit = output_error_fit(model, most, progress)
+    std = np.zeros(len(theta))
+    std[active] = np.sqrt(np.fmax(np.diag(fit.covariance), np.diag(fit.coloured_covariance)))
+    noise = [
+        {"output": name, "std": float(np.sqrt(v)), "std_error": float(0.5 * e / np.sqrt(v))}
+        for name, v, e in zip(OUTPUT_NAMES, fit.variance, fit.variance_std, strict=True)
+        if np.isfinite(v)
+    ]
+    content = {"residuals": _output_errors(record, fit.residuals), "output_noise": noise}
+    return _Fitted(
+        model.whole(fit.theta), std, fit.cost, fit.iterations, fit.converged, fit.reason, fit.residuals, content
+    )
+
+
+def _filter_error(
+    record: FlightRecord, segments: list[Segment], theta: Array, active: Mask, steps: Array, most: int,
+    progress: Progress | None,
+) -> _Fitted:  # fmt: skip
+    active = active.copy()
+    active[process_slice(record.model)] = True
+    measured = [bool(np.any(record.measured[np.equal(GROUP_OF_OUTPUT, g)])) for g in range(len(OUTPUT_GROUPS))]
+    active[output_slice(record.model)] = measured
+    levels = np.zeros(len(active), np.bool_)
+    levels[bias_slice(record.model).stop :] = True
+    model = FilterModel(record, segments, theta, active, levels, steps)
+    fit, scores = filter_error_fit(model, most, progress)
+    information = fit.expansion.matrix
+    coloured = sandwich_covariance(information, scores, round(_CORRELATION / record.step))
+    std = np.zeros(len(theta))
+    std[active] = np.sqrt(np.fmax(np.diag(covariance_of(information)), np.diag(coloured)))
+    found = model.whole(fit.theta)
+    pairs = [model.innovations(segment, found[None]) for segment in segments]
+    residuals = [e[0] for e, _ in pairs]
+    content = {
+        "innovations": _output_errors(record, residuals),
+        "consistency": _consistency(pairs),
+        **levels_json(record, found, std, active),
+    }
+    return _Fitted(found, std, fit.expansion.cost, fit.iterations, fit.converged, fit.reason, residuals, content)
+
+
+def _output_errors(record: FlightRecord, residuals: list[Array]) -> dict[str, float]:
+    """Rms of the residuals of each measured output, in its unit."""
+    joined = np.concatenate(residuals)
+    there = np.any(np.isfinite(joined), axis=0)
+    return {name: float(np.sqrt(np.nanmean(joined[:, i] ** 2))) for i, name in enumerate(OUTPUT_NAMES) if there[i]}
+
+
+def _consistency(pairs: list[tuple[Array, Array]]) -> dict[str, float]:
+    """Mean squared innovation over its variance, by output: 1 when the noise is as estimated."""
+    ratio = np.concatenate([e[0] ** 2 / s[0] for e, s in pairs])
+    there = np.any(np.isfinite(ratio), axis=0)
+    return {name: float(np.nanmean(ratio[:, i])) for i, name in enumerate(OUTPUT_NAMES) if there[i]}
+
+
+def held_out_errors(
+    run: RunData, record: FlightRecord, segments: list[Segment], theta: Array
+) -> dict[str, dict[str, float]]:
+    """NRMSE of each coefficient on the pieces that were not fitted, by these parameters and by those of the run.
+
+    The run has learnt from these pieces as well; the constant that its biases leave in a coefficient is taken out.
+    """
+    inside = np.zeros(len(run.point_stamp), np.bool_)
+    for segment in segments:
+        if segment.held_out:
+            low, high = record.stamp[segment.part.start], record.stamp[segment.part.stop - 1]
+            inside |= (run.point_stamp >= low) & (run.point_stamp <= high)
+    model, result = run.aircraft.model, {}
+    for i, axis in enumerate(AXES):
+        part = model.axis_slice(axis)
+        terms, measured = run.terms[inside, part], run.measured[inside, i]
+        there = np.isfinite(measured) & np.all(np.isfinite(terms), axis=1)
+        if there.sum() < 10:
+            continue
+        spread = float(np.std(measured[there]))
+        after, before = (measured[there] - terms[there] @ p[part] for p in (theta, run.start))
+        result[axis] = {
+            "nrmse": float(np.std(after)) / spread,
+            "nrmse_of_run": float(np.std(before)) / spread,
+        }
+    return result
+
+
+def with_options(options: RefineOptions, segment: float | None) -> RefineOptions:
+    """Options with another length of segment [s], where one is given; InputError when it makes no sense."""
+    if segment is None:
+        return options
+    if not 4.0 <= segment <= 600.0:
+        raise InputError(f"--segment must be between 4 and 600 s, not {segment:g}")
+    return replace(options, segment=segment)

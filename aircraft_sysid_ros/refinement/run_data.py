@@ -1,0 +1,75 @@
+"""What refinement reads from a run folder."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.trust import physical_bounds
+from aircraft_sysid_ros.samples import WIDTH, Samples
+
+Array = npt.NDArray[np.float64]
+
+AIRCRAFT, PARAMETERS, STATE, POINTS, SAMPLES = (
+    "aircraft.yaml", "parameters.json", "state.json", "points.npz", "samples.npz",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunData:
+    """A run: its flight as samples, and what the recursion made of it."""
+
+    aircraft: Aircraft
+    samples: Samples
+    parameters: dict[str, dict[str, Any]]  # by name, as in parameters.json
+    biases: Array  # (6,) accelerometer [m/s^2], gyro [rad/s]
+    point_stamp: npt.NDArray[np.int64]  # (n,) [ns]
+    measured: Array  # (n, 6) coefficients
+    terms: Array  # (n, parameters)
+
+    @property
+    def start(self) -> Array:
+        """Aerodynamic coefficients to begin with; 0 where the run has none that an aeroplane could have."""
+        values = np.zeros(len(self.aircraft.model.parameter_names))
+        for i, name in enumerate(self.aircraft.model.parameter_names):
+            value = self.parameters.get(name, {}).get("value")
+            low, high = physical_bounds(name)
+            if value is not None and low <= value <= high:
+                values[i] = value
+        return values
+
+
+def load_run(run: str | Path) -> RunData:
+    """Read a run folder; InputError when it is none, has no samples, or is damaged."""
+    folder = Path(run)
+    if not (folder / PARAMETERS).is_file() or not (folder / AIRCRAFT).is_file():
+        raise InputError(f"{run} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
+    if not (folder / SAMPLES).is_file():
+        raise InputError(f"{run} holds no samples, it was made by an older version: replay the recording again")
+    aircraft = load_aircraft(folder / AIRCRAFT)
+    try:
+        listed = json.loads((folder / PARAMETERS).read_text(encoding="utf8"))["parameters"]
+        parameters = {p["name"]: p for p in listed}
+        state = json.loads((folder / STATE).read_text(encoding="utf8"))
+        known = [*state["accelerometer_bias"], *state["gyro_bias"]]
+        biases = np.array([0.0 if b is None else float(b) for b in known])
+        with np.load(folder / SAMPLES) as stored:
+            samples = Samples(stored["stamp"], stored["kind"].astype(np.int64), stored["values"])
+        with np.load(folder / POINTS) as stored:
+            stamp, measured, terms = stored["stamp"], stored["measured"], stored["terms"]
+    except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
+        raise InputError(f"the run {run} is damaged: replay the recording again") from None
+    names = aircraft.model.parameter_names
+    sound = samples.values.shape == (len(samples.stamp), WIDTH) and samples.kind.shape == samples.stamp.shape
+    if not sound or measured.shape != (len(stamp), len(AXES)) or terms.shape != (len(stamp), len(names)):
+        raise InputError(f"the run {run} is of another version or model: replay the recording again")
+    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms)

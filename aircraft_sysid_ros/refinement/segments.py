@@ -1,0 +1,44 @@
+"""A flight cut into pieces: unstable modes and drift do not spoil a simulation of some seconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aircraft_sysid_ros.refinement.record import FlightRecord
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Steps ``part`` of a record, one after the other without a gap."""
+
+    part: slice
+    held_out: bool
+
+
+def segments_of(record: FlightRecord, length: float, held_out: float) -> list[Segment]:
+    """Flight cut into pieces of about ``length`` [s], each followed by one of ``held_out`` [s] that is not fitted."""
+    steady = np.diff(record.time) < 1.5 * record.step
+    found: list[Segment] = []
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], record.in_flight.astype(np.int64), [0]])))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        cuts = begin + 1 + np.flatnonzero(~steady[begin : end - 1])
+        for a, b in zip([begin, *cuts], [*cuts, end], strict=True):
+            found += _cut(int(a), int(b), round(length / record.step), round(held_out / record.step))
+    return found
+
+
+def _cut(begin: int, end: int, fit: int, hold: int) -> list[Segment]:
+    """Pieces of one uninterrupted stretch: equal in length, so that the last is not too short."""
+    count = max(round((end - begin + hold) / (fit + hold)), 1)
+    length = (end - begin + hold) / count
+    pieces = []
+    for k in range(count):
+        first = begin + round(k * length)
+        last = min(begin + round((k + 1) * length), end + hold)
+        if last - hold - first >= fit // 4:
+            pieces.append(Segment(slice(first, last - hold), False))
+            if last <= end:
+                pieces.append(Segment(slice(last - hold, last), True))
+    return pieces

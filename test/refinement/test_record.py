@@ -1,0 +1,125 @@
+"""The record of a flight against the truth of its simulation."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_model.layout import CONTROLS, INPUT_SIZE
+from aircraft_sysid_ros.refinement.record import record_of
+from aircraft_sysid_ros.refinement.resampling import cubic
+from aircraft_sysid_ros.refinement.segments import Segment, segments_of
+from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.sensors import air_data_at, specific_force_at
+
+
+@pytest.fixture(scope="module")
+def record(still_flight, still_run):
+    return record_of(still_flight.aircraft, still_run.samples, 50.0)
+
+
+def truth_at(flight, record, shift=0.0):
+    begin = int(flight.biases.stamp[0])
+    return flight.truth.at((record.stamp - begin) * 1e-9 + shift)
+
+
+def test_outputs_are_those_of_the_truth_at_the_grid(still_flight, record):
+    """Means over the flight: any delay of 2 ms, or a sample put at a wrong time, would stand out of the noise."""
+    inside = slice(100, -100)
+    truth, aircraft = truth_at(still_flight, record), still_flight.aircraft
+    biases = still_flight.biases
+    expected = np.column_stack(
+        [
+            specific_force_at(truth, aircraft.imu_position) + biases.accelerometer[0],
+            truth.rates + biases.gyro[0],
+        ]
+    )
+    error = (record.outputs[:, :6] - expected)[inside]
+    noise = record.model.output_std[:6]
+    assert np.all(np.std(error, axis=0) < 1.15 * noise)
+    air = record.outputs[inside, 15:18] - air_data_at(truth, aircraft.air_data_position)[inside]
+    assert np.all(np.nanstd(air, axis=0) < 1.15 * record.model.output_std[15:18])
+    assert np.mean(np.isfinite(air)) > 0.95
+    assert np.nanmean(np.isfinite(record.outputs[inside, 6])) == pytest.approx(0.1, abs=0.01)  # GPS: 5 Hz
+    assert not record.measured[12:15].any()  # neither attitude nor magnetometer in this flight
+
+
+def test_inputs_are_those_of_the_truth_at_both_ends_and_in_the_middle(still_flight, record):
+    inside, surfaces = slice(100, -100), slice(0, 3)
+    truth, middle = truth_at(still_flight, record), truth_at(still_flight, record, -0.01)
+    noise = still_flight.aircraft.sensors["control_surfaces"].noise[0]
+    for inputs, real in (
+        (record.inputs[:, CONTROLS], truth.controls),
+        (record.inputs[:, INPUT_SIZE:], middle.controls),
+    ):
+        error = (inputs - real)[inside, surfaces]
+        assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 1.3 * noise)
+    np.testing.assert_allclose(record.inputs[inside, 7], truth.density[inside], rtol=2e-3)
+
+
+def test_cubic_interpolation_keeps_what_a_straight_line_takes_away():
+    times = np.arange(0.0, 2.0, 0.02)
+    at = times[5:-5] + 0.01
+    values = np.sin(10.0 * times)[:, None]
+    exact = np.sin(10.0 * at)
+    assert np.abs(cubic(times, values, at, 0.2)[:, 0] - exact).max() < 1e-4
+    assert np.abs(0.5 * (values[5:-5, 0] + values[6:-4, 0]) - exact).max() > 4e-3
+    gap = np.delete(np.arange(len(times)), np.arange(40, 60))
+    inside = cubic(times[gap], values[gap], times[[45, 50]], 0.2)[:, 0]
+    assert inside[0] == values[39, 0] and np.isnan(inside[1])  # held for a while, and no cubic over a gap
+    assert np.isnan(cubic(times[:3], values[:3], np.array([5.0]), 0.2)[0, 0])
+
+
+def test_sensor_delays_are_taken_out(still_flight, still_run, record):
+    aircraft, samples = still_flight.aircraft, still_run.samples
+    vane = samples.kind == Kind.ANGLE_OF_ATTACK
+    later = replace(samples, stamp=np.where(vane, samples.stamp + 50_000_000, samples.stamp))
+    sensors = {**aircraft.sensors, "angle_of_attack": replace(aircraft.sensors["angle_of_attack"], delay=0.05)}
+    moved = record_of(replace(aircraft, sensors=sensors), later, 50.0)
+    inside = slice(200, 1200)
+    np.testing.assert_allclose(moved.outputs[inside, 16], record.outputs[inside, 16], atol=1e-3)
+
+
+def test_segments_cover_the_flight_and_do_not_cross_gaps(record):
+    pieces = segments_of(record, 8.0, 2.0)
+    fitted = [p.part for p in pieces if not p.held_out]
+    held = [p.part for p in pieces if p.held_out]
+    assert len(fitted) == 3 and len(held) == 2
+    assert sum(p.stop - p.start for p in fitted + held) == pytest.approx(record.in_flight.sum(), abs=2)
+    ordered = sorted(fitted + held, key=lambda p: p.start)
+    assert all(a.stop <= b.start for a, b in pairwise(ordered))
+    time = record.time.copy()
+    time[1000:] += 3.0
+    broken = segments_of(replace(record, time=time), 8.0, 2.0)
+    assert not any(p.part.start < 1000 < p.part.stop for p in broken)
+    grounded = replace(record, in_flight=np.zeros(len(time), np.bool_))
+    assert segments_of(grounded, 8.0, 2.0) == []
+    assert isinstance(pieces[0], Segment)
+
+
+def test_magnetometer_and_attitude_become_rotation_vectors(aircraft):
+    from aircraft_sysid_ros.simulation.sensors import SensorOptions
+    from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+    for options, columns in ((SensorOptions(magnetometer=True), [14]), (SensorOptions(attitude=True), [12, 13, 14])):
+        flight = simulate_samples(aircraft, seed=1, duration=20.0, sensors=options)
+        record = record_of(aircraft, flight.samples, 50.0)
+        there = np.flatnonzero(np.any(np.isfinite(record.outputs[:, 12:15]), axis=0)) + 12
+        assert there.tolist() == columns
+        assert np.all(np.nanstd(record.outputs[400:, there], axis=0) < 0.08)
+
+
+def test_a_single_wild_value_is_left_out(still_flight, still_run, record):
+    samples = still_run.samples
+    values = samples.values.copy()
+    at = np.flatnonzero(samples.kind == Kind.ANGLE_OF_ATTACK)[800]
+    values[at, 0] += 1.0
+    wild = record_of(still_flight.aircraft, replace(samples, values=values), 50.0)
+    assert np.nanmax(np.abs(wild.outputs[:, 16] - record.outputs[:, 16])) < 0.05
+
+
+def test_samples_without_a_flight_are_refused(still_flight, still_run):
+    with pytest.raises(InputError, match="no state"):
+        record_of(still_flight.aircraft, still_run.samples[:10], 50.0)
