@@ -19,6 +19,7 @@ COMMANDS = {
     "import": ("import_log", "a flight log of another format to a bag"),
     "replay": ("replay", "the whole pipeline over a recording"),
     "compare": ("compare", "how good the model is, and where it fails"),
+    "diagnose": ("diagnose", "which effect is missing"),
     "add": ("add", "an effect or a term added to the model, with the error before and after"),
     "remove": ("remove", "an effect or a term taken out again"),
     "refine": ("refine", "maximum likelihood on a run, after the flight"),

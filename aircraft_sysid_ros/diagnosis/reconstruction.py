@@ -7,7 +7,7 @@ sides of the regression in turbulence, are smaller and no longer late.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,10 @@ from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
+
+
+#: The flight counts from where the air data are known this much worse than usual, at most.
+SETTLED = 1.5
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,26 @@ def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
     begin = time[0] if len(time) else 0.0
     return FlightData(aircraft, time - begin, points[:, Point.MEASURED], points[:, Point.SIGNALS], step)
+
+
+def settled_flight(made: Reconstruction) -> FlightData:
+    """The flight from when the filter has settled, with what is said of its air data.
+
+    It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is.
+    """
+    std = made.rows[:, Column.AIR_VELOCITY_STD]
+    usual = float(np.nanmedian(std))
+    settled = made.rows[int(np.argmax(std < SETTLED * usual)), Column.TIME]
+    keep = made.points[:, Point.TIME] >= settled
+    data = made.data
+    return replace(
+        data,
+        time=data.time[keep],
+        measured=data.measured[keep],
+        signals=data.signals[keep],
+        air_velocity_std=usual,
+        smoothed=True,
+    )
 
 
 def flying(rows: Array, minimum_airspeed: float) -> Array:

@@ -31,17 +31,13 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.diagnosis.effect import with_setting
 from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check_length, load_flight_data
-from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, reconstruct
+from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
-from aircraft_sysid_ros.modelling.regression import Point
-from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.refinement.run_data import SAMPLES, load_run
 from aircraft_sysid_ros.samples import Samples
 
 MODELS, CURRENT, VERSION, PARAMETERS = "models", "model.json", "version.json", "parameters.json"
-#: The flight counts from where the air data are known this much worse than usual, at most.
-SETTLED = 1.5
 #: Keys of an aircraft file that are the model; a version that differs in another one has its own id.
 _MODEL_KEYS = ("model", "coefficients")
 
@@ -118,26 +114,6 @@ def open_run(path: str | Path) -> Run:
     except EOFError:  # an empty file
         raise InputError(f"the run {path} is damaged: replay the recording again") from None
     return Run(folder, root, _current(folder, root), samples)
-
-
-def settled_flight(made: Reconstruction) -> FlightData:
-    """The flight from when the filter has settled, with what is said of its air data.
-
-    It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is.
-    """
-    std = made.rows[:, Column.AIR_VELOCITY_STD]
-    usual = float(np.nanmedian(std))
-    settled = made.rows[int(np.argmax(std < SETTLED * usual)), Column.TIME]
-    keep = made.points[:, Point.TIME] >= settled
-    data = made.data
-    return replace(
-        data,
-        time=data.time[keep],
-        measured=data.measured[keep],
-        signals=data.signals[keep],
-        air_velocity_std=usual,
-        smoothed=True,
-    )
 
 
 def settings_of(aircraft: Aircraft) -> dict[str, Any]:

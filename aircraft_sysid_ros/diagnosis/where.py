@@ -105,7 +105,7 @@ def failing_places(flight: FlightData, axis: str, residual: Array, std: Array, s
         if p_value < FALSE_ALARM and square > LEAST_EXCESS**2:
             begin, end = (float(t) for t in flight.time[inside][[0, -1]])
             nrmse = float(np.sqrt(np.mean(residual[inside] ** 2))) / spread
-            words = words or _unusual(flight, inside, judged)
+            words = words or unusual(flight, inside, judged)
             found.append((signal, Place(axis, begin, end, words, nrmse, np.sqrt(square), p_value, bool(signal))))
     return _listed(found)
 
@@ -170,7 +170,7 @@ def _cells(flight: FlightData, judged: Mask) -> Iterator[tuple[str, Mask, str]]:
             yield name, known & (values < low), _beyond(name, "below", low)
 
 
-def _unusual(flight: FlightData, inside: Mask, judged: Mask) -> str:
+def unusual(flight: FlightData, inside: Mask, judged: Mask) -> str:
     """The two conditions that set a stretch of time apart from the rest of the flight."""
     found = []
     for name in _SIGNALS:

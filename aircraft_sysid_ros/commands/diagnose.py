@@ -1,0 +1,78 @@
+"""``diagnose``: which physical effect the model of a run lacks, with the evidence."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from aircraft_sysid_ros.commands.compare import percent
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.replicas import COUNT
+from aircraft_sysid_ros.diagnosis.versions import open_run
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.run_folder import write_json
+
+RESULT = "diagnosis.json"
+FEWEST, MOST = 2, 50
+HEADLINES = {
+    "none": "nothing is missing", "missing": "an effect is missing", "unexplained": "something is unexplained",
+}  # fmt: skip
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "diagnose", help="which effect is missing", description=__doc__
+    )
+    parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument(
+        "--replicas", type=int, default=COUNT, metavar="N",
+        help="flights without the effect that the evidence is compared with (default %(default)s)",
+    )  # fmt: skip
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Diagnose; returns the JSON of INTERFACE.md and writes it into the run. Raises InputError."""
+    if not FEWEST <= args.replicas <= MOST:
+        raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {args.replicas}")
+    opened = open_run(args.run)
+    if opened.samples is None:
+        raise InputError(f"{args.run} holds no samples to diagnose from: replay the recording again")
+    with progress_bar() as progress:
+        task = progress.add_task("diagnose", total=1.0)
+        result = diagnose_flight(
+            opened.current.aircraft,
+            opened.samples,
+            replicas=args.replicas,
+            progress=lambda what, share: progress.update(task, description=what, completed=share),
+        ).json
+    result = {"model": opened.current.identifier, **result}
+    write_json(opened.path / RESULT, result)
+    return result
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [f"model {result['model']}: {HEADLINES[result['verdict']]}", ""]
+    for candidate in result["candidates"]:
+        lines += _about(candidate)
+    lines += [result["advice"], ""]
+    lines.append(
+        f"{result['tried']} effects tried, {result['replicas']} replicas; a flight with nothing missing is "
+        f"given another verdict in at most {result['false_alarm_rate']:.0%} of cases"
+    )
+    return "\n".join(lines)
+
+
+def _about(candidate: dict[str, Any]) -> list[str]:
+    mark = "*" if candidate["found"] else " "
+    fall = f"{percent(candidate['error_before'])} to {percent(candidate['error_after'])} %"
+    lines = [f"{mark} {candidate['label']}: error of {candidate['main_axis']} {fall}, p {candidate['p_value']:.1g}"]
+    if candidate["name"] != candidate["label"]:
+        lines.append(f"    {candidate['name']}. {candidate['physics']}")
+    lines.append(f"    where: {candidate['where']}")
+    if candidate["confounded_with"]:
+        lines.append(f"    this flight cannot tell it from {', '.join(candidate['confounded_with'])}")
+    return [*lines, ""]

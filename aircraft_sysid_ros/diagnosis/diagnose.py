@@ -1,0 +1,227 @@
+"""Which effect is missing: candidates ranked by what they explain on held-out flight, and a verdict.
+
+A candidate is significant when it explains more than it does in replicas of the flight in which nothing is missing
+(``replica``), by a t-test over the replicas that allows for the number of candidates tried. A verdict needs size as
+well: at least SIZE of the held-out error of an axis must go, so that what is true but tiny is listed and not called
+missing. The effects are found one after another, each with those before it in the model, until none is left.
+
+When a generic expression explains clearly more than every effect of the library, the cause is not in the library:
+the verdict is "unexplained", with the expression, and no effect is named in its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.diagnosis.effect import Effect
+from aircraft_sysid_ros.diagnosis.replicas import Replica
+from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions
+
+Array = npt.NDArray[np.float64]
+
+#: Probability that a flight in which nothing is missing gets another verdict than "none", by significance alone.
+FALSE_ALARM = 0.05
+#: Share of the held-out rms error of an axis that an effect must explain to be called missing.
+SIZE = 0.10
+#: An expression outside the library must explain this much more (in ln of the error variance) to be preferred.
+PREFERENCE = 0.35
+#: Candidates are told apart when what they explain is less alike than this, or this much worse in score.
+ALIKE, AS_GOOD = 0.9, 0.8
+#: Effects that are looked for one after another.
+MOST_EFFECTS = 4
+#: Weight of the spread over all candidates, in replicas, against that of the candidate itself; its least value.
+_SHRINKAGE, _LEAST_SPREAD = 4.0, 0.004
+
+NONE, MISSING, UNEXPLAINED = "none", "missing", "unexplained"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A significant candidate, with its evidence."""
+
+    trial: Trial
+    excess: float  # of the score over that in replicas
+    evidence: float  # the same in standard deviations over replicas
+    p_value: float  # allowing for the number of candidates
+    size: float  # share of the held-out rms error of its main axis that goes
+    confounded_with: tuple[str, ...] = ()
+    blocks: tuple[int, ...] = ()  # numbers of the blocks of time that hold most of the evidence
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict with everything that it rests on."""
+
+    verdict: str
+    found: tuple[Finding, ...]  # one after another
+    candidates: tuple[Finding, ...]  # best first; what is found comes first
+    floor: Mapping[str, float]  # held-out NRMSE by axis that the flight would have if nothing were missing
+    tried: int
+    replicas: int
+    bench: Bench = field(repr=False)  # the flight with what was found in the model
+
+
+@dataclass(frozen=True)
+class Null:
+    """Scores of each family of candidates in the replicas, (families, replicas)."""
+
+    scores: Mapping[str, Array]
+
+    def test(self, family: str, score: float, tried: int) -> tuple[float, float, float]:
+        """Excess, evidence and p-value of a score."""
+        from scipy.stats import t as student
+
+        own = self.scores.get(family)
+        if own is None or not len(own):
+            return score, 0.0, 1.0
+        spread = float(np.sqrt(np.mean([np.var(s, ddof=1) for s in self.scores.values()]))) if len(own) > 1 else 0.05
+        freedom = len(own) - 1 + _SHRINKAGE
+        variance = (np.sum((own - own.mean()) ** 2) + _SHRINKAGE * spread**2) / freedom
+        deviation = np.sqrt((variance + _LEAST_SPREAD**2) * (1.0 + 1.0 / len(own)))
+        excess = float(score - own.mean())
+        evidence = float(excess / deviation)
+        return excess, evidence, float(min(1.0, tried * student.sf(evidence, freedom)))
+
+
+def diagnose(
+    bench: Bench,
+    replicas: Sequence[Replica],
+    library: Sequence[Effect],
+    progress: Callable[[float], None] = lambda share: None,
+) -> Diagnosis:
+    """Diagnose one flight with replicas of it; ``progress`` hears shares from 0 to 1."""
+    empty = [Bench(replica.data) for replica in replicas]
+    floor = {
+        axis: float(np.mean([other.fits[axis].nrmse_held_out for other in empty if axis in other.fits]))
+        for axis in bench.fits
+    }
+    scores = {
+        effect.identifier: np.array([r.scores[effect.identifier] for r in replicas if effect.identifier in r.scores])
+        for effect in library
+    }
+    found: list[Finding] = []
+    listed: list[Finding] = []
+    tried = 0
+    for number in range(MOST_EFFECTS):
+        one = _Round(bench, empty, Null(scores), library, _part(progress, number))
+        tried = max(tried, len(one.trials))
+        significant = one.findings(found)
+        known = {f.trial.candidate.family for f in listed}
+        listed += [f for f in significant if f.trial.candidate.family not in known]
+        best = next((f for f in significant if f.size >= SIZE), None)
+        if best is None:
+            break
+        found.append(best)
+        bench = bench.extended(best.trial.candidate)
+        empty = [other.extended(best.trial.candidate) for other in empty]
+    progress(1.0)
+    names = {f.trial.candidate.family for f in found}
+    order = found + [f for f in listed if f.trial.candidate.family not in names]
+    return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench)
+
+
+def _verdict(found: Sequence[Finding]) -> str:
+    """What was found first decides."""
+    if not found:
+        return NONE
+    return MISSING if found[0].trial.candidate.effect is not None else UNEXPLAINED
+
+
+def _part(progress: Callable[[float], None], number: int) -> Callable[[float], None]:
+    return lambda share: progress((number + share) / MOST_EFFECTS)
+
+
+class _Round:
+    """One pass over the library and over the expressions outside it."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        empty: Sequence[Bench],
+        null: Null,
+        library: Sequence[Effect],
+        progress: Callable[[float], None],
+    ) -> None:
+        self.bench, self.empty, self.null = bench, empty, null
+        self.trials: list[Trial] = []
+        for i, effect in enumerate(library):
+            progress(0.7 * i / len(library))
+            trial = bench.best_of(effect)
+            if trial is not None:
+                self.trials.append(trial)
+        self.outside = [t for t in map(bench.trial, expressions(bench.data)) if t is not None]
+
+    def findings(self, before: Sequence[Finding]) -> list[Finding]:
+        """Significant candidates, best first."""
+        done = {f.trial.candidate.family for f in before}
+        tested = [self._test(t) for t in self.trials if t.candidate.family not in done]
+        significant = [f for f in tested if f.p_value < FALSE_ALARM]
+        significant.sort(key=lambda f: -f.excess)
+        outside = self._outside(significant[0] if significant else None)
+        if outside is not None:
+            significant.insert(0, outside)
+        return [self._with_company(f, significant) for f in significant]
+
+    def _test(self, trial: Trial) -> Finding:
+        excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score, len(self.trials))
+        gain = trial.gains[trial.main_axis]
+        size = 1.0 - gain.nrmse_after / gain.nrmse_before
+        return Finding(trial, excess, evidence, p_value, size, blocks=_blocks(trial))
+
+    def _outside(self, best: Finding | None) -> Finding | None:
+        """The best generic expression, if it explains clearly more than the best effect."""
+        if not self.outside:
+            return None
+        trial = max(self.outside, key=lambda t: t.score)
+        inside = 0.0
+        if best is not None:
+            inside = max(0.0, best.trial.log_ratios.get(trial.main_axis, 0.0))
+            inside = max(inside, best.trial.score)
+        if trial.score < inside + PREFERENCE:
+            return None
+        others = [t for t in (other.trial(trial.candidate) for other in self.empty) if t is not None]
+        null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
+        excess, evidence, p_value = null.test(trial.candidate.family, trial.score, len(self.outside))
+        gain = trial.gains[trial.main_axis]
+        size = 1.0 - gain.nrmse_after / gain.nrmse_before
+        finding = Finding(trial, excess, evidence, p_value, size, blocks=_blocks(trial))
+        return finding if p_value < FALSE_ALARM and size >= SIZE else None
+
+    def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
+        """The finding with the candidates that this flight cannot tell from it."""
+        axis = finding.trial.main_axis
+        own = self.bench.contribution(finding.trial, axis)
+        names = []
+        for other in others:
+            if other.trial.candidate.family == finding.trial.candidate.family or axis not in other.trial.gains:
+                continue
+            alike = _correlation(own, self.bench.contribution(other.trial, axis))
+            if alike >= ALIKE and other.excess >= AS_GOOD * finding.excess:
+                names.append(other.trial.candidate.family)
+        return Finding(
+            finding.trial, finding.excess, finding.evidence, finding.p_value, finding.size, tuple(names), finding.blocks
+        )
+
+
+def _correlation(a: Array, b: Array) -> float:
+    size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
+    return abs(float(np.sum(a * b))) / size if size > 0.0 else 0.0
+
+
+def _blocks(trial: Trial) -> tuple[int, ...]:
+    """Blocks that hold most of what a candidate explains, in order of time."""
+    gain = trial.gains[trial.main_axis]
+    explained = gain.before - gain.after
+    order = np.argsort(-explained)
+    total, wanted = 0.0, 0.6 * float(np.sum(np.maximum(explained, 0.0)))
+    chosen = []
+    for i in order:
+        if total >= wanted:
+            break
+        total += float(explained[i])
+        chosen.append(int(gain.fit.blocks[i]))
+    return tuple(sorted(chosen))

@@ -1,0 +1,229 @@
+"""The diagnosis of one flight from its samples: measurement first, then forces and moments.
+
+    samples → settings that the first step's likelihood prefers → reconstruction → replicas → diagnose → findings
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.diagnose import (
+    FALSE_ALARM,
+    MISSING,
+    SIZE,
+    Diagnosis,
+    Finding,
+    diagnose,
+)
+from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect, with_setting
+from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.diagnosis.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
+from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
+from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.replicas import COUNT, replicas_of
+from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.where import unusual
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Samples
+
+#: Settings of the aircraft file that are mended one after another.
+_MOST_SETTINGS = 2
+#: A second setting whose evidence is within this share of the first cannot be told from it.
+_AS_GOOD = 0.75
+
+
+@dataclass(frozen=True)
+class MeasurementFinding:
+    """A setting of the aircraft file that is wrong, and what that does to the errors of all axes (held out)."""
+
+    setting: Setting
+    p_value: float
+    confounded_with: tuple[str, ...]
+    errors: dict[str, tuple[float, float]]
+
+    @property
+    def main_axis(self) -> str:
+        """The axis whose error falls most."""
+        return max(self.errors, key=lambda axis: self.errors[axis][0] - self.errors[axis][1])
+
+
+@dataclass(frozen=True)
+class FlightDiagnosis:
+    """Everything that is said of a flight."""
+
+    flight: FlightData  # with mended settings
+    settings: tuple[MeasurementFinding, ...]
+    diagnosis: Diagnosis
+
+    @property
+    def verdict(self) -> str:
+        """none, missing or unexplained."""
+        return MISSING if self.settings else self.diagnosis.verdict
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The JSON of INTERFACE.md, with more about each candidate."""
+        return {
+            "verdict": self.verdict,
+            "candidates": [*map(self._of_setting, self.settings), *map(self._of_finding, self.diagnosis.candidates)],
+            "advice": " ".join(self._advice()),
+            "false_alarm_rate": FALSE_ALARM,
+            "least_size": SIZE,
+            "noise_floor": dict(self.diagnosis.floor),
+            "tried": self.diagnosis.tried,
+            "replicas": self.diagnosis.replicas,
+        }
+
+    def _of_setting(self, finding: MeasurementFinding) -> dict[str, Any]:
+        setting, (before, after) = finding.setting, finding.errors[finding.main_axis]
+        unit = setting.effect.inner[0].unit
+        return {
+            **_about(setting.effect, setting.label),
+            "expression": None,
+            "axes": [],
+            "main_axis": finding.main_axis,
+            "evidence": setting.evidence,
+            "p_value": finding.p_value,
+            "error_before": before,
+            "error_after": after,
+            "confounded_with": list(finding.confounded_with),
+            "where": f"{setting.label}: {setting.value:.3g} {unit} fits the sensors better than {setting.nominal:.3g}",
+            "inner": {setting.effect.inner[0].name: setting.value},
+            "parameters": [],
+            "found": True,
+        }
+
+    def _of_finding(self, finding: Finding) -> dict[str, Any]:
+        trial, axis = finding.trial, finding.trial.main_axis
+        effect, gain = trial.candidate.effect, trial.gains[axis]
+        terms = {a: list(texts) for a, texts in trial.candidate.terms.items() if a in trial.gains}
+        return {
+            **_about(effect, trial.candidate.label),
+            "expression": None if effect else "; ".join(f"{a}: {text}" for a, ts in terms.items() for text in ts),
+            "axes": sorted(trial.gains, key=lambda a: -trial.log_ratios[a]),
+            "main_axis": axis,
+            "evidence": finding.evidence,
+            "p_value": finding.p_value,
+            "error_before": gain.nrmse_before,
+            "error_after": gain.nrmse_after,
+            "confounded_with": list(finding.confounded_with),
+            "where": self._where(finding),
+            "inner": dict(trial.candidate.inner),
+            "terms": terms,
+            "parameters": [
+                {"axis": a, "term": text, "value": float(value)}
+                for a, texts in terms.items()
+                for text, value in zip(texts, trial.gains[a].parameters, strict=True)
+            ],
+            "found": finding in self.diagnosis.found,
+        }
+
+    def _where(self, finding: Finding) -> str:
+        """Stretches of time that hold most of the evidence, and what sets them apart."""
+        axis = finding.trial.main_axis
+        inside = np.isin(self.flight.block, finding.blocks)
+        judged = np.isfinite(self.flight.measured[:, AXES.index(axis)])
+        spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in _spans(finding.blocks))
+        words = unusual(self.flight, inside, judged)
+        return f"{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
+
+    def _advice(self) -> Iterator[str]:
+        found = self.diagnosis.found
+        if not self.settings and not found:
+            yield "Nothing is missing that this flight could show:"
+            yield f"no effect explains {SIZE:.0%} of the error of an axis on flight that was held out."
+            return
+        for mended in self.settings:
+            fault = mended.setting.effect
+            yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
+        for finding in found:
+            effect = finding.trial.candidate.effect
+            label = finding.trial.candidate.label
+            if effect is None:
+                axis = finding.trial.main_axis
+                yield f"Unexplained: {axis[0]}_{axis[1]} depends on {label.partition(': ')[2]}, which no effect of the "
+                yield "library does; it can be added as an expression."
+                continue
+            yield f"{effect.name} is missing (add {effect.identifier})."
+            for other in finding.confounded_with:
+                if other in BY_ID:
+                    yield f"This flight cannot tell it from {BY_ID[other].name}; to separate them: {effect.manoeuvre}"
+
+
+def diagnose_flight(
+    aircraft: Aircraft,
+    samples: Samples,
+    library: Sequence[Effect] = LIBRARY,
+    replicas: int = COUNT,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> FlightDiagnosis:
+    """Diagnose a flight under the model of an aircraft file. Raises InputError when the flight is too short.
+
+    ``progress`` hears what is being done and its share from 0 to 1.
+    """
+    progress("reconstruct the flight", 0.0)
+    flight = reconstruct(aircraft, samples)
+    data = settled_flight(flight)
+    check_length("the flight", data.time, data.step)
+    measuring = [effect for effect in library if effect.kind == MEASUREMENT]
+    others = [effect for effect in library if effect.kind != MEASUREMENT]
+    settings: list[MeasurementFinding] = []
+    for _ in range(_MOST_SETTINGS):
+        faults = measurement_faults(flight, measuring, lambda share: progress("look at the measurement", share))
+        faults = [f for f in faults if all(f.effect is not s.setting.effect for s in settings)]
+        if not faults:
+            break
+        mended = reconstruct(with_setting(flight.aircraft, faults[0].variant.setting, faults[0].value), samples)
+        settings.append(_judged(faults, data, settled_flight(mended), len(measuring)))
+        flight, data = mended, settled_flight(mended)
+    repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
+    if len(repeated) < 2:
+        raise InputError("no stretch of this flight is long enough to be diagnosed: 20 s in flight without a gap are")
+    result = diagnose(Bench(data), repeated, others, lambda share: progress("try the library", share))
+    return FlightDiagnosis(data, tuple(settings), result)
+
+
+def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tried: int) -> MeasurementFinding:
+    """The best of some settings, with those that are as good, and the errors without and with it."""
+    from scipy.stats import chi2
+
+    best = faults[0]
+    near = [f.effect.identifier for f in faults[1:] if f.evidence >= _AS_GOOD * best.evidence]
+    company = tuple(dict.fromkeys(name for name in near if name != best.effect.identifier))
+    level = chi2.isf(FALSE_ALARM / tried, 1)  # at evidence 1 the setting is just significant
+    p_value = float(min(1.0, tried * chi2.sf(level * best.evidence, 1)))
+    errors = {}
+    for axis in AXES:
+        try:
+            errors[axis] = (fit_axis(before, axis).nrmse_held_out, fit_axis(after, axis).nrmse_held_out)
+        except InputError:
+            continue
+    return MeasurementFinding(best, p_value, company, errors or {"CZ": (np.nan, np.nan)})
+
+
+def _about(effect: Effect | None, label: str) -> dict[str, Any]:
+    if effect is None:
+        return {"effect": None, "label": label, "name": label, "kind": None, "physics": None, "manoeuvre": None}
+    return {
+        "effect": effect.identifier, "label": label, "name": effect.name, "kind": effect.kind,
+        "physics": effect.physics, "manoeuvre": effect.manoeuvre,
+    }  # fmt: skip
+
+
+def _spans(blocks: Sequence[int]) -> list[tuple[float, float]]:
+    """Begin and end [s] of runs of blocks, the three longest in order of time."""
+    spans: list[list[int]] = []
+    for block in blocks:
+        if spans and block == spans[-1][1]:
+            spans[-1][1] = block + 1
+        else:
+            spans.append([block, block + 1])
+    longest = sorted(sorted(spans, key=lambda s: s[0] - s[1])[:3])
+    return [(begin * BLOCK, end * BLOCK) for begin, end in longest]

@@ -1,0 +1,201 @@
+"""Effects in the measurement, tried before aerodynamics is blamed.
+
+Scale, lag and place of the air data and of the IMU change what the first step makes of a flight. Its likelihood (5.7),
+the product over all innovations, knows nothing of aerodynamics: it tells such a fault from a missing force. Each
+setting of the aircraft file that an effect names is moved to where the likelihood is largest. A measurement that is
+divided by a scale gives away ln(scale) per sample, the Jacobian of the density, or a larger scale would always win.
+
+The delay of the recorded controls does not touch the first step; it is judged by the held-out error of the second.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GROUPS, Aircraft
+from aircraft_sysid_ros.diagnosis.effect import Effect, Inner, Variant, with_setting
+from aircraft_sysid_ros.diagnosis.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, flight_data_of
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Kind, Samples
+
+Array = npt.NDArray[np.float64]
+
+#: Longest stretch [s] of a flight that is run again for each setting.
+LONGEST = 150.0
+#: Gain of the log-likelihood, per sample of air data, below which a setting is as good as that of the file. Gusts are
+#: no random walk, and the random walk that the filter takes for them leaves it some tenths of this to gain.
+LEAST_GAIN = 0.035
+#: And at least this much in all.
+LEAST_TOTAL = 30.0
+#: Least gain of ln(error variance), over all axes, for the delay of the controls.
+LEAST_CONTROL_GAIN = 0.25
+#: Steps towards the best value after the first look to both sides.
+_STEPS = 4
+_CONTROLS = "control_surfaces"
+_KIND_OF = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A number of the aircraft file that explains the measurements better than the one it has."""
+
+    effect: Effect
+    variant: Variant
+    nominal: float
+    value: float
+    gain: float  # of the log-likelihood
+    evidence: float  # the gain over what is needed: above 1 it is significant
+    std: float  # of the value, from the curvature of the likelihood
+
+    @property
+    def label(self) -> str:
+        """Id and variant."""
+        return self.effect.identifier + (f" ({self.variant.name})" if self.variant.name else "")
+
+
+def measurement_faults(
+    flight: Reconstruction,
+    library: Sequence[Effect],
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[Setting]:
+    """Significant settings, best first, each by itself."""
+    jobs = list(_jobs(flight, library))
+    if not jobs:
+        return []
+    workers = min(len(jobs), len(os.sched_getaffinity(0)))
+    found: list[Setting] = []
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork")) as pool:
+        for number, setting in enumerate(pool.map(_try, jobs), 1):
+            progress(number / len(jobs))
+            if setting is not None and setting.evidence > 1.0:
+                found.append(setting)
+    return sorted(found, key=lambda s: -s.evidence)
+
+
+def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:
+    """What the aircraft file says now; 0 for a shift of a position."""
+    if setting[0].endswith("_position"):
+        return 0.0
+    if setting[0] == "process_noise":
+        return aircraft.process_noise[setting[1]]
+    name = SENSOR_GROUPS.get(setting[1], (SENSOR_ALIASES.get(setting[1], setting[1]),))[0]
+    return float(getattr(aircraft.sensors[name], setting[2]))
+
+
+def log_likelihood(aircraft: Aircraft, samples: Samples) -> float:
+    """Of all innovations of the first step; -inf when the filter does not start."""
+    state = StateEstimator(aircraft)
+    state.push(samples)
+    state.flush()
+    if not state.has_been_aligned:
+        return -np.inf
+    total = float(np.sum(state.memory.log_likelihood))
+    for name, kind in _KIND_OF.items():
+        total -= float(state.memory.fused[kind]) * np.log(aircraft.sensors[name].scale)
+    return total
+
+
+_Job = tuple[Reconstruction, Samples, Effect, Variant, Inner]
+
+
+def _jobs(flight: Reconstruction, library: Sequence[Effect]) -> Iterator[_Job]:
+    """One per setting that the flight has samples for."""
+    samples = _stretch(flight)
+    kinds = set(np.unique(samples.kind).tolist())
+    for effect in library:
+        for variant in effect.variants:
+            if not variant.setting or variant.setting[0] == "process_noise":
+                continue
+            kind = _KIND_OF.get(variant.setting[1])
+            if kind is None or int(kind) in kinds:
+                yield flight, samples, effect, variant, effect.inner[0]
+
+
+def _stretch(flight: Reconstruction) -> Samples:
+    """Samples from shortly before the first point on, LONGEST at most."""
+    begin = flight.epoch + int((flight.points[0, 0] - 10.0) * 1e9) if len(flight.points) else 0
+    stamp = flight.samples.stamp
+    return flight.samples[(stamp >= begin) & (stamp <= begin + int((LONGEST + 10.0) * 1e9))]
+
+
+def _try(job: _Job) -> Setting | None:
+    """The best value of one setting, in a process of its own."""
+    flight, samples, effect, variant, inner = job
+    start = nominal(flight.aircraft, variant.setting)
+    of_controls = _CONTROLS in variant.setting
+
+    def value_of(value: float) -> float:
+        try:
+            changed = with_setting(flight.aircraft, variant.setting, value)
+        except InputError:
+            return -np.inf
+        return control_score(flight, changed) if of_controls else log_likelihood(changed, samples)
+
+    best, curvature = maximum(value_of, start, inner.low, inner.high)
+    if best is None:
+        return None
+    gain = best[1] - value_of(start)
+    air = sum(int(np.sum(samples.kind == kind)) for kind in _KIND_OF.values())
+    needed = LEAST_CONTROL_GAIN if of_controls else max(LEAST_TOTAL, LEAST_GAIN * air)
+    std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
+    return Setting(effect, variant, start, best[0], gain, gain / needed, std)
+
+
+def maximum(
+    function: Callable[[float], float], start: float, low: float, high: float
+) -> tuple[tuple[float, float] | None, float]:
+    """Place and value of the largest of a smooth function between limits, looked for from ``start``, and its curvature.
+
+    Parabolas through the three best points; None where nothing is better than the start.
+    """
+    width = (high - low) / 8.0
+    places = sorted({float(np.clip(p, low, high)) for p in (start - width, start, start + width)})
+    if len(places) < 3:  # the start is at a limit
+        places = sorted({*places, float(np.clip(start + (2 * width if start <= low else -2 * width), low, high))})
+    known = {place: function(place) for place in places}
+    curvature = 0.0
+    for _ in range(_STEPS):
+        top = max(known, key=lambda p: known[p])
+        near = sorted(sorted(known, key=lambda p: abs(p - top))[:3])
+        vertex, curvature = _parabola(near, [known[p] for p in near])
+        if not np.isfinite(vertex):
+            vertex = top + (top - start) if top != start else start
+        vertex = float(np.clip(vertex, max(low, top - 2 * width), min(high, top + 2 * width)))
+        if any(abs(vertex - place) < 0.02 * width for place in known):
+            break
+        known[vertex] = function(vertex)
+    top = max(known, key=lambda p: known[p])
+    return ((top, known[top]) if known[top] > known.get(start, -np.inf) else None), curvature
+
+
+def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+    """Vertex and negative second derivative of the parabola through three points; NaN where it has no top."""
+    if not np.all(np.isfinite(y)):
+        return np.nan, 0.0
+    a, b, _ = np.polyfit(np.asarray(x) - x[1], y, 2)
+    return (float(x[1] - 0.5 * b / a), float(-2.0 * a)) if a < 0.0 else (np.nan, 0.0)
+
+
+def control_score(flight: Reconstruction, aircraft: Aircraft) -> float:
+    """Minus the sum over axes of ln(held-out sum of squares) of the second step with another delay of the controls."""
+    parameters = ParameterEstimator(aircraft)
+    parameters.push_samples(flight.samples, flight.epoch)
+    points = np.vstack([parameters.push_states(flight.rows, flight.epoch), parameters.flush()])
+    data, total = flight_data_of(aircraft, points), 0.0
+    for axis in AXES:
+        try:
+            total -= 2.0 * float(np.log(fit_axis(data, axis).nrmse_held_out))
+        except InputError:
+            continue
+    return total
