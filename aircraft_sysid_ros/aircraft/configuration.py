@@ -22,12 +22,16 @@ Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sensor:
-    """One sensor: noise is one sigma per sample and axis, in the sensor's unit; rate [Hz]; delay [s]."""
+    """One sensor: noise is one sigma per sample and axis, in the sensor's unit; rate [Hz]; delay [s].
+
+    What it shows is scale times the true value, and the noise; only SCALED_SENSORS have another scale than 1.
+    """
 
     noise: tuple[float, ...]
     rate: float
     delay: float = 0.0
     noise_is_given: bool = False  # by the aircraft file: then it goes before the covariance of the messages
+    scale: float = 1.0
 
 
 #: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad,
@@ -53,6 +57,7 @@ SENSOR_GROUPS: dict[str, tuple[str, ...]] = {
     "gps": ("gps_position", "gps_velocity"),
     "air_data": ("airspeed", "angle_of_attack", "sideslip"),
 }
+SCALED_SENSORS = SENSOR_GROUPS["air_data"]
 SENSOR_ALIASES = {
     "gyroscope": "gyro", "alpha": "angle_of_attack", "beta": "sideslip", "true_airspeed": "airspeed",
     "orientation": "attitude", "controls": "control_surfaces",
@@ -299,7 +304,7 @@ def _sensors(data: Mapping[str, Any]) -> dict[str, Sensor]:
         value = {} if data[name] is None else data[name]
         if not isinstance(value, Mapping):
             _reject(f"sensor {name}", "a mapping with noise, rate and delay", value)
-        _check_keys(value, ("noise", "rate", "delay"), f"key of sensor {name}:")
+        _check_keys(value, ("noise", "rate", "delay", "scale"), f"key of sensor {name}:")
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
             sensors[member] = _sensor(sensors[member], value, name, i, len(members), member)
@@ -324,7 +329,18 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
     if not least <= delay <= 2.0:
         raise InputError(f"the delay of sensor {name} must be between {least:g} and 2 s, not {delay:g}")
     rate = _positive(value, "rate", default=base.rate, what=f"the rate of sensor {name}")
-    return Sensor(noise, rate, delay, given)
+    return Sensor(noise, rate, delay, given, _scale(base, value, name, member))
+
+
+def _scale(base: Sensor, value: Mapping[str, Any], name: str, member: str) -> float:
+    if value.get("scale") is None:
+        return base.scale
+    if member not in SCALED_SENSORS:
+        raise InputError(f"sensor {name} has no scale: only {', '.join(SCALED_SENSORS)} have one")
+    scale = _number(value["scale"], f"the scale of sensor {name}")
+    if not 0.2 <= scale <= 5.0:
+        raise InputError(f"the scale of sensor {name} must be between 0.2 and 5, not {scale:g}")
+    return scale
 
 
 def _process_noise(data: Mapping[str, Any]) -> dict[str, float]:

@@ -12,10 +12,14 @@ Several variants (the elevator, the aileron or the rudder is damaged) share one 
 
 from __future__ import annotations
 
+import copy
 import string
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.configuration import SENSOR_GROUPS, Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, parse_expression
 
 AERODYNAMIC, CHANGE, MEASUREMENT = "aerodynamic", "change in flight", "measurement"
@@ -47,7 +51,7 @@ class Variant:
 
     name: str = ""
     terms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    #: Path in the aircraft file, such as ("sensors", "alpha", "scale"); its value is the inner number.
+    #: Key of the aircraft file, such as ("sensors", "sideslip", "scale"), that the inner number changes.
     setting: tuple[str, ...] = ()
 
 
@@ -88,6 +92,29 @@ def fill(term: str, values: Mapping[str, float | str]) -> str:
     """The term with numbers and texts in place of its braces, in brackets so that signs and powers hold."""
     shown = {k: f"({v})" if isinstance(v, str) else f"({v:.6g})" for k, v in values.items()}
     return term.format(**shown)
+
+
+def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> Aircraft:
+    """The aircraft with one number of its file changed, as a measurement effect does.
+
+    A position such as ("imu_position", "x") is moved by value * span [m]; anything else, such as
+    ("sensors", "air_data", "delay") or ("process_noise", "wind"), becomes the value. Raises InputError where the
+    file may not hold it.
+    """
+    source = copy.deepcopy(aircraft.source)
+    if setting[0].endswith("_position"):
+        position = np.array(getattr(aircraft, setting[0]))
+        position["xyz".index(setting[1])] += value * aircraft.span
+        source[setting[0]] = position.tolist()
+        return aircraft_from_dict(source)
+    names = SENSOR_GROUPS.get(setting[1], (setting[1],))
+    for name in names:
+        place = source
+        for key in (setting[0], name)[: len(setting) - 1]:
+            place[key] = dict(place.get(key) or {})
+            place = place[key]
+        place[setting[-1]] = float(value)
+    return aircraft_from_dict(source)
 
 
 def _signals_of(variant: Variant) -> frozenset[str]:
