@@ -75,6 +75,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if writer is not None:
             state.on_rows, parameters.on_points = writer.add_rows, writer.add_points
             parameters.on_parameters = writer.add_parameters
+            state.on_samples = parameters.on_samples = writer.add_samples
         if not (start(state) and start(parameters)):
             raise InputError("the nodes did not start: see the messages above")
         executor = make_executor([state, parameters])
@@ -117,6 +118,9 @@ def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> di
         "input_depth": 5000 if args.reliable else 100,
         "horizon": float(state.horizon),
         "forgetting_time": float(parameters.forgetting_time),
+        "estimator": parameters.estimator,
+        "lowest_frequency": float(parameters.lowest_frequency),
+        "highest_frequency": float(parameters.highest_frequency),
     }
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     namespace = args.namespace.strip("/")

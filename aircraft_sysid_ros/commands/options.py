@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.modelling.parameter_estimator import LEARNERS, ParameterOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateOptions
 
 
@@ -27,6 +27,22 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"seconds of motion that the estimates rest on (default: {parameters.forgetting_time:g})",
     )
+    parser.add_argument(
+        "--estimator",
+        choices=tuple(LEARNERS),
+        default=parameters.estimator,
+        help="whose parameters are the result: rls, recursive least squares in the time domain (default); fourier, "
+        "equation error in the frequency domain; rml, recursive maximum likelihood",
+    )
+    band = (parameters.lowest_frequency, parameters.highest_frequency)
+    parser.add_argument(
+        "--frequencies",
+        type=float,
+        nargs=2,
+        default=band,
+        metavar=("LOW", "HIGH"),
+        help=f"band [Hz] of the estimator fourier (default: {band[0]:g} {band[1]:g})",
+    )
 
 
 def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, ParameterOptions]:
@@ -35,7 +51,16 @@ def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, Parameter
         raise InputError(f"--horizon must be between 0 and 5 s, not {args.horizon:g}")
     if not 1.0 <= args.forgetting_time <= 1e6:
         raise InputError(f"--forgetting-time must be between 1 and 1e6 s, not {args.forgetting_time:g}")
-    return StateOptions(horizon=args.horizon), ParameterOptions(forgetting_time=args.forgetting_time)
+    low, high = args.frequencies
+    if not 0.01 <= low < high <= 20.0:
+        raise InputError(f"--frequencies must rise between 0.01 and 20 Hz, not go from {low:g} to {high:g}")
+    parameters = ParameterOptions(
+        forgetting_time=args.forgetting_time,
+        estimator=args.estimator,
+        lowest_frequency=low,
+        highest_frequency=high,
+    )
+    return StateOptions(horizon=args.horizon), parameters
 
 
 def parameter_table(parameters: list[dict[str, Any]], truth: dict[str, float] | None = None) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +12,13 @@ from numba import njit
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
 from aircraft_sysid_ros.modelling.body import body_of, body_with
 from aircraft_sysid_ros.modelling.error_window import AxisError, ErrorWindow
+from aircraft_sysid_ros.modelling.fourier_learner import FourierLearner
+from aircraft_sysid_ros.modelling.learner import Learner, ParameterOptions
+from aircraft_sysid_ros.modelling.likelihood_learner import LikelihoodLearner
 from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.modelling.regression import (
     TERM,
@@ -30,6 +33,8 @@ from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
+__all__ = ["LEARNERS", "ParameterEstimator", "ParameterOptions", "make_learner"]
+
 Array = npt.NDArray[np.float64]
 
 #: Variance of the parameters before any data, over that of the coefficient noise.
@@ -40,22 +45,28 @@ _OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
 _MOST_EARLY = 10_000
 
 
-@dataclass(frozen=True)
-class ParameterOptions:
-    """Options of the second step; the live node offers them as parameters."""
+#: Estimators by name. Recursive least squares always runs, since it also measures the coefficients; the parameters
+#: that are published come from the learner that is chosen.
+LEARNERS: dict[str, Callable[[Aircraft, ParameterOptions], Learner] | None] = {
+    "rls": None,
+    "fourier": FourierLearner,
+    "rml": LikelihoodLearner,
+}
 
-    half_width: float = 0.08  # [s] delay of the differentiator
-    step: float = 0.04  # [s] between evaluations
-    forgetting_time: float = 120.0  # [s] of motion that the estimates rest on
-    excitation: float = 2.0  # how many sigma of its noise a term must move before its axis learns
-    settle: float = 0.2  # [s] how much later than the state a control sample may come
-    largest_gap: float = 0.1  # [s] between states inside a window
-    lag_time: float = 2.0  # [s] over which residuals may be correlated
-    error_window: float = 10.0  # [s] of the sliding model error
+
+def make_learner(aircraft: Aircraft, options: ParameterOptions) -> Learner | None:
+    """The learner of ``options.estimator``; None is recursive least squares. Raises InputError for other names."""
+    if options.estimator not in LEARNERS:
+        raise InputError(f"the estimator must be one of {', '.join(LEARNERS)}, not '{options.estimator}'")
+    make = LEARNERS[options.estimator]
+    return None if make is None else make(aircraft, options)
 
 
 class ParameterEstimator:
-    """Recursive least squares per axis, fed with rows of ``Column`` and samples of controls, height, mass."""
+    """Recursive least squares per axis, fed with rows of ``Column`` and samples of controls, height, mass.
+
+    Where ``options.estimator`` names another learner, that one runs too and its parameters are the result.
+    """
 
     def __init__(self, aircraft: Aircraft, options: ParameterOptions | None = None) -> None:
         self.aircraft = aircraft
@@ -66,6 +77,7 @@ class ParameterEstimator:
         self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
         self._code = self.model.linked
+        self.learner = make_learner(aircraft, self.options)
         self._reset_learning()
         self._restart_time()
         self._lowest = np.inf
@@ -107,6 +119,7 @@ class ParameterEstimator:
         self.newest_point: Array | None = None
         self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
         self._ranges = np.full((3, 2), np.nan)
+        self._predictions: list[tuple[float, Array]] = []
 
     def _restart_time(self) -> None:
         self._waiting: list[Array] = []
@@ -120,6 +133,9 @@ class ParameterEstimator:
         self._start_time: float | None = None
         self._next_index = 0
         self.learning.last_valid[:] = -np.inf
+        if self.learner is not None:
+            self.learner.restart_time()
+            self._predictions = [(-np.inf, theta) for _, theta in self._predictions[-1:]]
 
     # -- what comes in --------------------------------------------------------------------------------------
 
@@ -129,8 +145,11 @@ class ParameterEstimator:
         ``epoch`` is that of the states; None while no state has come: the samples then wait for it.
         """
         if epoch is None:
-            self._early.append(samples[np.isin(samples.kind, _OWN_KINDS)])
+            kept = samples if self.learner is not None else samples[np.isin(samples.kind, _OWN_KINDS)]
+            self._early.append(kept)
             return
+        if self.learner is not None:
+            self.learner.push_samples(samples, epoch)
         times = seconds(samples.stamp - self._delays[samples.kind], epoch)
         values = np.where(is_absurd(samples), np.nan, samples.values)
         for kind in (Kind.CONTROLS, Kind.HEIGHT):
@@ -166,6 +185,8 @@ class ParameterEstimator:
         other.snapshot()
         n = len(other.learning.theta[0])
         coloured_covariance(np.zeros((2, n + 2, n + 2)), np.zeros(n))
+        if other.learner is not None:
+            other.learner.warm_up()
 
     def flush(self) -> Array:
         """Process the states that wait for controls, at the end of a recording."""
@@ -175,6 +196,8 @@ class ParameterEstimator:
         """Forget all that was learnt."""
         self._reset_learning()
         self.errors.clear()
+        if self.learner is not None:
+            self.learner.reset()
 
     # -- one direction: waiting rows -> history -> points --------------------------------------------------
 
@@ -193,8 +216,9 @@ class ParameterEstimator:
         if self._start_time is None:
             self._start_time = float(times[0])
             self._next_index = int(np.ceil(times[0] / self.options.step))
-        controls = interpolate(*self._series[Kind.CONTROLS], times, self.options.settle) * self._signs
-        heights = interpolate(*self._series[Kind.HEIGHT], times, self.options.settle)[:, 0]
+        settle, held = self.options.settle, 2.0 / self.aircraft.sensors["control_surfaces"].rate
+        controls = interpolate(*self._series[Kind.CONTROLS], times, settle, held) * self._signs
+        heights = interpolate(*self._series[Kind.HEIGHT], times, settle, settle)[:, 0]
         heights = np.where(np.isfinite(heights), heights, self._height_from_gps(rows))
         history = np.empty((len(rows), TERM + len(self.model.parameter_names)))
         sensors = np.array(
@@ -203,6 +227,8 @@ class ParameterEstimator:
         fill_history(rows, controls, heights, self.body, sensors, *self._code, self._start_time, history)
         self._prune(float(times[-1]))
         self._history = np.vstack([self._history, history])
+        if self.learner is not None:
+            self._predictions.extend(zip(*self.learner.push(rows, history, self.body), strict=True))
         return self._learn()
 
     def _learn(self) -> Array:
@@ -216,11 +242,25 @@ class ParameterEstimator:
         self._history = self._history[int(np.searchsorted(self._history[:, TIME], oldest)) :]
         points = points[:count]
         if count:
+            if self.learner is not None:
+                self._predict(points)
             self._signals_seen |= np.any(np.isfinite(points[:, Point.SIGNALS]), axis=0)
             self._widen_ranges(points)
             self.errors.add(points)
             self.newest_point = points[-1]
         return points
+
+    def _predict(self, points: Array) -> None:
+        """Predict with what the learner knew before the window of each point began, in place."""
+        for point in points:
+            begin = point[Point.TIME] - self.options.half_width
+            while len(self._predictions) > 1 and self._predictions[1][0] <= begin:
+                self._predictions.pop(0)
+            known = bool(self._predictions) and self._predictions[0][0] <= begin
+            theta = self._predictions[0][1] if known else np.zeros(len(self.model.parameter_names))
+            each = point[Point.TERMS :] * theta
+            for axis, name in enumerate(AXES):
+                point[Point.PREDICTED.start + axis] = each[self.model.axis_slice(name)].sum()
 
     def _height_from_gps(self, rows: Array) -> Array:
         altitude = rows[:, Column.ORIGIN.stop - 1] - rows[:, Column.POSITION.stop - 1]
@@ -267,7 +307,8 @@ class ParameterEstimator:
         time = np.nan if self.newest_point is None else float(self.newest_point[Point.TIME])
         for axis, name in enumerate(AXES):
             part = self.model.axis_slice(name)
-            block = axis_estimates(self.model, axis, self.learning, time, self._missing_signals(axis))
+            own = None if self.learner is None else self.learner.axis(axis)
+            block = axis_estimates(self.model, axis, self.learning, time, self._missing_signals(axis), own)
             estimates.extend(block[0])
             covariance[part, :] = covariance[:, part] = 0.0
             covariance[part, part] = block[1]
@@ -299,10 +340,10 @@ class ParameterEstimator:
 
 
 @njit(cache=True)
-def interpolate(times: Array, values: Array, at: Array, longest: float) -> Array:
+def interpolate(times: Array, values: Array, at: Array, longest: float, held: float = np.inf) -> Array:
     """Series (n, k) at ascending times ``at`` (m,), linear between samples at most ``longest`` [s] away.
 
-    Where only an earlier sample is near, it is held; where none is near, NaN.
+    Where only an earlier sample is near, at most ``held`` [s], it is held; where none is near, NaN.
     """
     out = np.full((len(at), values.shape[1]), np.nan)
     j = 0
@@ -316,6 +357,6 @@ def interpolate(times: Array, values: Array, at: Array, longest: float) -> Array
             weight = (at[i] - times[before]) / (times[after] - times[before])
             for k in range(values.shape[1]):
                 out[i, k] = values[before, k] + weight * (values[after, k] - values[before, k])
-        elif has_before:
+        elif has_before and at[i] - times[before] <= held:
             out[i] = values[before]
     return out

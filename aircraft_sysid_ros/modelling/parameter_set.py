@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
+from aircraft_sysid_ros.modelling.learner import AxisEstimate
 from aircraft_sysid_ros.modelling.regression import Learning
 from aircraft_sysid_ros.modelling.trust import Evidence, Trust, TrustRules, judge
 
@@ -45,34 +46,50 @@ class ParameterSet:
 
 
 def axis_estimates(
-    model: AerodynamicModel, axis: int, learning: Learning, now: float, missing: tuple[str, ...]
+    model: AerodynamicModel,
+    axis: int,
+    learning: Learning,
+    now: float,
+    missing: tuple[str, ...],
+    own: AxisEstimate | None = None,
 ) -> tuple[list[ParameterEstimate], Array]:
     """Parameters of one axis at the time ``now`` [s] and their covariance (n, n).
 
-    ``missing`` are the signals that the axis needs and that are not measured.
+    ``missing`` are the signals that the axis needs and that are not measured; ``own`` what another learner
+    knows of the axis: the parameters are then its, and recursive least squares only says how the terms moved.
     """
     names = model.parameter_names[model.axis_slice(AXES[axis])]
     n, first = len(names), int(model.offsets[axis])
-    theta = learning.theta[axis, :n].copy()
-    sums = np.ascontiguousarray(learning.sums[axis, :, : n + 2, : n + 2])
-    samples = int(learning.updates[axis])
-    covariance = np.full((n, n), np.nan)
+    known, sums = _least_squares(model, axis, learning)
     excitation, effect = np.zeros(n), np.full(n, np.inf)
-    if samples > n:
-        covariance = _covariance(model, axis, learning, theta, sums)
+    estimate = known if own is None else own
+    if known.samples > n:
         moments = sums[0] / sums[0, n + 1, n + 1]
         excitation = _excitation(moments, learning.noise_square[first : first + n])
-        effect = _effect_of_std(moments, np.sqrt(np.diag(covariance)))
-    else:
-        theta = np.full(n, np.nan)
+        effect = _effect_of_std(moments, np.sqrt(np.diag(estimate.covariance)))
+    if estimate.excitation is not None:
+        excitation = estimate.excitation
     estimates = []
     for j, name in enumerate(names):
-        value, std, excited = float(theta[j]), float(np.sqrt(covariance[j, j])), float(excitation[j])
-        evidence = Evidence(name, value, std, excited, float(effect[j]), samples, missing)
+        value, std = float(estimate.theta[j]), float(np.sqrt(estimate.covariance[j, j]))
+        excited = float(excitation[j])
+        evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing)
         verdict = judge(evidence, TrustRules())
-        age = float(now - learning.last_learnt[first + j])
+        age = float(now - estimate.last_learnt[j])
         estimates.append(ParameterEstimate(name, value, std, verdict.status, verdict.reason, age, excited))
-    return estimates, covariance
+    return estimates, estimate.covariance
+
+
+def _least_squares(model: AerodynamicModel, axis: int, learning: Learning) -> tuple[AxisEstimate, Array]:
+    """What recursive least squares knows of one axis, and its lagged sums (lags, n + 2, n + 2)."""
+    part = model.axis_slice(AXES[axis])
+    n, samples = part.stop - part.start, int(learning.updates[axis])
+    sums = np.ascontiguousarray(learning.sums[axis, :, : n + 2, : n + 2])
+    theta, covariance = np.full(n, np.nan), np.full((n, n), np.nan)
+    if samples > n:
+        theta = learning.theta[axis, :n].copy()
+        covariance = _covariance(model, axis, learning, theta, sums)
+    return AxisEstimate(theta, covariance, samples, learning.last_learnt[part]), sums
 
 
 def _covariance(model: AerodynamicModel, axis: int, learning: Learning, theta: Array, sums: Array) -> Array:

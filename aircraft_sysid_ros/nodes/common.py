@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import rclpy
@@ -42,12 +42,22 @@ class Option:
     high: float
 
 
-def declare_options(node: LifecycleNode, defaults: Any, described: dict[str, Option]) -> None:
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """Description of one ROS parameter that names one of several things."""
+
+    text: str
+    choices: tuple[str, ...]
+
+
+def declare_options(node: LifecycleNode, defaults: Any, described: Mapping[str, Option | Choice]) -> None:
     """Declare a ROS parameter for every described field of the dataclass instance ``defaults``."""
     for name, option in described.items():
         default = getattr(defaults, name)
         descriptor = ParameterDescriptor(description=option.text)
-        if isinstance(default, int):
+        if isinstance(option, Choice):
+            descriptor.additional_constraints = f"one of {', '.join(option.choices)}"
+        elif isinstance(default, int):
             low, high = int(option.low), int(option.high)
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
         else:
@@ -56,9 +66,14 @@ def declare_options(node: LifecycleNode, defaults: Any, described: dict[str, Opt
         node.declare_parameter(name, default, descriptor)
 
 
-def read_options(node: LifecycleNode, kind: Callable[..., Any], described: dict[str, Option]) -> Any:
-    """Options of the dataclass ``kind`` from the parameters of the node."""
-    return kind(**{name: node.get_parameter(name).value for name in described})
+def read_options(node: LifecycleNode, kind: Callable[..., Any], described: Mapping[str, Option | Choice]) -> Any:
+    """Options of the dataclass ``kind`` from the parameters of the node; raises InputError for a wrong choice."""
+    values = {name: node.get_parameter(name).value for name in described}
+    for name, option in described.items():
+        if isinstance(option, Choice) and values[name] not in option.choices:
+            listed = ", ".join(option.choices)
+            raise InputError(f"the parameter {name} must be one of {listed}, not '{values[name]}'")
+    return kind(**values)
 
 
 def declare_common(node: LifecycleNode) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,12 @@ class EstimatorNode(LifecycleNode):
     """Lifecycle, inputs, diagnostics; a node adds its estimator and what it publishes."""
 
     def __init__(
-        self, name: str, inputs: tuple[str, ...], defaults: Any, options: dict[str, common.Option], **arguments: Any
+        self,
+        name: str,
+        inputs: tuple[str, ...],
+        defaults: Any,
+        options: Mapping[str, common.Option | common.Choice],
+        **arguments: Any,
     ) -> None:
         super().__init__(name, **arguments)
         common.declare_common(self)
@@ -60,11 +65,11 @@ class EstimatorNode(LifecycleNode):
         try:
             aircraft = common.configured_aircraft(self)
             self._quality = common.input_quality(self)
+            options = common.read_options(self, self._option_kind, self._described)
         except InputError as error:
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         self.get_logger().info("preparing; the first start compiles, up to a minute")
-        options = common.read_options(self, self._option_kind, self._described)
         self.estimator = self.make_estimator(aircraft, options)
         self.offer()
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics", 10)

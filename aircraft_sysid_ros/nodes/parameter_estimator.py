@@ -15,11 +15,11 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling import error_window as modelling
 from aircraft_sysid_ros.modelling.model_file import load_model, save_model
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
+from aircraft_sysid_ros.modelling.parameter_estimator import LEARNERS, ParameterEstimator, ParameterOptions
 from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.common import Option
+from aircraft_sysid_ros.nodes.common import Choice, Option
 from aircraft_sysid_ros.nodes.estimator_node import EstimatorNode
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
 from aircraft_sysid_ros.recordings.output_messages import (
@@ -30,7 +30,9 @@ from aircraft_sysid_ros.recordings.output_messages import (
 from aircraft_sysid_ros.recordings.ros_conversion import message_fields, to_samples
 
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
-OPTIONS = {
+#: What an estimator hears besides: the measurements that it predicts.
+MORE_INPUTS = {"rml": ("air_data", "gps/fix", "gps/vel")}
+OPTIONS: dict[str, Option | Choice] = {
     "half_width": Option("Half-width [s] of the differentiating window: its delay.", 0.01, 1.0),
     "step": Option("Time [s] between evaluations.", 0.005, 1.0),
     "forgetting_time": Option("Seconds of motion that the estimates rest on.", 1.0, 1e6),
@@ -39,6 +41,10 @@ OPTIONS = {
     "largest_gap": Option("Longest time [s] between states inside a window.", 0.01, 1.0),
     "lag_time": Option("Time [s] over which residuals may be correlated.", 0.1, 10.0),
     "error_window": Option("Length [s] of the sliding window of the model error.", 1.0, 600.0),
+    "estimator": Choice("Estimator whose parameters are published.", tuple(LEARNERS)),
+    "lowest_frequency": Option("Lowest frequency [Hz] that the estimator fourier uses.", 0.01, 10.0),
+    "highest_frequency": Option("Highest frequency [Hz] that the estimator fourier uses.", 0.1, 20.0),
+    "rml_rate": Option("Rate [Hz] at which the estimator rml takes the IMU; faster is averaged.", 10.0, 400.0),
 }
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
@@ -53,12 +59,14 @@ class ParameterEstimatorNode(EstimatorNode):
         self.states_received = 0
         self.on_points: Callable[[Any], None] | None = None  # `live --out` keeps both for the run folder
         self.on_parameters: Callable[[Any, Any], None] | None = None
+        self.on_samples: Callable[[Any], None] | None = None
         self._epoch: int | None = None  # of the states; controls before the first state wait for it
         self._due = -np.inf
 
     def make_estimator(self, aircraft: Aircraft, options: ParameterOptions) -> ParameterEstimator:
         """The estimator, compiled."""
         self._epoch, self._due = None, -np.inf
+        self.received = dict.fromkeys(INPUTS + MORE_INPUTS.get(options.estimator, ()), 0)
         estimator = ParameterEstimator(aircraft, options)
         estimator.warm_up()
         return estimator
@@ -77,8 +85,10 @@ class ParameterEstimatorNode(EstimatorNode):
         return super().on_activate(state)
 
     def take(self, topic: str, message: Any) -> None:
-        """One message of controls, height or mass."""
+        """One message of controls, height or mass, or of what the chosen estimator hears besides."""
         for samples in to_samples(topic, *message_fields(topic, message)):
+            if self.on_samples is not None and topic in INPUTS:
+                self.on_samples(samples)
             self.estimator.push_samples(samples, self._epoch)
 
     def finish(self) -> None:

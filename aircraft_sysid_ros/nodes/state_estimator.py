@@ -24,7 +24,7 @@ from aircraft_sysid_ros.reconstruction.state_estimator import (
 )
 from aircraft_sysid_ros.recordings.output_messages import state_fields, wind_fields
 from aircraft_sysid_ros.recordings.ros_conversion import message_fields, to_samples
-from aircraft_sysid_ros.samples import concatenate
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 INPUTS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data")
 OPTIONS = {
@@ -37,6 +37,10 @@ OPTIONS = {
     ),
     "divergence_time": Option("GPS rejected for this long [s] without a break: align anew.", 1.0, 60.0),
 }
+#: Samples are pushed together that came within this part of the horizon, by which states are late anyway: one push
+#: costs nearly the same for one sample as for ten. The numbers do not depend on it.
+TOGETHER = 0.02
+_MOST_TOGETHER = 100
 
 
 class StateEstimatorNode(EstimatorNode):
@@ -46,6 +50,9 @@ class StateEstimatorNode(EstimatorNode):
         super().__init__("state_estimator", INPUTS, StateOptions(), OPTIONS, **arguments)
         self.rows_published = 0
         self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
+        self.on_samples: Callable[[Any], None] | None = None  # and the samples
+        self._waiting: list[Samples] = []
+        self._pushed_until = 0  # newest IMU stamp [ns] at the last push
 
     def make_estimator(self, aircraft: Aircraft, options: StateOptions) -> StateEstimator:
         """The filter, compiled."""
@@ -59,24 +66,38 @@ class StateEstimatorNode(EstimatorNode):
         self.service(Reset, "~/reset", self._on_reset)
 
     def take(self, topic: str, message: Any) -> None:
-        """One sensor message: convert, push, publish the states that are complete."""
+        """One sensor message: convert and, when it is time, push and publish the states that are complete."""
         samples = to_samples(topic, *message_fields(topic, message))
-        if samples:
-            self._publish(self.estimator.push(concatenate(samples)))
+        self._waiting.extend(samples)
+        newest = int(samples[0].stamp[0]) if samples and samples[0].kind[0] == Kind.IMU else self._pushed_until
+        period = TOGETHER * self.estimator.options.horizon * common.NANOSECONDS
+        is_due = newest != self._pushed_until and not 0 <= newest - self._pushed_until < period  # or the clock leapt
+        if is_due or len(self._waiting) >= _MOST_TOGETHER:
+            self._pushed_until = newest
+            self._push()
 
     def finish(self) -> None:
         """Publish the states that still wait for late samples."""
         if self.estimator is not None:
+            self._push()
             self._publish(self.estimator.flush())
 
     def condition(self) -> tuple[str, dict[str, Any]]:
         """What the state rests on, and what became of every sample."""
+        self._push()
         values: dict[str, Any] = {}
         for kind, counts in self.estimator.counts().items():
             values.update({f"{kind}.{name}": n for name, n in counts.items() if n})
         values["realignments"] = self.estimator.realignments
         values["restarts"] = self.estimator.order.counts.restarts
         return STATUS_TEXT[self.estimator.status], values
+
+    def _push(self) -> None:
+        waiting, self._waiting = concatenate(self._waiting), []
+        if len(waiting):
+            if self.on_samples is not None:
+                self.on_samples(waiting)
+            self._publish(self.estimator.push(waiting))
 
     def _publish(self, rows: Any) -> None:
         if not len(rows):
@@ -102,6 +123,7 @@ class StateEstimatorNode(EstimatorNode):
         self._wind_publisher.publish(common.stamp_of(message, stamp))
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        self._waiting.clear()
         self.estimator = StateEstimator(self.estimator.aircraft, self.estimator.options)
         response.success, response.message = True, "the state starts anew"
         return response

@@ -2,8 +2,17 @@
 
 import numpy as np
 import pytest
+from numba import njit
 
-from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
+from aircraft_sysid_ros.estimation.least_squares import weighted_least_squares
+from aircraft_sysid_ros.estimation.recursive_least_squares import (
+    gain_update,
+    information_solution,
+    information_update,
+    rls_update,
+    square_root_solution,
+    square_root_update,
+)
 
 TRUE = np.array([0.4, -4.5, -0.8])
 
@@ -162,3 +171,130 @@ def test_a_sample_that_says_nothing_is_harmless(x, y, forgetting):
     rls_update(theta, p, np.array(x), y, forgetting)
     np.testing.assert_allclose(theta, [1.0, 2.0], rtol=1e-15)
     np.testing.assert_allclose(p, np.diag([3.0, 4.0]), rtol=1e-15)
+
+
+# -- vector measurements: gain form (4.14), information form (4.11)-(4.13), square-root form ---------------------
+
+
+def vector_problem(seed=7, count=40):
+    rng = np.random.default_rng(seed)
+    h = rng.normal(size=(count, 2, 3))
+    w = np.array([[0.5, 0.2], [0.2, 2.0]]) * rng.uniform(0.5, 2.0, count)[:, None, None]
+    y = h @ TRUE + np.stack([np.linalg.cholesky(wk) @ rng.normal(size=2) for wk in w])
+    return h, y, w
+
+
+def test_all_three_forms_are_the_batch_solution_with_any_w():
+    h, y, w = vector_problem()
+    prior = 1e3 * np.eye(3)
+    theta, p = np.zeros(3), prior.copy()
+    information, vector, root = np.zeros((3, 3)), np.zeros(3), np.zeros((4, 4))
+    for hk, yk, wk in zip(h, y, w, strict=True):
+        gain_update(theta, p, hk, yk, wk)
+        information_update(information, vector, hk, yk, wk)
+        square_root_update(root, hk, yk, wk, 1.0)
+    batch = weighted_least_squares(h, y, w)
+    for solution in (information_solution(information, vector), square_root_solution(root)):
+        np.testing.assert_allclose(solution.estimate, batch.estimate, rtol=1e-11)
+        np.testing.assert_allclose(solution.covariance, batch.covariance, rtol=1e-10, atol=1e-14)
+    cost = sum(z @ np.linalg.solve(wk, z) for z, wk in zip(batch.residuals, w, strict=True))
+    assert root[3, 3] ** 2 == pytest.approx(cost, rel=1e-12)
+    rows, values = np.concatenate([h, np.eye(3)[:, None, :].repeat(2, axis=1)]), np.concatenate([y, np.zeros((3, 2))])
+    both = np.concatenate([w, np.tile(2.0 * prior[:2, :2], (3, 1, 1))])  # the prior as measurements, each twice
+    with_prior = weighted_least_squares(rows, values, both)
+    np.testing.assert_allclose(theta, with_prior.estimate, rtol=1e-9)
+    np.testing.assert_allclose(p, with_prior.covariance, rtol=1e-9, atol=1e-13)
+
+
+def test_the_printed_4_14_gives_another_covariance_than_4_13():
+    h, y, w = vector_problem(count=1)
+    prior = np.diag([2.0, 5.0, 1.0])
+    expected = np.linalg.inv(np.linalg.inv(prior) + h[0].T @ np.linalg.solve(w[0], h[0]))  # (4.13)
+    theta, p = np.zeros(3), prior.copy()
+    gain_update(theta, p, h[0], y[0], w[0])
+    np.testing.assert_allclose(p, expected, rtol=1e-12, atol=1e-14)
+    inner = np.linalg.inv(w[0]) @ np.linalg.inv(h[0] @ prior @ h[0].T + w[0])
+    printed = prior - prior @ h[0].T @ inner @ h[0] @ prior
+    assert np.abs(printed - expected).max() > 0.1
+
+
+def test_a_million_vector_steps_stay_symmetric_and_positive():
+    @njit
+    def many(theta, p, root, rows, y, w, count):
+        for k in range(count):
+            gain_update(theta, p, rows[k % len(rows)], y[k % len(rows)], w)
+            square_root_update(root, rows[k % len(rows)], y[k % len(rows)], w, 1.0)
+
+    h, y, w = vector_problem()
+    theta, p, root = np.zeros(3), 1e8 * np.eye(3), np.zeros((4, 4))
+    many(theta, p, root, h, y, w[0], 1_000_000)
+    np.testing.assert_array_equal(p, p.T)
+    assert np.linalg.eigvalsh(p)[0] > 0.0
+    batch = weighted_least_squares(h, y, np.tile(w[0], (len(h), 1, 1)))
+    np.testing.assert_allclose(theta, batch.estimate, rtol=1e-6)
+    np.testing.assert_allclose(p * 25_000.0, batch.covariance, rtol=1e-6, atol=1e-9)
+    solution = square_root_solution(root)
+    np.testing.assert_allclose(solution.estimate, batch.estimate, rtol=1e-10)
+    np.testing.assert_allclose(solution.covariance * 25_000.0, batch.covariance, rtol=1e-9, atol=1e-12)
+
+
+def test_the_square_root_keeps_digits_that_the_covariance_and_the_information_lose():
+    """Two regressors that differ by 1e-7: the information has a condition of 1e14, its root 1e7."""
+    rng = np.random.default_rng(8)
+    a, b = rng.normal(size=(2, 400))
+    rows = np.stack([a, a + 1e-7 * b], axis=1)
+    true, one = np.array([3.0, -1.0]), np.eye(1)
+    theta, p = np.zeros(2), 1e16 * np.eye(2)
+    information, vector, root = np.zeros((2, 2)), np.zeros(2), np.zeros((3, 3))
+    for row in rows[:, None, :]:
+        y = row @ true
+        gain_update(theta, p, row, y, one)
+        information_update(information, vector, row, y, one)
+        square_root_update(root, row, y, one, 1.0)
+    solution = square_root_solution(root)
+    assert solution.determined.all()
+    np.testing.assert_allclose(solution.estimate, true, rtol=1e-6)
+    assert np.abs(theta - true).max() > 1e-4
+    squared = information_solution(information, vector)
+    assert not squared.determined.all() or np.abs(squared.estimate - true).max() > 1e-4
+
+
+def test_collinear_regressors_are_named_by_the_square_root_and_the_information_form():
+    rng = np.random.default_rng(9)
+    information, vector, root = np.zeros((3, 3)), np.zeros(3), np.zeros((4, 4))
+    for _ in range(50):
+        a, b = rng.normal(size=2)
+        row = np.array([[a, b, -2.0 * a]])
+        information_update(information, vector, row, row @ TRUE, np.eye(1))
+        square_root_update(root, row, row @ TRUE, np.eye(1), 1.0)
+    for solution in (information_solution(information, vector), square_root_solution(root)):
+        np.testing.assert_array_equal(solution.determined, [False, True, False])
+        assert solution.estimate[1] == pytest.approx(TRUE[1], rel=1e-12)
+        assert np.isnan(solution.covariance[0, 0]) and solution.covariance[1, 1] > 0.0
+    assert not square_root_solution(np.zeros((4, 4))).determined.any()
+
+
+def test_the_square_root_forgets_as_weighted_least_squares_does():
+    h, y, w = vector_problem()
+    root = np.zeros((4, 4))
+    for hk, yk, wk in zip(h, y, w, strict=True):
+        square_root_update(root, hk, yk, wk, 0.9)
+    age = np.arange(len(h))[::-1, None, None]
+    batch = weighted_least_squares(h, y, w / 0.9**age)
+    np.testing.assert_allclose(square_root_solution(root).estimate, batch.estimate, rtol=1e-11)
+
+
+@pytest.mark.parametrize("spoil", ["y", "h", "w"])
+def test_a_vector_measurement_that_is_not_usable_changes_nothing(spoil):
+    h, y, w = (part[0].copy() for part in vector_problem())
+    if spoil == "w":
+        w[:] = [[1.0, 2.0], [2.0, 1.0]]
+    else:
+        {"y": y, "h": h}[spoil].flat[1] = np.nan
+    theta, p, information, vector = np.ones(3), np.eye(3), np.eye(3), np.ones(3)
+    root = np.triu(np.ones((4, 4)))
+    gain_update(theta, p, h, y, w)
+    information_update(information, vector, h, y, w)
+    square_root_update(root, h, y, w, 0.5)
+    assert (theta == 1.0).all() and (p == np.eye(3)).all() and (information == np.eye(3)).all()
+    assert (vector == 1.0).all() and (root == np.triu(np.ones((4, 4)))).all()

@@ -18,6 +18,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
+from aircraft_sysid_ros.nodes.common import Choice
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 
@@ -170,6 +171,8 @@ def test_parameters_are_described_and_keep_their_ranges(bench, module):
     values = bench.call(GetParameters, f"/{name}/get_parameters", names=ours).values
     assert values[ours.index("aircraft_file")].string_value == bench.aircraft_file
     for option, limits in module.OPTIONS.items():
+        if isinstance(limits, Choice):
+            continue
         default = node.get_parameter(option).value
         assert limits.low <= default <= limits.high
         for wrong in (limits.low - 1, limits.high * 2 + 1):
@@ -186,6 +189,22 @@ def test_options_reach_the_estimators(bench):
     assert state.trigger_configure() == parameters.trigger_configure() == TransitionCallbackReturn.SUCCESS
     assert (state.estimator.options.horizon, state.estimator.options.maximum_iterations) == (0.25, 3)
     assert parameters.estimator.options.forgetting_time == 33.0
+
+
+def test_an_estimator_that_does_not_exist_is_refused_at_configure(bench, capfd):
+    node = bench.node(ParameterEstimatorNode, estimator="best")
+    assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+    assert "must be one of rls" in capfd.readouterr().err
+
+
+def test_the_estimator_is_chosen_by_a_parameter_and_hears_what_it_needs(bench):
+    node = bench.node(ParameterEstimatorNode, estimator="fourier", highest_frequency=1.5)
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.estimator.options.estimator == "fourier" and node.estimator.options.highest_frequency == 1.5
+    assert "air_data" not in node.received
+    other = bench.node(ParameterEstimatorNode, estimator="rml")
+    assert other.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert {"air_data", "gps/fix", "gps/vel", "control_surfaces"} <= set(other.received)
 
 
 # -- diagnostics and services ----------------------------------------------------------------------------

@@ -1,0 +1,76 @@
+"""What an estimator of aerodynamic parameters is, besides recursive least squares, and the options of all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.modelling.regression import Body
+from aircraft_sysid_ros.samples import Samples
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ParameterOptions:
+    """Options of the second step; the live node offers them as parameters."""
+
+    half_width: float = 0.08  # [s] delay of the differentiator
+    step: float = 0.04  # [s] between evaluations
+    forgetting_time: float = 120.0  # [s] of motion that the estimates rest on
+    excitation: float = 2.0  # how many sigma of its noise a term must move before its axis learns
+    settle: float = 0.2  # [s] how much later than the state a control sample may come
+    largest_gap: float = 0.1  # [s] between states inside a window
+    lag_time: float = 2.0  # [s] over which residuals may be correlated
+    error_window: float = 10.0  # [s] of the sliding model error
+    estimator: str = "rls"  # which estimator's parameters are published: a name of LEARNERS
+    lowest_frequency: float = 0.1  # [Hz] band of the estimator "fourier"
+    highest_frequency: float = 2.0  # [Hz]
+    rml_rate: float = 100.0  # [Hz] at which the estimator "rml" takes the IMU; faster samples are averaged
+
+
+class AxisEstimate(NamedTuple):
+    """What a learner knows of the n parameters of one axis now."""
+
+    theta: Array  # (n,); NaN where not determined yet
+    covariance: Array  # (n, n), corrected for coloured residuals; NaN where not determined yet
+    samples: int  # evaluations that it rests on, comparable with those of recursive least squares (25 Hz)
+    last_learnt: Array  # (n,) time [s] when each term last moved and was learnt from; NaN: never
+    excitation: Array | None = None  # (n,) as in ParameterEstimate; None: as recursive least squares sees it
+
+
+class Learner(Protocol):
+    """A second estimator of the same model, made with (aircraft, options) and fed with the same states.
+
+    What it finds must not depend on how samples and rows are cut into batches: live nodes push one at a time,
+    replay a thousand.
+    """
+
+    def push_samples(self, samples: Samples, epoch: int) -> None:
+        """All samples of the flight, of every kind, as they arrive: stamps as sent, sensor delays not removed.
+
+        Live, only kinds that the node hears come (INPUTS of the node).
+        """
+
+    def push(self, rows: Array, history: Array, body: Body) -> tuple[Array, Array]:
+        """New reconstructed states in order of time, and what became known from them.
+
+        rows (n, Column.WIDTH), history (n, TERM + terms) of ``fill_history`` and the body that holds for them.
+        Returns times [s] (k,), ascending, and all parameters (k, parameters) as they were known at those
+        times from the rows up to then, 0 where nothing is known: predictions from then on are made with them.
+        """
+
+    def axis(self, axis: int) -> AxisEstimate:
+        """Parameters of one axis now, in the order of the model's terms."""
+
+    def reset(self) -> None:
+        """Forget all that was learnt."""
+
+    def restart_time(self) -> None:
+        """The clock began anew: drop what refers to old times, keep what was learnt."""
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, every kernel that two seconds of level flight do not reach."""

@@ -1,0 +1,73 @@
+"""What the loop of ``likelihood_recursion`` reads and changes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.estimation.recursive_maximum_likelihood import Scores
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+# Numbers of Recursion.clock: time of the filters [s], 1 while they run, flight spent in the start [s], 1 when it is
+# over, flight learnt from [s], when an attitude output and the end of a block of scores are due [s], losses of the
+# filters in all and lately.
+TIME, RUNNING, BEGUN, STARTED, LEARNT, ATTITUDE_DUE, BLOCK_DUE, RESTARTS, STRIKES = range(9)
+CLOCK_SIZE = 9
+
+
+class Knots(NamedTuple):
+    """n averages of reconstructed states, at most rml_rate of them per second, ascending in time."""
+
+    time: Array  # (n,) [s] mean of the samples in each
+    end: Array  # (n,) [s] of its last sample
+    usable: npt.NDArray[np.bool_]  # (n,) in flight, first step sound, all that the model reads is there
+    imu: Array  # (n, 6) specific force and angular rate as measured
+    inputs: Array  # (n, 15) of flight_model.layout
+    rows: Array  # (n, Column.WIDTH) mean state
+    history: Array  # (n, TERM + terms) mean of regression.fill_history
+
+
+class Recursion(NamedTuple):
+    """What the loop changes, besides what it needs to know of the q free parameters."""
+
+    theta: Array  # (parameters,) all of flight_model.layout
+    free: Integers  # (q,) which of them are estimated: the coefficients, the six biases of the IMU, the levels
+    moves: Array  # (q,) of the finite differences
+    start: Array  # (parameters,) theta before any data
+    start_root: Array  # (q, q) and root of its covariance
+    start_doubt: Array  # (q,) standard errors to add to those of the start
+    low: Array  # (q,) no estimate leaves these bounds
+    high: Array
+    largest_step: Array  # (q,) per innovation
+    root: Array  # (q, q) covariance = root root'
+    thetas: Array  # (q + 1, parameters) of the bank
+    states: Array  # (q + 1, 16)
+    covariances: Array  # (q + 1, 15, 15)
+    innovations: Array  # (q + 1, 18)
+    variances: Array  # (q + 1, 18)
+    scores: Scores
+    last_learnt: Array  # (q,) [s]
+    inputs: Array  # (15,) at clock[TIME]
+    before: Array  # (2, TERM + terms) history of the newest two knots
+    before_time: Array  # (2,)
+    clock: Array  # (CLOCK_SIZE,)
+
+
+class Tuning(NamedTuple):
+    """Options of the loop."""
+
+    largest_gap: float  # [s] between knots that is still integrated
+    forgetting: float  # per row, after the early phase
+    early_forgetting: float  # at the start of it
+    early_time: float  # [s] in which the second becomes the first
+    start_time: float  # [s] of equation error before the filters, at least
+    longest_start: float  # [s] and at most: what has not moved by then is not waited for
+    attitude_step: float  # [s] between attitude outputs
+    block: float  # [s] of one block of scores
+    score_forgetting: float  # per block
+    score_start: float  # [s] of learning before scores count
+    gyro_std: float  # [rad/s] of one knot
