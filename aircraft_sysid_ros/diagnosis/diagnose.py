@@ -106,8 +106,9 @@ def diagnose(
     found: list[Finding] = []
     listed: list[Finding] = []
     tried = 0
+    one: _Round | None = None
     for number in range(MOST_EFFECTS):
-        one = _Round(bench, empty, Null(scores), library, _part(progress, number))
+        one = _Round(bench, empty, Null(scores), library, _part(progress, number), one)
         tried = max(tried, len(one.trials))
         significant = one.findings(found)
         known = {f.trial.candidate.family for f in listed}
@@ -145,15 +146,24 @@ class _Round:
         null: Null,
         library: Sequence[Effect],
         progress: Callable[[float], None],
+        last: _Round | None,
     ) -> None:
         self.bench, self.empty, self.null = bench, empty, null
+        changed = {axis for axis, fit in bench.fits.items() if last is None or fit is not last.bench.fits[axis]}
+        tried = {} if last is None else {t.candidate.family: t for t in (*last.trials, *last.outside)}
         self.trials: list[Trial] = []
         for i, effect in enumerate(library):
             progress(0.7 * i / len(library))
-            trial = bench.best_of(effect)
+            again = changed & set(effect.axes) or effect.identifier not in tried
+            trial = bench.best_of(effect) if again else tried[effect.identifier]
             if trial is not None:
                 self.trials.append(trial)
-        self.outside = [t for t in map(bench.trial, expressions(bench.data)) if t is not None]
+        self.outside: list[Trial] = []
+        for candidate in expressions(bench.data):
+            again = changed & set(candidate.terms) or candidate.family not in tried
+            trial = bench.trial(candidate) if again else tried[candidate.family]
+            if trial is not None:
+                self.outside.append(trial)
 
     def findings(self, before: Sequence[Finding]) -> list[Finding]:
         """Significant candidates, best first."""

@@ -169,7 +169,7 @@ def diagnose_flight(
     ``progress`` hears what is being done and its share from 0 to 1.
     """
     progress("reconstruct the flight", 0.0)
-    flight = reconstruct(aircraft, samples)
+    flight = reconstruct(aircraft, samples, with_covariance=False)
     data = settled_flight(flight)
     check_length("the flight", data.time, data.step)
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]
@@ -180,7 +180,8 @@ def diagnose_flight(
         faults = [f for f in faults if all(f.effect is not s.setting.effect for s in settings)]
         if not faults:
             break
-        mended = reconstruct(with_setting(flight.aircraft, faults[0].variant.setting, faults[0].value), samples)
+        better = with_setting(flight.aircraft, faults[0].variant.setting, faults[0].value)
+        mended = reconstruct(better, samples, with_covariance=False)
         settings.append(_judged(faults, data, settled_flight(mended), len(measuring)))
         flight, data = mended, settled_flight(mended)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))

@@ -32,10 +32,10 @@ from aircraft_sysid_ros.samples import Kind, Samples
 Array = npt.NDArray[np.float64]
 
 #: Longest stretch [s] of a flight that is run again for each setting.
-LONGEST = 150.0
+LONGEST = 120.0
 #: Gain of the log-likelihood, per sample of air data, below which a setting is as good as that of the file. Gusts are
 #: no random walk, and the random walk that the filter takes for them leaves it some tenths of this to gain.
-LEAST_GAIN = 0.035
+LEAST_GAIN = 0.02
 #: And at least this much in all.
 LEAST_TOTAL = 30.0
 #: Least gain of ln(error variance), over all axes, for the delay of the controls.
@@ -78,7 +78,7 @@ def measurement_faults(
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork")) as pool:
         for number, setting in enumerate(pool.map(_try, jobs), 1):
             progress(number / len(jobs))
-            if setting is not None and setting.evidence > 1.0:
+            if setting.evidence > 1.0:
                 found.append(setting)
     return sorted(found, key=lambda s: -s.evidence)
 
@@ -106,20 +106,21 @@ def log_likelihood(aircraft: Aircraft, samples: Samples) -> float:
     return total
 
 
-_Job = tuple[Reconstruction, Samples, Effect, Variant, Inner]
+_Job = tuple[Reconstruction, Samples, Effect, Variant, Inner, float]
 
 
 def _jobs(flight: Reconstruction, library: Sequence[Effect]) -> Iterator[_Job]:
     """One per setting that the flight has samples for."""
     samples = _stretch(flight)
     kinds = set(np.unique(samples.kind).tolist())
+    without = {True: control_score(flight, flight.aircraft), False: log_likelihood(flight.aircraft, samples)}
     for effect in library:
         for variant in effect.variants:
             if not variant.setting or variant.setting[0] == "process_noise":
                 continue
             kind = _KIND_OF.get(variant.setting[1])
             if kind is None or int(kind) in kinds:
-                yield flight, samples, effect, variant, effect.inner[0]
+                yield flight, samples, effect, variant, effect.inner[0], without[_CONTROLS in variant.setting]
 
 
 def _stretch(flight: Reconstruction) -> Samples:
@@ -129,62 +130,63 @@ def _stretch(flight: Reconstruction) -> Samples:
     return flight.samples[(stamp >= begin) & (stamp <= begin + int((LONGEST + 10.0) * 1e9))]
 
 
-def _try(job: _Job) -> Setting | None:
+def _try(job: _Job) -> Setting:
     """The best value of one setting, in a process of its own."""
-    flight, samples, effect, variant, inner = job
+    flight, samples, effect, variant, inner, without = job
     start = nominal(flight.aircraft, variant.setting)
     of_controls = _CONTROLS in variant.setting
+    air = sum(int(np.sum(samples.kind == kind)) for kind in _KIND_OF.values())
+    needed = LEAST_CONTROL_GAIN if of_controls else max(LEAST_TOTAL, LEAST_GAIN * air)
 
-    def value_of(value: float) -> float:
+    def gain(value: float) -> float:
+        if value == start:
+            return 0.0
         try:
             changed = with_setting(flight.aircraft, variant.setting, value)
         except InputError:
             return -np.inf
-        return control_score(flight, changed) if of_controls else log_likelihood(changed, samples)
+        return (control_score(flight, changed) if of_controls else log_likelihood(changed, samples)) - without
 
-    best, curvature = maximum(value_of, start, inner.low, inner.high)
-    if best is None:
-        return None
-    gain = best[1] - value_of(start)
-    air = sum(int(np.sum(samples.kind == kind)) for kind in _KIND_OF.values())
-    needed = LEAST_CONTROL_GAIN if of_controls else max(LEAST_TOTAL, LEAST_GAIN * air)
+    value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
-    return Setting(effect, variant, start, best[0], gain, gain / needed, std)
+    return Setting(effect, variant, start, value, best, best / needed, std)
 
 
 def maximum(
-    function: Callable[[float], float], start: float, low: float, high: float
-) -> tuple[tuple[float, float] | None, float]:
+    gain: Callable[[float], float], start: float, low: float, high: float, least: float
+) -> tuple[float, float, float]:
     """Place and value of the largest of a smooth function between limits, looked for from ``start``, and its curvature.
 
-    Parabolas through the three best points; None where nothing is better than the start.
+    Parabolas through the three best points, as long as they promise more than ``least``.
     """
     width = (high - low) / 8.0
     places = sorted({float(np.clip(p, low, high)) for p in (start - width, start, start + width)})
     if len(places) < 3:  # the start is at a limit
         places = sorted({*places, float(np.clip(start + (2 * width if start <= low else -2 * width), low, high))})
-    known = {place: function(place) for place in places}
+    known = {place: gain(place) for place in places}
     curvature = 0.0
     for _ in range(_STEPS):
         top = max(known, key=lambda p: known[p])
         near = sorted(sorted(known, key=lambda p: abs(p - top))[:3])
-        vertex, curvature = _parabola(near, [known[p] for p in near])
+        vertex, height, curvature = _parabola(near, [known[p] for p in near])
         if not np.isfinite(vertex):
-            vertex = top + (top - start) if top != start else start
+            vertex, height = (2.0 * top - start if top != start else start), np.inf
         vertex = float(np.clip(vertex, max(low, top - 2 * width), min(high, top + 2 * width)))
-        if any(abs(vertex - place) < 0.02 * width for place in known):
+        if max(height, known[top]) < least or any(abs(vertex - place) < 0.02 * width for place in known):
             break
-        known[vertex] = function(vertex)
+        known[vertex] = gain(vertex)
     top = max(known, key=lambda p: known[p])
-    return ((top, known[top]) if known[top] > known.get(start, -np.inf) else None), curvature
+    return top, known[top], curvature
 
 
-def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    """Vertex and negative second derivative of the parabola through three points; NaN where it has no top."""
+def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float, float]:
+    """Vertex, value there and negative second derivative of the parabola through three points; NaN without a top."""
     if not np.all(np.isfinite(y)):
-        return np.nan, 0.0
-    a, b, _ = np.polyfit(np.asarray(x) - x[1], y, 2)
-    return (float(x[1] - 0.5 * b / a), float(-2.0 * a)) if a < 0.0 else (np.nan, 0.0)
+        return np.nan, np.nan, 0.0
+    a, b, c = np.polyfit(np.asarray(x) - x[1], y, 2)
+    if not a < 0.0:
+        return np.nan, np.nan, 0.0
+    return float(x[1] - 0.5 * b / a), float(c - 0.25 * b * b / a), float(-2.0 * a)
 
 
 def control_score(flight: Reconstruction, aircraft: Aircraft) -> float:

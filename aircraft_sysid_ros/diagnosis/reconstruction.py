@@ -46,15 +46,18 @@ class Reconstruction:
         return flight_data_of(self.aircraft, self.points)
 
 
-def reconstruct(aircraft: Aircraft, samples: Samples) -> Reconstruction:
-    """Both steps over all samples; InputError when the filter does not start on them."""
+def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = True) -> Reconstruction:
+    """Both steps over all samples; InputError when the filter does not start on them.
+
+    Without the covariance of the smoother it is faster, and standard deviations are those of the filter.
+    """
     tape = FlightTape()
     state, parameters = StateEstimator(aircraft, tape=tape), ParameterEstimator(aircraft)
     state.push(samples)
     state.flush()
     if state.epoch is None or not state.has_been_aligned:
         raise InputError("the filter does not start on the samples of this flight: replay says why")
-    rows = np.array(state.smooth())
+    rows = np.array(state.smooth(with_covariance))
     parameters.push_samples(samples, state.epoch)
     points = [parameters.push_states(rows, state.epoch), parameters.flush()]
     gusts = float(state.memory.wind_walk[0])

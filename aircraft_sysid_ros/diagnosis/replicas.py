@@ -81,7 +81,7 @@ def _replica(arguments: tuple[Reconstruction, Array, Array, Sequence[Effect], in
     flight, rows, parameters, library, seed = arguments
     world = world_of(flight.aircraft, rows, flight.samples, flight.epoch, parameters, flight.gusts, seed)
     try:
-        again = reconstruct(world.aircraft, world.samples(seed))
+        again = reconstruct(world.aircraft, world.samples(seed), with_covariance=False)
         bench = Bench(without_excess(world, again))
     except InputError:
         return None

@@ -22,6 +22,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_product,
     right_jacobian,
 )
+from aircraft_sysid_ros.estimation.iterated_ekf import cholesky, solve_factored
 from aircraft_sysid_ros.estimation.smoothing import smoothed_covariance, smoother_gain
 from aircraft_sysid_ros.reconstruction.flight_tape import (
     DT,
@@ -36,10 +37,12 @@ from aircraft_sysid_ros.reconstruction.flight_tape import (
 )
 from aircraft_sysid_ros.reconstruction.fusion import retract, turn_attitude_error
 from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate, transition_matrix
-from aircraft_sysid_ros.reconstruction.state import ATTITUDE, D_ATTITUDE, ERROR_SIZE, Setup
+from aircraft_sysid_ros.reconstruction.state import ATTITUDE, D_ATTITUDE, ERROR_SIZE, Column, Setup
 from aircraft_sysid_ros.reconstruction.state_row import write_state
 
 Array = npt.NDArray[np.float64]
+
+_STD = Column.STANDARD_DEVIATIONS
 
 
 @njit(cache=True)
@@ -82,10 +85,27 @@ def smooth_step(step: Array, x: Array, p: Array, setup: Setup) -> tuple[Array, A
 
 
 @njit(cache=True)
-def smooth_segment(steps: Array, rows: Array, x: Array, p: Array, setup: Setup) -> tuple[Array, Array]:
+def smooth_state(step: Array, x: Array, setup: Setup) -> Array:
+    """x(k|N) alone, as ``smooth_step`` has it: one factorisation instead of products of whole matrices."""
+    force, rate, dt = step[FORCE], step[RATE], step[DT]
+    filtered, p_filtered = step[STATE].copy(), recorded_covariance(step)
+    predicted, p_predicted = filtered.copy(), p_filtered.copy()
+    propagate(predicted, p_predicted, force, rate, dt, step[SAMPLE_TIME], step[WIND_WALK], setup)
+    weighted = solve_factored(cholesky(p_predicted), difference(x, predicted))
+    if not np.isfinite(np.sum(weighted)):
+        return filtered
+    phi = transition_matrix(filtered, force, rate, dt, setup.gravity)
+    return retract(filtered, p_filtered @ (phi.T @ weighted))
+
+
+@njit(cache=True)
+def smooth_segment(
+    steps: Array, rows: Array, x: Array, p: Array, setup: Setup, with_covariance: bool = True
+) -> tuple[Array, Array]:
     """Write the smoothed states over the rows (n, Column.WIDTH) of a segment that ends with x (19,), p (18, 18).
 
-    Returns the smoothed state and its covariance at the beginning. A segment that ends with numbers that are not
+    Returns the smoothed state and its covariance at the beginning. Without the covariance, p stays as it is and the
+    standard deviations of the rows stay those of the filter. A segment that ends with numbers that are not
     finite is smoothed from the last finite state; the rows after that stay as the filter left them.
     """
     i, row = len(steps), len(rows)
@@ -97,28 +117,34 @@ def smooth_segment(steps: Array, rows: Array, x: Array, p: Array, setup: Setup) 
         i -= 1
         if steps[i, HAS_ROW] > 0.0:
             row -= 1
-            _rewrite(rows[row], x, p, setup)
-        x, p = smooth_step(steps[i], x, p, setup)
+            _rewrite(rows[row], x, p, setup, with_covariance)
+        if with_covariance:
+            x, p = smooth_step(steps[i], x, p, setup)
+        else:
+            x = smooth_state(steps[i], x, setup)
     return x, p
 
 
 @njit(cache=True)
-def _rewrite(row: Array, x: Array, p: Array, setup: Setup) -> None:
+def _rewrite(row: Array, x: Array, p: Array, setup: Setup, with_covariance: bool) -> None:
     """The columns of a row that depend on the state; an angle that is not measured stays NaN."""
-    alpha, beta = row[48], row[49]
+    alpha, beta, spread, flow_std = row[48], row[49], row[_STD].copy(), row[51]
     write_state(row, x, p, row[41:44] + row[14:17], row[44:47] + row[17:20], setup)
     if np.isnan(alpha):
         row[48] = np.nan
     if np.isnan(beta):
         row[49] = np.nan
+    if not with_covariance:
+        row[_STD], row[51] = spread, flow_std
 
 
-def smooth(tape: FlightTape) -> Array:
+def smooth(tape: FlightTape, with_covariance: bool = True) -> Array:
     """Smooth a recorded flight, each segment between two breaks on its own; returns its rows (n, Column.WIDTH).
 
-    The rows lie in the file of the tape and stand in the place of those that the filter wrote.
+    Without the covariance it is several times faster, and standard deviations are those of the filter. The
+    rows lie in the file of the tape and stand in the place of those that the filter wrote.
     """
     for segment, steps, rows in tape.segments():
         if segment.steps:
-            smooth_segment(steps, rows, segment.x, segment.p, segment.setup)
+            smooth_segment(steps, rows, segment.x, segment.p, segment.setup, with_covariance)
     return tape.rows

@@ -160,12 +160,15 @@ class StateEstimator:
         """Process what is still held, at the end of a recording."""
         return self._collect(self.order.flush())
 
-    def smooth(self) -> Array:
-        """Rows of the whole flight (n, Column.WIDTH), smoothed; after ``flush``. The newest does not change."""
+    def smooth(self, with_covariance: bool = True) -> Array:
+        """Rows of the whole flight (n, Column.WIDTH), smoothed; after ``flush``. The newest does not change.
+
+        Without the covariance standard deviations stay those of the filter, and it is several times faster.
+        """
         from aircraft_sysid_ros.reconstruction.smoother import smooth
 
         assert self.tape is not None
-        rows = smooth(self.tape)
+        rows = smooth(self.tape, with_covariance)
         airborne = np.flatnonzero(np.isin(rows[:, Column.STATUS], _AIRBORNE))
         if self._last_airborne is not None:
             self._last_airborne = rows[airborne[-1]].copy()

@@ -312,3 +312,19 @@ def test_replay_smooth(aircraft, aircraft_file, tmp_path, capfd):
     points = {name: np.load(tmp_path / name / "points.npz") for name in states}
     np.testing.assert_array_equal(points["plain"]["stamp"], points["smooth"]["stamp"])
     assert np.any(points["plain"]["measured"] != points["smooth"]["measured"])
+
+
+def test_states_alone_are_those_with_the_covariance(aircraft):
+    """Skipping the covariance changes no state, and leaves the filter's standard deviations."""
+    flight = simulate_samples(aircraft, seed=3, duration=30.0, turbulence="light")
+    rows = []
+    for with_covariance in (True, False):
+        estimator = StateEstimator(aircraft, tape=FlightTape())
+        estimator.push(flight.samples)
+        estimator.flush()
+        rows.append(np.array(estimator.smooth(with_covariance)))
+    spread = Column.STANDARD_DEVIATIONS
+    states = np.r_[Column.TIME : spread.start, spread.stop : Column.AIR_VELOCITY_STD]
+    np.testing.assert_allclose(rows[1][:, states], rows[0][:, states], rtol=1e-6, atol=1e-7)
+    middle = rows[0][len(rows[0]) // 2, spread] / rows[1][len(rows[1]) // 2, spread]
+    assert np.all(middle <= 1.0 + 1e-6) and np.any(middle < 0.8)
