@@ -11,6 +11,7 @@ from pathlib import Path
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.modelling.parameter_estimator import LEARNERS, ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -25,8 +26,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_flight(simulate_samples(aircraft, duration=30.0), Path(folder) / "flight", overwrite=False)
         samples = read_recording(Path(folder) / "flight").samples
+    for estimator in LEARNERS:
+        Pipeline(aircraft, parameter_options=ParameterOptions(estimator=estimator)).warm_up()
     pipeline = Pipeline(aircraft)
-    pipeline.warm_up()
     warm_up(aircraft, smoother=True)
     pipeline.push(samples)
     pipeline.flush()
