@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.effect import Effect
+from aircraft_sysid_ros.diagnosis.fit import Gain
 from aircraft_sysid_ros.diagnosis.replicas import Replica
 from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions
 
@@ -27,8 +28,10 @@ Array = npt.NDArray[np.float64]
 FALSE_ALARM = 0.05
 #: Share of the held-out rms error of an axis that an effect must explain to be called missing.
 SIZE = 0.10
-#: An expression outside the library must explain this much more (in ln of the error variance) to be preferred.
-PREFERENCE = 0.35
+#: An effect that explains less than this share of the error variance that some expression explains is not the cause.
+ENOUGH = 0.8
+#: And the expression must explain this much more, in ln of the error variance.
+PREFERENCE = 0.1
 #: Candidates are told apart when what they explain is less alike than this, or this much worse in score.
 ALIKE, AS_GOOD = 0.9, 0.8
 #: Effects that are looked for one after another.
@@ -187,11 +190,7 @@ class _Round:
         if not self.outside:
             return None
         trial = max(self.outside, key=lambda t: t.score)
-        inside = 0.0
-        if best is not None:
-            inside = max(0.0, best.trial.log_ratios.get(trial.main_axis, 0.0))
-            inside = max(inside, best.trial.score)
-        if trial.score < inside + PREFERENCE:
+        if best is not None and not self._explains_more(trial, best.trial):
             return None
         others = [t for t in (other.trial(trial.candidate) for other in self.empty) if t is not None]
         null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
@@ -200,6 +199,12 @@ class _Round:
         size = 1.0 - gain.nrmse_after / gain.nrmse_before
         finding = Finding(trial, excess, evidence, p_value, size, blocks=_blocks(trial))
         return finding if p_value < FALSE_ALARM and size >= SIZE else None
+
+    def _explains_more(self, outside: Trial, inside: Trial) -> bool:
+        """The expression explains clearly more than the effect, on the expression's axis and in all."""
+        axis = outside.main_axis
+        mine, other = explained(outside.gains[axis]), explained(inside.gains[axis]) if axis in inside.gains else 0.0
+        return other < ENOUGH * mine and outside.score > inside.score + PREFERENCE
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
         """The finding with the candidates that this flight cannot tell from it."""
@@ -215,6 +220,11 @@ class _Round:
         return Finding(
             finding.trial, finding.excess, finding.evidence, finding.p_value, finding.size, tuple(names), finding.blocks
         )
+
+
+def explained(gain: Gain) -> float:
+    """Share of the held-out sum of squares that goes."""
+    return 1.0 - float(np.sum(gain.after)) / float(np.sum(gain.before))
 
 
 def _correlation(a: Array, b: Array) -> float:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
 from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.replicas import COUNT, replicas_of
+from aircraft_sysid_ros.diagnosis.replicas import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.search import Bench
 from aircraft_sysid_ros.diagnosis.where import unusual
 from aircraft_sysid_ros.errors import InputError
@@ -61,6 +61,7 @@ class FlightDiagnosis:
     flight: FlightData  # with mended settings
     settings: tuple[MeasurementFinding, ...]
     diagnosis: Diagnosis
+    replicas: Sequence[Replica] = field(repr=False)
 
     @property
     def verdict(self) -> str:
@@ -188,7 +189,7 @@ def diagnose_flight(
     if len(repeated) < 2:
         raise InputError("no stretch of this flight is long enough to be diagnosed: 20 s in flight without a gap are")
     result = diagnose(Bench(data), repeated, others, lambda share: progress("try the library", share))
-    return FlightDiagnosis(data, tuple(settings), result)
+    return FlightDiagnosis(data, tuple(settings), result, repeated)
 
 
 def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tried: int) -> MeasurementFinding:

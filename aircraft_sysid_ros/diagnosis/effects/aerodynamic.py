@@ -70,7 +70,9 @@ EFFECTS: tuple[Effect, ...] = (
         "C_Z, C_m += a δ_f, C_X += a δ_f + b δ_f²",
         (
             Variant(terms={"CZ": ("flaps",), "CX": ("flaps", "flaps**2"), "Cm": ("flaps",)}),
-            Variant("with lift slope", {"CZ": ("flaps", "flaps*alpha"), "CX": ("flaps", "flaps*alpha"), "Cm": ("flaps",)}),
+            Variant(
+                "with lift slope", {"CZ": ("flaps", "flaps*alpha"), "CX": ("flaps", "flaps*alpha"), "Cm": ("flaps",)}
+            ),
         ),
         "Constant errors of C_Z, C_X and C_m while the flaps are out.",
         "Flaps out and in at constant speed, in two settings.",

@@ -41,7 +41,8 @@ EFFECTS: tuple[Effect, ...] = (
         MEASUREMENT,
         "Static ports in disturbed pressure and a pitot tube out of line show a share too much or too little. All "
         "coefficients are then wrong by its square.",
-        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, Aircraft System Identification",
+        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, "
+        "Aircraft System Identification",
         "V_measured = λ V",
         (Variant(setting=("sensors", "airspeed", "scale")),),
         "The wind that is found turns with the heading; C_Z,α and all others wrong by λ².",
@@ -54,7 +55,8 @@ EFFECTS: tuple[Effect, ...] = (
         MEASUREMENT,
         "Long pressure tubes, filters in the sensor and vanes with inertia show air data later than they are. In quick "
         "manoeuvres the late angle looks like damping.",
-        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, Aircraft System Identification",
+        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, "
+        "Aircraft System Identification",
         "V, α, β measured at t show t - τ",
         (
             Variant("all air data", setting=("sensors", "air_data", "delay")),

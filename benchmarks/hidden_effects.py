@@ -1,0 +1,240 @@
+"""Hidden effects: does the diagnosis name what is missing, and say "none" when nothing is?
+
+    python benchmarks/hidden_effects.py [--seeds 4] [--clean 60] [--jobs 2] [--set tuned|fresh]
+
+Flights of 120 s from the project's own simulator and from JSBSim, with one effect of the library hidden, or none. Air
+(calm, light turbulence), noise (1 and 2 times the aircraft file's), strength (full and half), wind and manoeuvres are
+drawn from the seed, so that a few seeds per effect cover all of them. The diagnosis gets the samples and the aircraft
+file, nothing else. Each flight is a line in results/hidden_effects_SET.jsonl: a run that is stopped goes on where it
+was. Seeds of the set "fresh" were flown once, at the end, with nothing changed afterwards.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.diagnosis.diagnose import diagnose
+from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT
+from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import FlightDiagnosis, diagnose_flight
+from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.hidden_effects import SIMULATED
+from aircraft_sysid_ros.simulation.jsbsim_hidden import IMPOSSIBLE
+from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, hidden_flight
+
+RESULTS = Path(__file__).parent / "results"
+DURATION, REPLICAS = 120.0, 4
+#: First seed of each set; what was tuned was tuned on the first.
+FIRST_SEED = {"tuned": 1000, "fresh": 900_000}
+SIMULATORS = ("textbook", "c172p", "J3Cub")
+AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+
+
+def conditions(seed: int) -> dict[str, Any]:
+    """Air, noise and strength of a seed: all eight combinations in turn."""
+    return {
+        "turbulence": "light" if seed % 2 else "none",
+        "noise_scale": 2.0 if seed // 2 % 2 else 1.0,
+        "strength": 0.5 if seed // 4 % 2 else 1.0,
+    }
+
+
+def jobs(which: str, seeds: int, clean: int) -> list[dict[str, Any]]:
+    """Every flight of a set: clean ones and hidden ones in turn, so that a run that is stopped has of all."""
+    first, flights = FIRST_SEED[which], []
+    for number in range(max(seeds, 1)):
+        for simulator in SIMULATORS:
+            effects = sorted(set(SIMULATED) - set(IMPOSSIBLE.get(simulator, ())))
+            if simulator == "textbook" or number % 2 == SIMULATORS.index(simulator) % 2:
+                flights += [
+                    {"simulator": simulator, "effect": effect, "seed": first + 8 * i + number}
+                    for i, effect in enumerate(effects)
+                ]
+        share = range(number * clean // max(seeds, 1), (number + 1) * clean // max(seeds, 1))
+        flights += [
+            {"simulator": SIMULATORS[i % 3] if i % 2 else "textbook", "effect": None, "seed": first + 5000 + i}
+            for i in share
+        ]
+    return flights
+
+
+def fly(job: dict[str, Any]) -> dict[str, Any]:
+    """One flight and its diagnosis."""
+    _one_core()
+    setting = conditions(job["seed"])
+    result = {**job, **setting}
+    try:
+        flight = hidden_flight(job["simulator"], job["effect"], seed=job["seed"], duration=DURATION, **setting)
+        started = time.process_time()
+        found = diagnose_flight(flight.aircraft, flight.samples, replicas=REPLICAS)
+    except InputError as error:
+        return {**result, "failed": str(error)}
+    result |= {"manoeuvres": flight.manoeuvres, **verdict_of(found), **errors_of(flight, found)}
+    if job["effect"] and BY_ID[job["effect"]].kind != MEASUREMENT:
+        library = [e for e in LIBRARY if e.kind != MEASUREMENT and e.identifier != job["effect"]]
+        without = diagnose(Bench(found.flight), found.replicas, library)
+        best = without.candidates[0].trial if without.candidates else None
+        result["without"] = {
+            "verdict": without.verdict,
+            "first": best.candidate.label if best else None,
+            "axis": best.main_axis if best else None,
+        }
+    return {**result, "seconds": time.process_time() - started}
+
+
+def verdict_of(found: FlightDiagnosis) -> dict[str, Any]:
+    """What was said, in short."""
+    said = found.json
+    return {
+        "verdict": said["verdict"],
+        "candidates": [
+            {key: c[key] for key in ("effect", "label", "main_axis", "p_value", "found", "confounded_with")}
+            for c in said["candidates"][:6]
+        ],
+        "largest_size": max((f.size for f in found.diagnosis.candidates), default=0.0),
+    }
+
+
+def errors_of(flight: SimulatedFlight, found: FlightDiagnosis) -> dict[str, Any]:
+    """Held-out NRMSE by axis: base model, after the diagnosis, after the truth was added, and the floor."""
+    base = Bench(settled_flight(reconstruct(flight.aircraft, flight.samples, with_covariance=False)))
+    oracle = base
+    if flight.hidden:
+        oracle = Bench(settled_flight(reconstruct(flight.oracle, flight.samples, with_covariance=False)))
+    benches = {"base": base, "diagnosed": found.diagnosis.bench, "oracle": oracle}
+    errors = {name: {a: fit.nrmse_held_out for a, fit in bench.fits.items()} for name, bench in benches.items()}
+    shared = [a for a in AXES if all(a in e for e in errors.values())]
+    gains = {a: 1.0 - errors["oracle"][a] / errors["base"][a] for a in shared}
+    axis = max(gains, key=lambda a: gains[a])
+    return {"errors": errors, "floor": dict(found.diagnosis.floor), "axis": axis, "oracle_gain": gains[axis]}
+
+
+def _one_core() -> None:
+    """This process, and those that it starts, share one core: other flights have the others."""
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) > 1:
+        identity = multiprocessing.current_process()._identity
+        os.sched_setaffinity(0, {cores[(identity[0] if identity else 0) % len(cores)]})
+
+
+def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
+    """Rates over flights, and by effect."""
+    flown = [line for line in lines if "failed" not in line]
+    clean = [line for line in flown if not line["effect"]]
+    hidden = [line for line in flown if line["effect"]]
+    relevant = [line for line in hidden if line["oracle_gain"] >= 0.2]
+    named = {line["effect"] for line in hidden}
+    return {
+        "flights": len(flown),
+        "failed": len(lines) - len(flown),
+        "clean": len(clean),
+        "false_verdicts": share([line["verdict"] != "none" for line in clean]),
+        "clean_by": {
+            key: share([line["verdict"] != "none" for line in clean if condition(line)])
+            for key, condition in (
+                ("textbook, calm", lambda x: x["simulator"] == "textbook" and x["turbulence"] == "none"),
+                ("textbook, light", lambda x: x["simulator"] == "textbook" and x["turbulence"] == "light"),
+                ("JSBSim, calm", lambda x: x["simulator"] != "textbook" and x["turbulence"] == "none"),
+                ("JSBSim, light", lambda x: x["simulator"] != "textbook" and x["turbulence"] == "light"),
+            )
+        },
+        "hidden": len(hidden),
+        "relevant": rates(relevant),
+        "relevant_textbook": rates([x for x in relevant if x["simulator"] == "textbook"]),
+        "relevant_jsbsim": rates([x for x in relevant if x["simulator"] != "textbook"]),
+        "relevant_calm": rates([x for x in relevant if x["turbulence"] == "none"]),
+        "relevant_light": rates([x for x in relevant if x["turbulence"] == "light"]),
+        "small": rates([x for x in hidden if x["oracle_gain"] < 0.2]),
+        "without": without([x for x in relevant if "without" in x]),
+        "by_effect": {name: rates([x for x in relevant if x["effect"] == name]) for name in sorted(named)},
+        "seconds_median": float(np.median([x["seconds"] for x in flown])) if flown else None,
+    }
+
+
+def share(hits: list[bool]) -> dict[str, Any]:
+    """Share, with the number of flights."""
+    return {"share": float(np.mean(hits)) if hits else None, "flights": len(hits)}
+
+
+def rates(flights: list[dict[str, Any]]) -> dict[str, Any]:
+    """How often the right effect was named, and what became of the error."""
+    if not flights:
+        return {"flights": 0}
+
+    def place(flight: dict[str, Any]) -> int:
+        names = [c["effect"] for c in flight["candidates"]]
+        return names.index(flight["effect"]) if flight["effect"] in names else 99
+
+    def named(flight: dict[str, Any]) -> bool:
+        best = flight["candidates"][0] if flight["candidates"] else None
+        return best is not None and flight["effect"] in (best["effect"], *best["confounded_with"])
+
+    ratio = [f["errors"]["diagnosed"][f["axis"]] / f["errors"]["oracle"][f["axis"]] for f in flights]
+    return {
+        "flights": len(flights),
+        "detected": float(np.mean([f["verdict"] != "none" for f in flights])),
+        "right_first": float(np.mean([f["verdict"] == "missing" and place(f) == 0 for f in flights])),
+        "in_first_three": float(np.mean([f["verdict"] != "none" and place(f) < 3 for f in flights])),
+        "within_confounded": float(np.mean([f["verdict"] == "missing" and named(f) for f in flights])),
+        "base": float(np.median([f["errors"]["base"][f["axis"]] for f in flights])),
+        "diagnosed": float(np.median([f["errors"]["diagnosed"][f["axis"]] for f in flights])),
+        "oracle": float(np.median([f["errors"]["oracle"][f["axis"]] for f in flights])),
+        "floor": float(np.median([f["floor"].get(f["axis"], np.nan) for f in flights])),
+        "to_oracle_median": float(np.median(ratio)),
+        "to_oracle_90": float(np.quantile(ratio, 0.9)),
+        "within_ten_percent": float(np.mean(np.array(ratio) <= 1.1)),
+    }
+
+
+def without(flights: list[dict[str, Any]]) -> dict[str, Any]:
+    """What is said when the true effect is not in the library."""
+    said = [f["without"] for f in flights]
+    return {
+        "flights": len(flights),
+        "unexplained_right_axis": share(
+            [s["verdict"] == "unexplained" and s["axis"] == f["axis"] for s, f in zip(said, flights, strict=True)]
+        )["share"],
+        "unexplained": share([s["verdict"] == "unexplained" for s in said])["share"],
+        "wrong_name": share([s["verdict"] == "missing" for s in said])["share"],
+        "none": share([s["verdict"] == "none" for s in said])["share"],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--set", choices=sorted(FIRST_SEED), default="tuned")
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--clean", type=int, default=60)
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--summary", action="store_true", help="no flights, only the summary of those that are there")
+    arguments = parser.parse_args()
+    path = RESULTS / f"hidden_effects_{arguments.set}.jsonl"
+    lines = [json.loads(text) for text in path.read_text(encoding="utf8").splitlines()] if path.exists() else []
+    done = {(line["simulator"], line["effect"], line["seed"]) for line in lines}
+    todo = [j for j in jobs(arguments.set, arguments.seeds, arguments.clean) if (*j.values(),) not in done]
+    if not arguments.summary and todo:
+        context = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(arguments.jobs, mp_context=context) as pool, path.open("a", encoding="utf8") as file:
+            for number, line in enumerate(pool.map(fly, todo), 1):
+                lines.append(line)
+                file.write(json.dumps(line) + "\n")
+                file.flush()
+                print(f"{number}/{len(todo)} {line['simulator']} {line['effect']}: {line.get('verdict')}", flush=True)
+    result = summary(lines)
+    (RESULTS / f"hidden_effects_{arguments.set}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")
+    print(json.dumps(result, indent=1))
+
+
+if __name__ == "__main__":
+    main()
