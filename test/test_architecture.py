@@ -10,7 +10,9 @@ import pytest
 
 PACKAGE = "aircraft_sysid_ros"
 ROOT = Path(__file__).resolve().parents[1] / PACKAGE
-CORE = ("aircraft", "estimation", "reconstruction", "modelling", "diagnosis", "calibration")
+CORE = (
+    "aircraft", "estimation", "reconstruction", "modelling", "flight_model", "refinement", "diagnosis", "calibration",
+)  # fmt: skip
 FILES = [*(ROOT / f"{name}.py" for name in ("samples", "pipeline"))]
 FILES += sorted(path for folder in CORE for path in (ROOT / folder).rglob("*.py"))
 OUTSIDE = (

@@ -128,6 +128,7 @@ def add_solved(model: FlightModel, a: float, b: float, c: float, out: Array) -> 
 
 @njit(cache=True, error_model="numpy")
 def sum_terms(terms: Array, theta: Array, offsets: npt.NDArray[np.int64], out: Array) -> None:
+    """C_X … C_n into out (6,) from the terms (p,) and theta, whose first p numbers are their parameters."""
     for axis in range(6):
         total = 0.0
         for j in range(offsets[axis], offsets[axis + 1]):
