@@ -32,6 +32,7 @@ MESSAGES = [
 ]
 SIMULATION = ["jsbsim>=1.2,<2"]
 LOGS = ["pyulog>=1.0,<2", "pymavlink>=2.4.40,<3"]
+BENCH = ["filterpy>=1.4.5,<3", "statsmodels>=0.14,<0.16"]  # what `make bench` compares with
 REPORT = ["matplotlib>=3.8,<4"]
 TEST = [
     "colcon-common-extensions",
@@ -75,6 +76,7 @@ setup(
         "simulation": SIMULATION,
         "logs": LOGS,
         "report": REPORT,
+        "bench": BENCH,
         "test": TEST,
         "all": ROS + MESSAGES + SIMULATION + LOGS + REPORT + TEST,
     },

@@ -19,7 +19,11 @@ SMALL_ANGLE = 1e-5
 @njit(cache=True)
 def cross_matrix(v: Array) -> Array:
     """Matrix [v x] of shape (3, 3) with ``[v x] w = v x w``."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    m = np.empty((3, 3))
+    m[0, 0], m[0, 1], m[0, 2] = 0.0, -v[2], v[1]
+    m[1, 0], m[1, 1], m[1, 2] = v[2], 0.0, -v[0]
+    m[2, 0], m[2, 1], m[2, 2] = -v[1], v[0], 0.0
+    return m
 
 
 @njit(cache=True)
@@ -30,6 +34,15 @@ def product(a: Array, b: Array) -> Array:
         for j in range(3):
             c[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
     return c
+
+
+@njit(cache=True)
+def times(a: Array, v: Array) -> Array:
+    """Matrix (3, 3) times vector (3,), without BLAS for the same reason."""
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = a[i, 0] * v[0] + a[i, 1] * v[1] + a[i, 2] * v[2]
+    return out
 
 
 @njit(cache=True)
@@ -74,7 +87,9 @@ def quaternion_exp(v: Array) -> Array:
         s = 0.5 - angle * angle / 48.0
     else:
         s = np.sin(0.5 * angle) / angle
-    return np.array([np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2]])
+    q = np.empty(4)
+    q[0], q[1], q[2], q[3] = np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2]
+    return q
 
 
 @njit(cache=True)
@@ -93,13 +108,17 @@ def quaternion_log(q: Array) -> Array:
 def right_jacobian(v: Array) -> Array:
     """J with exp(v + d) = exp(v) exp(J d) to first order, shape (3, 3)."""
     angle2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    s = cross_matrix(v)
     if angle2 < 1e-8:
         a, b = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
     else:
         angle = np.sqrt(angle2)
         a, b = (1.0 - np.cos(angle)) / angle2, (angle - np.sin(angle)) / (angle2 * angle)
-    return np.eye(3) - a * s + b * product(s, s)
+    j = np.empty((3, 3))  # I - a [v x] + b [v x]^2, and [v x]^2 = v v' - v'v I
+    x, y, z = v[0], v[1], v[2]
+    j[0, 0], j[0, 1], j[0, 2] = 1.0 - b * (y * y + z * z), a * z + b * x * y, b * x * z - a * y
+    j[1, 0], j[1, 1], j[1, 2] = b * x * y - a * z, 1.0 - b * (x * x + z * z), a * x + b * y * z
+    j[2, 0], j[2, 1], j[2, 2] = a * y + b * x * z, b * y * z - a * x, 1.0 - b * (x * x + y * y)
+    return j
 
 
 @njit(cache=True)

@@ -167,7 +167,7 @@ def maximum(
     curvature = 0.0
     for _ in range(_STEPS):
         top = max(known, key=lambda p: known[p])
-        near = sorted(sorted(known, key=lambda p: abs(p - top))[:3])
+        near = _around(sorted(known), top)
         vertex, height, curvature = _parabola(near, [known[p] for p in near])
         if not np.isfinite(vertex):
             vertex, height = (2.0 * top - start if top != start else start), np.inf
@@ -177,6 +177,12 @@ def maximum(
         known[vertex] = gain(vertex)
     top = max(known, key=lambda p: known[p])
     return top, known[top], curvature
+
+
+def _around(places: list[float], top: float) -> list[float]:
+    """Three of the places: the top with its neighbours."""
+    middle = min(max(places.index(top), 1), len(places) - 2)
+    return places[middle - 1 : middle + 2]
 
 
 def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float, float]:

@@ -59,15 +59,14 @@ def solve_factored(factor: Array, b: Array) -> Array:
 
 @njit(cache=True)
 def _times_transposed(p: Array, h: Array) -> Array:
-    """P H', shape (n, m)."""
+    """(P H')', shape (m, n)."""
     m, n = h.shape
-    ph = np.zeros((n, m))
-    for i in range(n):
-        for j in range(m):
-            s = 0.0
-            for k in range(n):
-                s += p[i, k] * h[j, k]
-            ph[i, j] = s
+    ph = np.zeros((m, n))
+    for j in range(m):
+        for k in range(n):
+            if h[j, k] != 0.0:  # most are
+                for i in range(n):  # p is symmetric: along its rows, which the machine takes four at a time
+                    ph[j, i] += p[k, i] * h[j, k]
     return ph
 
 
@@ -84,15 +83,28 @@ def gain(p: Array, h: Array, r: Array) -> tuple[Array, Array]:
         for j in range(m):
             s = 0.0
             for k in range(n):
-                s += h[i, k] * ph[k, j]
+                s += h[i, k] * ph[j, k]
             innovation[i, j] = s
         innovation[i, i] += r[i]
     factor = cholesky(innovation)
-    if m == 1:  # most measurements are scalars
-        return ph / (factor[0, 0] * factor[0, 0]), factor
     k_gain = np.empty((n, m))
-    for i in range(n):
-        k_gain[i] = solve_factored(factor, ph[i])
+    if m == 1:  # most measurements are scalars
+        for i in range(n):
+            k_gain[i, 0] = ph[0, i] / (factor[0, 0] * factor[0, 0])
+        return k_gain, factor
+    for a in range(m):  # L L' K' = (P H')', all columns at once
+        for b in range(a):
+            for i in range(n):
+                ph[a, i] -= factor[a, b] * ph[b, i]
+        for i in range(n):
+            ph[a, i] /= factor[a, a]
+    for a in range(m - 1, -1, -1):
+        for b in range(a + 1, m):
+            for i in range(n):
+                ph[a, i] -= factor[b, a] * ph[b, i]
+        for i in range(n):
+            ph[a, i] /= factor[a, a]
+            k_gain[i, a] = ph[a, i]
     return k_gain, factor
 
 
@@ -100,22 +112,23 @@ def gain(p: Array, h: Array, r: Array) -> tuple[Array, Array]:
 def joseph_update(p: Array, k_gain: Array, h: Array, r: Array) -> None:
     """(I - K H) P (I - K H)' + K diag(r) K', (3.18), written over p; symmetric to the last bit."""
     m, n = h.shape
-    hp = np.zeros((m, n))
+    hp = _times_transposed(p, h)  # H P, p being symmetric
+    hph = np.zeros((m, m))
     for i in range(m):
-        for j in range(n):
-            s = 0.0
-            for k in range(n):
-                s += h[i, k] * p[k, j]
-            hp[i, j] = s
+        for k in range(m):
+            for j in range(n):
+                hph[i, k] += h[i, j] * hp[k, j]
+    gains, rest = np.empty((m, n)), np.empty((m, n))  # K', and (K R - (I - K H) P H')'
+    for k in range(m):
+        for i in range(n):
+            gains[k, i] = k_gain[i, k]
+            rest[k, i] = k_gain[i, k] * r[k] - hp[k, i]
+            for a in range(m):
+                rest[k, i] += k_gain[i, a] * hph[a, k]
     for i in range(n):
-        for j in range(n):
-            for k in range(m):
-                p[i, j] -= k_gain[i, k] * hp[k, j]
-    ph = _times_transposed(p, h)
-    for i in range(n):
-        for j in range(n):
-            for k in range(m):
-                p[i, j] += (k_gain[i, k] * r[k] - ph[i, k]) * k_gain[j, k]
+        for k in range(m):
+            for j in range(n):
+                p[i, j] += rest[k, i] * gains[k, j] - gains[k, i] * hp[k, j]
     symmetrise(p)
 
 

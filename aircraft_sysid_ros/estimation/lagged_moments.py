@@ -30,15 +30,20 @@ def add_sample(sums: Array, recent: Array, row: Array, forgetting: float) -> Non
     """
     lags, m = recent.shape
     for lag in range(lags - 1, 0, -1):
-        recent[lag] = recent[lag - 1]
-    recent[0] = row
-    for lag in range(lags):
-        present = not np.isnan(recent[lag, 0])
         for i in range(m):
-            for j in range(m):
-                sums[lag, i, j] *= forgetting
-                if present:
-                    sums[lag, i, j] += row[i] * recent[lag, j]
+            recent[lag, i] = recent[lag - 1, i]
+    for i in range(m):
+        recent[0, i] = row[i]
+    for lag in range(lags):
+        present = 0.0 if np.isnan(recent[lag, 0]) else 1.0
+        for i in range(m):
+            weight = present * row[i]
+            if present:
+                for j in range(m):
+                    sums[lag, i, j] = forgetting * sums[lag, i, j] + weight * recent[lag, j]
+            else:
+                for j in range(m):
+                    sums[lag, i, j] *= forgetting
 
 
 @njit(cache=True)

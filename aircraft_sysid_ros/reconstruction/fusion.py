@@ -39,11 +39,15 @@ RUNNING, GAP, DIVERGED = 0, 1, 2
 @njit(cache=True)
 def retract(x: Array, delta: Array) -> Array:
     """State x (19,) moved by the error delta (18,): added, and for the attitude turned."""
-    moved = np.empty_like(x)
-    moved[:6] = x[:6] + delta[:6]
-    moved[ATTITUDE] = quaternion_product(x[ATTITUDE], quaternion_exp(delta[D_ATTITUDE : D_ATTITUDE + 3]))
-    moved[ATTITUDE] /= np.sqrt(np.sum(moved[ATTITUDE] * moved[ATTITUDE]))
-    moved[10:] = x[10:] + delta[9:]
+    moved = np.empty(len(x))
+    turned = quaternion_product(x[ATTITUDE], quaternion_exp(delta[D_ATTITUDE : D_ATTITUDE + 3]))
+    norm = np.sqrt(turned[0] ** 2 + turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
+    for i in range(6):
+        moved[i] = x[i] + delta[i]
+    for i in range(4):
+        moved[6 + i] = turned[i] / norm
+    for i in range(10, len(x)):
+        moved[i] = x[i] + delta[i - 1]
     return moved
 
 
@@ -59,21 +63,28 @@ def _turn_attitude_columns(h: Array, jacobian: Array) -> None:
 @njit(cache=True)
 def turn_attitude_error(p: Array, jacobian: Array) -> None:
     """Covariance p (18, 18) after the attitude error is multiplied by ``jacobian`` (3, 3), in place."""
-    rows = slice(D_ATTITUDE, D_ATTITUDE + 3)
-    p[rows, :] = jacobian @ np.ascontiguousarray(p[rows, :])
-    p[:, rows] = np.ascontiguousarray(p[:, rows]) @ jacobian.T
+    a, b, c = D_ATTITUDE, D_ATTITUDE + 1, D_ATTITUDE + 2
+    for j in range(ERROR_SIZE):
+        v0, v1, v2 = p[a, j], p[b, j], p[c, j]
+        for i in range(3):
+            p[a + i, j] = jacobian[i, 0] * v0 + jacobian[i, 1] * v1 + jacobian[i, 2] * v2
+    for j in range(ERROR_SIZE):
+        v0, v1, v2 = p[j, a], p[j, b], p[j, c]
+        for i in range(3):
+            p[j, a + i] = jacobian[i, 0] * v0 + jacobian[i, 1] * v1 + jacobian[i, 2] * v2
     symmetrise(p)
 
 
 @njit(cache=True)
 def measurement_variance(kind: int, values: Array, setup: Setup) -> Array:
     """Variance (3,): from the aircraft file if it says so, else from the message, else the default."""
+    if setup.given[kind] or not (kind == 1 or kind == _GPS_POSITION):
+        return setup.variance[kind]
     variance = setup.variance[kind].copy()
     first = 4 if kind == 1 else 3  # where ATTITUDE and GPS_POSITION carry theirs
-    if (kind == 1 or kind == _GPS_POSITION) and not setup.given[kind]:
-        for i in range(3):
-            if values[first + i] > 0.0:
-                variance[i] = values[first + i]
+    for i in range(3):
+        if values[first + i] > 0.0:
+            variance[i] = values[first + i]
     return variance
 
 
@@ -91,10 +102,10 @@ def fuse(
         if count == 0 or not np.all(np.isfinite(residual)):
             memory.skipped[kind] += 1
             return
-        h = h_full[:count].copy()
+        h = h_full[:count]
         if iteration > 0:  # (3.15): the residual at eta is referred back to the prediction
             _turn_attitude_columns(h, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
-        total = residual[:count].copy()
+        total = residual[:count]
         for i in range(count):
             for k in range(ERROR_SIZE):
                 total[i] += h[i, k] * delta[k]
@@ -104,13 +115,14 @@ def fuse(
             return
         if iteration == 0 and not _passes_gate(kind, total, factor, time, setup, memory):
             return
-        change, moved = 0.0, np.zeros(ERROR_SIZE)
+        change = 0.0
         for k in range(ERROR_SIZE):
+            moved = 0.0
             for i in range(count):
-                moved[k] += k_gain[k, i] * total[i]
+                moved += k_gain[k, i] * total[i]
             # (3.16) in standard deviations, since the states have different units
-            change = max(change, abs(moved[k] - delta[k]) / np.sqrt(p[k, k]))
-        delta = moved
+            change = max(change, abs(moved - delta[k]) / np.sqrt(p[k, k]))
+            delta[k] = moved
         eta = retract(x, delta)
         if change <= setup.tolerance:
             break
@@ -128,13 +140,13 @@ def _passes_gate(
     """Normalised innovation squared against its gate; keeps the counts and the consistency."""
     m = len(innovation)
     weighted = solve_factored(factor, innovation)
-    nis, log_determinant = 0.0, 0.0
+    nis, log_determinant, newest, recent = 0.0, 0.0, memory.innovation, memory.recent_nis
     for i in range(m):
         nis += innovation[i] * weighted[i]
         log_determinant += 2.0 * np.log(factor[i, i])
-        memory.innovation[kind, i] = innovation[i]
+        newest[kind, i] = innovation[i]
     memory.log_likelihood[kind] -= 0.5 * (min(nis, m * _LARGEST_NIS) + log_determinant)  # (5.7)
-    memory.recent_nis[0] += _NIS_WEIGHT * (min(nis / m, _LARGEST_NIS) - memory.recent_nis[0])
+    recent[0] += _NIS_WEIGHT * (min(nis / m, _LARGEST_NIS) - recent[0])
     if kind == _AIRSPEED or kind == _ALPHA or kind == _BETA:
         _follow_gusts(nis, setup, memory)
     if not nis <= setup.gate[m]:
@@ -152,12 +164,12 @@ def _follow_gusts(nis: float, setup: Setup, memory: Memory) -> None:
     """Raise or lower the random walk of the wind by one innovation of air data."""
     if not nis <= _NO_GUST:
         return
-    memory.air_nis[0] += _NIS_WEIGHT * (min(nis, _LARGEST_NIS) - memory.air_nis[0])
-    walk = memory.wind_walk[0]
-    if memory.air_nis[0] > _GUSTY:
-        walk *= np.exp(_WALK_RATE * (memory.air_nis[0] - 1.0))
-    elif memory.air_nis[0] < _CALM:
-        walk *= np.exp(-_WALK_RATE * (1.0 + _CALM - memory.air_nis[0]) * 0.2)
+    mean = memory.air_nis[0] + _NIS_WEIGHT * (min(nis, _LARGEST_NIS) - memory.air_nis[0])
+    memory.air_nis[0], walk = mean, memory.wind_walk[0]
+    if mean > _GUSTY:
+        walk *= np.exp(_WALK_RATE * (mean - 1.0))
+    elif mean < _CALM:
+        walk *= np.exp(-_WALK_RATE * (1.0 + _CALM - mean) * 0.2)
     memory.wind_walk[0] = min(max(walk, setup.wind_walk), max(_LARGEST_WALK, setup.wind_walk))
 
 

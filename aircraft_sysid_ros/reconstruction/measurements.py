@@ -20,7 +20,9 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_log,
     quaternion_product,
     right_jacobian,
+    product,
     rotation_matrix,
+    times,
 )
 from aircraft_sysid_ros.reconstruction.state import (
     AIR_VELOCITY,
@@ -60,11 +62,11 @@ def _put(h: Array, row: int, column: int, block: npt.NDArray[np.floating[Any]]) 
 @njit(cache=True)
 def air_velocity_at(x: Array, rate: Array, place: Array) -> Array:
     """Air-relative body velocity (3,) at ``place`` (FRD from the IMU)."""
-    omega = rate - x[GYRO_BIAS]
-    v = x[AIR_VELOCITY].copy()
-    v[0] += omega[1] * place[2] - omega[2] * place[1]
-    v[1] += omega[2] * place[0] - omega[0] * place[2]
-    v[2] += omega[0] * place[1] - omega[1] * place[0]
+    p, q, r = rate[0] - x[GYRO_BIAS.start], rate[1] - x[GYRO_BIAS.start + 1], rate[2] - x[GYRO_BIAS.start + 2]
+    v = np.empty(3)
+    v[0] = x[AIR_VELOCITY.start] + (q * place[2] - r * place[1])
+    v[1] = x[AIR_VELOCITY.start + 1] + (r * place[0] - p * place[2])
+    v[2] = x[AIR_VELOCITY.start + 2] + (p * place[1] - q * place[0])
     return v
 
 
@@ -73,12 +75,16 @@ def air_data_gradient(kind: int, v: Array) -> Array:
     """Gradient (3,) of V, alpha or beta by the air-relative velocity v (3,)."""
     uw2 = v[0] * v[0] + v[2] * v[2]
     v2 = uw2 + v[1] * v[1]
+    g = np.empty(3)
     if kind == _AIRSPEED:
-        return v / np.sqrt(v2)
-    if kind == _ALPHA:
-        return np.array([-v[2] / uw2, 0.0, v[0] / uw2])
-    root = np.sqrt(uw2)
-    return np.array([-v[0] * v[1] / (v2 * root), root / v2, -v[2] * v[1] / (v2 * root)])
+        speed = np.sqrt(v2)
+        g[0], g[1], g[2] = v[0] / speed, v[1] / speed, v[2] / speed
+    elif kind == _ALPHA:
+        g[0], g[1], g[2] = -v[2] / uw2, 0.0, v[0] / uw2
+    else:
+        root = np.sqrt(uw2)
+        g[0], g[1], g[2] = -v[0] * v[1] / (v2 * root), root / v2, -v[2] * v[1] / (v2 * root)
+    return g
 
 
 @njit(cache=True)
@@ -95,7 +101,8 @@ def _air_data(
     else:
         residual[0] = value - np.arctan2(v[1], uw)
     g = air_data_gradient(kind, v)
-    h[0, D_AIR_VELOCITY : D_AIR_VELOCITY + 3] = g
+    for i in range(3):
+        h[0, D_AIR_VELOCITY + i] = g[i]
     h[0, D_GYRO_BIAS] = g[1] * place[2] - g[2] * place[1]  # d(omega x r)/d(b_g) = [r x]
     h[0, D_GYRO_BIAS + 1] = g[2] * place[0] - g[0] * place[2]
     h[0, D_GYRO_BIAS + 2] = g[0] * place[1] - g[1] * place[0]
@@ -113,13 +120,13 @@ def _gps(kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual
         state = x[POSITION]
     else:
         position = values[:3]
-        arm = cross_matrix(rate - x[GYRO_BIAS]) @ place
+        arm = times(cross_matrix(rate - x[GYRO_BIAS]), place)
         block = D_VELOCITY
         state = x[VELOCITY]
-        _put(h, 0, D_GYRO_BIAS, c @ cross_matrix(place))
-    residual[:] = position - state - c @ arm
+        _put(h, 0, D_GYRO_BIAS, product(c, cross_matrix(place)))
+    residual[:] = position - state - times(c, arm)
     _put(h, 0, block, np.eye(3))
-    _put(h, 0, D_ATTITUDE, -(c @ cross_matrix(arm)))
+    _put(h, 0, D_ATTITUDE, -product(c, cross_matrix(arm)))
     return 3
 
 

@@ -21,6 +21,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_product,
     right_jacobian,
     rotation_matrix,
+    times,
 )
 from aircraft_sysid_ros.estimation.iterated_ekf import symmetrise
 from aircraft_sysid_ros.reconstruction.state import (
@@ -73,8 +74,7 @@ def transition_blocks(x: Array, force: Array, rate: Array, dt: float, gravity: f
     attitude, accelerometer bias, gyro bias. Air velocity by itself is as attitude by attitude; position is dt
     times the mean of velocity before and after.
     """
-    f = force - x[ACCELEROMETER_BIAS]
-    omega = rate - x[GYRO_BIAS]
+    f, omega = force - x[ACCELEROMETER_BIAS], rate - x[GYRO_BIAS]
     begin = rotation_matrix(x[ATTITUDE])
     turn_half = rotation_matrix(quaternion_exp(0.5 * dt * omega))
     half = product(begin, turn_half)
@@ -83,19 +83,23 @@ def transition_blocks(x: Array, force: Array, rate: Array, dt: float, gravity: f
     back = rotation_matrix(quaternion_exp(-dt * omega))
     to_end = product(back, turn_half)  # from mid-step to the end
     down = begin[2] * gravity  # gravity in body axes, before the step
-    moved = turn_half @ f + down
-    u_end = back @ (x[AIR_VELOCITY] + dt * moved)
-    by_rate = right_jacobian(dt * omega) * dt
-    return (
-        -dt * product(turned, turn_half.T),
-        -dt * half,
-        0.5 * dt * dt * turned,
-        back,
-        -by_rate,
-        dt * product(back, cross_matrix(down)),
-        -dt * to_end,
-        0.5 * dt * dt * product(to_end, across) - product(cross_matrix(u_end), by_rate),
-    )
+    moved = times(turn_half, f)
+    for i in range(3):
+        moved[i] = x[AIR_VELOCITY.start + i] + dt * (moved[i] + down[i])
+    by_rate = right_jacobian(dt * omega)
+    va, vg = product(turned, turn_half.T), turned
+    ua, ug = product(back, cross_matrix(down)), product(to_end, across)
+    by_turn = product(cross_matrix(times(back, moved)), by_rate)
+    for i in range(3):
+        for j in range(3):
+            va[i, j] *= -dt
+            half[i, j] *= -dt
+            vg[i, j] *= 0.5 * dt * dt
+            by_rate[i, j] *= -dt
+            ua[i, j] *= dt
+            to_end[i, j] *= -dt
+            ug[i, j] = 0.5 * dt * dt * ug[i, j] - dt * by_turn[i, j]
+    return va, half, vg, back, by_rate, ua, to_end, ug
 
 
 @njit(cache=True)

@@ -18,8 +18,7 @@ from aircraft_sysid_ros.diagnosis.noise_floor import (
     variance_of,
     window_weights,
 )
-from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct
-from aircraft_sysid_ros.diagnosis.reconstruction import settled_flight
+from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.modelling.body import body_of
 from aircraft_sysid_ros.modelling.regression import CENTRIPETAL, FORCE, GYROSCOPIC, QBAR, RATE, measured_coefficients

@@ -1,0 +1,361 @@
+"""Which effect is missing, asked in flight: on what is kept of it, at a cost that a flight computer can bear.
+
+After a flight the null comes from replicas of it (``replicas``), which need every sample and a smoother. In flight
+three things stand in for them:
+
+- points count from when the reconstruction has settled, and windows that overlap are thinned;
+- a candidate must lower the held-out error of an axis by SIZE, and its parameters must be larger than chance makes
+  them: a Wald test at FALSE_ALARM over the number of candidates, whose covariance allows for coloured residuals and
+  for the accelerometer bias, which is still being found. A bias that is estimated with variance s^2(t) has errors
+  that walk backwards in time with steps of variance s^2(t) - s^2(t + dt): exact for a constant that is estimated from
+  ever more data. Without this every step and slow growth in the forces is called an effect;
+- alpha_dot and beta_dot are not judged. They contain the measured forces, which answer to gusts before the
+  reconstructed angles do, and so explain something in every turbulent flight. ``diagnose`` after the flight can.
+
+docs/live-diagnosis.md has the share of clean flights in which this gave a false verdict. Two windows are looked at:
+what is kept of the whole flight, and its newest SLIDING seconds, in which what has just begun is not yet diluted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, parse_expression
+from aircraft_sysid_ros.diagnosis.additions import parse_request
+from aircraft_sysid_ros.diagnosis.candidates import Candidate
+from aircraft_sysid_ros.diagnosis.diagnose import ALIKE, AS_GOOD, MISSING, NONE, PREFERENCE, SIZE, UNEXPLAINED
+from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect
+from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.diagnosis.fit import AxisFit
+from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, SHORTEST, FlightData
+from aircraft_sysid_ros.diagnosis.reconstruction import SETTLED
+from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions
+from aircraft_sysid_ros.diagnosis.where import unusual
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.point_memory import Kept, PointMemory
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+#: Newest stretch [s] that is looked at by itself.
+SLIDING = 120.0
+#: Beginning [s] of a flight that is left out at least.
+SETTLING = 20.0
+#: Time [s] between points: windows of the measured coefficients do not overlap.
+SPACING = 0.16
+#: Probability of a false verdict in one window by the Wald test alone.
+FALSE_ALARM = 0.01
+#: Signals that contain the measured forces.
+_ENDOGENOUS = frozenset(SIGNAL_INDEX[name] for name in ("alpha_dot", "beta_dot"))
+
+
+@dataclass(frozen=True)
+class LiveFlight:
+    """Points of one window, and the accuracy of the accelerometer bias (n, 3) [m/s^2] at their time."""
+
+    data: FlightData
+    bias_std: Array
+    window: str  # in words
+
+
+@dataclass(frozen=True)
+class LiveFinding:
+    """A significant candidate in one window."""
+
+    trial: Trial
+    axis: str  # where it explains most of those in which it passes
+    score: float  # over the axes in which it passes
+    p_value: float
+    size: float
+    window: str
+    where: str
+    confounded_with: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class LiveDiagnosis:
+    """The verdict on what is kept of a flight, best first."""
+
+    model: str
+    verdict: str
+    findings: tuple[LiveFinding, ...]
+    advice: str
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """Fields of the message MissingEffects, without the header."""
+        return {
+            "model": self.model,
+            "verdict": self.verdict,
+            "candidates": [_candidate_content(finding) for finding in self.findings],
+            "advice": self.advice,
+        }
+
+
+# -- what is kept, as the fits read it ----------------------------------------------------------------------------
+
+
+def windows(aircraft: Aircraft, memory: PointMemory, step: float) -> list[LiveFlight]:
+    """The windows that are long enough: the flight, and its newest part where that is less than the flight."""
+    made = [live_flight(aircraft, memory.flight(), step, "the flight")]
+    newest = memory.newest(SLIDING)
+    if len(newest.time) and made[0] is not None and newest.time[0] > memory.flight().time[0] + SLIDING:
+        made.append(live_flight(aircraft, newest, step, f"the newest {SLIDING:.0f} s"))
+    return [flight for flight in made if flight is not None]
+
+
+def live_flight(aircraft: Aircraft, kept: Kept, step: float, window: str) -> LiveFlight | None:
+    """Points from when the reconstruction has settled, thinned; None where they are less than SHORTEST."""
+    since_start = kept.signals[:, SIGNAL_INDEX["time"]]
+    usual = np.nanmedian(kept.air_velocity_std) if len(since_start) else np.nan
+    settled = (since_start >= SETTLING) & (kept.air_velocity_std <= SETTLED * usual)
+    every = max(round(SPACING / step), 1)
+    slot = np.rint(kept.time / step).astype(np.int64)
+    use = settled & (slot % every == 0)
+    if use.sum() * every * step < SHORTEST:
+        return None
+    data = FlightData(
+        aircraft,
+        since_start[use],
+        kept.measured[use],
+        kept.signals[use],
+        every * step,
+        air_velocity_std=float(usual),
+    )
+    return LiveFlight(data, kept.bias_std[use], window)
+
+
+# -- the test -----------------------------------------------------------------------------------------------------
+
+
+def bias_drift(flight: LiveFlight, axis: str) -> Array:
+    """Root (n, k) of the covariance that errors of the accelerometer bias give the coefficient of an axis.
+
+    Columns are steps backwards in time, one per second in which the bias became better known; none for moments. The
+    error that is left at the end is a constant over q̄: one more column.
+    """
+    data, i = flight.data, AXES.index(axis)
+    if i >= 3:
+        return np.zeros((len(data.time), 0))
+    variance = np.minimum.accumulate(flight.bias_std[:, i] ** 2)
+    second = np.floor(data.time).astype(np.int64)
+    last = np.flatnonzero(np.diff(second, append=second[-1] + 1))
+    steps = -np.diff(variance[last])
+    before = data.time[:, None] <= data.time[last[:-1]][None, :]
+    walk = np.column_stack([before * np.sqrt(np.maximum(steps, 0.0)), np.full(len(data.time), np.sqrt(variance[-1]))])
+    unit = data.aircraft.mass / (data.signal("qbar") * data.aircraft.wing_area)
+    return np.asarray(unit[:, None] * walk[:, np.append(steps > 0.0, True)])
+
+
+def wald(flight: LiveFlight, fit: AxisFit, columns: Array) -> tuple[float, int]:
+    """theta' cov^-1 theta of columns (n, m) added to a fit, and the number of parameters that it has.
+
+    The covariance allows for the colour of the residuals and for the bias of the accelerometer.
+    """
+    names = [f"new {j}" for j in range(columns.shape[1])]
+    more = fit.extended(columns, names)
+    new = np.arange(len(fit.names), len(more.names))
+    new = new[more.determined[new]]
+    if not len(new):
+        return 0.0, 1
+    drift = bias_drift(flight, fit.axis)[more.rows]
+    moved = (more._transform @ (more.basis.T @ drift))[new] if drift.shape[1] else np.zeros((len(new), 0))
+    covariance = more.fit.covariance[np.ix_(new, new)] + moved @ moved.T
+    theta = more.parameters[new]
+    scale = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    along = vectors.T @ (theta / scale)
+    kept = values > 1e-9
+    return float(np.sum(along[kept] ** 2 / values[kept])), int(kept.sum())
+
+
+def _finding(flight: LiveFlight, bench: Bench, trial: Trial, tried: int) -> LiveFinding | None:
+    """The finding where a candidate has size and significance in an axis."""
+    from scipy.stats import chi2
+
+    passed: dict[str, float] = {}
+    for axis, gain in trial.gains.items():
+        if 1.0 - gain.nrmse_after / gain.nrmse_before < SIZE:
+            continue
+        columns = flight.data.columns([parse_expression(term) for term in trial.candidate.terms[axis]])
+        p_value = tried * float(chi2.sf(*wald(flight, bench.fits[axis], columns)))
+        if p_value < FALSE_ALARM:
+            passed[axis] = p_value
+    if not passed:
+        return None
+    ratios = trial.log_ratios
+    axis = max(passed, key=lambda name: ratios[name])
+    gain = trial.gains[axis]
+    size = 1.0 - gain.nrmse_after / gain.nrmse_before
+    score = sum(ratios[name] for name in passed)
+    return LiveFinding(
+        trial, axis, score, passed[axis], size, flight.window, _where(flight.data, trial, axis, flight.window)
+    )
+
+
+# -- the search ---------------------------------------------------------------------------------------------------
+
+
+def diagnose_live(flights: Sequence[LiveFlight], library: Sequence[Effect] = LIBRARY) -> LiveDiagnosis:
+    """The verdict on one or more windows of a flight; the first with a verdict other than none decides."""
+    if not flights:
+        raise InputError(f"less than {SHORTEST:g} s of the flight are settled")
+    model = flights[0].data.model.identifier
+    for flight in flights:
+        findings = search(flight, library)
+        if findings:
+            known = findings[0].trial.candidate.effect is not None
+            return LiveDiagnosis(model, MISSING if known else UNEXPLAINED, tuple(findings), _advice(findings))
+    return LiveDiagnosis(model, NONE, (), "Nothing is missing that this flight has shown so far.")
+
+
+def search(flight: LiveFlight, library: Sequence[Effect]) -> list[LiveFinding]:
+    """Significant candidates of a window, best first."""
+    try:
+        bench = Bench(flight.data)
+    except InputError:
+        return []
+    effects = [effect for effect in library if effect.kind != MEASUREMENT]
+    trials = [trial for effect in effects if (trial := bench.best_of(effect)) is not None]
+    trials = [trial for trial in trials if not reads_forces(trial.candidate)]
+    tried = sum(len(trial.gains) for trial in trials)
+    tested = [_finding(flight, bench, trial, tried) for trial in trials]
+    findings = sorted([f for f in tested if f is not None], key=lambda f: -f.score)
+    outside = [c for c in expressions(flight.data) if not reads_forces(c)]
+    best = max((t for t in map(bench.trial, outside) if t is not None), key=lambda t: t.score, default=None)
+    if best is not None:
+        found = _finding(flight, bench, best, len(outside))
+        inside = 0.0
+        if found is not None and findings:
+            inside = max(findings[0].score, findings[0].trial.log_ratios.get(found.axis, 0.0))
+        if found is not None and found.score >= inside + PREFERENCE:
+            findings.insert(0, found)
+    return [replace(f, confounded_with=_company(bench, f, findings)) for f in findings]
+
+
+def reads_forces(candidate: Candidate) -> bool:
+    """Whether a term reads a signal that is made of the measured forces."""
+    programs = [parse_expression(term) for terms in candidate.terms.values() for term in terms]
+    return any(row[0] == 1 and int(row[1]) in _ENDOGENOUS for program in programs for row in program.code)
+
+
+def _company(bench: Bench, finding: LiveFinding, others: Sequence[LiveFinding]) -> tuple[str, ...]:
+    """Candidates that this window cannot tell from a finding."""
+    own, names = bench.contribution(finding.trial, finding.axis), []
+    for other in others:
+        if other is finding or finding.axis not in other.trial.gains or other.score < AS_GOOD * finding.score:
+            continue
+        theirs = bench.contribution(other.trial, finding.axis)
+        if abs(own @ theirs) >= ALIKE * np.sqrt((own @ own) * (theirs @ theirs)):
+            names.append(other.trial.candidate.family)
+    return tuple(names)
+
+
+# -- in words -----------------------------------------------------------------------------------------------------
+
+
+def _where(data: FlightData, trial: Trial, axis: str, window: str) -> str:
+    """Where in time most of the evidence lies, and what sets those stretches apart."""
+    gain = trial.gains[axis]
+    explained = np.maximum(gain.before - gain.after, 0.0)
+    order = np.argsort(-explained)
+    most = order[: int(np.searchsorted(np.cumsum(explained[order]), 0.6 * explained.sum())) + 1]
+    inside = np.isin(data.block, gain.fit.blocks[most])
+    words = unusual(data, inside, np.isfinite(data.measured[:, AXES.index(axis)]))
+    at = ", ".join(f"{number * BLOCK:.0f} s" for number in sorted(gain.fit.blocks[most[:3]]))
+    return f"{axis[0]}_{axis[1]} in {window}, most about {at}" + (f", {words}" if words else "")
+
+
+def _advice(findings: Sequence[LiveFinding]) -> str:
+    first = findings[0]
+    candidate = first.trial.candidate
+    if candidate.effect is None:
+        return (
+            f"Unexplained: {first.axis[0]}_{first.axis[1]} depends on {candidate.label.partition(': ')[2]}, which no "
+            f"effect of the library does; ~/add_effect takes the expression."
+        )
+    text = f"{candidate.effect.name} is missing: ~/add_effect {candidate.effect.identifier}."
+    names = [BY_ID[name].name for name in first.confounded_with if name in BY_ID]
+    if names:
+        text += f" This flight cannot tell it from {' or '.join(names)}; to separate them: {candidate.effect.manoeuvre}"
+    return text
+
+
+def _candidate_content(finding: LiveFinding) -> dict[str, Any]:
+    trial, gain = finding.trial, finding.trial.gains[finding.axis]
+    candidate = trial.candidate
+    axes = sorted(trial.gains, key=lambda axis: (axis != finding.axis, -trial.log_ratios[axis]))
+    return {
+        "effect": candidate.effect.identifier if candidate.effect is not None else "",
+        "expression": "; ".join(f"{axis}: {term}" for axis in axes for term in candidate.terms[axis]),
+        "axes": axes,
+        "evidence": finding.score,
+        "p_value": finding.p_value,
+        "error_before": gain.nrmse_before,
+        "error_after": gain.nrmse_after,
+        "confounded_with": list(finding.confounded_with),
+        "where": finding.where,
+    }
+
+
+# -- what the user asks for ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Addition:
+    """Terms by axis that a request stands for, and the name under which it can be taken away."""
+
+    label: str
+    terms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+def requested(text: str) -> Effect | Addition:
+    """An effect of the library, or the terms of ``CZ: alpha**3``. Raises InputError for anything else."""
+    parsed = parse_request(text)
+    if not isinstance(parsed, Effect):
+        return Addition("; ".join(f"{axis}: {t}" for axis, ts in parsed.items() for t in ts), parsed)
+    if parsed.kind == MEASUREMENT:
+        raise InputError(
+            f"'{parsed.identifier}' is a matter of the sensors, which the model cannot mend in flight: after it, "
+            f"aircraft-sysid add RUN {parsed.identifier} gives an aircraft file with which both nodes can be started"
+        )
+    return parsed
+
+
+def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Addition:
+    """Terms of an effect with the variant and the inner numbers that fit best what is kept of the flight.
+
+    Terms that the model has are left out. Raises InputError where the flight lacks a signal or is too short to fit
+    inner numbers.
+    """
+    if flight is None:
+        raise InputError(f"'{effect.identifier}' is fitted to the flight: less than {SHORTEST:g} s of it are settled")
+    data = flight.data
+    missing = [name for name in SIGNALS if name in effect.signals and not np.isfinite(data.signal(name)).any()]
+    trial = None if missing else Bench(data).best_of(effect)
+    if trial is None:
+        needed = " and ".join(missing) or "signals"
+        raise InputError(f"'{effect.identifier}' needs {needed}, which this flight does not have")
+    return Addition(effect.identifier, dict(_new_terms(trial, data)))
+
+
+def _new_terms(trial: Trial, data: FlightData) -> Iterator[tuple[str, tuple[str, ...]]]:
+    found = False
+    for axis, gain in trial.gains.items():
+        texts = [parse_expression(text).text for text in trial.candidate.terms[axis]]
+        known = np.isfinite(gain.parameters)
+        chosen = [t for t, k in zip(texts, known, strict=True) if k and t not in data.model.terms[axis]]
+        if chosen:
+            found = True
+            yield axis, tuple(chosen)
+    if not found:
+        effect = trial.candidate.effect
+        name = effect.identifier if effect is not None else trial.candidate.label
+        raise InputError(f"this flight does not determine '{name}', or the model has it already")

@@ -1,0 +1,172 @@
+"""The diagnosis of whole flights: it names what is hidden, and says none, or unexplained, when that is the truth."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.diagnose import FALSE_ALARM, Null, diagnose
+from aircraft_sysid_ros.diagnosis.effect import with_setting
+from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.measurement import maximum, measurement_faults
+from aircraft_sysid_ros.diagnosis.reconstruction import flying, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.replica import world_of
+from aircraft_sysid_ros.diagnosis.replicas import fitted_parameters, without_excess
+from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.run_folder import RunWriter
+from aircraft_sysid_ros.simulation.dynamics import Effect as Term
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+SOME = [
+    BY_ID[name]
+    for name in ("dihedral_alpha", "sideslip_drag", "alpha_dot", "adverse_yaw", "control_damage", "propeller_torque")
+]
+DIHEDRAL, DRAG = Term("Cl", "alpha*beta", -0.8), Term("CX", "beta**2", -1.0)
+
+
+def flight_of(aircraft, *effects, seed=11, duration=90.0, **options):
+    return simulate_samples(aircraft, seed=seed, duration=duration, effects=effects, **options)
+
+
+@pytest.fixture(scope="module")
+def two_effects(aircraft):
+    """A flight in light turbulence with two effects that its file does not know, diagnosed."""
+    flight = flight_of(aircraft, DIHEDRAL, DRAG, turbulence="light")
+    return diagnose_flight(aircraft, flight.samples, SOME, replicas=3)
+
+
+@pytest.mark.parametrize("turbulence", ["none", "light"])
+def test_nothing_is_missing_in_a_clean_flight(aircraft, turbulence):
+    found = diagnose_flight(aircraft, flight_of(aircraft, turbulence=turbulence).samples, SOME, replicas=2)
+    assert found.verdict == "none" and not found.diagnosis.found
+    assert "Nothing is missing" in found.json["advice"]
+    for axis, floor in found.diagnosis.floor.items():
+        assert found.diagnosis.bench.fits[axis].nrmse_held_out < 1.3 * floor
+
+
+def test_two_effects_are_found_one_after_another(two_effects):
+    said = two_effects.json
+    assert said["verdict"] == "missing"
+    assert {c["effect"] for c in said["candidates"] if c["found"]} == {"dihedral_alpha", "sideslip_drag"}
+    for candidate in said["candidates"][:2]:
+        assert candidate["p_value"] < FALSE_ALARM and candidate["error_after"] < 0.6 * candidate["error_before"]
+
+
+def test_the_size_of_an_effect_is_that_of_the_simulation(two_effects):
+    values = {p["term"]: p["value"] for c in two_effects.json["candidates"][:2] for p in c["parameters"]}
+    assert values["alpha*beta"] == pytest.approx(-0.8, rel=0.05)
+
+
+def test_with_what_was_found_the_error_is_that_of_the_truth(two_effects):
+    for axis in ("Cl", "CX"):
+        assert two_effects.diagnosis.bench.fits[axis].nrmse_held_out < 1.4 * two_effects.diagnosis.floor[axis]
+
+
+def test_an_effect_outside_the_library_is_unexplained_and_not_given_another_name(two_effects):
+    library = [effect for effect in SOME if effect.identifier != "dihedral_alpha"]
+    without = diagnose(Bench(two_effects.flight), two_effects.replicas, library)
+    best = max(without.found, key=lambda f: f.excess)
+    assert without.verdict == "unexplained"
+    assert best.trial.candidate.effect is None and best.trial.candidate.label == "Cl: alpha*beta"
+
+
+def test_the_json_is_that_of_the_interface(two_effects):
+    said = json.loads(json.dumps(two_effects.json))
+    assert {"verdict", "candidates", "advice"} <= set(said)
+    keys = {"effect", "expression", "axes", "evidence", "p_value", "error_before", "error_after"}
+    keys |= {"confounded_with", "where"}
+    for candidate in said["candidates"]:
+        assert keys <= set(candidate)
+        assert set(candidate["axes"]) <= set(AXES)
+
+
+# -- replicas ------------------------------------------------------------------------------------------------
+
+
+def test_a_replica_of_a_flight_with_an_effect_is_as_noisy_as_a_flight_without(aircraft):
+    """The effect is known in the world of the replica and taken off: what is left is the noise of the chain."""
+    with_effect, clean = flight_of(aircraft, DIHEDRAL), flight_of(aircraft)
+    made = reconstruct(aircraft, with_effect.samples)
+    rows = flying(made.rows, aircraft.minimum_airspeed)
+    parameters = fitted_parameters(settled_flight(made))
+    world = world_of(aircraft, rows, with_effect.samples, made.epoch, parameters, made.gusts, seed=1)
+    replica = Bench(without_excess(world, reconstruct(world.aircraft, world.samples(1))))
+    honest = Bench(settled_flight(reconstruct(aircraft, clean.samples)))
+    spoilt = Bench(settled_flight(made))
+    assert spoilt.fits["Cl"].nrmse_held_out > 5.0 * honest.fits["Cl"].nrmse_held_out
+    for axis in AXES:
+        assert replica.fits[axis].nrmse_held_out == pytest.approx(honest.fits[axis].nrmse_held_out, rel=0.35)
+
+
+def test_the_null_gives_false_alarms_at_its_rate():
+    """Scores of a flight and of its replicas from one distribution: p below 5 % in about 5 % of flights."""
+    random, alarms, flights, families = np.random.default_rng(1), 0, 800, 10
+    for _ in range(flights):
+        scores = random.normal(0.02, 0.02, (families, 6))
+        null = Null({str(i): row[1:] for i, row in enumerate(scores)})
+        alarms += any(null.test(str(i), scores[i, 0], families)[2] < 0.05 for i in range(families))
+    assert alarms / flights < 0.07
+
+
+# -- measurement ---------------------------------------------------------------------------------------------
+
+
+def test_a_wrong_scale_of_the_vane_is_found_before_aerodynamics_is_blamed(aircraft):
+    """The file says 1, the vane shows 15 % more; the first step's likelihood alone knows."""
+    truth = with_setting(aircraft, ("sensors", "angle_of_attack", "scale"), 1.15)
+    samples = simulate_samples(truth, seed=4, duration=60.0).samples
+    made = reconstruct(aircraft, samples, with_covariance=False)
+    faults = measurement_faults(made, [BY_ID["alpha_scale"], BY_ID["beta_scale"]])
+    assert [f.effect.identifier for f in faults][:1] == ["alpha_scale"]
+    assert faults[0].value == pytest.approx(1.15, abs=0.03)
+    assert not measurement_faults(reconstruct(truth, samples, with_covariance=False), [BY_ID["alpha_scale"]])
+
+
+@pytest.mark.parametrize(("start", "top"), [(0.0, 0.31), (0.0, -0.4), (1.0, 1.07)])
+def test_the_maximum_of_a_parabola_is_found(start, top):
+    place, value, curvature = maximum(lambda x: 100.0 - 50.0 * (x - top) ** 2, start, start - 0.5, start + 0.5, 0.0)
+    assert place == pytest.approx(top, abs=1e-6) and value == pytest.approx(100.0) and curvature == pytest.approx(100.0)
+
+
+def test_the_maximum_at_a_limit_stays_inside():
+    place, _, _ = maximum(lambda x: x, 0.0, 0.0, 0.3, 0.0)
+    assert 0.1 < place <= 0.3
+
+
+# -- the command ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run_folder(aircraft, tmp_path_factory):
+    flight = flight_of(aircraft, DIHEDRAL, duration=60.0)
+    pipeline = Pipeline(aircraft)
+    folder = tmp_path_factory.mktemp("diagnose") / "run"
+    with RunWriter(folder, aircraft) as writer:
+        writer.add_samples(flight.samples)
+        for rows, points in (pipeline.push(flight.samples), pipeline.flush()):
+            writer.add_rows(rows)
+            writer.add_points(points)
+        writer.finish(pipeline.state, pipeline.parameters, 60.0, 0.0)
+    return folder
+
+
+def test_the_command_prints_one_document_and_keeps_it(run_folder, capsys):
+    assert main(["diagnose", str(run_folder), "--replicas", "2", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["verdict"], said["candidates"][0]["effect"]) == ("missing", "dihedral_alpha")
+    assert json.loads((run_folder / "diagnosis.json").read_text()) == said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"), [(["nowhere"], "is no run"), (["RUN", "--replicas", "1"], "must be from 2 to 50")]
+)
+def test_bad_requests_get_one_sentence(run_folder, capsys, arguments, words):
+    assert main(["diagnose", *(str(run_folder) if a == "RUN" else a for a in arguments)]) == 2
+    error = capsys.readouterr().err.strip()
+    assert words in error and "\n" not in error

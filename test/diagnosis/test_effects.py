@@ -1,0 +1,180 @@
+"""The library of effects: laws that every entry obeys, and a new effect in one entry."""
+
+import re
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import SCALED_SENSORS, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate, parse_expression
+from aircraft_sysid_ros.diagnosis.effect import (
+    AERODYNAMIC,
+    CHANGE,
+    KINDS,
+    MEASUREMENT,
+    Effect,
+    Inner,
+    Variant,
+    fill,
+    placeholders,
+    with_setting,
+)
+from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY, effect_of
+from aircraft_sysid_ros.errors import InputError
+
+INTERFACE = {
+    AERODYNAMIC: "stall ground_effect alpha_dot flaps propwash thrust_offset propeller_torque propeller_gyroscopic "
+    "compressibility adverse_yaw dihedral_alpha sideslip_drag sideslip_pitching control_nonlinearity "
+    "control_effectiveness_alpha asymmetric_thrust landing_gear icing",
+    CHANGE: "control_damage stuck_control parameter_change mass_change cg_shift",
+    MEASUREMENT: "alpha_scale beta_scale airspeed_scale air_data_lag probe_offset imu_offset actuator_lag wind_change",
+}
+BASE = {axis: "0.1+0.5*alpha+0.2*beta" for axis in AXES}
+
+
+def ordinary_signals(n=200):
+    """Signals as flights have them, slow and fast, low and high."""
+    rng = np.random.default_rng(1)
+    low_high = {
+        "alpha": (-0.1, 0.3), "beta": (-0.2, 0.2), "p": (-0.1, 0.1), "q": (-0.02, 0.02), "r": (-0.05, 0.05),
+        "de": (-0.4, 0.4), "da": (-0.4, 0.4), "dr": (-0.4, 0.4), "flaps": (0.0, 0.6), "Tc": (-0.05, 1.0),
+        "throttle": (0.0, 1.0), "propeller_speed": (0.0, 1200.0), "V": (8.0, 300.0), "qbar": (40.0, 5e4),
+        "mach": (0.02, 1.2), "height": (-1.0, 3000.0), "alpha_dot": (-0.02, 0.02), "beta_dot": (-0.02, 0.02),
+        "time": (0.0, 600.0),
+    }  # fmt: skip
+    assert set(low_high) == set(SIGNALS)
+    return {name: rng.uniform(*limits, n) for name, limits in low_high.items()}
+
+
+def values_of(number, signals):
+    """Inner numbers at both ends of their range and in the middle."""
+    share = np.linspace(number.low, number.high, 3)
+    if number.signal is None:
+        return share
+    values = signals[number.signal]
+    return values.min() + share * np.ptp(values)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_library_has_every_effect_of_the_interface(kind):
+    assert set(INTERFACE[kind].split()) <= {effect.identifier for effect in LIBRARY if effect.kind == kind}
+
+
+def test_ids_are_unique_and_measurement_comes_first():
+    assert len(BY_ID) == len(LIBRARY)
+    kinds = [effect.kind for effect in LIBRARY]
+    assert kinds == sorted(kinds, key=lambda kind: kind != MEASUREMENT)
+    with pytest.raises(InputError, match="'wings' is no effect of the library"):
+        effect_of("wings")
+    assert effect_of("stall").identifier == "stall"
+
+
+@pytest.mark.parametrize("effect", LIBRARY, ids=lambda effect: effect.identifier)
+def test_an_effect_is_told_in_two_sentences_with_a_source(effect):
+    assert len(re.findall(r"[A-Za-z0-9)]\.(?= [A-Z]|$)", effect.physics)) == 2, effect.physics
+    for text in (effect.name, effect.source, effect.formula, effect.residuals, effect.manoeuvre):
+        assert text.strip() == text and len(text) > 3
+    assert effect.kind in KINDS
+    assert re.fullmatch(r"[a-z_]+", effect.identifier)
+    names = [variant.name for variant in effect.variants]
+    assert names and len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("effect", LIBRARY, ids=lambda effect: effect.identifier)
+def test_terms_are_finite_on_ordinary_signals_for_all_inner_numbers(effect):
+    signals = ordinary_signals()
+    for variant in effect.variants:
+        assert bool(variant.terms) != bool(variant.setting)
+        assert set(variant.terms) <= set(AXES)
+        for axis, texts in variant.terms.items():
+            assert len(set(texts)) == len(texts), axis
+            for which in range(3):
+                numbers = {number.name: values_of(number, signals)[which] for number in effect.inner}
+                programs = [parse_expression(fill(text, {**BASE, **numbers})) for text in texts]
+                columns = evaluate(programs, signals)
+                assert np.all(np.isfinite(columns))
+
+
+@pytest.mark.parametrize("effect", LIBRARY, ids=lambda effect: effect.identifier)
+def test_inner_numbers_are_those_of_the_terms_and_have_sensible_ranges(effect):
+    used = {
+        name
+        for variant in effect.variants
+        for texts in variant.terms.values()
+        for text in texts
+        for name in placeholders(text)
+    }
+    declared = {number.name for number in effect.inner}
+    if effect.kind != MEASUREMENT:
+        assert used - set(AXES) == declared
+    else:
+        assert len(declared) == 1 and not used
+    for number in effect.inner:
+        assert number.low < number.high and 3 <= number.count <= 30
+        if number.signal is not None:
+            assert number.signal in SIGNALS and number.low >= 0.0 and number.high <= 1.0
+
+
+@pytest.mark.parametrize(
+    "effect", [e for e in LIBRARY if e.kind == MEASUREMENT], ids=lambda effect: effect.identifier
+)
+def test_a_measurement_effect_is_one_more_aircraft_file(aircraft, effect):
+    """Every value of its range is allowed in the file; only that number changes, and it can be changed back."""
+    for variant in effect.variants:
+        for value in (effect.inner[0].low, effect.inner[0].high):
+            changed = with_setting(aircraft, variant.setting, value)
+            assert aircraft_from_dict(changed.source).source == changed.source != aircraft.source
+            assert changed.model.terms == aircraft.model.terms
+            different = [key for key in aircraft.source if changed.source[key] != aircraft.source[key]]
+            assert different == [variant.setting[0]]
+
+
+def test_settings_reach_what_they_name(aircraft):
+    lag = with_setting(aircraft, ("sensors", "air_data", "delay"), 0.1)
+    assert [lag.sensors[name].delay for name in SCALED_SENSORS] == [0.1, 0.1, 0.1]
+    assert lag.sensors["sideslip"].noise == aircraft.sensors["sideslip"].noise
+    moved = with_setting(aircraft, ("imu_position", "y"), 0.1)
+    np.testing.assert_allclose(moved.imu_position - aircraft.imu_position, [0.0, 0.1 * aircraft.span, 0.0])
+    assert with_setting(aircraft, ("process_noise", "wind"), 0.7).process_noise["wind"] == 0.7
+    assert with_setting(aircraft, ("sensors", "airspeed", "scale"), 1.1).sensors["airspeed"].scale == 1.1
+    with pytest.raises(InputError, match="scale of sensor airspeed must be between"):
+        with_setting(aircraft, ("sensors", "airspeed", "scale"), -1.0)
+    with pytest.raises(InputError, match="sensor gyro has no scale"):
+        with_setting(aircraft, ("sensors", "gyro", "scale"), 1.1)
+
+
+def test_a_new_effect_is_one_entry():
+    """As docs/effects.md shows: nothing else has to be written."""
+    effect = Effect(
+        "winglet_stall",
+        "Stall of the winglets",
+        AERODYNAMIC,
+        "Beyond some sideslip the flow leaves the winglets. The yawing moment of sideslip then grows less.",
+        "S. Hoerner, Fluid-Dynamic Lift",
+        "C_n += a (|β| - β₀)⁺ sign(β)",
+        (Variant(terms={"Cn": ("max(abs(beta)-{onset},0)*sign(beta)",)}),),
+        "No error of C_n in small sideslips.",
+        "Steady sideslips.",
+        (Inner("onset", "rad", 0.05, 0.2, 7),),
+    )
+    assert effect.axes == ("Cn",) and effect.signals == {"beta"}
+    text = fill(effect.variants[0].terms["Cn"][0], {"onset": 0.1})
+    beta = np.array([-0.3, -0.05, 0.0, 0.15])
+    np.testing.assert_allclose(evaluate([parse_expression(text)], {"beta": beta})[:, 0], [-0.2, 0.0, 0.0, 0.05])
+
+
+def test_the_physics_of_some_terms():
+    """A stall begins at its onset, the ground is felt near it, a change is a step, a mass change keeps proportions."""
+    (stall,) = effect_of("stall").variants
+    column = evaluate([parse_expression(fill(stall.terms["CZ"][0], {"onset": 0.2}))], {"alpha": [0.1, 0.2, 0.25]})
+    np.testing.assert_allclose(column[:, 0], [0.0, 0.0, 0.05], atol=1e-15)
+    (ground,) = effect_of("ground_effect").variants
+    near = evaluate([parse_expression(fill(ground.terms["CZ"][0], {"decay": 2.0}))], {"height": [-0.1, 2.0, 1e3]})
+    np.testing.assert_allclose(near[:, 0], [1.0, np.exp(-1.0), 0.0], atol=1e-15)
+    (mass,) = effect_of("mass_change").variants
+    step = evaluate(
+        [parse_expression(fill(mass.terms["CZ"][0], {"t0": 5.0, "CZ": "-0.3-4*alpha"}))],
+        {"time": [4.9, 5.1], "alpha": [0.1, 0.1]},
+    )
+    np.testing.assert_allclose(step[:, 0], [0.0, -0.7])
