@@ -12,8 +12,10 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.dynamics import Effect
+from aircraft_sysid_ros.simulation.hidden_effects import Hidden
 from aircraft_sysid_ros.simulation.jsbsim_flight import DEFAULT_MODEL, MODELS
 from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import (
@@ -25,6 +27,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import (
     simulate_samples,
 )
 from aircraft_sysid_ros.simulation.truth_files import truth_path, write_flight
+from aircraft_sysid_ros.simulation.varied_plan import PLANS, STANDARD
 from aircraft_sysid_ros.simulation.wind import TURBULENCE_WIND
 
 
@@ -41,8 +44,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="recording to write: a rosbag2 folder, or a file NAME.mcap",
     )
     add("--aircraft", metavar="FILE", help=f"aircraft file with coefficients (default: {DEFAULT_AIRCRAFT})")
-    add("--effect", action="append", default=[], metavar="'CZ: alpha**3 = -5'",
-        help="one more term of the true aerodynamics; may be repeated")  # fmt: skip
+    add("--effect", action="append", default=[], metavar="ID[:STRENGTH]",
+        help="hide an effect of the library, at a strength (default 1), or one more term of the true aerodynamics, "
+        "such as 'CZ: alpha**3 = -5'; may be repeated")  # fmt: skip
+    add("--manoeuvres", choices=PLANS, metavar="KIND",
+        help=f"kind of flight: {' '.join(PLANS)} (default: {STANDARD}, or one that shows the effect)")  # fmt: skip
     add("--seed", type=int, default=0, help="of all random numbers (default: 0)")
     add("--duration", type=float, default=120.0, help=f"{SHORTEST:g} to {LONGEST:g} s (default: 120)")
     add("--wind", type=float, nargs=3, default=list(DEFAULT_WIND), metavar=("N", "E", "D"),
@@ -89,7 +95,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "simulator": flight.simulator,
         "seed": args.seed,
         "duration": float(truth.time[-1] - truth.time[0]),
-        "effects": [f"{e.axis}: {e.expression} = {e.value:g}" for e in flight.effects],
+        "effects": [
+            *(f"{e.axis}: {e.expression} = {e.value:g}" for e in flight.effects),
+            *(_described(effect) for effect in flight.hidden),
+        ],
+        "manoeuvres": flight.manoeuvres,
         "messages": {stream.topic: len(stream.stamp) for stream in flight.streams},
         "airspeed": _range(truth.airspeed),
         "alpha": _range(truth.alpha),
@@ -118,12 +128,31 @@ def render(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _described(effect: Hidden) -> str:
+    inner = ", ".join(f"{name} = {value:g}" for name, value in effect.inner.items())
+    variant = f" ({effect.variant})" if effect.variant else ""
+    return f"{effect.identifier}{variant} at strength {effect.strength:g}" + (f", {inner}" if inner else "")
+
+
+def parse_hidden(text: str) -> tuple[str, float] | None:
+    """Id and strength from ``ID[:STRENGTH]``; None for a text that is no id. Raises InputError."""
+    name, _, rest = (part.strip() for part in text.partition(":"))
+    if name not in BY_ID:
+        return None
+    try:
+        return name, float(rest) if rest else 1.0
+    except ValueError:
+        raise InputError(f"the strength '{rest}' of the effect {name} is not a number") from None
+
+
 def parse_effect(text: str) -> Effect:
     """Effect from ``AXIS: EXPRESSION = VALUE``; raises InputError."""
     axis, colon, rest = text.partition(":")
     expression, equals, value = rest.rpartition("=")
     if not (colon and equals):
-        raise InputError(f"the effect '{text}' is not understood: write it like 'CZ: alpha**3 = -5.0'")
+        raise InputError(
+            f"the effect '{text}' is not understood: write the id of one of the library, or 'CZ: alpha**3 = -5.0'"
+        )
     try:
         number = float(value)
     except ValueError:
@@ -145,10 +174,10 @@ def _check(args: argparse.Namespace) -> None:
             raise InputError(f"--{name.replace('_', '-')} must be zero or more, not {value:g}")
     if Path(args.out).exists() and not args.overwrite:
         raise InputError(f"{args.out} is already there: give another name or --overwrite")
-    if args.simulator == "jsbsim" and (args.aircraft or args.effect):
-        raise InputError(
-            "--aircraft and --effect do not go with --simulator jsbsim: choose with --jsbsim-aircraft"
-        )
+    if args.simulator == "jsbsim" and args.aircraft:
+        raise InputError("--aircraft does not go with --simulator jsbsim: choose with --jsbsim-aircraft")
+    if args.simulator == "jsbsim" and not all(parse_hidden(text) for text in args.effect):
+        raise InputError("terms do not go with --simulator jsbsim: name effects of the library")
     if args.simulator != "jsbsim" and args.jsbsim_aircraft:
         raise InputError("--jsbsim-aircraft needs --simulator jsbsim")
 
@@ -161,13 +190,18 @@ def _simulate(args: argparse.Namespace) -> SimulatedFlight:
         five_hole_probe=args.five_hole_probe,
         height_above_ground=args.height_above_ground,
     )
-    air: dict[str, Any] = {"wind": args.wind, "wind_walk": args.wind_walk, "turbulence": args.turbulence}
+    named = [(text, parse_hidden(text)) for text in args.effect]
+    hidden = [pair for _, pair in named if pair is not None]
+    common: dict[str, Any] = {
+        "wind": args.wind, "wind_walk": args.wind_walk, "turbulence": args.turbulence, "hidden": hidden,
+        "manoeuvres": args.manoeuvres, "sensors": sensors,
+    }  # fmt: skip
     if args.simulator == "jsbsim":
         name = args.jsbsim_aircraft or DEFAULT_MODEL
-        return simulate_jsbsim_samples(name, args.seed, args.duration, **air, sensors=sensors)
+        return simulate_jsbsim_samples(name, args.seed, args.duration, **common, fitted=bool(hidden))
     aircraft = load_aircraft(args.aircraft or config_path(DEFAULT_AIRCRAFT))
-    effects = [parse_effect(text) for text in args.effect]
-    return simulate_samples(aircraft, args.seed, args.duration, **air, effects=effects, sensors=sensors)
+    effects = [parse_effect(text) for text, pair in named if pair is None]
+    return simulate_samples(aircraft, args.seed, args.duration, **common, effects=effects)
 
 
 def _aircraft_file(args: argparse.Namespace, flight: SimulatedFlight) -> str:

@@ -28,7 +28,7 @@ POSITION, VELOCITY, ATTITUDE, RATES, CONTROLS = 0, 3, 6, 10, 13
 STATE_SIZE = 17
 # Controls of the state and of commands: elevator, aileron, rudder [rad], throttle 0..1.
 DEFLECTION_LIMIT = np.radians(25.0)
-#: First-order lags of the servos and of the motor [1/s].
+#: First-order lags of usual servos and of the motor [1/s].
 ACTUATOR_RATES = np.array([20.0, 20.0, 20.0, 5.0])
 
 _ALPHA, _BETA, _P, _Q, _R = (SIGNAL_INDEX[name] for name in ("alpha", "beta", "p", "q", "r"))
@@ -66,14 +66,16 @@ class Airframe(NamedTuple):
     static_thrust: float  # [N] at full throttle
     pitch_speed: float  # [m/s] airspeed without thrust
     propeller_speed: float  # [rad/s] at full throttle
+    actuator_rates: npt.NDArray[np.float64]  # (4,) [1/s]
 
 
 class Place(NamedTuple):
-    """Where the flight is: constant gravity [m/s^2], altitude of the NED origin and of the ground [m]."""
+    """Constant gravity [m/s^2], altitude of the NED origin and of the ground [m], and the flaps [rad]."""
 
     gravity: float
     altitude: float
     ground: float
+    flaps: float = 0.0
 
 
 class Motion(NamedTuple):
@@ -111,6 +113,7 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
         static_thrust=0.6 * aircraft.mass * STANDARD_GRAVITY,
         pitch_speed=2.2 * trim_airspeed_of(aircraft),
         propeller_speed=80.0 * trim_airspeed_of(aircraft) / aircraft.span,
+        actuator_rates=ACTUATOR_RATES,
     )  # fmt: skip
 
 
@@ -152,7 +155,7 @@ def signal_row(airframe, place, state, air_velocity, time):
     out[_Q] = state[RATES + 1] * airframe.chord / speed
     out[_R] = state[RATES + 2] * airframe.span / (2.0 * speed)
     out[_DE], out[_DA], out[_DR] = state[CONTROLS], state[CONTROLS + 1], state[CONTROLS + 2]
-    out[_FLAPS] = 0.0
+    out[_FLAPS] = place.flaps
     out[_TC] = thrust / (qbar * airframe.wing_area)
     out[_THROTTLE], out[_PROPELLER] = throttle, airframe.propeller_speed * np.sqrt(throttle)
     out[_V], out[_QBAR], out[_MACH] = speed, qbar, speed / atmosphere.speed_of_sound(altitude)
@@ -173,11 +176,14 @@ def aerodynamic_coefficients(airframe, signals):
 
 
 @njit(cache=True)
-def motion(airframe, place, state, wind, wind_rate, time):
-    """What acts in a state, shape (17,), in a wind NED [m/s] that changes at wind_rate [m/s^2]: a Motion."""
+def motion(airframe, place, state, wind, time):
+    """What acts in a state, shape (17,), in a wind NED (3,) [m/s]: a Motion.
+
+    alpha_dot and beta_dot are those of the motion, (6.16)-(6.18): gusts, whose derivative is noise, are not in them.
+    """
     to_body = rotation_matrix(state[ATTITUDE : ATTITUDE + 4]).T.copy()
     air_velocity = to_body @ (state[VELOCITY : VELOCITY + 3] - wind)
-    fall = to_body @ (np.array([0.0, 0.0, place.gravity]) - wind_rate)
+    fall = to_body @ np.array([0.0, 0.0, place.gravity])
     rates = state[RATES : RATES + 3].copy()
     signals, thrust = signal_row(airframe, place, state, air_velocity, time)
     for _ in range(_FLOW_RATE_PASSES if airframe.has_flow_rates else 1):
@@ -207,9 +213,9 @@ def flow_rates(velocity, change):
 
 
 @njit(cache=True)
-def state_derivative(airframe, place, state, command, wind, wind_rate, time):
+def state_derivative(airframe, place, state, command, wind, time):
     """d/dt of the state, shape (17,), for commanded controls (4,)."""
-    acting = motion(airframe, place, state, wind, wind_rate, time)
+    acting = motion(airframe, place, state, wind, time)
     out = np.empty(STATE_SIZE)
     out[POSITION : POSITION + 3] = state[VELOCITY : VELOCITY + 3]
     attitude = state[ATTITUDE : ATTITUDE + 4]
@@ -218,7 +224,7 @@ def state_derivative(airframe, place, state, command, wind, wind_rate, time):
     p, q, r = state[RATES : RATES + 3]
     out[ATTITUDE : ATTITUDE + 4] = 0.5 * quaternion_product(attitude, np.array([0.0, p, q, r]))
     out[RATES : RATES + 3] = acting.angular_acceleration
-    out[CONTROLS:] = ACTUATOR_RATES * (limited(command) - state[CONTROLS:])
+    out[CONTROLS:] = airframe.actuator_rates * (limited(command) - state[CONTROLS:])
     return out
 
 
@@ -233,13 +239,12 @@ def limited(command):
 @njit(cache=True)
 def runge_kutta_step(airframe, place, state, command, wind, wind_next, time, step):
     """State one step [s] later: classical fourth order, wind linear within the step, controls held."""
-    rate = (wind_next - wind) / step
     middle = 0.5 * (wind + wind_next)
     half = 0.5 * step
-    k1 = state_derivative(airframe, place, state, command, wind, rate, time)
-    k2 = state_derivative(airframe, place, state + half * k1, command, middle, rate, time + half)
-    k3 = state_derivative(airframe, place, state + half * k2, command, middle, rate, time + half)
-    k4 = state_derivative(airframe, place, state + step * k3, command, wind_next, rate, time + step)
+    k1 = state_derivative(airframe, place, state, command, wind, time)
+    k2 = state_derivative(airframe, place, state + half * k1, command, middle, time + half)
+    k3 = state_derivative(airframe, place, state + half * k2, command, middle, time + half)
+    k4 = state_derivative(airframe, place, state + step * k3, command, wind_next, time + step)
     out = state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     out[ATTITUDE : ATTITUDE + 4] /= np.sqrt(np.sum(out[ATTITUDE : ATTITUDE + 4] ** 2))
     return out

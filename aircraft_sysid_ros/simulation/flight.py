@@ -75,17 +75,26 @@ def prepare(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Setup:
     return Setup(airframe, place, origin, trim, autopilot, excitation_for(aircraft, qbar, trim, slopes))
 
 
-def fly(setup: Setup, plan: Plan, wind: Array) -> Truth:
+@dataclass(frozen=True)
+class Change:
+    """After a time [s] another airframe flies: mass, inertia or centre of gravity changed."""
+
+    time: float
+    airframe: Airframe
+
+
+def fly(setup: Setup, plan: Plan, wind: Array, change: Change | None = None) -> Truth:
     """Fly a plan (n equal steps) in a wind NED (n, 3) [m/s], from trim in the wind at the beginning.
 
     Raises InputError when the aeroplane does not stay in the air.
     """
+    after = change or Change(np.inf, setup.airframe)
     step = float(plan.time[1] - plan.time[0])
     start = setup.trim.state.copy()
     start[VELOCITY : VELOCITY + 3] += wind[0]
     log = _run(
-        setup.airframe, setup.place, setup.autopilot, start,
-        plan.controls, plan.bank, plan.airspeed, np.ascontiguousarray(wind), step,
+        setup.airframe, after.airframe, after.time, setup.place, setup.autopilot, start,
+        plan.controls, plan.bank, plan.airspeed, plan.height, plan.flaps, np.ascontiguousarray(wind), step,
     )  # fmt: skip
     truth = _truth(setup, plan.time, wind, *log)
     lost = ~np.isfinite(truth.airspeed) | (truth.height < 0.0) | (np.abs(truth.alpha) > 1.0)
@@ -98,7 +107,9 @@ def fly(setup: Setup, plan: Plan, wind: Array) -> Truth:
 
 
 @njit(cache=True)
-def _run(airframe, place, pilot, start, additions, bank, airspeed, wind, step):
+def _run(
+    before, after, change, ground, pilot, start, additions, bank, airspeed, height, flaps, wind, step
+):
     """States and what acts in them at every step."""
     n = len(wind)
     states, signals = np.empty((n, STATE_SIZE)), np.empty((n, len(SIGNALS)))
@@ -108,13 +119,15 @@ def _run(airframe, place, pilot, start, additions, bank, airspeed, wind, step):
     for i in range(n):
         following = wind[min(i + 1, n - 1)]
         time = i * step
-        acting = motion(airframe, place, state, wind[i], (following - wind[i]) / step, time)
+        airframe = after if time > change else before
+        place = Place(ground.gravity, ground.altitude, ground.ground, flaps[i])
+        acting = motion(airframe, place, state, wind[i], time)
         states[i], signals[i], force[i] = state, acting.signals, acting.specific_force
         acceleration[i], air_velocity[i] = acting.angular_acceleration, acting.air_velocity
         coefficients[i], thrust[i] = acting.coefficients, acting.thrust
-        command = (
-            autopilot_controls(pilot, state, acting.signals[_SPEED], bank[i], airspeed[i]) + additions[i]
-        )
+        seen = state.copy()
+        seen[POSITION + 2] += height[i]  # the autopilot holds height 0
+        command = autopilot_controls(pilot, seen, acting.signals[_SPEED], bank[i], airspeed[i]) + additions[i]
         state = runge_kutta_step(airframe, place, state, command, wind[i], following, time, step)
     return states, signals, force, acceleration, air_velocity, coefficients, thrust
 

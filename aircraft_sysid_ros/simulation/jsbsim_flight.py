@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from aircraft_sysid_ros.simulation.autopilot import (
 )
 from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, POSITION, STATE_SIZE, VELOCITY
 from aircraft_sysid_ros.simulation.flight import LATITUDE, LONGITUDE
-from aircraft_sysid_ros.simulation.manoeuvres import Plan, flight_plan, level_plan, orthogonal_multisines
+from aircraft_sysid_ros.simulation.manoeuvres import Excitation, Plan, flight_plan, level_plan, orthogonal_multisines
 from aircraft_sysid_ros.simulation.trim import Derivatives, Trim, level_state
 from aircraft_sysid_ros.simulation.truth import PROPELLER_SPEED, THROTTLE, THRUST, Truth
 
@@ -39,7 +40,7 @@ DEFAULT_MODEL = "c172p"
 #: Aeroplanes of the JSBSim package that trim and fly well: calibrated airspeed [kt] of the flight.
 MODELS = {"c172p": 95.0, "c182": 110.0, "J3Cub": 60.0}
 FOOT, INCH, POUND, SLUG = 0.3048, 0.0254, 4.4482216152605, 14.593902937
-_GROUND, _ALTITUDE = 290.0, 900.0  # [m]
+GROUND, ALTITUDE = 290.0, 900.0  # [m]
 _NED = ("north", "east", "down")
 #: What is logged: group, property, factor to SI.
 _LOG: tuple[tuple[str, str, float], ...] = (
@@ -74,7 +75,8 @@ _MOVED = [0, 1, 2, THROTTLE]
 # The probe: seconds, and peaks of the commands.
 _PROBE_TIME, _PROBE_SIZE = 16.0, np.array([0.04, 0.05, 0.05, 0.10])
 
-_SETTLING = 20.0  # [s]
+SETTLING = 20.0  # [s]
+_WHEELS = 1.5  # [m] height of the centre of gravity at which they touch the ground
 _ADAMS_BASHFORTH_2 = 3  # number of the method in JSBSim; its default for turning is Euler's
 #: Commands (4,) of step i from its row of the log.
 Command = Callable[[int, Array], Array]
@@ -115,20 +117,43 @@ def prepare_jsbsim(name: str = DEFAULT_MODEL) -> JsbsimSetup:
     return JsbsimSetup(name, aircraft, trim, trim_commands, np.array(gains), slopes, qbar, autopilot)
 
 
-def fly_jsbsim(setup: JsbsimSetup, wind: Array) -> Truth:
-    """The test flight in a wind NED (n, 3) [m/s] at RATE; InputError when it does not stay in the air."""
-    time = np.arange(len(wind)) / RATE
-    plan = flight_plan(time, excitation_for(setup.aircraft, setup.qbar, setup.trim, setup.slopes))
+def fly_jsbsim(
+    setup: JsbsimSetup,
+    wind: Array,
+    plan: Plan | None = None,
+    *,
+    folder: Path | None = None,
+    ground: float = GROUND,
+    adjust: Callable[[Any, int, Array], Array] | None = None,
+) -> Truth:
+    """A test flight in a wind NED (n, 3) [m/s] at RATE; InputError when it does not stay in the air.
 
-    executive = trimmed(setup.name)
+    ``folder`` holds the aeroplane's files instead of JSBSim's own; ``ground`` [m] is its altitude. ``adjust`` is given
+    the executive, the step and the commands (4,) before every step, and returns the commands that are set.
+    """
+    time = np.arange(len(wind)) / RATE
+    if plan is None:
+        plan = flight_plan(time, excitation_of(setup))
+    executive = trimmed(setup.name, folder, ground)
     _settle(executive, setup, wind[0])
-    truth = truth_of_log(setup.aircraft, time, _run(executive, _pilot(setup, plan), wind))
-    lost = ~np.isfinite(truth.airspeed) | (truth.height < 10.0) | (np.abs(truth.alpha) > 0.6)
+    pilot = _pilot(setup, plan)
+
+    def command(i: int, row: Array) -> Array:
+        wanted = pilot(i, row)
+        return wanted if adjust is None else adjust(executive, i, wanted)
+
+    truth = truth_of_log(setup.aircraft, time, _run(executive, command, wind))
+    lost = ~np.isfinite(truth.airspeed) | (truth.height < _WHEELS) | (np.abs(truth.alpha) > 0.6)
     if lost.any():
         raise InputError(
             f"the JSBSim aircraft '{setup.name}' goes out of control after {time[np.argmax(lost)]:.1f} s"
         )
     return truth
+
+
+def excitation_of(setup: JsbsimSetup) -> Excitation:
+    """Sizes of manoeuvres that suit the aeroplane."""
+    return excitation_for(setup.aircraft, setup.qbar, setup.trim, setup.slopes)
 
 
 def jsbsim_aircraft_file(name: str = DEFAULT_MODEL) -> dict[str, Any]:
@@ -152,7 +177,7 @@ def jsbsim_aircraft_file(name: str = DEFAULT_MODEL) -> dict[str, Any]:
         "imu_position": [0.3, 0.1, 0.1],
         "air_data_position": [0.2, 4.0, 0.1],
         "gps_position": [-0.5, 0.0, -1.0],
-        "ground_altitude": _GROUND,
+        "ground_altitude": GROUND,
         "magnetic_declination": 0.0,
         "trim_airspeed": float(executive["velocities/vt-fps"] * FOOT),
     }
@@ -218,8 +243,11 @@ def _slope(x: Array, y: Array) -> float:
     return float(np.polyfit(x - x.mean(), y - y.mean(), 1)[0])
 
 
-def trimmed(name: str) -> Any:
-    """JSBSim executive in straight level trim; InputError when it is not installed or does not trim."""
+def trimmed(name: str, folder: Path | None = None, ground: float = GROUND) -> Any:
+    """JSBSim executive in straight level trim; InputError when it is not installed or does not trim.
+
+    The files of the aeroplane are those of JSBSim, or in ``folder``/name; ``ground`` [m] is the terrain's altitude.
+    """
     try:
         import jsbsim
     except ImportError:
@@ -229,14 +257,16 @@ def trimmed(name: str) -> Any:
     os.environ.setdefault("JSBSIM_DEBUG", "0")  # or it prints a banner on standard output
     executive = jsbsim.FGFDMExec(None)
     executive.set_debug_level(0)
+    if folder is not None:
+        executive.set_aircraft_path(str(folder))
     executive.load_model(name)
     executive.disable_output()  # some models write a CSV file into the working directory
     executive.set_dt(1.0 / RATE)
     for quantity in ("rate", "position"):  # or rates would lag half a step behind the moments that are logged
         executive[f"simulation/integrator/{quantity}/rotational"] = _ADAMS_BASHFORTH_2
     for key, value in {
-        "ic/lat-geod-rad": LATITUDE, "ic/long-gc-rad": LONGITUDE, "ic/terrain-elevation-ft": _GROUND / FOOT,
-        "ic/h-sl-ft": _ALTITUDE / FOOT, "ic/psi-true-deg": 0.0, "ic/gamma-deg": 0.0,
+        "ic/lat-geod-rad": LATITUDE, "ic/long-gc-rad": LONGITUDE, "ic/terrain-elevation-ft": ground / FOOT,
+        "ic/h-sl-ft": ALTITUDE / FOOT, "ic/psi-true-deg": 0.0, "ic/gamma-deg": 0.0,
         "ic/vc-kts": MODELS[name],
         "gear/gear-cmd-norm": 0.0, "fcs/mixture-cmd-norm": 0.87, "fcs/throttle-cmd-norm": 0.6,
     }.items():  # fmt: skip
@@ -253,8 +283,8 @@ def trimmed(name: str) -> Any:
 
 def _settle(executive: Any, setup: JsbsimSetup, wind: Array) -> None:
     """Let the wind NED (3,) [m/s] rise from nothing while the autopilot flies, before the flight begins."""
-    time = np.arange(int(_SETTLING * RATE)) / RATE
-    rise = np.clip(time / (0.5 * _SETTLING), 0.0, 1.0)[:, None] * wind
+    time = np.arange(int(SETTLING * RATE)) / RATE
+    rise = np.clip(time / (0.5 * SETTLING), 0.0, 1.0)[:, None] * wind
     still = level_plan(time, setup.trim.airspeed)
     _run(executive, _pilot(setup, still), rise)
 
@@ -264,7 +294,7 @@ def _pilot(setup: JsbsimSetup, plan: Plan) -> Command:
 
     def command(i: int, row: Array) -> Array:
         state = np.zeros(STATE_SIZE)
-        state[POSITION + 2] = _ALTITUDE - row[_AT["place"]][2] + plan.height[i]
+        state[POSITION + 2] = ALTITUDE - row[_AT["place"]][2] + plan.height[i]
         state[VELOCITY : VELOCITY + 3] = row[_AT["velocity"]]
         state[ATTITUDE : ATTITUDE + 4] = quaternion_from_euler(*row[_AT["euler"]])
         airspeed = float(np.linalg.norm(row[_AT["air_velocity"]]))

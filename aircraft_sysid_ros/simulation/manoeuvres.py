@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +43,14 @@ class Plan:
     controls: Array  # (n, 4) elevator, aileron, rudder [rad], throttle
     bank: Array  # (n,) [rad]
     airspeed: Array  # (n,) [m/s]
+    height: Array  # (n,) [m] above that of the beginning
+    flaps: Array  # (n,) [rad]
+
+
+def level_plan(time: Array, airspeed: float) -> Plan:
+    """Straight level flight at n times [s] (n,), nothing moved."""
+    n = len(time)
+    return Plan(time, np.zeros((n, 4)), np.zeros(n), np.full(n, airspeed), np.zeros(n), np.zeros(n))
 
 
 def pulses(time: Array, widths: tuple[float, ...]) -> Array:
@@ -78,11 +87,17 @@ def multisine(time: Array, period: float, harmonics: npt.NDArray[np.int64]) -> A
     return amplitude * np.sum(np.cos(angles), axis=1)
 
 
-def low_peak_phases(harmonics: npt.NDArray[np.int64], rounds: int = 200) -> Array:
+def low_peak_phases(harmonics: npt.NDArray[np.int64]) -> Array:
     """Phases [rad] (k,) of cosines with a low peak: Schroeder's, improved by clipping and keeping the phases.
 
     Turned in time to begin at a zero crossing, so that the controls do not jump.
     """
+    return _phases(tuple(harmonics.tolist()))
+
+
+@cache
+def _phases(chosen: tuple[int, ...], rounds: int = 200) -> Array:
+    harmonics = np.array(chosen, dtype=np.int64)
     k = np.arange(1, len(harmonics) + 1)
     phases = -np.pi * k * (k - 1) / len(harmonics)
     best, lowest = phases, _peak(harmonics, phases)
@@ -121,14 +136,12 @@ def orthogonal_multisines(time: Array, period: float, top: float) -> Array:
     return np.stack(columns, axis=1)
 
 
-class _Planner:
+class Planner:
     """Fills a plan segment by segment."""
 
     def __init__(self, time: Array, excitation: Excitation) -> None:
         self.size = excitation
-        self.plan = Plan(
-            time, np.zeros((len(time), 4)), np.zeros(len(time)), np.full(len(time), excitation.airspeed)
-        )
+        self.plan = level_plan(time, excitation.airspeed)
 
     def elevator_3211(self, window: slice, t: Array, length: float, sign: float) -> None:
         for start, way in ((0.0, sign), (0.5 * length, -sign)):
@@ -180,7 +193,7 @@ def flight_plan(time: Array, excitation: Excitation) -> Plan:
 
     Flights of about two minutes and more repeat the nominal plan with alternating signs.
     """
-    planner = _Planner(time, excitation)
+    planner = Planner(time, excitation)
     segments: list[tuple[float, Callable[[slice, Array, float, float], None]]] = [
         (6.0, planner.cruise),
         (10.0, planner.elevator_3211),

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
 from aircraft_sysid_ros.aircraft import earth
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
@@ -56,6 +57,9 @@ class SensorOptions:
     magnetometer: bool = False
     five_hole_probe: bool = False
     height_above_ground: bool = False
+    air_data_lag: float = 0.0  # [s] time constant of tubes and vanes, which the aircraft file does not know
+    command_lag: float = 0.0  # [s] commands are recorded, and what they move follows with this time constant
+    command_dead_time: float = 0.0  # [s] and so much later
     probe: ProbeCalibration = field(default_factory=ProbeCalibration)
 
 
@@ -203,16 +207,20 @@ class _Suite:
         n = len(time)
         place = self.aircraft.air_data_position
         pressure, density = self._air(time)
-        fields = {
-            "true_airspeed": air_data_at(self.seen("airspeed", time), place)[:, 0]
-            + self.noise("airspeed", (n,)),
-            "angle_of_attack": air_data_at(self.seen("angle_of_attack", time), place)[:, 1]
-            + self.noise("angle_of_attack", (n,)),
-            "sideslip": air_data_at(self.seen("sideslip", time), place)[:, 2] + self.noise("sideslip", (n,)),
-            "air_density": density,
-            "static_pressure": pressure,
-        }
+        fields = {"air_density": density, "static_pressure": pressure}
+        names = {"airspeed": "true_airspeed", "angle_of_attack": "angle_of_attack", "sideslip": "sideslip"}
+        for column, (sensor, field_name) in enumerate(names.items()):
+            shown = self._flow(sensor, time, place)[:, column]
+            fields[field_name] = self.aircraft.sensors[sensor].scale * shown + self.noise(sensor, (n,))
         return self.stream("air_data", time, fields)
+
+    def _flow(self, sensor: str, time: Array, place: Array) -> Array:
+        """V, alpha, beta (n, 3) that a sensor shows at stamps [s], late where there is a lag."""
+        if self.options.air_data_lag <= 0.0:
+            return air_data_at(self.seen(sensor, time), place)
+        at = time - self.aircraft.sensors[sensor].delay
+        late = first_order_lag(self.truth.time, air_data_at(self.truth, place), self.options.air_data_lag)
+        return np.stack([np.interp(at, self.truth.time, column) for column in late.T], axis=1)
 
     def _air(self, time: Array) -> tuple[Array, Array]:
         """Static pressure [Pa] as measured, and the density [kg/m^3] from it and the true temperature."""
@@ -232,7 +240,13 @@ class _Suite:
     def control_surfaces(self) -> Stream:
         """Deflections with the signs of the recording; throttle, thrust and propeller speed without noise."""
         time = self.times("control_surfaces", "control_surfaces")
-        values = self.seen("control_surfaces", time).controls.copy()
+        at = time + self.options.command_dead_time
+        values = self.seen("control_surfaces", at).controls.copy()
+        if self.options.command_lag > 0.0:  # position + lag * its rate is the command that it follows
+            moving = np.gradient(self.truth.controls, self.truth.time, axis=0)
+            at = at - self.aircraft.sensors["control_surfaces"].delay
+            rates = np.stack([np.interp(at, self.truth.time, column) for column in moving.T], axis=1)
+            values += self.options.command_lag * rates
         values[:, : FLAPS + 1] += self.noise("control_surfaces", (len(time), FLAPS + 1))
         values[:, : FLAPS + 1] *= [self.aircraft.surface_signs[name] for name in SURFACES]
         names = (*SURFACES, "throttle", "thrust", "propeller_speed")
@@ -255,6 +269,14 @@ class _Suite:
         )
         limits = {"min_range": np.zeros(len(time)), "max_range": np.full(len(time), np.inf)}
         return self.stream("height_above_ground", time, {"range": distance, **limits})
+
+
+def first_order_lag(time: Array, series: Array, lag: float) -> Array:
+    """Columns (n, k) at equal steps of time [s] after lag y' = x - y, exactly for an x held over each step."""
+    keep = float(np.exp(-(time[1] - time[0]) / lag))
+    start = keep * series[:1]
+    filtered, _ = lfilter([1.0 - keep], [1.0, -keep], series, axis=0, zi=start)
+    return np.asarray(filtered)
 
 
 def specific_force_at(truth: Truth, position: Array) -> Array:

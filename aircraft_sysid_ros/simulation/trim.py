@@ -72,7 +72,7 @@ def trim_level(airframe: Airframe, place: Place, airspeed: float) -> Trim:
 
     def residual(x: Array) -> Array:
         state = level_state(airspeed, x[0], x[1], x[2:])
-        acting = motion(airframe, place, state, _CALM, _CALM, 0.0)
+        acting = motion(airframe, place, state, _CALM, 0.0)
         force = rotation_matrix(state[ATTITUDE : ATTITUDE + 4]) @ acting.specific_force
         return np.concatenate([force + [0.0, 0.0, place.gravity], acting.angular_acceleration])
 
@@ -94,7 +94,7 @@ def trim_level(airframe: Airframe, place: Place, airspeed: float) -> Trim:
 
 def derivatives_at(airframe: Airframe, place: Place, trim: Trim) -> Derivatives:
     """Derivatives at trim, by central differences of the same coefficients that are simulated."""
-    acting = motion(airframe, place, trim.state, _CALM, _CALM, 0.0)
+    acting = motion(airframe, place, trim.state, _CALM, 0.0)
     force_rate = acting.signals[SIGNAL_INDEX["qbar"]] * airframe.wing_area / airframe.mass
 
     def slope(signal: str, coefficient: int) -> float:

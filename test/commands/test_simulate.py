@@ -59,12 +59,12 @@ def test_jsbsim_keeps_quiet_on_standard_output():
         (["--wind-walk", "-0.1"], "--wind-walk must be zero or more"),
         (["--noise-scale", "inf"], "--noise-scale must be zero or more"),
         (["--aircraft", "nowhere.yaml"], "cannot read the aircraft file nowhere.yaml"),
-        (["--effect", "stall"], "write it like 'CZ: alpha"),
+        (["--effect", "stalled"], "write the id of one of the library"),
         (["--effect", "CZ: alpha**3 = much"], "'much' of the effect"),
         (["--effect", "CZ: wings = 1"], "'wings' in 'wings' is no signal"),
         (["--effect", "CQ: alpha = 1"], "the axes are CX"),
         (["--jsbsim-aircraft", "c172p"], "needs --simulator jsbsim"),
-        (["--simulator", "jsbsim", "--effect", "CZ: alpha = 1"], "do not go with"),
+        (["--simulator", "jsbsim", "--effect", "CZ: alpha = 1"], "do not go with --simulator jsbsim"),
     ],
 )
 def test_bad_input_is_said_and_nothing_is_written(tmp_path, options, message):
