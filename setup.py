@@ -39,6 +39,7 @@ TEST = [
     "hypothesis>=6.100,<7",
     "mypy>=1.11,<3",
     "pytest>=8,<10",
+    "pytest-xdist>=3.5,<4",
     "ruff==0.17.5",
     "types-PyYAML",
 ]

@@ -9,11 +9,21 @@ import pytest
 
 # Before any rclpy import: traffic stays on this machine and runs do not hear each other.
 os.environ.setdefault("ROS_DOMAIN_ID", str(60 + os.getpid() % 40))
+if "PYTEST_XDIST_WORKER" in os.environ:  # nor workers of one run
+    os.environ["ROS_DOMAIN_ID"] = str(60 + os.getpid() % 40)
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 # Killed processes leave segments of shared memory behind, which make later ones deaf.
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def pytest_collection_modifyitems(items):
+    """Tests with nodes share one worker: two at a time would wait for each other's processor time."""
+    for item in items:
+        if "nodes" in item.path.parts or "demo" in item.path.name:
+            item.add_marker(pytest.mark.xdist_group("nodes"))
 
 
 @pytest.fixture(scope="session")
