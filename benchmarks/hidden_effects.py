@@ -6,7 +6,8 @@ Flights of 120 s from the project's own simulator and from JSBSim, with one effe
 (calm, light turbulence), noise (1 and 2 times the aircraft file's), strength (full and half), wind and manoeuvres are
 drawn from the seed, so that a few seeds per effect cover all of them. The diagnosis gets the samples and the aircraft
 file, nothing else. Each flight is a line in results/hidden_effects_SET.jsonl: a run that is stopped goes on where it
-was. Seeds of the set "fresh" were flown once, at the end, with nothing changed afterwards.
+was. Seeds of the set "fresh" are flown once, and
+nothing is changed afterwards.
 """
 
 from __future__ import annotations
@@ -51,22 +52,20 @@ def conditions(seed: int) -> dict[str, Any]:
 
 
 def jobs(which: str, seeds: int, clean: int) -> list[dict[str, Any]]:
-    """Every flight of a set: clean ones and hidden ones in turn, so that a run that is stopped has of all."""
+    """Every flight of a set, shuffled, so that a run that is stopped has some of all."""
     first, flights = FIRST_SEED[which], []
-    for number in range(max(seeds, 1)):
-        for simulator in SIMULATORS:
+    for number in range(seeds):
+        for place, simulator in enumerate(SIMULATORS):
             effects = sorted(set(SIMULATED) - set(IMPOSSIBLE.get(simulator, ())))
-            if simulator == "textbook" or number % 2 == SIMULATORS.index(simulator) % 2:
+            if place == 0 or number % 2 == place - 1:  # the aeroplanes of JSBSim take turns
                 flights += [
-                    {"simulator": simulator, "effect": effect, "seed": first + 8 * i + number}
+                    {"simulator": simulator, "effect": effect, "seed": first + 11 * i + number}
                     for i, effect in enumerate(effects)
                 ]
-        share = range(number * clean // max(seeds, 1), (number + 1) * clean // max(seeds, 1))
-        flights += [
-            {"simulator": SIMULATORS[i % 3] if i % 2 else "textbook", "effect": None, "seed": first + 5000 + i}
-            for i in share
-        ]
-    return flights
+    for number in range(clean):
+        simulator = SIMULATORS[1 + number // 2 % 2] if number % 2 else SIMULATORS[0]
+        flights.append({"simulator": simulator, "effect": None, "seed": first + 5000 + 3 * number})
+    return [flights[i] for i in np.random.default_rng(first).permutation(len(flights))]
 
 
 def fly(job: dict[str, Any]) -> dict[str, Any]:
