@@ -11,18 +11,19 @@ three things stand in for them:
   exact for a constant that is estimated from ever more data. Without this every step and slow growth in the forces is
   called an effect. Errors of the reconstructed angles are not in the covariance: LEVEL is small for their sake, and
   no rate of false alarms;
-- what begins in flight is not judged before LEAST_CHANGE seconds: manoeuvres must have been repeated;
+- nothing is judged before LEAST seconds of settled flight: manoeuvres must have been repeated;
 - alpha_dot and beta_dot are not judged. They contain the measured forces, which answer to gusts before the
   reconstructed angles do, and so explain something in every turbulent flight. ``diagnose`` after the flight can.
 
-The rate of false verdicts is measured: docs/live-diagnosis.md has their share over clean flights. Two windows are looked at:
-what is kept of the whole flight, and its newest SLIDING seconds, in which what has just begun is not yet diluted.
+The rate of false verdicts is measured: docs/live-diagnosis.md has their share over clean flights. Two windows are
+looked at: what is kept of the whole flight, and its newest SLIDING seconds, in which what has just begun is not yet
+diluted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,16 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, parse_expression
 from aircraft_sysid_ros.diagnosis.additions import parse_request
 from aircraft_sysid_ros.diagnosis.candidates import Candidate
-from aircraft_sysid_ros.diagnosis.diagnose import ALIKE, AS_GOOD, MISSING, NONE, PREFERENCE, UNEXPLAINED
+from aircraft_sysid_ros.diagnosis.diagnose import (
+    ALIKE,
+    AS_GOOD,
+    ENOUGH,
+    MISSING,
+    NONE,
+    PREFERENCE,
+    UNEXPLAINED,
+    explained,
+)
 from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.diagnosis.fit import AxisFit
@@ -45,7 +55,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.point_memory import Kept, PointMemory
 
 Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+Terms = Mapping[str, tuple[str, ...]]
 
 #: Newest stretch [s] that is looked at by itself.
 SLIDING = 120.0
@@ -57,8 +67,8 @@ SPACING = 0.16
 LIVE_SIZE = 0.20
 #: Level of the Wald test over all candidates of a window.
 LEVEL = 1e-6
-#: Settled flight [s] from which effects that begin at some time are judged.
-LEAST_CHANGE = 60.0
+#: Settled flight [s] from which anything is judged.
+LEAST = 60.0
 #: Signals that contain the measured forces.
 FORCES = frozenset({"alpha_dot", "beta_dot"})
 
@@ -111,11 +121,11 @@ class LiveDiagnosis:
 
 def windows(aircraft: Aircraft, memory: PointMemory, step: float) -> list[LiveFlight]:
     """The windows that are long enough: the flight, and its newest part where that is less than the flight."""
-    made = [live_flight(aircraft, memory.flight(), step, "the flight")]
-    newest = memory.newest(SLIDING)
-    if len(newest.time) and made[0] is not None and newest.time[0] > memory.flight().time[0] + SLIDING:
+    kept, newest = memory.flight(), memory.newest(SLIDING)
+    made = [live_flight(aircraft, kept, step, "the flight")]
+    if len(newest.time) and newest.time[0] > kept.time[0] + SETTLING + 0.25 * SLIDING:
         made.append(live_flight(aircraft, newest, step, f"the newest {SLIDING:.0f} s"))
-    return [flight for flight in made if flight is not None]
+    return [flight for flight in made if flight is not None and np.ptp(flight.data.time) >= LEAST]
 
 
 def live_flight(aircraft: Aircraft, kept: Kept, step: float, window: str) -> LiveFlight | None:
@@ -213,7 +223,7 @@ def _finding(flight: LiveFlight, bench: Bench, trial: Trial, tried: int) -> Live
 def diagnose_live(flights: Sequence[LiveFlight], library: Sequence[Effect] = LIBRARY) -> LiveDiagnosis:
     """The verdict on one or more windows of a flight; the first with a verdict other than none decides."""
     if not flights:
-        raise InputError(f"less than {SHORTEST:g} s of the flight are settled")
+        raise InputError(f"less than {LEAST:g} s of the flight are settled")
     model = flights[0].data.model.identifier
     for flight in flights:
         findings = search(flight, library)
@@ -231,9 +241,7 @@ def search(flight: LiveFlight, library: Sequence[Effect]) -> list[LiveFinding]:
         return []
     effects = [effect for effect in library if effect.kind != MEASUREMENT]
     trials = [trial for effect in effects if (trial := bench.best_of(effect)) is not None]
-    short = np.ptp(flight.data.time) < LEAST_CHANGE
-    unjudged = FORCES | {"time"} if short else FORCES
-    trials = [trial for trial in trials if not reads(trial.candidate, unjudged)]
+    trials = [trial for trial in trials if not reads(trial.candidate, FORCES)]
     tried = sum(len(trial.gains) for trial in trials)
     tested = [_finding(flight, bench, trial, tried) for trial in trials]
     findings = sorted([f for f in tested if f is not None], key=lambda f: -f.score)
@@ -241,12 +249,16 @@ def search(flight: LiveFlight, library: Sequence[Effect]) -> list[LiveFinding]:
     best = max((t for t in map(bench.trial, outside) if t is not None), key=lambda t: t.score, default=None)
     if best is not None:
         found = _finding(flight, bench, best, len(outside))
-        inside = 0.0
-        if found is not None and findings:
-            inside = max(findings[0].score, findings[0].trial.log_ratios.get(found.axis, 0.0))
-        if found is not None and found.score >= inside + PREFERENCE:
+        if found is not None and not (findings and _is_enough(findings[0], found)):
             findings.insert(0, found)
     return [replace(f, confounded_with=_company(bench, f, findings)) for f in findings]
+
+
+def _is_enough(inside: LiveFinding, outside: LiveFinding) -> bool:
+    """Whether an effect explains about what an expression explains, as ``diagnose`` asks it."""
+    axis = outside.axis
+    mine = explained(inside.trial.gains[axis]) if axis in inside.trial.gains else 0.0
+    return mine >= ENOUGH * explained(outside.trial.gains[axis]) or outside.score <= inside.score + PREFERENCE
 
 
 def reads(candidate: Candidate, signals: Collection[str]) -> bool:
@@ -272,9 +284,9 @@ def _company(bench: Bench, finding: LiveFinding, others: Sequence[LiveFinding]) 
 def _where(data: FlightData, trial: Trial, axis: str, window: str) -> str:
     """Where in time most of the evidence lies, and what sets those stretches apart."""
     gain = trial.gains[axis]
-    explained = np.maximum(gain.before - gain.after, 0.0)
-    order = np.argsort(-explained)
-    most = order[: int(np.searchsorted(np.cumsum(explained[order]), 0.6 * explained.sum())) + 1]
+    falls = np.maximum(gain.before - gain.after, 0.0)
+    order = np.argsort(-falls)
+    most = order[: int(np.searchsorted(np.cumsum(falls[order]), 0.6 * falls.sum())) + 1]
     inside = np.isin(data.block, gain.fit.blocks[most])
     words = unusual(data, inside, np.isfinite(data.measured[:, AXES.index(axis)]))
     at = ", ".join(f"{number * BLOCK:.0f} s" for number in sorted(gain.fit.blocks[most[:3]]))
@@ -316,20 +328,10 @@ def _candidate_content(finding: LiveFinding) -> dict[str, Any]:
 # -- what the user asks for ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Addition:
-    """Terms by axis that a request stands for, and the name under which it can be taken away."""
-
-    label: str
-    terms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-
-
-def requested(text: str) -> Effect | Addition:
-    """An effect of the library, or the terms of ``CZ: alpha**3``. Raises InputError for anything else."""
+def requested(text: str) -> Effect | Terms:
+    """An effect of the library, or the terms by axis of ``CZ: alpha**3``. Raises InputError for anything else."""
     parsed = parse_request(text)
-    if not isinstance(parsed, Effect):
-        return Addition("; ".join(f"{axis}: {t}" for axis, ts in parsed.items() for t in ts), parsed)
-    if parsed.kind == MEASUREMENT:
+    if isinstance(parsed, Effect) and parsed.kind == MEASUREMENT:
         raise InputError(
             f"'{parsed.identifier}' is a matter of the sensors, which the model cannot mend in flight: after it, "
             f"aircraft-sysid add RUN {parsed.identifier} gives an aircraft file with which both nodes can be started"
@@ -337,7 +339,16 @@ def requested(text: str) -> Effect | Addition:
     return parsed
 
 
-def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Addition:
+def check_signals(terms: Terms, kept: Kept) -> None:
+    """Raises InputError where a term reads a signal that the flight does not have: its axis would stop to learn."""
+    used = model_from_terms(terms).signals_used
+    missing = [name for i, name in enumerate(SIGNALS) if name in used and not np.isfinite(kept.signals[:, i]).any()]
+    if missing and len(kept.time):
+        text = "; ".join(f"{axis}: {term}" for axis, listed in terms.items() for term in listed)
+        raise InputError(f"'{text}' needs {' and '.join(missing)}, which this flight does not have")
+
+
+def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Terms:
     """Terms of an effect with the variant and the inner numbers that fit best what is kept of the flight.
 
     Terms that the model has are left out. Raises InputError where the flight lacks a signal or is too short to fit
@@ -351,19 +362,17 @@ def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Addition:
     if trial is None:
         needed = " and ".join(missing) or "signals"
         raise InputError(f"'{effect.identifier}' needs {needed}, which this flight does not have")
-    return Addition(effect.identifier, dict(_new_terms(trial, data)))
+    terms = dict(_new_terms(trial, data))
+    if not terms:
+        raise InputError(f"this flight does not determine '{effect.identifier}', or the model has it already")
+    return terms
 
 
 def _new_terms(trial: Trial, data: FlightData) -> Iterator[tuple[str, tuple[str, ...]]]:
-    found = False
+    """What a trial has by axis that the model lacks and the flight determines."""
     for axis, gain in trial.gains.items():
         texts = [parse_expression(text).text for text in trial.candidate.terms[axis]]
         known = np.isfinite(gain.parameters)
         chosen = [t for t, k in zip(texts, known, strict=True) if k and t not in data.model.terms[axis]]
         if chosen:
-            found = True
             yield axis, tuple(chosen)
-    if not found:
-        effect = trial.candidate.effect
-        name = effect.identifier if effect is not None else trial.candidate.label
-        raise InputError(f"this flight does not determine '{name}', or the model has it already")

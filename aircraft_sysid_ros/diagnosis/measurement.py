@@ -94,15 +94,20 @@ def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:
 
 
 def log_likelihood(aircraft: Aircraft, samples: Samples) -> float:
-    """Of all innovations of the first step; -inf when the filter does not start."""
+    """Of all innovations of the first step (5.7), each sensor as noisy as it is; -inf when the filter does not start.
+
+    The covariance of each sensor's innovations is scaled to what they are, or a scale that makes the numbers of a
+    noisy sensor smaller would always win.
+    """
     state = StateEstimator(aircraft)
     state.push(samples)
     state.flush()
     if not state.has_been_aligned:
         return -np.inf
-    total = float(np.sum(state.memory.log_likelihood))
+    outputs, squares, determinants = state.memory.likelihood[state.memory.likelihood[:, 1] > 0.0].T
+    total = -0.5 * float(np.sum(outputs * np.log(squares / outputs) + determinants))
     for name, kind in _KIND_OF.items():
-        total -= float(state.memory.fused[kind]) * np.log(aircraft.sensors[name].scale)
+        total -= float(state.memory.likelihood[kind, 0]) * np.log(aircraft.sensors[name].scale)
     return total
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.effect import with_setting
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
@@ -20,13 +21,24 @@ from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
 
 
 #: The flight counts from where the air data are known this much worse than usual, at most.
 SETTLED = 1.5
+#: Noise of a sensor over what the aircraft file says, as far as it is believed.
+NOISE_RANGE = (0.5, 4.0)
+#: Median of the square of a standard normal variable.
+_MEDIAN_SQUARE = 0.4549
+_LEAST_FOR_NOISE = 200
+_MEASURED_NOISE = {
+    Kind.IMU: ("accelerometer", "gyro"),
+    Kind.AIRSPEED: ("airspeed",),
+    Kind.ANGLE_OF_ATTACK: ("angle_of_attack",),
+    Kind.SIDESLIP: ("sideslip",),
+}
 
 
 @dataclass(frozen=True)
@@ -38,7 +50,7 @@ class Reconstruction:
     rows: Array
     epoch: int  # [ns] from which times of rows and points count
     points: Array
-    gusts: float  # random walk of the wind [m/s per sqrt(s)], the median over the flight
+    gusts: float  # random walk of the wind [m/s per sqrt(s)] at the end
 
     @property
     def data(self) -> FlightData:
@@ -62,6 +74,26 @@ def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = Tr
     points = [parameters.push_states(rows, state.epoch), parameters.flush()]
     gusts = float(state.memory.wind_walk[0])
     return Reconstruction(aircraft, samples, rows, state.epoch, np.vstack(points), gusts)
+
+
+def as_noisy_as(aircraft: Aircraft, samples: Samples) -> Aircraft:
+    """The aircraft with the noise that IMU and air data really have in a recording, within NOISE_RANGE of its file.
+
+    From third differences, (1, -3, 3, -1) with the sum of squares 20: what changes from sample to sample is noise and
+    not motion. Medians, so that faults do not count. A filter that is told another noise takes it for gusts.
+    """
+    for kind, names in _MEASURED_NOISE.items():
+        values = samples.values[samples.kind == kind]
+        if len(values) < _LEAST_FOR_NOISE:
+            continue
+        for number, name in enumerate(names):
+            columns = values[:, 3 * number : 3 * number + 3] if kind == Kind.IMU else values[:, :1]
+            squares = np.nanmedian(np.diff(columns, 3, axis=0) ** 2, axis=0)
+            found, given = np.sqrt(np.median(squares) / (20.0 * _MEDIAN_SQUARE)), aircraft.sensors[name].noise[0]
+            if np.isfinite(found) and given > 0.0:
+                noise = given * float(np.clip(found / given, *NOISE_RANGE))
+                aircraft = with_setting(aircraft, ("sensors", name, "noise"), noise)
+    return aircraft
 
 
 def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:

@@ -56,6 +56,7 @@ class World:
     """The motion of a flight as the truth of another, and what its coefficients have beyond the model."""
 
     aircraft: Aircraft
+    sensing: Aircraft  # with sensors as fast as those of the flight are
     truth: Truth
     excess: Array  # (n, 6) C of the motion minus C of the model, at truth.time
     kinds: tuple[int, ...]  # of samples that the flight has
@@ -70,7 +71,7 @@ class World:
             magnetometer=int(Kind.MAGNETIC_FIELD) in present,
             height_above_ground=int(Kind.HEIGHT) in present,
         )
-        streams, _ = measure(self.aircraft, self.truth, seed, options)
+        streams, _ = measure(self.sensing, self.truth, seed, options)
         samples = arrived(streams)
         return samples[np.isin(samples.kind, self.kinds)]
 
@@ -87,7 +88,13 @@ class World:
 
 
 def world_of(
-    aircraft: Aircraft, rows: Array, samples: Samples, epoch: int, parameters: Array, gusts: float, seed: int
+    aircraft: Aircraft,
+    rows: Array,
+    samples: Samples,
+    epoch: int,
+    parameters: Array,
+    gusts: float,
+    seed: int,
 ) -> World:
     """The world of a flight.
 
@@ -142,11 +149,11 @@ def world_of(
     )
     model = _model_coefficients(aircraft, world_rows, controls, height, parameters)
     kinds = tuple(int(kind) for kind in np.unique(samples.kind))
-    return World(with_rates_of(aircraft, samples), truth, coefficients - model, kinds)
+    return World(aircraft, sensing(aircraft, samples), truth, coefficients - model, kinds)
 
 
-def with_rates_of(aircraft: Aircraft, samples: Samples) -> Aircraft:
-    """The aircraft with the sensor rates that the recording really has."""
+def sensing(aircraft: Aircraft, samples: Samples) -> Aircraft:
+    """The aircraft with the rates that the sensors of the recording really have."""
     sensors = dict(aircraft.sensors)
     for kind, names in _SENSOR_OF_RATE.items():
         stamps = samples.stamp[samples.kind == kind]

@@ -145,7 +145,10 @@ def _passes_gate(
         nis += innovation[i] * weighted[i]
         log_determinant += 2.0 * np.log(factor[i, i])
         newest[kind, i] = innovation[i]
-    memory.log_likelihood[kind] -= 0.5 * (min(nis, m * _LARGEST_NIS) + log_determinant)  # (5.7)
+    likelihood = memory.likelihood
+    likelihood[kind, 0] += m
+    likelihood[kind, 1] += min(nis, m * _LARGEST_NIS)
+    likelihood[kind, 2] += log_determinant
     recent[0] += _NIS_WEIGHT * (min(nis / m, _LARGEST_NIS) - recent[0])
     if kind == _AIRSPEED or kind == _ALPHA or kind == _BETA:
         _follow_gusts(nis, setup, memory)

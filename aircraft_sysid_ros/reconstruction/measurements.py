@@ -16,11 +16,11 @@ from numba import njit
 from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
 from aircraft_sysid_ros.aircraft.frames import (
     cross_matrix,
+    product,
     quaternion_conjugate,
     quaternion_log,
     quaternion_product,
     right_jacobian,
-    product,
     rotation_matrix,
     times,
 )

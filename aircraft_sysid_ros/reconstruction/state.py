@@ -114,7 +114,7 @@ class Memory(NamedTuple):
     last_rejected: npt.NDArray[np.float64]  # (kinds,)
     nis_sum: npt.NDArray[np.float64]  # (kinds,) of fused samples
     degrees: npt.NDArray[np.int64]  # (kinds,) degrees of freedom in nis_sum
-    log_likelihood: npt.NDArray[np.float64]  # (kinds,) of all innovations, one that is absurd counting as at its cap
+    likelihood: npt.NDArray[np.float64]  # (kinds, 3) outputs, normalised innovations squared (capped), ln det S, all summed
     recent_nis: npt.NDArray[np.float64]  # (1,) running mean per degree of freedom, rejected samples too
     air_nis: npt.NDArray[np.float64]  # (1,) the same of air data alone, faster
     wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now
@@ -141,7 +141,7 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         last_rejected=np.full(kinds, -np.inf),
         nis_sum=np.zeros(kinds),
         degrees=np.zeros(kinds, np.int64),
-        log_likelihood=np.zeros(kinds),
+        likelihood=np.zeros((kinds, 3)),
         recent_nis=np.ones(1),
         air_nis=np.ones(1),
         wind_walk=np.array([max(wind_walk, GUSTY_START)]),

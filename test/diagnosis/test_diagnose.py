@@ -14,13 +14,14 @@ from aircraft_sysid_ros.diagnosis.effect import with_setting
 from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.measurement import maximum, measurement_faults
-from aircraft_sysid_ros.diagnosis.reconstruction import flying, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, flying, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.replica import world_of
 from aircraft_sysid_ros.diagnosis.replicas import fitted_parameters, without_excess
 from aircraft_sysid_ros.diagnosis.search import Bench
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.run_folder import RunWriter
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
+from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 SOME = [
@@ -126,6 +127,18 @@ def test_a_wrong_scale_of_the_vane_is_found_before_aerodynamics_is_blamed(aircra
     assert [f.effect.identifier for f in faults][:1] == ["alpha_scale"]
     assert faults[0].value == pytest.approx(1.15, abs=0.03)
     assert not measurement_faults(reconstruct(truth, samples, with_covariance=False), [BY_ID["alpha_scale"]])
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_noise_that_the_file_does_not_know_is_no_fault_of_a_scale(aircraft, scale):
+    """Sensors twice or half as noisy as the file says: the flight tells, and no setting is preferred for it."""
+    flight = flight_of(aircraft, duration=60.0, sensors=SensorOptions(noise_scale=scale), turbulence="light")
+    seen = as_noisy_as(aircraft, flight.samples)
+    for name in ("accelerometer", "gyro", "airspeed", "angle_of_attack", "sideslip"):
+        factor = seen.sensors[name].noise[0] / aircraft.sensors[name].noise[0]
+        assert 0.9 * scale < factor < (1.0 if scale < 1.0 else 1.2 * scale)  # quiet sensors show fast motion too
+    made = reconstruct(seen, flight.samples, with_covariance=False)
+    assert not measurement_faults(made, [BY_ID[name] for name in ("alpha_scale", "airspeed_scale")])
 
 
 @pytest.mark.parametrize(("start", "top"), [(0.0, 0.31), (0.0, -0.4), (1.0, 1.07)])

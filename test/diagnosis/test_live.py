@@ -1,0 +1,215 @@
+"""Missing effects in flight: named when they are there, nothing said when nothing is, at bounded cost."""
+
+import time
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.diagnosis import live
+from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.diagnosis.live_worker import Answer, LiveWorker, answer_to
+from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.point_memory import PointMemory
+from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, Column
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+BIAS = Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
+STEP = 0.04
+
+
+def memory_of(flight, end=np.inf):
+    """What the node keeps of a flight until a time [s]."""
+    pipeline, memory = Pipeline(flight.aircraft), PointMemory()
+    rows, points = (np.vstack(parts) for parts in zip(pipeline.push(flight.samples), pipeline.flush(), strict=True))
+    at = np.clip(np.searchsorted(rows[:, Column.TIME], points[:, 0]), 0, len(rows) - 1)
+    for point, row in zip(points, rows[at], strict=True):
+        if point[0] - points[0, 0] <= end:
+            memory.add(point[None, :], row[BIAS : BIAS + 3], float(row[Column.AIR_VELOCITY_STD]))
+    return memory
+
+
+@pytest.fixture(scope="module")
+def hidden(aircraft):
+    return simulate_samples(aircraft, 11, 90.0, rate=200.0, hidden=[("dihedral_alpha", 1.0)], manoeuvres="standard")
+
+
+@pytest.fixture(scope="module")
+def windows(hidden):
+    return live.windows(hidden.aircraft, memory_of(hidden), STEP)
+
+
+@pytest.fixture(scope="module")
+def clean(aircraft):
+    return live.windows(aircraft, memory_of(simulate_samples(aircraft, 12, 180.0, rate=200.0)), STEP)
+
+
+# -- what is kept ----------------------------------------------------------------------------------------
+
+
+def test_windows_begin_when_settled_and_do_not_overlap(clean):
+    flight, newest = clean
+    assert flight.data.time[0] >= live.SETTLING
+    assert np.ptp(newest.data.time) == pytest.approx(live.SLIDING, abs=1.0)
+    for window in clean:
+        assert np.diff(window.data.time).min() == pytest.approx(live.SPACING, abs=1e-6)
+        assert window.data.step == pytest.approx(live.SPACING)
+        assert window.bias_std.shape == (len(window.data.time), 3)
+
+
+def test_short_flights_are_not_judged(hidden):
+    assert live.windows(hidden.aircraft, PointMemory(), STEP) == []
+    assert live.windows(hidden.aircraft, memory_of(hidden, end=75.0), STEP) == []
+    with pytest.raises(InputError, match="are settled"):
+        live.diagnose_live([])
+
+
+# -- the verdict -----------------------------------------------------------------------------------------
+
+
+def test_the_hidden_effect_is_named(windows):
+    found = live.diagnose_live(windows)
+    assert found.verdict == "missing"
+    assert found.model == windows[0].data.model.identifier
+    content = found.content
+    first = content["candidates"][0]
+    assert (first["effect"], first["expression"], first["axes"]) == ("dihedral_alpha", "Cl: alpha*beta", ["Cl"])
+    assert first["error_after"] < 0.5 * first["error_before"]
+    assert first["p_value"] < live.LEVEL
+    assert "add_effect dihedral_alpha" in content["advice"]
+    assert "C_l" in first["where"]
+
+
+def test_outside_the_library_it_is_unexplained_in_the_right_words(windows):
+    found = live.diagnose_live(windows, [e for e in BY_ID.values() if e.identifier != "dihedral_alpha"])
+    assert found.verdict == "unexplained"
+    assert found.content["candidates"][0]["expression"] == "Cl: alpha*beta"
+    assert "depends on alpha*beta" in found.advice
+
+
+def test_nothing_is_said_of_a_clean_flight(clean):
+    found = live.diagnose_live(clean)
+    assert (found.verdict, found.findings) == ("none", ())
+    assert "Nothing is missing" in found.content["advice"]
+
+
+def test_what_reads_the_forces_is_not_judged(windows):
+    terms = [c for f in live.diagnose_live(windows).findings for ts in f.trial.candidate.terms.values() for c in ts]
+    assert not any("_dot" in term for term in terms)
+    trial = Bench(windows[0].data).best_of(BY_ID["alpha_dot"])
+    assert live.reads(trial.candidate, live.FORCES)
+    assert not live.reads(Bench(windows[0].data).best_of(BY_ID["stall"]).candidate, live.FORCES)
+
+
+# -- the null --------------------------------------------------------------------------------------------
+
+
+def test_bias_drift_has_the_covariance_of_a_constant_that_becomes_known(clean):
+    """Errors b(t) of the best estimate of a constant: cov(b(t), b(s)) = variance at the later time."""
+    flight = clean[0]
+    root = live.bias_drift(flight, "CY")
+    data = flight.data
+    unit = data.aircraft.mass / (data.signal("qbar") * data.aircraft.wing_area)
+    rows = [10, len(data.time) // 3, len(data.time) - 1]
+    covariance = (root @ root.T)[np.ix_(rows, rows)] / np.outer(unit[rows], unit[rows])
+    variance = np.minimum.accumulate(flight.bias_std[:, 1] ** 2)
+    for i, a in enumerate(rows):
+        for j, b in enumerate(rows):
+            assert covariance[i, j] == pytest.approx(variance[max(a, b)], rel=0.35)  # known to the second
+    assert live.bias_drift(flight, "Cm").shape[1] == 0
+
+
+def test_the_wald_test_holds_its_level_under_drift_of_the_bias(clean):
+    """Slow growth is significant at 1 % in about 1 % of drifts with the stated covariance, in most without it."""
+    flight = clean[0]
+    data, rng = flight.data, np.random.default_rng(3)
+    axis, column = "CY", np.maximum(data.time - 60.0, 0.0)[:, None]
+    fit = Bench(data).fits[axis]
+    root, base = live.bias_drift(flight, axis), fit.columns @ fit.parameters
+    still = live.LiveFlight(data, np.zeros_like(flight.bias_std), flight.window)
+    noise = 0.3 * float(np.median(np.sqrt(np.sum(root**2, axis=1))))
+    fires = np.zeros(2)
+    for _ in range(60):
+        measured = base + root @ rng.standard_normal(root.shape[1]) + noise * rng.standard_normal(len(base))
+        drawn = type(fit)(data, axis, fit.columns, fit.names, measured)
+        values = [live.wald(window, drawn, column) for window in (flight, still)]
+        fires += [value > 6.63 * count for value, count in values]
+    assert fires[0] <= 4
+    assert fires[1] >= 20
+
+
+# -- what the user asks for ------------------------------------------------------------------------------
+
+
+def test_terms_of_an_effect_have_its_inner_numbers_fitted(windows):
+    assert live.terms_of_effect(BY_ID["dihedral_alpha"], windows[0]) == {"Cl": ("alpha*beta",)}
+    terms = live.terms_of_effect(BY_ID["stall"], windows[0])
+    assert set(terms) <= {"CZ", "CX", "Cm"} and all("{" not in t for ts in terms.values() for t in ts)
+
+
+def test_requests_that_make_no_sense_are_answered_with_a_sentence(windows):
+    for text, words in (
+        ("alpha_scale", "matter of the sensors"),
+        ("nonsense", "is no effect"),
+        ("CQ: alpha", "is no axis"),
+        ("CZ: import os", "not an expression"),
+    ):
+        with pytest.raises(InputError, match=words):
+            live.requested(text)
+    with pytest.raises(InputError, match="less than 20 s"):
+        live.terms_of_effect(BY_ID["stall"], None)
+    with pytest.raises(InputError, match="needs flaps"):
+        data = windows[0].data
+        signals = data.signals.copy()
+        signals[:, SIGNAL_INDEX["flaps"]] = np.nan
+        live.terms_of_effect(BY_ID["flaps"], live.LiveFlight(data.with_signals(signals), windows[0].bias_std, ""))
+
+
+def test_terms_that_read_what_is_not_measured_are_refused():
+    memory = PointMemory()
+    point = np.zeros((1, Point.TERMS))
+    point[0, Point.SIGNALS.start + SIGNAL_INDEX["height"]] = np.nan
+    live.check_signals({"CZ": ("height",)}, memory.newest())  # nothing is known yet
+    memory.add(point, np.zeros(3), 1.0)
+    live.check_signals({"CZ": ("alpha**3",)}, memory.newest())
+    with pytest.raises(InputError, match="'CZ: height' needs height, which"):
+        live.check_signals({"CZ": ("height",)}, memory.newest())
+
+
+# -- in another process ----------------------------------------------------------------------------------
+
+
+def test_the_worker_answers_and_ends_with_us(windows):
+    worker = LiveWorker()
+    assert not worker.busy and worker.answer() is None
+    began = time.monotonic()
+    worker.submit(windows)
+    assert time.monotonic() - began < 0.5  # nobody waits
+    assert worker.busy
+    while (answer := worker.answer()) is None:
+        assert time.monotonic() - began < 120.0
+        time.sleep(0.05)
+    assert answer.content == live.diagnose_live(windows).content
+    assert 0.0 < answer.processor_time < 60.0
+    worker.submit([])
+    while (answer := worker.answer()) is None:
+        time.sleep(0.05)
+    assert answer.content is None and "settled" in answer.failure
+    worker.submit(windows)
+    worker.close()  # in the midst of a search
+    assert worker._process.returncode is not None
+
+
+def test_a_worker_that_died_says_so(windows):
+    worker = LiveWorker()
+    worker._process.kill()
+    worker._process.wait()
+    worker.submit(windows)
+    while (answer := worker.answer()) is None:
+        time.sleep(0.05)
+    assert answer.content is None and "ended" in answer.failure
+    worker.close()
+    assert isinstance(answer_to([]), Answer)
