@@ -1,4 +1,4 @@
-"""Fill the tables of README.md and docs/*.md from benchmarks/results, and copy the pictures of the demo.
+"""Fill the tables of README.md and docs/*.md from benchmarks/results, to which the story of the last demo is copied.
 
     python docs/build.py
 
@@ -17,6 +17,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import certificate_tables
+import diagnosis_tables
+
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 MARKER = re.compile(r"(<!-- table (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -29,6 +32,10 @@ def load(name: str) -> dict[str, Any]:
 def table(header: list[str], rows: list[list[str]]) -> str:
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+
+
+def percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
 
 
 def figures() -> str:
@@ -143,7 +150,188 @@ def inertialnav() -> str:
     return table(header, rows)
 
 
+def jsbsim_summary() -> str:
+    """JSBSim aeroplanes: models and estimators against the projection, and on flights that were held out."""
+    rows = []
+    for name, a in load("jsbsim_truth")["aircraft"].items():
+        models = [(f"32 terms, {estimator}", m) for estimator, m in a["textbook"].items()]
+        for label, m in [*models, (f"{len(a['added']['parameters'])} terms, rls", a["added"])]:
+            main = f"{100 * m['median_relative_error']:.1f} %" if "median_relative_error" in m else ""
+            errors = [f"{100 * m['held_out'][x]:.1f} / {100 * m['held_out_projection'][x]:.1f}" for x in m["held_out"]]
+            rows.append([name, label, f"{100 * m['within_3_sigma']:.1f} % of {m['pairs']}",
+                         f"{100 * m['use_share']:.0f} %", f"{100 * m['use_within_3_sigma']:.1f} %", main, *errors])
+    header = ["aeroplane", "model", "within 3 standard errors of (b)", "USE", "of those", "main derivatives",
+              "CX", "CY", "CZ", "Cl", "Cm", "Cn"]  # fmt: skip
+    return table(header, rows)
+
+
+def jsbsim_parameters() -> str:
+    """Main derivatives of the JSBSim aeroplanes: both truths and the estimate."""
+    rows = []
+    for name, a in load("jsbsim_truth")["aircraft"].items():
+        found = a["textbook"]["rls"]["parameters"]
+        for key in a["main_derivatives"]:
+            p, (low, high) = found[key], a["local_range"][key]
+            rows.append([name, key, f"{a['local'][key]:.4f}", f"{low:.4f} to {high:.4f}", f"{p['projection']:.4f}",
+                         f"{p['value']:.4f} ± {p['std']:.4f}", f"{100 * p['relative_error']:.1f} %"])
+    header = ["aeroplane", "derivative", "(a) at trim", "(a) over the flown range", "(b)", "estimate ± standard error",
+              "median distance to (b)"]  # fmt: skip
+    return table(header, rows)
+
+
+def jsbsim_added() -> str:
+    """Terms beyond the 32, and what becomes of the pitching moment."""
+    rows = []
+    for name, a in load("jsbsim_truth")["aircraft"].items():
+        textbook = a["textbook"]["rls"]["parameters"]
+        for key, p in a["added"]["parameters"].items():
+            if key not in textbook or key in ("Cm_alpha", "Cm_q"):
+                rows.append([name, f"`{key}`", f"{p['projection']:.3g}", f"{p['value']:.3g} ± {p['std']:.2g}",
+                             f"{100 * p['within_3_sigma']:.0f} %", f"{100 * p['use']:.0f} %"])
+    return table(["aeroplane", "term", "(b)", "estimate ± standard error", "within 3", "USE"], rows)
+
+
+def kernel_speed() -> str:
+    """Time of one step against C and the peers."""
+    speed = load("kernel_speed")
+    time = lambda side: f"{side['median']:.2f} ({side['quartiles'][0]:.2f} to {side['quartiles'][1]:.2f})"  # noqa: E731
+    rows = []
+    for name, work in speed["work"].items():
+        peers = [time(work["peers"]), f"{work['faster_than_peers']:.1f}×"] if "peers" in work else ["", ""]
+        rows.append([name, time(work["ours"]), time(work["c"]), f"{work['over_c']:.1f}×", *peers])
+    rows.append(["IMU sample, whole chain", time(speed["chain"]), "", "", "", ""])
+    header = ["µs of processor time, median (quartiles)", "ours", "C", "ours over C", "filterpy and statsmodels",
+              "ours is faster by"]  # fmt: skip
+    return table(header, rows)
+
+
+def replay_speed() -> str:
+    """Speed of replay."""
+    speed = load("replay_speed")
+    return table(
+        ["replay", "asked", "measured"],
+        [
+            [f"{speed['duration']:g} s, {speed['messages']} messages, reading and writing included", "≥ 300×",
+             f"{speed['realtime_factor']:.0f}× real time"],
+            ["the whole process, start of Python included", "", f"{speed['realtime_factor_whole_process']:.0f}×"],
+        ],
+    )  # fmt: skip
+
+
+def live_load() -> str:
+    """The live nodes under load, and what they cost when they do less."""
+    rows = []
+    for name, run in load("live_load")["runs"].items():
+        latency, load_average = run["latency_ms"], run["load_average_before_and_after"]
+        count = sum(run["published"].values())
+        per_message = 1e6 * run["cpu_share"] * run["duration_published"] / count
+        rows.append(
+            [name, f"{run['duration']:g} s", f"{run['lost']} of {count}",
+             " / ".join(f"{latency[p]:.2f}" for p in ("p50", "p99", "p99.9")), f"{100 * run['cpu_share']:.0f} %",
+             f"{per_message:.0f}", f"{load_average[0]:.1f}, {load_average[1]:.1f}"]
+        )  # fmt: skip
+    header = ["nodes do", "for", "messages lost", "latency p50 / p99 / p99.9 [ms]", "of one core", "µs per message",
+              "load of the machine before, after"]  # fmt: skip
+    return table(header, rows)
+
+
+def recursive_likelihood() -> str:
+    """Recursive maximum likelihood beside recursive least squares."""
+    result = load("recursive_likelihood")
+    rows = []
+    for air, name in (("none", "calm"), ("light", "light turbulence")):
+        flights = result[air]
+        for estimator in ("rls", "rml"):
+            r = flights[estimator]
+            shares = [percent(r[key]) for key in ("within_95", "within_3_sigma", "use_share", "use_within_95")]
+            least = ", ".join(f"{n} {percent(v)}" for n, v in list(r["least_covered"].items())[:3])
+            rows.append([f"{name}, {estimator}", *shares, f"{100 * r['median_relative_error']:.2f} %", least])
+    header = ["flights", "within 1.96", "within 3", "USE", "USE within 1.96", "median error", "least within 1.96"]
+    return table(header, rows)
+
+
+def recursive_likelihood_speed() -> str:
+    """What the recursion costs."""
+    rows = [
+        [f"{s['rate']:g} Hz", str(s["filters"]), f"{s['microseconds_per_step']:.0f} µs", percent(s["share_of_a_core"])]
+        for s in load("recursive_likelihood")["speed"]
+    ]
+    return table(["rml_rate", "filters", "per step, air data included", "share of a core"], rows)
+
+
+def effects() -> str:
+    """The library of effects, kind by kind."""
+    from aircraft_sysid_ros.diagnosis.effects import LIBRARY
+
+    cell = lambda text: text.replace("|", "\\|")  # noqa: E731
+    rows = [
+        [f"`{e.identifier}`", e.name, e.kind, cell(e.physics), cell(e.formula), cell(e.residuals), e.manoeuvre,
+         e.source]
+        for e in LIBRARY
+    ]
+    header = ["id", "name", "kind", "physics", "formula", "in the residuals", "manoeuvre that shows it", "source"]
+    return table(header, rows)
+
+
+def effect_terms() -> str:
+    """Variants, terms by axis and inner numbers of every effect."""
+    from aircraft_sysid_ros.diagnosis.effects import LIBRARY
+
+    rows = []
+    for effect in LIBRARY:
+        for variant in effect.variants:
+            terms = [f"{axis}: `{', '.join(texts)}`" for axis, texts in variant.terms.items()]
+            what = "; ".join(terms) or f"file: `{'.'.join(variant.setting)}`"
+            rows.append([f"`{effect.identifier}`", variant.name, what.replace("|", "\\|")])
+    return table(["id", "variant", "terms, or key of the aircraft file"], rows)
+
+
+def story() -> str:
+    """The demo: errors of every axis before and after what diagnose named was added."""
+    told = load("story")
+    cases = {"the model as it was": "error_before", f"with `{', '.join(told['found'])}`": "error_after",
+             "noise of the sensors": "noise_floor"}  # fmt: skip
+    rows = [[words, *(percent(errors[key]) for errors in told["axes"].values())] for words, key in cases.items()]
+    return table(["error on held-out flight", *(f"C_{axis[1]}" for axis in told["axes"])], rows)
+
+
+def story_truth() -> str:
+    """The demo against the truth."""
+    told = load("story")
+    value = lambda p, key: f"{p[key]:.4f}"  # noqa: E731
+    rows = [["hidden", ", ".join(f"`{name}`" for name in told["hidden"])],
+            ["named by `diagnose`", ", ".join(f"`{name}`" for name in told["found"])]]  # fmt: skip
+    for p in told["parameters"]:
+        if p["name"] in told["new_parameters"]:
+            rows.append([f"`{p['name']}`", f"{value(p, 'value')} ± {value(p, 'std')}, truth {value(p, 'truth')}"])
+    within, judged = told["within_3_standard_errors"], told["judged"]
+    rows.append([f"{told['duration']:.0f} s of flight, flown and explained in", f"{told['elapsed']:.0f} s"])
+    rows.append(["parameters within 3 standard errors of truth", f"{within} of {judged}"])
+    return table(["the demo", ""], rows)
+
+
+def certificate(name: str) -> Callable[[], str]:
+    """A table of the Monte Carlo certificate."""
+    return lambda: table(*certificate_tables.TABLES[name](load("certificate")))
+
+
+def diagnosis(name: str) -> Callable[[], str]:
+    """A table of docs/diagnosis.md, over the sets of flights that have been flown."""
+    sets = {key: f"hidden_effects_{key}" for key in diagnosis_tables.SETS}
+    return lambda: table(
+        *diagnosis_tables.TABLES[name]({k: load(f) for k, f in sets.items() if (RESULTS / f"{f}.json").exists()})
+    )
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
+    **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},
+    "effects": effects,
+    "effect_terms": effect_terms,
+    "recursive_likelihood": recursive_likelihood,
+    "recursive_likelihood_speed": recursive_likelihood_speed,
+    "story": story,
+    "story_truth": story_truth,
     "figures": figures,
     "errors": errors,
     "start": start,
@@ -152,13 +340,29 @@ TABLES: dict[str, Callable[[], str]] = {
     "thor_state": thor_state,
     "thor_parameters": thor_parameters,
     "inertialnav": inertialnav,
+    "kernel_speed": kernel_speed,
+    "replay_speed": replay_speed,
+    "live_load": live_load,
+    "jsbsim_summary": jsbsim_summary,
+    "jsbsim_parameters": jsbsim_parameters,
+    "jsbsim_added": jsbsim_added,
 }
+
+
+def copy_story() -> None:
+    """Result and picture of `make demo`, if it was run here."""
+    demo = ROOT / "runs" / "demo"
+    if (demo / "story.json").exists():
+        shutil.copy(demo / "story.json", RESULTS)
+        shutil.copy(demo / "story.png", ROOT / "docs" / "figures")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="only say whether a table is out of date")
     arguments = parser.parse_args()
+    if not arguments.check:
+        copy_story()
     stale = []
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         text = page.read_text(encoding="utf8")
@@ -167,10 +371,6 @@ def main() -> int:
             stale.append(page.name)
             if not arguments.check:
                 page.write_text(new, encoding="utf8")
-    for name in ("learning", "coefficients"):
-        picture = ROOT / "runs" / "demo" / f"{name}.png"
-        if picture.exists() and not arguments.check:
-            shutil.copy(picture, ROOT / "docs" / "figures" / f"demo_{name}.png")
     verb = "out of date: " if arguments.check else "written: "
     print(verb + ", ".join(stale) if stale else "every table is up to date")
     return int(bool(stale) and arguments.check)

@@ -1,7 +1,7 @@
-"""``demo``: the main job, from sensor topics to live parameters, on a simulated flight with known truth.
+"""``demo``: a flight with a hidden effect, from sensor topics to the model that has it.
 
-Flies the test flight, sends its sensors through real ROS 2 topics to the live nodes in another process, and
-compares what they publish with the truth.
+Flies the test flight, sends its sensors through real ROS 2 topics to the live nodes in another process, says where
+the live model fails, which effect is missing, adds it, and compares everything with the truth.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from aircraft_sysid_ros.commands.options import parameter_table, state_table
+from aircraft_sysid_ros.commands.options import state_table
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.errors import InputError
 
+#: What the flight hides, and the flight that has all manoeuvres in it.
+HIDDEN, MANOEUVRES = "dihedral_alpha", "standard"
 #: Silence [s] after which the nodes take the flight for ended.
 _IDLE = 3.0
 _START_TIMEOUT = 300.0
@@ -27,26 +29,31 @@ _START_TIMEOUT = 300.0
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "demo", help="the main job on a simulated flight, through ROS 2", description=__doc__
+        "demo", help="a flight with a hidden effect, through ROS 2, and how it is found", description=__doc__
     )
     parser.add_argument(
         "--out", default="runs/demo", metavar="FOLDER", help="where results go (default: runs/demo)"
     )
     parser.add_argument("--seed", type=int, default=1, help="of the flight (default: 1)")
     parser.add_argument("--rate", type=float, default=4.0, help="speed of the playback (default: 4)")
+    parser.add_argument(
+        "--effect", metavar="ID", help="effect to hide, in a flight that shows it (default: one that is not told)"
+    )
     return parser
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Simulate, play through the live nodes, compare; returns what `live` found, and the truth."""
+    """Simulate, play through the live nodes, find what is missing; returns what `live` found, the story, the truth."""
     if not 0.1 <= args.rate <= 50.0:
         raise InputError(f"--rate must be between 0.1 and 50, not {args.rate:g}")
-    folder = Path(args.out)
+    folder, started = Path(args.out), time.monotonic()
     folder.mkdir(parents=True, exist_ok=True)
     bag, run_folder, aircraft = folder / "flight", folder / "run", config_path(DEFAULT_AIRCRAFT)
     environment = _environment()
-    _say("1/4 flying: 3-2-1-1, doublets and multisines on all controls, wind, sensor noise and biases")
-    _call(environment, "simulate", "--out", bag, "--seed", args.seed, "--overwrite", "--json")
+    _say("1/4 flying: 3-2-1-1, doublets and multisines on all controls, wind, sensor noise and biases;")
+    _say("    the aeroplane does something that its model does not know")
+    hidden = ("--effect", args.effect) if args.effect else ("--effect", HIDDEN, "--manoeuvres", MANOEUVRES)
+    _call(environment, "simulate", "--out", bag, *hidden, "--seed", args.seed, "--overwrite", "--json")
     _say("2/4 starting the state estimator and the parameter estimator")
     live = _start_live(environment, aircraft, run_folder)
     try:
@@ -57,42 +64,68 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         live.kill()
     if live.returncode:
         raise InputError("the live nodes ended early: see the messages above")
-    _say("4/4 comparing with the truth")
     truth = json.loads(_truth_path(bag).read_text(encoding="utf8"))
-    pictures = _pictures(run_folder, folder, truth["aircraft"])
-    return {**json.loads(output), "truth": truth, "pictures": pictures, "sent": sent}
+    return {**json.loads(output), "truth": truth, "sent": sent, **_tell(folder, run_folder, truth, started)}
+
+
+def _tell(folder: Path, run_folder: Path, truth: dict[str, Any], started: float) -> dict[str, Any]:
+    """The story of the run, with its pictures; ``started``: reading of time.monotonic() when the demo began."""
+    from aircraft_sysid_ros.commands.demo_story import FIGURE, STORY, story_json, tell
+    from aircraft_sysid_ros.report.figures import coefficients_figure, learning_figure
+    from aircraft_sysid_ros.report.story_figure import story_figure
+    from aircraft_sysid_ros.run_folder import write_json
+
+    _say("4/4 what the flight says of the model")
+    story = tell(run_folder, lambda text: _say(f"    {text}"))
+    told = story_json(story, truth)
+    title, missing = f"{truth['aircraft']}, simulated flight", ", ".join(told["found"]) or "nothing"
+    words = ("the model as it was", f"with what diagnose named: {missing}")
+    pictures = (
+        story_figure(story.before, story.after, story.failing_axis, folder / FIGURE, words),
+        coefficients_figure(run_folder, folder / "coefficients.png", f"{title}: the live model"),
+        learning_figure(run_folder, folder / "learning.png", f"{title}: the live model learns"),
+    )
+    told["elapsed"] = time.monotonic() - started
+    write_json(folder / STORY, told)
+    return {"story": told, "pictures": [str(path) for path in pictures]}
 
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
-    truth = result["truth"]
-    parameters = result["parameters"]["parameters"]
-    known = [p for p in parameters if p["value"] is not None and p["std"]]
-    within = sum(abs(p["value"] - truth["coefficients"][p["name"]]) <= 3.0 * p["std"] for p in known)
+    from aircraft_sysid_ros.commands.demo_story import story_text
+
     return "\n".join(
         [
             "",
-            parameter_table(parameters, truth["coefficients"]),
+            *story_text(result["story"]),
+            f"{result['story']['duration']:.0f} s of flight, flown and explained in {result['story']['elapsed']:.0f} s",
             "",
-            state_table(result["state"], truth),
+            state_table(result["state"], result["truth"]),
             "",
-            f"{within} of {len(parameters)} parameters are within three standard errors of the truth.",
             *(f"picture  {picture}" for picture in result["pictures"]),
             f"run      {result['run']}",
+            "",
+            *_next(result),
         ]
     )
 
 
-def _pictures(run_folder: Path, folder: Path, name: str) -> list[str]:
-    """Measured against predicted coefficients, and how the error fell while flying."""
-    from aircraft_sysid_ros.report.figures import coefficients_figure, learning_figure
-
-    title = f"{name}, simulated flight"
-    drawn = (
-        coefficients_figure(run_folder, folder / "coefficients.png", title),
-        learning_figure(run_folder, folder / "learning.png", f"{title}: the live model learns"),
-    )
-    return [str(path) for path in drawn]
+def _next(result: dict[str, Any]) -> list[str]:
+    """What to try now."""
+    run, command = result["run"], "aircraft-sysid"
+    program = Path(sys.executable).parent / command
+    here = Path.cwd()
+    if program.is_file():
+        command = str(program.relative_to(here) if program.is_relative_to(here) else program)
+    return [
+        "what to try next:",
+        f"  {command} compare {run}",
+        *(f'  {command} remove {run} "{what}"' for what in result["story"]["found"][-1:]),
+        f"  {command} diagnose {run}",
+        f'  {command} add {run} "Cl: alpha*da"   # any term of your own',
+        f"  {command} refine {run}   # maximum likelihood, some minutes",
+        f"  {command} demo --effect control_damage --seed 2 --out runs/damage   # another effect",
+    ]
 
 
 def _say(text: str) -> None:
@@ -124,7 +157,7 @@ def _start_live(environment: dict[str, str], aircraft: Path, run_folder: Path) -
     marker = run_folder.with_suffix(".ready")
     marker.unlink(missing_ok=True)
     command = _command(
-        "live", "--aircraft", aircraft, "--out", run_folder, "--overwrite", "--until-idle", _IDLE,
+        "live", "--aircraft", aircraft, "--out", run_folder, "--overwrite", "--reliable", "--until-idle", _IDLE,
         "--ready-file", marker, "--json",
     )  # fmt: skip
     live = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE)
