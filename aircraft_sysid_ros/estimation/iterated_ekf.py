@@ -71,6 +71,19 @@ def _times_transposed(p: Array, h: Array) -> Array:
 
 
 @njit(cache=True)
+def _innovation_covariance(h: Array, ph: Array, r: Array) -> Array:
+    """S = H P H' + diag(r), (m, m), from H and (P H')', both (m, n)."""
+    m, n = h.shape
+    innovation = np.zeros((m, m))
+    for i in range(m):
+        for j in range(m):
+            for k in range(n):
+                innovation[i, j] += h[i, k] * ph[j, k]
+        innovation[i, i] += r[i]
+    return innovation
+
+
+@njit(cache=True)
 def gain(p: Array, h: Array, r: Array) -> tuple[Array, Array]:
     """Kalman gain K = P H' S^-1 (3.14), shape (n, m), and the factor of S = H P H' + diag(r).
 
@@ -78,15 +91,7 @@ def gain(p: Array, h: Array, r: Array) -> tuple[Array, Array]:
     """
     m, n = h.shape
     ph = _times_transposed(p, h)
-    innovation = np.zeros((m, m))
-    for i in range(m):
-        for j in range(m):
-            s = 0.0
-            for k in range(n):
-                s += h[i, k] * ph[j, k]
-            innovation[i, j] = s
-        innovation[i, i] += r[i]
-    factor = cholesky(innovation)
+    factor = cholesky(_innovation_covariance(h, ph, r))
     k_gain = np.empty((n, m))
     if m == 1:  # most measurements are scalars
         for i in range(n):

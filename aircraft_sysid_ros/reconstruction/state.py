@@ -114,7 +114,7 @@ class Memory(NamedTuple):
     last_rejected: npt.NDArray[np.float64]  # (kinds,)
     nis_sum: npt.NDArray[np.float64]  # (kinds,) of fused samples
     degrees: npt.NDArray[np.int64]  # (kinds,) degrees of freedom in nis_sum
-    likelihood: npt.NDArray[np.float64]  # (kinds, 3) outputs, normalised innovations squared (capped), ln det S, all summed
+    likelihood: npt.NDArray[np.float64]  # (kinds, 3) sums: outputs, normalised innovations squared (capped), ln det S
     recent_nis: npt.NDArray[np.float64]  # (1,) running mean per degree of freedom, rejected samples too
     air_nis: npt.NDArray[np.float64]  # (1,) the same of air data alone, faster
     wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now
