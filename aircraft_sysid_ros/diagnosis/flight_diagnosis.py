@@ -25,7 +25,7 @@ from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect, with_settin
 from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
-from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement import CALM, Setting, measurement_faults
 from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.replicas import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.search import Bench
@@ -62,6 +62,7 @@ class FlightDiagnosis:
     settings: tuple[MeasurementFinding, ...]
     diagnosis: Diagnosis
     replicas: Sequence[Replica] = field(repr=False)
+    is_calm: bool  # scales of the air data could be told
 
     @property
     def verdict(self) -> str:
@@ -140,6 +141,8 @@ class FlightDiagnosis:
         if not self.settings and not found:
             yield "Nothing is missing that this flight could show:"
             yield f"no effect explains {SIZE:.0%} of the error of an axis on flight that was held out."
+        if not self.is_calm:
+            yield "In these gusts a wrong scale of the air data could not be seen: fly in calm air for that."
             return
         for mended in self.settings:
             fault = mended.setting.effect
@@ -189,7 +192,7 @@ def diagnose_flight(
     if len(repeated) < 2:
         raise InputError("no stretch of this flight is long enough to be diagnosed: 20 s in flight without a gap are")
     result = diagnose(Bench(data), repeated, others, lambda share: progress("try the library", share))
-    return FlightDiagnosis(data, tuple(settings), result, repeated)
+    return FlightDiagnosis(data, tuple(settings), result, repeated, flight.gusts <= CALM)
 
 
 def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tried: int) -> MeasurementFinding:

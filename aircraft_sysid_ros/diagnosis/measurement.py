@@ -38,6 +38,9 @@ LONGEST = 120.0
 LEAST_GAIN = 0.02
 #: And at least this much in all.
 LEAST_TOTAL = 30.0
+#: In air with a larger random walk of the wind [m/s per sqrt(s)] a scale of the air data cannot be told from gusts
+#: that are stronger in one direction than in another: it is not tried.
+CALM = 0.15
 #: Least gain of ln(error variance), over all axes, for the delay of the controls.
 LEAST_CONTROL_GAIN = 0.25
 #: Steps towards the best value after the first look to both sides.
@@ -124,6 +127,8 @@ def _jobs(flight: Reconstruction, library: Sequence[Effect]) -> Iterator[_Job]:
             if not variant.setting or variant.setting[0] == "process_noise":
                 continue
             kind = _KIND_OF.get(variant.setting[1])
+            if variant.setting[-1] == "scale" and flight.gusts > CALM:
+                continue
             if kind is None or int(kind) in kinds:
                 yield flight, samples, effect, variant, effect.inner[0], without[_CONTROLS in variant.setting]
 
