@@ -24,7 +24,7 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.modelling.error_window import AxisError
@@ -109,7 +109,7 @@ class RunWriter:
                 self._write_points(new / POINTS, state.epoch or 0, parameters)
                 samples = concatenate(self._samples)
                 np.savez(new / SAMPLES, stamp=samples.stamp, kind=samples.kind.astype(np.int8), values=samples.values)
-                aircraft = yaml.safe_dump(self._aircraft.source, sort_keys=False)
+                aircraft = yaml.safe_dump(parameters.aircraft.source, sort_keys=False)
                 (new / AIRCRAFT).write_text(aircraft, encoding="utf8")
                 write_json(new / PARAMETERS, result["parameters"])
                 elapsed = time.perf_counter() - started
@@ -141,8 +141,18 @@ class RunWriter:
                 writer.write_message(out.MODEL_ERROR_TOPIC, out.MODEL_ERROR_TYPE, stamp, content)
 
     def _write_points(self, path: Path, epoch: int, parameters: ParameterEstimator) -> None:
-        width = Point.TERMS + len(parameters.model.parameter_names)
-        points = np.vstack(self._points) if self._points else np.empty((0, width))
+        model = parameters.model
+        points, terms = np.empty((0, Point.TERMS)), np.empty((0, len(model.parameter_names)))
+        if self._points:
+            points = np.vstack([part[:, : Point.TERMS] for part in self._points])
+            same = model.identifier == self._aircraft.model.identifier and all(
+                part.shape[1] == Point.TERMS + terms.shape[1] for part in self._points
+            )
+            if same:
+                terms = np.vstack([part[:, Point.TERMS :] for part in self._points])
+            else:  # the model changed in flight: its terms at the averaged signals of every point
+                terms = np.empty((len(points), len(model.parameter_names)))
+                evaluate_rows(*model.linked, np.ascontiguousarray(points[:, Point.SIGNALS]), terms)
         np.savez(
             path,
             stamp=nanoseconds(points[:, Point.TIME], epoch),
@@ -151,9 +161,9 @@ class RunWriter:
             valid=points[:, Point.VALID] > 0.0,
             learnt=points[:, Point.LEARNT] > 0.0,
             signals=points[:, Point.SIGNALS],
-            terms=points[:, Point.TERMS :],
+            terms=terms,
             signal_names=np.array(SIGNALS),
-            parameter_names=np.array(parameters.model.parameter_names),
+            parameter_names=np.array(model.parameter_names),
             axes=np.array(AXES),
         )
 

@@ -99,15 +99,16 @@ def line_of(record: Record) -> str:
 
 
 def jobs_of(parts: list[str], chosen: list[str] | None, seeds: int | None) -> list[tuple[str, int, tuple[str, ...]]]:
-    """What is still to fly, the quick estimators first: (part, seed, methods)."""
+    """What is still to fly, (part, seed, methods), so that all parts grow by the same share of what they shall be."""
     found = []
     for part in parts:
         done = {(r["seed"], r["method"]) for r in records_of(part)}
-        for seed in range(SEEDS[part] if seeds is None else seeds):
+        count = SEEDS[part] if seeds is None else seeds
+        for seed in range(count):
             methods = tuple(m for m in METHODS[part] if (not chosen or m in chosen) and (seed, m) not in done)
             if methods:
-                found.append((part, seed, methods))
-    return found
+                found.append((seed / count, (part, seed, methods)))
+    return [job for _, job in sorted(found, key=lambda item: item[0])]
 
 
 def forget(parts: list[str], methods: list[str] | None) -> None:

@@ -87,6 +87,8 @@ def _bias(summary: dict[str, Any]) -> Any:
             axis.errorbar(at, mean, 1.96 * error, fmt="o", ms=3, color=COLOURS[method], capsize=1.5, label=method)
         axis.axhline(0.0, color="black", lw=0.8)
         axis.set_yscale("symlog", linthresh=1.0)
+        ticks = (-10, -1, 0, 1, 10)
+        axis.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
         axis.set_ylabel("bias [% of the truth]")
         axis.set_title(AIR_TITLES[air])
     grid[1, 0].set_xticks(range(len(MAIN_DERIVATIVES)), MAIN_DERIVATIVES, rotation=40, ha="right")
@@ -112,7 +114,7 @@ def _convergence(records: list[Record]) -> Any:
                 axis.plot(time[seen], middle, color=COLOURS[method], lw=1.2, label=method)
             axis.axhspan(1 - CLOSE, 1 + CLOSE, color="black", alpha=0.06, lw=0)
             axis.axvline(first_moves()[name], color="black", lw=0.8, ls=":")
-            axis.set_ylim(0.5, 1.5)
+            axis.set_ylim(0.7, 1.3)
         row[0].set_ylabel(f"{name} over the truth")
     for axis, title in zip(grid[0], AIR_TITLES.values(), strict=True):
         axis.set_title(title)

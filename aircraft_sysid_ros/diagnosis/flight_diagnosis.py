@@ -143,7 +143,6 @@ class FlightDiagnosis:
             yield f"no effect explains {SIZE:.0%} of the error of an axis on flight that was held out."
         if not self.is_calm:
             yield "In these gusts a wrong scale of the air data could not be seen: fly in calm air for that."
-            return
         for mended in self.settings:
             fault = mended.setting.effect
             yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,12 @@ class ErrorWindow:
     def clear(self) -> None:
         """Start an empty window."""
         self._rows.clear()
+
+    def forget(self, axes: Sequence[str]) -> None:
+        """Leave out what was predicted of some axes: their model is another one now."""
+        for row in self._rows:
+            for axis in axes:
+                row[Point.VALID.start + AXES.index(axis)] = 0.0
 
     def summary(self) -> list[AxisError]:
         """One entry per axis that was evaluated in the window."""

@@ -38,7 +38,7 @@ __all__ = ["LEARNERS", "ParameterEstimator", "ParameterOptions", "make_learner"]
 Array = npt.NDArray[np.float64]
 
 #: Variance of the parameters before any data, over that of the coefficient noise.
-_PRIOR_VARIANCE = 1e8
+PRIOR_VARIANCE = 1e8
 
 _OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
 #: Batches that wait for the first state; older ones are from before it.
@@ -88,26 +88,11 @@ class ParameterEstimator:
     # -- starting over --------------------------------------------------------------------------------------
 
     def _reset_learning(self) -> None:
-        options, counts = self.options, np.diff(self.model.offsets)
-        n, total = int(counts.max()), int(counts.sum())
-        lags = max(round(options.lag_time / options.step), 1)
+        options = self.options
         accelerometer = self.aircraft.sensors["accelerometer"]
         window = max(options.half_width * accelerometer.rate, 1.0)
-        self.learning = Learning(
-            offsets=self.model.offsets,
-            theta=np.zeros((6, n)),
-            p=np.tile(_PRIOR_VARIANCE * np.eye(n), (6, 1, 1)),
-            sums=np.zeros((6, lags, n + 2, n + 2)),
-            recent=np.full((6, lags, n + 2), np.nan),
-            term_mean=np.full(total, np.nan),
-            term_square=np.zeros(total),
-            noise_square=np.zeros(total),
-            updates=np.zeros(6, np.int64),
-            last_learnt=np.full(total, np.nan),
-            last_valid=np.full(6, -np.inf),
-            doubt=np.zeros(6),
-        )
-        self._tuning = Tuning(
+        self.learning = self.empty_learning(self.model)
+        self.tuning = Tuning(
             half_width=options.half_width,
             step=options.step,
             largest_gap=options.largest_gap,
@@ -121,9 +106,37 @@ class ParameterEstimator:
         self._ranges = np.full((3, 2), np.nan)
         self._predictions: list[tuple[float, Array]] = []
 
+    def empty_learning(self, model: AerodynamicModel) -> Learning:
+        """Nothing learnt yet of a model."""
+        counts, options = np.diff(model.offsets), self.options
+        n, total = int(counts.max()), int(counts.sum())
+        lags = max(round(options.lag_time / options.step), 1)
+        return Learning(
+            offsets=model.offsets,
+            theta=np.zeros((6, n)),
+            p=np.tile(PRIOR_VARIANCE * np.eye(n), (6, 1, 1)),
+            sums=np.zeros((6, lags, n + 2, n + 2)),
+            recent=np.full((6, lags, n + 2), np.nan),
+            term_mean=np.full(total, np.nan),
+            term_square=np.zeros(total),
+            noise_square=np.zeros(total),
+            updates=np.zeros(6, np.int64),
+            last_learnt=np.full(total, np.nan),
+            last_valid=np.full(6, -np.inf),
+            doubt=np.zeros(6),
+        )
+
+    def adopt(self, aircraft: Aircraft, learning: Learning, history: Array, learner: Learner | None) -> None:
+        """Go on with another model and what is known of it, see ``model_change``; history (n, TERM + terms)."""
+        if learner is not None and learner is not self.learner:
+            theta = [learning.theta[i, : len(aircraft.model.terms[name])] for i, name in enumerate(AXES)]
+            self._predictions = [(-np.inf, np.concatenate(theta))]  # until the new learner knows better
+        self.aircraft, self.model, self._code = aircraft, aircraft.model, aircraft.model.linked
+        self.learning, self.history, self.learner = learning, history, learner
+
     def _restart_time(self) -> None:
         self._waiting: list[Array] = []
-        self._history = np.empty((0, TERM + len(self.model.parameter_names)))
+        self.history = np.empty((0, TERM + len(self.model.parameter_names)))
         self._series: dict[Kind, tuple[Array, Array]] = {
             Kind.CONTROLS: (np.empty(0), np.empty((0, 7))),
             Kind.HEIGHT: (np.empty(0), np.empty((0, 1))),
@@ -226,20 +239,20 @@ class ParameterEstimator:
         )
         fill_history(rows, controls, heights, self.body, sensors, *self._code, self._start_time, history)
         self._prune(float(times[-1]))
-        self._history = np.vstack([self._history, history])
+        self.history = np.vstack([self.history, history])
         if self.learner is not None:
             self._predictions.extend(zip(*self.learner.push(rows, history, self.body), strict=True))
         return self._learn()
 
     def _learn(self) -> Array:
-        span = self._history[-1, TIME] - self._next_index * self.options.step
+        span = self.history[-1, TIME] - self._next_index * self.options.step
         most = max(int(span / self.options.step) + 2, 0)
         points = np.empty((most, Point.TERMS + len(self.model.parameter_names)))
         self._next_index, count = learn(
-            self._history, self._next_index, self.body, *self._code, self.learning, self._tuning, points
+            self.history, self._next_index, self.body, *self._code, self.learning, self.tuning, points
         )
         oldest = self._next_index * self.options.step - self.options.half_width - 0.5
-        self._history = self._history[int(np.searchsorted(self._history[:, TIME], oldest)) :]
+        self.history = self.history[int(np.searchsorted(self.history[:, TIME], oldest)) :]
         points = points[:count]
         if count:
             if self.learner is not None:

@@ -319,8 +319,9 @@ def _evaluate(
     terms = means[TERM:] / means[QBAR]
     point[25 : 25 + _SIGNAL_COUNT] = means[SIGNAL:NOISE]
     point[25 + _SIGNAL_COUNT :] = terms
-    noise = np.empty(len(terms))
-    term_noise(code, code_offsets, means[SIGNAL:NOISE], means[NOISE:TERM], terms, noise)
+    noise, at_mean = np.empty(len(terms)), np.empty(len(terms))
+    evaluate_programs(code, code_offsets, means[SIGNAL:NOISE], at_mean)  # a mean of powers is no power of means
+    term_noise(code, code_offsets, means[SIGNAL:NOISE], means[NOISE:TERM], at_mean, noise)
     _follow_motion(terms, learning, tuning)
     known = (tuning.force_noise / (means[QBAR] * body.geometry[0])) ** 2
     for axis in range(6):

@@ -21,6 +21,7 @@ from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.common import Choice, Option
 from aircraft_sysid_ros.nodes.estimator_node import EstimatorNode
+from aircraft_sysid_ros.nodes.model_services import ModelServices
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
 from aircraft_sysid_ros.recordings.output_messages import (
     model_error_content,
@@ -62,6 +63,7 @@ class ParameterEstimatorNode(EstimatorNode):
         self.on_samples: Callable[[Any], None] | None = None
         self._epoch: int | None = None  # of the states; controls before the first state wait for it
         self._due = -np.inf
+        self.model_services = ModelServices(self)
 
     def make_estimator(self, aircraft: Aircraft, options: ParameterOptions) -> ParameterEstimator:
         """The estimator, compiled."""
@@ -69,6 +71,7 @@ class ParameterEstimatorNode(EstimatorNode):
         self.received = dict.fromkeys(INPUTS + MORE_INPUTS.get(options.estimator, ()), 0)
         estimator = ParameterEstimator(aircraft, options)
         estimator.warm_up()
+        self.model_services.configure()
         return estimator
 
     def offer(self) -> None:
@@ -78,11 +81,23 @@ class ParameterEstimatorNode(EstimatorNode):
         self.service(Reset, "~/reset", self._on_reset)
         self.service(SaveModel, "~/save_model", self._on_save)
         self.service(LoadModel, "~/load_model", self._on_load)
+        self.model_services.offer()
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen to the first step too."""
         self.hear(AircraftState, STATES, self._on_state, common.state_quality())
+        self.model_services.start()
         return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening."""
+        self.model_services.stop()
+        return super().on_deactivate(state)
+
+    def destroy_node(self) -> None:
+        """End what runs beside the node too."""
+        self.model_services.close()
+        super().destroy_node()
 
     def take(self, topic: str, message: Any) -> None:
         """One message of controls, height or mass, or of what the chosen estimator hears besides."""
@@ -118,10 +133,11 @@ class ParameterEstimatorNode(EstimatorNode):
         if self._epoch is None:
             self._epoch = epoch_of(int(stamp[0]))
         row = row_from_state(message, float(seconds(stamp, self._epoch)[0]))
-        self._keep(self.estimator.push_states(row, self._epoch))
+        self._keep(self.estimator.push_states(row, self._epoch), row)
         self._publish_due()
 
-    def _keep(self, points: Any) -> None:
+    def _keep(self, points: Any, row: Any = None) -> None:
+        self.model_services.keep(points, row)
         if self.on_points is not None and len(points):
             self.on_points(points)
 
@@ -137,6 +153,7 @@ class ParameterEstimatorNode(EstimatorNode):
                 self.on_parameters(estimates, errors)
             self._publish_parameters(now, estimates)
             self._publish_model_error(now, errors)
+            self.model_services.search_if_due(now, self._stamp(now))
 
     def _stamp(self, time: float) -> int:
         assert self._epoch is not None
@@ -157,6 +174,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self.estimator.reset()
+        self.model_services.memory.clear()
         response.success, response.message = True, "the parameters start anew"
         return response
 
