@@ -31,8 +31,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         progress.update(task, description="compare")
         comparison = compare(flight)
     title = f"{flight.aircraft.name}, model {opened.current.identifier}"
-    figure = comparison_figure(comparison, opened.path / FIGURE, title)
-    return {"model": opened.current.identifier, **comparison.json, "figure": str(figure)}
+    result = {"model": opened.current.identifier, **comparison.json}
+    if opened.samples is None:
+        note = "the run holds no samples: errors are those of the filter, with its settling; replay the recording again"
+        result["notes"] = [*result["notes"], note]
+    try:
+        result["figure"] = str(comparison_figure(comparison, opened.path / FIGURE, title))
+    except OSError as error:  # the answer is worth more than its picture
+        result["figure"] = None
+        result["notes"] = [*result["notes"], f"no picture, {opened.path} cannot be written to: {error.strerror}"]
+    return result
 
 
 def render(result: dict[str, Any]) -> str:
@@ -54,7 +62,8 @@ def render(result: dict[str, Any]) -> str:
     else:
         lines.append("no stretch of time and no part of the flight envelope is worse than noise")
     lines += [f"note: {note}" for note in result["notes"]]
-    lines.append(f"figure {result['figure']}")
+    if result["figure"]:
+        lines.append(f"figure {result['figure']}")
     return "\n".join(lines)
 
 

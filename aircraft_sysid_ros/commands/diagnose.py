@@ -48,8 +48,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             replicas=args.replicas,
             progress=lambda what, share: progress.update(task, description=what, completed=share),
         ).json
-    result = {"model": opened.current.identifier, **result}
-    write_json(opened.path / RESULT, result)
+    result = {"model": opened.current.identifier, **result, "file": str(opened.path / RESULT)}
+    try:
+        write_json(opened.path / RESULT, result)
+    except OSError:  # the answer is worth more than its copy
+        result["file"] = None
     return result
 
 

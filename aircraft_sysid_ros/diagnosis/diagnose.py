@@ -20,7 +20,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.diagnosis.effect import Effect
 from aircraft_sysid_ros.diagnosis.fit import Gain
 from aircraft_sysid_ros.diagnosis.replicas import Replica
-from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions
+from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions, log_ratio
 
 Array = npt.NDArray[np.float64]
 
@@ -81,7 +81,8 @@ class Null:
         own = self.scores.get(family)
         if own is None or not len(own):
             return score, 0.0, 1.0
-        spread = float(np.sqrt(np.mean([np.var(s, ddof=1) for s in self.scores.values()]))) if len(own) > 1 else 0.05
+        repeated = [np.var(s, ddof=1) for s in self.scores.values() if len(s) > 1]
+        spread = float(np.sqrt(np.mean(repeated))) if repeated else 0.05
         freedom = len(own) - 1 + _SHRINKAGE
         variance = (np.sum((own - own.mean()) ** 2) + _SHRINKAGE * spread**2) / freedom
         deviation = np.sqrt((variance + _LEAST_SPREAD**2) * (1.0 + 1.0 / len(own)))
@@ -182,8 +183,7 @@ class _Round:
     def _test(self, trial: Trial) -> Finding:
         excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score, len(self.trials))
         gain = trial.gains[trial.main_axis]
-        size = 1.0 - gain.nrmse_after / gain.nrmse_before
-        return Finding(trial, excess, evidence, p_value, size, blocks=_blocks(trial))
+        return Finding(trial, excess, evidence, p_value, size_of(gain), blocks=_blocks(trial))
 
     def _outside(self, best: Finding | None) -> Finding | None:
         """The best generic expression, if it explains clearly more than the best effect."""
@@ -196,7 +196,7 @@ class _Round:
         null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
         excess, evidence, p_value = null.test(trial.candidate.family, trial.score, len(self.outside))
         gain = trial.gains[trial.main_axis]
-        size = 1.0 - gain.nrmse_after / gain.nrmse_before
+        size = size_of(gain)
         finding = Finding(trial, excess, evidence, p_value, size, blocks=_blocks(trial))
         return finding if p_value < FALSE_ALARM and size >= SIZE else None
 
@@ -220,6 +220,11 @@ class _Round:
         return Finding(
             finding.trial, finding.excess, finding.evidence, finding.p_value, finding.size, tuple(names), finding.blocks
         )
+
+
+def size_of(gain: Gain) -> float:
+    """Share of the rms error that goes, held out and fitted alike."""
+    return float(1.0 - np.exp(-0.5 * max(log_ratio(gain), 0.0)))
 
 
 def explained(gain: Gain) -> float:

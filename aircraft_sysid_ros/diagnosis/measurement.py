@@ -10,10 +10,8 @@ The delay of the recorded controls does not touch the first step; it is judged b
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +22,7 @@ from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GRO
 from aircraft_sysid_ros.diagnosis.effect import Effect, Inner, Variant, with_setting
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, flight_data_of
+from aircraft_sysid_ros.diagnosis.replicas import worker_pool
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
@@ -78,7 +77,7 @@ def measurement_faults(
         return []
     workers = min(len(jobs), len(os.sched_getaffinity(0)))
     found: list[Setting] = []
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork")) as pool:
+    with worker_pool(workers) as pool:
         for number, setting in enumerate(pool.map(_try, jobs), 1):
             progress(number / len(jobs))
             if setting.evidence > 1.0:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -29,6 +32,7 @@ Array = npt.NDArray[np.float64]
 COUNT, LONGEST = 5, 300.0
 #: Rows below which a flight is too short to be repeated.
 LEAST_ROWS = 1000
+_PR_SET_PDEATHSIG = 1
 #: Half-width [s] of the window of measured coefficients.
 _HALF_WIDTH = 0.08
 
@@ -53,6 +57,20 @@ class Replica:
     scores: Mapping[str, float]  # by id of the effect
 
 
+def worker_pool(workers: int) -> ProcessPoolExecutor:
+    """Processes that share what is in memory now, and that end with this one, however it ends."""
+    context = multiprocessing.get_context("fork")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with, initargs=(os.getpid(),))
+
+
+def _end_with(parent: int) -> None:
+    """Let the kernel end this process when its parent ends, also when that is killed (Linux)."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
 def replicas_of(
     flight: Reconstruction,
     library: Sequence[Effect],
@@ -68,7 +86,7 @@ def replicas_of(
     parameters = fitted_parameters(settled_flight(flight))
     arguments = [(flight, rows, parameters, library, seed) for seed in range(count)]
     workers = min(count, len(os.sched_getaffinity(0)))
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork")) as pool:
+    with worker_pool(workers) as pool:
         for number, replica in enumerate(pool.map(_replica, arguments), 1):
             progress(number / count)
             if replica is not None:

@@ -59,9 +59,16 @@ class Trial:
 
 
 def log_ratio(gain: Gain) -> float:
-    """ln(before / after) of the held-out sums of squares."""
-    before, after = float(np.sum(gain.before)), float(np.sum(gain.after))
-    return float(np.log(before / after)) if after > 0.0 and before > 0.0 else 0.0
+    """ln(before / after) of the held-out sums of squares, but no more than of those of the fit to all points.
+
+    Where a flight hardly determines the model, held-out errors are large and any column that steadies the prediction
+    seems to explain them; to the fit it then adds nothing.
+    """
+    held_out, fitted = (
+        (float(np.sum(gain.before)), float(np.sum(gain.after))), (gain.fitted_before, gain.fitted_after)
+    )  # fmt: skip
+    ratios = [np.log(before / after) if min(before, after) > 0.0 else 0.0 for before, after in (held_out, fitted)]
+    return float(min(ratios))
 
 
 class Bench:

@@ -145,7 +145,9 @@ def version_with(run: Run, changes: Mapping[str, Change], parents: Sequence[str]
     for change in changes.values():
         for key, value in change.settings:
             aircraft = with_setting(aircraft, key, value)
-    return Version(version_identifier(aircraft, run.root), aircraft, dict(changes), tuple(parents))
+    identifier = version_identifier(aircraft, run.root)
+    of_root = identifier == run.root.model.identifier  # back where it began: the root has no parents
+    return Version(identifier, aircraft, dict(changes), () if of_root else tuple(parents))
 
 
 def _current(folder: Path, root: Aircraft) -> Version:

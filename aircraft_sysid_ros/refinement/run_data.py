@@ -15,7 +15,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.trust import physical_bounds
-from aircraft_sysid_ros.samples import WIDTH, Samples
+from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
 
 Array = npt.NDArray[np.float64]
 
@@ -66,10 +66,11 @@ def load_run(run: str | Path) -> RunData:
             samples = Samples(stored["stamp"], stored["kind"].astype(np.int64), stored["values"])
         with np.load(folder / POINTS) as stored:
             stamp, measured, terms = stored["stamp"], stored["measured"], stored["terms"]
-    except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
         raise InputError(f"the run {run} is damaged: replay the recording again") from None
     names = aircraft.model.parameter_names
     sound = samples.values.shape == (len(samples.stamp), WIDTH) and samples.kind.shape == samples.stamp.shape
+    sound = sound and bool(np.all(np.isin(samples.kind, [int(kind) for kind in Kind])))
     if not sound or measured.shape != (len(stamp), len(AXES)) or terms.shape != (len(stamp), len(names)):
         raise InputError(f"the run {run} is of another version or model: replay the recording again")
     return RunData(aircraft, samples, parameters, biases, stamp, measured, terms)

@@ -115,6 +115,13 @@ def test_the_null_gives_false_alarms_at_its_rate():
     assert alarms / flights < 0.07
 
 
+def test_an_effect_whose_signals_are_not_measured_does_not_silence_the_others():
+    null = Null({"flaps": np.array([]), "dihedral": np.array([0.01, 0.02, 0.0])})
+    _, evidence, p_value = null.test("dihedral", 3.0, 2)
+    assert evidence > 10.0 and p_value < FALSE_ALARM
+    assert null.test("flaps", 3.0, 2)[2] == 1.0
+
+
 # -- measurement ---------------------------------------------------------------------------------------------
 
 
