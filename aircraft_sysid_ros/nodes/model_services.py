@@ -1,0 +1,196 @@
+"""What the parameter node says and does about its model in flight: missing effects, add, remove."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from aircraft_sysid_msgs.msg import EffectCandidate, MissingEffects
+from aircraft_sysid_msgs.srv import AddEffect, RemoveEffect
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
+from aircraft_sysid_ros.diagnosis.effect import Effect
+from aircraft_sysid_ros.diagnosis.live import (
+    Terms,
+    check_signals,
+    live_flight,
+    requested,
+    terms_of_effect,
+    windows,
+)
+from aircraft_sysid_ros.diagnosis.live_worker import LiveWorker
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.model_change import change_model, with_terms
+from aircraft_sysid_ros.modelling.point_memory import PointMemory
+from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes.common import Option
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, Column
+
+Array = npt.NDArray[np.float64]
+
+DIAGNOSIS_OPTIONS = {
+    "diagnosis_period": Option("Seconds of flight between searches for missing effects; 0 is never.", 0.0, 3600.0),
+    "diagnosis_share": Option("Share of one core that the searches may take on average.", 0.001, 1.0),
+}
+#: Time [s] between looks whether a search has ended.
+_POLL = 0.2
+_BIAS_STD = slice(
+    Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS, Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS + 3
+)
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """Options of the search in flight."""
+
+    diagnosis_period: float = 30.0
+    diagnosis_share: float = 0.05
+
+
+class ModelServices:
+    """A part of the parameter node; lives as long as it does, with a memory of the flight while configured."""
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        common.declare_options(node, DiagnosisOptions(), DIAGNOSIS_OPTIONS)
+        self.memory = PointMemory()
+        self._added: dict[str, Terms] = {}
+        self._period = 0.0
+        self._worker: LiveWorker | None = None
+        self._accuracy: tuple[Array, float] = (np.full(3, np.nan), np.nan)
+        self._restart(0.0)
+
+    def _restart(self, share: float) -> None:
+        self._due, self._rest_until, self._begun, self._stamp = -np.inf, 0.0, 0.0, 0
+        self._share = share
+
+    # -- lifecycle -----------------------------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Begin a flight."""
+        options = common.read_options(self._node, DiagnosisOptions, DIAGNOSIS_OPTIONS)
+        self.close()
+        self.memory.clear()
+        self._added.clear()
+        self._period = options.diagnosis_period
+        self._restart(options.diagnosis_share)
+
+    def offer(self) -> None:
+        """Publishers and services."""
+        node = self._node
+        self._publisher = node.publisher(MissingEffects, "~/missing_effects", 10)
+        node.service(AddEffect, "~/add_effect", lambda request, response: self._answer(request, response, self._add))
+        node.service(
+            RemoveEffect, "~/remove_effect", lambda request, response: self._answer(request, response, self._remove)
+        )
+
+    def start(self) -> None:
+        """Look for the end of searches while the node is active."""
+        self._timer = self._node.create_timer(_POLL, self.publish_ready)
+
+    def stop(self) -> None:
+        """Look no more."""
+        self._node.destroy_timer(self._timer)
+
+    def close(self) -> None:
+        """End the worker, if a search has ever begun."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
+
+    # -- the flight ----------------------------------------------------------------------------------------------
+
+    def keep(self, points: Array, row: Array | None = None) -> None:
+        """Remember points, with the accuracy that the newest row (1, Column.WIDTH) has."""
+        if row is not None:
+            self._accuracy = (row[0, _BIAS_STD].copy(), float(row[0, Column.AIR_VELOCITY_STD]))
+        self.memory.add(points, *self._accuracy)
+
+    def search_if_due(self, now: float, stamp: int) -> None:
+        """Begin a search at the time of flight [s] and the stamp [ns] where one is due and the processor has rested."""
+        busy = self._worker is not None and self._worker.busy
+        waits = self._period <= 0.0 or self._due - self._period <= now < self._due
+        if busy or waits or time.monotonic() < self._rest_until:
+            return
+        estimator = self._node.estimator
+        flights = windows(estimator.aircraft, self.memory, estimator.options.step)
+        if flights:
+            self._due = now + self._period
+            self._worker = self._worker or LiveWorker()
+            self._begun, self._stamp = time.monotonic(), stamp
+            self._worker.submit(flights)
+
+    def publish_ready(self) -> None:
+        """Publish the verdict of a search that has ended, unless the model has changed since it began."""
+        answer = self._worker.answer() if self._worker is not None else None
+        if answer is None:
+            return
+        self._rest_until = self._begun + answer.processor_time / self._share
+        if answer.content is None:
+            self._node.get_logger().warning(answer.failure)
+            self.close()
+        elif answer.content["model"] == self._node.estimator.model.identifier:
+            candidates = [EffectCandidate(**candidate) for candidate in answer.content["candidates"]]
+            content = {**answer.content, "candidates": candidates}
+            self._publisher.publish(common.stamp_of(common.fill(MissingEffects(), content), self._stamp))
+
+    # -- services ------------------------------------------------------------------------------------------------
+
+    def _answer(self, request: Any, response: Any, change: Callable[[str], str]) -> Any:
+        try:
+            if bool(request.effect) == bool(request.expression):
+                raise InputError("give either effect, an id of the library, or expression, such as CZ: alpha**3")
+            response.message = change(request.effect or request.expression)
+            response.success = True
+        except InputError as error:
+            response.success, response.message = False, str(error)
+        response.model = self._node.estimator.model.identifier
+        return response
+
+    def _add(self, text: str) -> str:
+        estimator, parsed = self._node.estimator, requested(text)
+        if isinstance(parsed, Effect):
+            flight = live_flight(estimator.aircraft, self.memory.flight(), estimator.options.step, "the flight")
+            terms = terms_of_effect(parsed, flight)
+            before = self._added.get(parsed.identifier, {})
+            merged = {axis: (*before.get(axis, ()), *terms.get(axis, ())) for axis in {**before, **terms}}
+        else:
+            terms = parsed
+        check_signals(terms, self.memory.newest())
+        note = self._change(terms, {})
+        if isinstance(parsed, Effect):
+            self._added[parsed.identifier] = merged
+        names = [f"{axis}_{term_label(term)}" for axis, listed in terms.items() for term in listed]
+        return f"added: {' '.join(names)}{note}"
+
+    def _remove(self, text: str) -> str:
+        parsed = requested(text)
+        if isinstance(parsed, Effect):
+            if parsed.identifier not in self._added:
+                there = ", ".join(self._added) or "no effect"
+                raise InputError(f"'{parsed.identifier}' was not added in this flight: {there} was")
+            terms = self._added[parsed.identifier]
+        else:
+            terms = parsed
+        note = self._change({}, terms)
+        remaining = {name: _without(listed, terms) for name, listed in self._added.items()}
+        self._added = {name: listed for name, listed in remaining.items() if listed}
+        names = [f"{axis}_{term_label(term)}" for axis, listed in terms.items() for term in listed]
+        return f"removed: {' '.join(names)}{note}"
+
+    def _change(self, added: Terms, removed: Terms) -> str:
+        """Change the model of the estimator; a note on what began anew."""
+        estimator = self._node.estimator
+        change = change_model(estimator, with_terms(estimator.aircraft, added, removed), self.memory.newest())
+        self._due = -np.inf  # what is missing now?
+        name = estimator.options.estimator
+        return f"; the estimator {name} begins anew with this model" if change.restarted else ""
+
+
+def _without(terms: Terms, gone: Terms) -> Terms:
+    left = {axis: tuple(t for t in listed if t not in gone.get(axis, ())) for axis, listed in terms.items()}
+    return {axis: listed for axis, listed in left.items() if listed}
