@@ -317,10 +317,13 @@ def certificate(name: str) -> Callable[[], str]:
 
 def diagnosis(name: str) -> Callable[[], str]:
     """A table of docs/diagnosis.md, over the sets of flights that have been flown."""
-    sets = {key: f"hidden_effects_{key}" for key in diagnosis_tables.SETS}
-    return lambda: table(
-        *diagnosis_tables.TABLES[name]({k: load(f) for k, f in sets.items() if (RESULTS / f"{f}.json").exists()})
-    )
+
+    def made() -> str:
+        files = {key: f"hidden_effects_{key}" for key in diagnosis_tables.SETS}
+        sets = {key: load(name) for key, name in files.items() if (RESULTS / f"{name}.json").exists()}
+        return table(*diagnosis_tables.TABLES[name](sets)) if sets else "Not flown yet: `make hidden-effects`.\n"
+
+    return made
 
 
 TABLES: dict[str, Callable[[], str]] = {
