@@ -2,7 +2,7 @@
 
 (2.16), (2.17): estimation/test_smoothing; (4.14): estimation/test_recursive_least_squares; (5.11):
 estimation/test_maximum_likelihood and test_recursive_maximum_likelihood; (6.9), (6.11):
-aircraft/test_aerodynamic_model; (6.16)-(6.18) in changing wind: flight_model/test_dynamics. The rest is here.
+aircraft/test_aerodynamic_model; (6.16)-(6.18) in changing wind: flight_model/test_flight_dynamics. The rest is here.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ NAMES = (
     "CZ_0 CZ_alpha CZ_q CZ_de",
     "Cl_0 Cl_beta Cl_p Cl_r Cl_da Cl_dr", "Cm_0 Cm_alpha Cm_q Cm_de", "Cn_0 Cn_beta Cn_p Cn_r Cn_da Cn_dr",
 )  # fmt: skip
-RUN_FILES = {"estimates.mcap", "parameters.json", "state.json", "points.npz", "aircraft.yaml"}
+RUN_FILES = {"estimates.mcap", "parameters.json", "state.json", "points.npz", "aircraft.yaml", "samples.npz"}
 
 
 @pytest.fixture
