@@ -18,11 +18,13 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, textbook_model
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.simulation.jsbsim_flight import (
+    ALPHA_DOT,
     COMMANDS,
     FOOT,
     jsbsim_aircraft_file,
     log_row,
     projection,
+    set_flow_rates,
     signals_of,
     trimmed,
     truth_of_log,
@@ -113,9 +115,11 @@ class WindTunnel:
         e.get_propulsion().get_steady_state()
         e.suspend_integration()  # which run_ic resumes
         e.run()
+        set_flow_rates(e, log_row(e))
+        e.run()
         truth = truth_of_log(self.aircraft, np.zeros(1), log_row(e)[None])
         signals = signals_of(self.aircraft, truth)
-        signals["alpha_dot"] = e["aero/alphadot-rad_sec"] * self.aircraft.chord / truth.airspeed
+        signals["alpha_dot"] = e[ALPHA_DOT] * self.aircraft.chord / truth.airspeed
         return np.array([signals[name][0] for name in VARIABLES]), truth.coefficients[0]
 
     def slopes(self, steps: dict[str, float], flow: Flow | None = None) -> Slopes:

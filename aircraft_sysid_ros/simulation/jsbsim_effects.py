@@ -21,6 +21,8 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden
 from aircraft_sysid_ros.simulation.jsbsim_flight import (
+    ALPHA_DOT,
+    BETA_DOT,
     FOOT,
     INCH,
     POUND,
@@ -74,8 +76,8 @@ _SIGNALS = {
     "qbar": _scaled("aero/qbar-psf", POUND / FOOT**2),
     "mach": _property("velocities/mach"),
     "height": _scaled("position/h-agl-ft", FOOT),
-    "alpha_dot": _call("product", _property("aero/alphadot-rad_sec"), _property("aero/ci2vel"), _value(2.0)),
-    "beta_dot": _call("product", _property("aero/betadot-rad_sec"), _property("aero/bi2vel")),
+    "alpha_dot": _call("product", _property(ALPHA_DOT), _property("aero/ci2vel"), _value(2.0)),
+    "beta_dot": _call("product", _property(BETA_DOT), _property("aero/bi2vel")),
     "time": _call("difference", _property("simulation/sim-time-sec"), _value(SETTLING)),
 }
 _OPERATORS: dict[type[ast.operator], str] = {

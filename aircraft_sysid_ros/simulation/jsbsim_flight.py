@@ -8,6 +8,8 @@ reports.
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,6 +76,10 @@ COMMANDS = ("fcs/elevator-cmd-norm", "fcs/aileron-cmd-norm", "fcs/rudder-cmd-nor
 _MOVED = [0, 1, 2, THROTTLE]
 # The probe: seconds, and peaks of the commands.
 _PROBE_TIME, _PROBE_SIZE = 16.0, np.array([0.04, 0.05, 0.05, 0.10])
+
+#: JSBSim's derivatives of the flow angles, and those of ours that aeroplanes read instead.
+ALPHA_DOT, BETA_DOT = "flow/alphadot-rad_sec", "flow/betadot-rad_sec"
+FLOW_RATES = {"aero/alphadot-rad_sec": ALPHA_DOT, "aero/betadot-rad_sec": BETA_DOT}
 
 SETTLING = 20.0  # [s]
 _WHEELS = 1.5  # [m] height of the centre of gravity at which they touch the ground
@@ -200,7 +206,7 @@ def signals_of(aircraft: Aircraft, truth: Truth) -> dict[str, Array]:
 
 
 def kinematic_alpha_dot(truth: Truth) -> Array:
-    """d alpha / dt (n,) [rad/s] of (6.16)-(6.18) in a steady wind, which is what the aerodynamics of JSBSim reads.
+    """d alpha / dt (n,) [rad/s] of (6.16)-(6.18) in a steady wind, which is what the aeroplanes read (FLOW_RATES).
 
     The wander of the wind moves alpha from step to step too: its derivative would be noise.
     """
@@ -257,9 +263,11 @@ def trimmed(name: str, folder: Path | None = None, ground: float = GROUND) -> An
     os.environ.setdefault("JSBSIM_DEBUG", "0")  # or it prints a banner on standard output
     executive = jsbsim.FGFDMExec(None)
     executive.set_debug_level(0)
-    if folder is not None:
-        executive.set_aircraft_path(str(folder))
-    executive.load_model(name)
+    with tempfile.TemporaryDirectory() as made:
+        source = folder or Path(executive.get_root_dir()) / "aircraft"
+        mended_flow_rates(source / name, Path(made) / name)
+        executive.set_aircraft_path(made)
+        executive.load_model(name)
     executive.disable_output()  # some models write a CSV file into the working directory
     executive.set_dt(1.0 / RATE)
     for quantity in ("rate", "position"):  # or rates would lag half a step behind the moments that are logged
@@ -279,6 +287,34 @@ def trimmed(name: str, folder: Path | None = None, ground: float = GROUND) -> An
     except jsbsim.TrimFailureError:
         raise InputError(f"the JSBSim aircraft '{name}' does not trim at {MODELS[name]:g} kt") from None
     return executive
+
+
+def mended_flow_rates(source: Path, target: Path) -> None:
+    """A copy of an aeroplane's folder that reads the derivatives of the flow angles from FLOW_RATES.
+
+    JSBSim (1.2) works them out from the inertial velocity: in a steady wind W a roll or a pitch then seems to change
+    alpha by (p W_y - q W_x) / V, which the air does not know.
+    """
+    shutil.copytree(source, target)
+    path = target / f"{target.name}.xml"
+    text = path.read_text(encoding="utf8", errors="replace")
+    for old, new in FLOW_RATES.items():
+        text = text.replace(old, new)
+    declared = "".join(f'<property value="0">{name}</property>' for name in FLOW_RATES.values())
+    text = text.replace("</fdm_config>", f'<system name="flow rates">{declared}</system></fdm_config>')
+    path.write_text(text, encoding="utf8")
+
+
+def set_flow_rates(executive: Any, row: Array) -> None:
+    """Set FLOW_RATES for the next step, in a steady wind, from a row of the log: (6.16)-(6.18)."""
+    wind = rotation_matrix(quaternion_from_euler(*row[_AT["euler"]])).T @ row[_AT["wind"]]
+    inertial = FOOT * np.array([executive[f"accelerations/{axis}dot-ft_sec2"] for axis in "uvw"])
+    du, dv, dw = inertial + np.cross(row[_AT["rates"]], wind)
+    u, v, w = row[_AT["air_velocity"]]
+    along = u * u + w * w
+    alpha_dot = (u * dw - w * du) / along
+    beta_dot = (dv * along - v * (u * du + w * dw)) / ((along + v * v) * np.sqrt(along))
+    executive[ALPHA_DOT], executive[BETA_DOT] = alpha_dot, beta_dot
 
 
 def _settle(executive: Any, setup: JsbsimSetup, wind: Array) -> None:
@@ -310,6 +346,7 @@ def _run(executive: Any, command: Command, wind: Array) -> Array:
     rows = np.empty((len(wind), len(_LOG)))
     for i in range(len(wind)):
         rows[i] = log_row(executive)
+        set_flow_rates(executive, rows[i])
         for name, value in zip(COMMANDS, command(i, rows[i]), strict=True):
             executive[name] = value
         following = wind[min(i + 1, len(wind) - 1)] / FOOT
