@@ -17,7 +17,7 @@ unexport LD_LIBRARY_PATH
 endif
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test lint types colcon pytest demo bench certificate hidden-effects docs clean distclean FORCE
+.PHONY: help env test lint types colcon pytest demo bench certificate hidden-effects paper workbench docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -105,13 +105,17 @@ $(COLCON_WS)/complete: $(COLCON_SOURCES) $(STAMPS)/messages
 	colcon --log-base $(COLCON_WS)/log build --base-paths . msg_defs \
 	    --build-base $(COLCON_WS)/build --install-base $(COLCON_WS)/install --event-handlers console_direct- summary+ \
 	    --cmake-args -G Ninja -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$(abspath $(BIN))/python"
-	test -x $(NODES)/state_estimator -a -x $(NODES)/parameter_estimator -a -x $(NODES)/aircraft-sysid
+	test -x $(NODES)/state_estimator -a -x $(NODES)/parameter_estimator -a -x $(NODES)/mavlink_bridge -a -x $(NODES)/aircraft-sysid
 	touch $@
 
 # --- use --------------------------------------------------------------------------------------------------
 
 demo: env ## a simulated flight from recording to report
 	$(BIN)/aircraft-sysid demo
+
+workbench: env ## the page of the demo's run, on this machine
+	@test -f runs/demo/run/samples.npz || $(BIN)/aircraft-sysid demo
+	$(BIN)/aircraft-sysid workbench runs/demo/run --truth runs/demo/flight
 
 bench: env ## accuracy, speed and real flights: results, tables and pictures in docs/
 	@$(BIN)/python -c 'import filterpy, statsmodels' 2>/dev/null || \
@@ -129,8 +133,14 @@ certificate: env ## coverage, bias and times of all estimators over 200 flights;
 	@$(MAKE) --no-print-directory docs
 
 hidden-effects: env ## does the diagnosis name what is missing: hidden effects and clean flights; goes on where it was stopped (hours)
+	@$(BIN)/python -c 'import pysindy, sklearn' 2>/dev/null || \
+	    $(PIP) install --no-build-isolation -c constraints.txt -e '.[bench]'
 	$(BIN)/python benchmarks/hidden_effects.py --set tuned
 	$(BIN)/python benchmarks/hidden_effects.py --set fresh
+	@$(MAKE) --no-print-directory docs
+
+paper: env ## tables 1 to 4 and figures 2 and 4 of the two-stage paper, ours beside the published numbers (minutes)
+	$(BIN)/python benchmarks/paper.py
 	@$(MAKE) --no-print-directory docs
 
 docs: env ## tables and pictures of README and docs/ from the results

@@ -32,12 +32,16 @@ MESSAGES = [
 ]
 SIMULATION = ["jsbsim>=1.2,<2"]
 LOGS = ["pyulog>=1.0,<2", "pymavlink>=2.4.40,<3"]
-BENCH = ["filterpy>=1.4.5,<3", "statsmodels>=0.14,<0.16"]  # what `make bench` compares with
+BRIDGE = ["pymavlink>=2.4.40,<3", "pyserial>=3.5,<4"]
+# What `make bench` and `make hidden-effects` compare with.
+BENCH = ["filterpy>=1.4.5,<3", "statsmodels>=0.14,<0.16", "pysindy>=2,<3", "scikit-learn>=1.7.2,<2"]
 REPORT = ["matplotlib>=3.8,<4"]
+WORKBENCH = ["nicegui>=3.5,<4", "plotly>=6,<8"]  # the page, and its file
 TEST = [
     "colcon-common-extensions",
     "hypothesis>=6.100,<7",
     "mypy>=1.11,<3",
+    "playwright>=1.50,<2",  # drives a Chromium that is there; it is not asked to download one
     "pytest>=8,<10",
     "pytest-xdist>=3.5,<4",
     "ruff==0.17.5",
@@ -76,16 +80,19 @@ setup(
         "messages": MESSAGES,
         "simulation": SIMULATION,
         "logs": LOGS,
+        "bridge": BRIDGE,
         "report": REPORT,
+        "workbench": WORKBENCH,
         "bench": BENCH,
         "test": TEST,
-        "all": ROS + MESSAGES + SIMULATION + LOGS + REPORT + TEST,
+        "all": ROS + MESSAGES + SIMULATION + LOGS + BRIDGE + REPORT + WORKBENCH + TEST,
     },
     entry_points={
         "console_scripts": [
             "aircraft-sysid = aircraft_sysid_ros.commands.main:main",
             "state_estimator = aircraft_sysid_ros.nodes.state_estimator:main",
             "parameter_estimator = aircraft_sysid_ros.nodes.parameter_estimator:main",
+            "mavlink_bridge = aircraft_sysid_ros.nodes.mavlink_bridge:main",
         ],
     },
 )

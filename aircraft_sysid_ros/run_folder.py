@@ -109,7 +109,7 @@ class RunWriter:
                 self._write_points(new / POINTS, state.epoch or 0, parameters)
                 samples = concatenate(self._samples)
                 np.savez(new / SAMPLES, stamp=samples.stamp, kind=samples.kind.astype(np.int8), values=samples.values)
-                aircraft = yaml.safe_dump(parameters.aircraft.source, sort_keys=False)
+                aircraft = yaml.safe_dump(parameters.aircraft.source, sort_keys=False, explicit_end=True)
                 (new / AIRCRAFT).write_text(aircraft, encoding="utf8")
                 write_json(new / PARAMETERS, result["parameters"])
                 elapsed = time.perf_counter() - started

@@ -5,9 +5,9 @@
 Flights of 120 s from the project's own simulator and from JSBSim, with one effect of the library hidden, or none. Air
 (calm, light turbulence), noise (1 and 2 times the aircraft file's), strength (full and half), wind and manoeuvres are
 drawn from the seed, so that a few seeds per effect cover all of them. The diagnosis gets the samples and the aircraft
-file, nothing else. Each flight is a line in results/hidden_effects_SET.jsonl: a run that is stopped goes on where it
-was. Seeds of the set "fresh" are flown once, and
-nothing is changed afterwards.
+file, nothing else; other methods get the same flight, reconstructed (other_methods). Each flight is a line in
+results/hidden_effects_SET.jsonl: a run that is stopped goes on where it was. Seeds of the set "fresh" are flown once,
+and nothing is changed afterwards.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ import argparse
 import json
 import multiprocessing
 import os
-import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import other_methods
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
 from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT
 from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.diagnosis.effects.aliases import aliases_of
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import FlightDiagnosis, diagnose_flight
 from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.search import Bench
@@ -38,7 +39,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, hidd
 RESULTS = Path(__file__).parent / "results"
 DURATION, REPLICAS = 120.0, 4
 #: First seed of each set; what was tuned was tuned on the first.
-FIRST_SEED = {"tuned": 1000, "fresh": 950_000}
+FIRST_SEED = {"tuned": 1000, "fresh": 1_950_000}
 SIMULATORS = ("textbook", "c172p", "J3Cub")
 AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 
@@ -76,11 +77,14 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
     result = {**job, **setting}
     try:
         flight = hidden_flight(job["simulator"], job["effect"], seed=job["seed"], duration=DURATION, **setting)
-        started = time.process_time()
+        started = _seconds()
         found = diagnose_flight(flight.aircraft, flight.samples, replicas=REPLICAS)
+        result["seconds"] = _seconds() - started
     except InputError as error:
         return {**result, "failed": str(error)}
-    result |= {"manoeuvres": flight.manoeuvres, **verdict_of(found), **errors_of(flight, found)}
+    base = _bench(flight.aircraft, flight)
+    result |= {"manoeuvres": flight.manoeuvres, **verdict_of(found), **errors_of(flight, found, base)}
+    result["methods"] = other_methods.answers(base)
     if job["effect"] and BY_ID[job["effect"]].kind != MEASUREMENT:
         library = [e for e in LIBRARY if e.kind != MEASUREMENT and e.identifier != job["effect"]]
         without = diagnose(Bench(found.flight), found.replicas, library)
@@ -89,8 +93,14 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
             "verdict": without.verdict,
             "first": best.candidate.label if best else None,
             "axis": best.main_axis if best else None,
+            "effect": best.candidate.effect.identifier if best and best.candidate.effect else None,
         }
-    return {**result, "seconds": time.process_time() - started}
+    return result
+
+
+def _seconds() -> float:
+    """Processor time of this process and of those that it has waited for."""
+    return sum(os.times()[:4])
 
 
 def verdict_of(found: FlightDiagnosis) -> dict[str, Any]:
@@ -106,9 +116,8 @@ def verdict_of(found: FlightDiagnosis) -> dict[str, Any]:
     }
 
 
-def errors_of(flight: SimulatedFlight, found: FlightDiagnosis) -> dict[str, Any]:
+def errors_of(flight: SimulatedFlight, found: FlightDiagnosis, base: Bench) -> dict[str, Any]:
     """Held-out NRMSE by axis: base model, after the diagnosis, after the truth was added, and the floor."""
-    base = _bench(flight.aircraft, flight)
     oracle = base
     if flight.hidden:
         oracle = _bench(flight.oracle, flight)
@@ -162,6 +171,7 @@ def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
         "relevant_light": rates([x for x in relevant if x["turbulence"] == "light"]),
         "small": rates([x for x in hidden if x["oracle_gain"] < 0.2]),
         "without": without([x for x in relevant if "without" in x]),
+        "methods": methods(clean, relevant),
         "by_effect": {name: rates([x for x in relevant if x["effect"] == name]) for name in sorted(named)},
         "seconds_median": float(np.median([x["seconds"] for x in flown])) if flown else None,
     }
@@ -185,11 +195,16 @@ def rates(flights: list[dict[str, Any]]) -> dict[str, Any]:
         best = flight["candidates"][0] if flight["candidates"] else None
         return best is not None and flight["effect"] in (best["effect"], *best["confounded_with"])
 
+    def alias(flight: dict[str, Any]) -> bool:
+        best = flight["candidates"][0] if flight["candidates"] else None
+        return best is not None and best["effect"] in {flight["effect"], *aliases_of(flight["effect"])}
+
     ratio = [f["errors"]["diagnosed"][f["axis"]] / f["errors"]["oracle"][f["axis"]] for f in flights]
     return {
         "flights": len(flights),
         "detected": float(np.mean([f["verdict"] != "none" for f in flights])),
         "right_first": float(np.mean([f["verdict"] == "missing" and place(f) == 0 for f in flights])),
+        "right_or_alias": float(np.mean([f["verdict"] == "missing" and alias(f) for f in flights])),
         "in_first_three": float(np.mean([f["verdict"] != "none" and place(f) < 3 for f in flights])),
         "within_confounded": float(np.mean([f["verdict"] == "missing" and named(f) for f in flights])),
         "base": float(np.median([f["errors"]["base"][f["axis"]] for f in flights])),
@@ -205,15 +220,58 @@ def rates(flights: list[dict[str, Any]]) -> dict[str, Any]:
 def without(flights: list[dict[str, Any]]) -> dict[str, Any]:
     """What is said when the true effect is not in the library."""
     said = [f["without"] for f in flights]
+    both = list(zip(said, flights, strict=True))
+    alias = [s["verdict"] == "missing" and s["effect"] in aliases_of(f["effect"]) for s, f in both]
     return {
         "flights": len(flights),
         "unexplained_right_axis": share(
-            [s["verdict"] == "unexplained" and s["axis"] == f["axis"] for s, f in zip(said, flights, strict=True)]
+            [s["verdict"] == "unexplained" and s["axis"] == f["axis"] for s, f in both]
         )["share"],
         "unexplained": share([s["verdict"] == "unexplained" for s in said])["share"],
-        "wrong_name": share([s["verdict"] == "missing" for s in said])["share"],
+        "alias": share(alias)["share"],
+        "wrong_name": share([s["verdict"] == "missing" and not a for s, a in zip(said, alias, strict=True)])["share"],
         "none": share([s["verdict"] == "none" for s in said])["share"],
     }
+
+
+def methods(clean: list[dict[str, Any]], relevant: list[dict[str, Any]]) -> dict[str, Any]:
+    """``diagnose`` beside the methods of other_methods, where the truth is in the forces and moments."""
+    clean = [f for f in clean if "methods" in f]
+    hidden = [f for f in relevant if "methods" in f and BY_ID[f["effect"]].kind != MEASUREMENT]
+    if not clean or not hidden:
+        return {}
+    return {name: method_rates(name, clean, hidden) for name in ("diagnose", *other_methods.METHODS)}
+
+
+def method_rates(name: str, clean: list[dict[str, Any]], hidden: list[dict[str, Any]]) -> dict[str, Any]:
+    """Rates of one method."""
+    said = [_said(name, f) for f in hidden]
+    both = list(zip(said, hidden, strict=True))
+    error = [s["errors"].get(f["axis"], f["errors"]["base"][f["axis"]]) for s, f in both]
+    ratio = [e / f["errors"]["oracle"][f["axis"]] for e, f in zip(error, hidden, strict=True)]
+    right = [[s["verdict"] == "missing" and f["effect"] == e for e in s["effects"]] for s, f in both]
+    names = [{f["effect"], *aliases_of(f["effect"])} for f in hidden]
+    alias = [s["verdict"] == "missing" and bool(set(s["effects"][:1]) & n) for s, n in zip(said, names, strict=True)]
+    return {
+        "hidden": len(hidden),
+        "clean": len(clean),
+        "right_first": share([any(r[:1]) for r in right])["share"],
+        "right_or_alias": share(alias)["share"],
+        "in_first_three": share([any(r[:3]) for r in right])["share"],
+        "false_verdicts": share([_said(name, f)["verdict"] != "none" for f in clean])["share"],
+        "to_oracle_median": float(np.median(ratio)),
+        "to_oracle_90": float(np.quantile(ratio, 0.9)),
+        "seconds_median": float(np.median([_said(name, f)["seconds"] for f in (*clean, *hidden)])),
+    }
+
+
+def _said(name: str, flight: dict[str, Any]) -> dict[str, Any]:
+    """Verdict, effects in order, errors by axis and seconds of one method."""
+    if name != "diagnose":
+        return flight["methods"][name]
+    effects = [c["effect"] for c in flight["candidates"]]
+    said = {key: flight[key] for key in ("verdict", "seconds")}
+    return {**said, "effects": effects, "errors": flight["errors"]["diagnosed"]}
 
 
 def main() -> None:

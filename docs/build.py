@@ -19,6 +19,8 @@ from typing import Any
 
 import certificate_tables
 import diagnosis_tables
+import mavlink_tables
+import paper_tables
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -326,9 +328,30 @@ def diagnosis(name: str) -> Callable[[], str]:
     return made
 
 
+def diagnosis_speed() -> str:
+    """Time of a diagnosis of a long flight."""
+    if not (RESULTS / "diagnosis_speed.json").exists():
+        return "Not measured yet: `python benchmarks/diagnosis_speed.py`.\n"
+    return table(*diagnosis_tables.speed(load("diagnosis_speed")))
+
+
+def paper(name: str) -> Callable[[], str]:
+    """A table of docs/paper.md."""
+    return lambda: table(*paper_tables.TABLES[name](load("paper")))
+
+
+def mavlink(name: str) -> Callable[[], str]:
+    """A table of docs/mavlink.md."""
+    return lambda: table(*mavlink_tables.TABLES[name](load("mavlink_bridge")))
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    **{f"mavlink_{name}": mavlink(name) for name in mavlink_tables.TABLES},
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
     **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},
+    "alias_sets": lambda: table(*diagnosis_tables.alias_sets()),
+    "diagnosis_speed": diagnosis_speed,
+    **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},
     "effects": effects,
     "effect_terms": effect_terms,
     "recursive_likelihood": recursive_likelihood,

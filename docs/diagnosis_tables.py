@@ -5,12 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from aircraft_sysid_ros.diagnosis.effects.aliases import ALIASES
+
 Rows = tuple[list[str], list[list[str]]]
 #: Sets of flights, and what stands in the tables for them.
 SETS = {"tuned": "tuned on", "fresh": "fresh, flown once"}
 _PARTS = {
     "relevant": "all", "relevant_textbook": "own simulator", "relevant_jsbsim": "JSBSim", "relevant_calm": "calm",
     "relevant_light": "light turbulence",
+}  # fmt: skip
+
+
+_SHARES = ("detected", "right_first", "right_or_alias", "in_first_three", "within_confounded")
+_METHODS = {
+    "diagnose": "`diagnose`", "stepwise": "stepwise regression, partial F test at 5 % (Bonferroni)",
+    "orthogonal": "orthogonal functions, predicted square error", "orthogonal_r2": "the same, 0.5 % of R² each",
+    "stlsq": "STLSQ of pysindy", "lasso": "LASSO, cross-validated on blocks",
 }  # fmt: skip
 
 
@@ -25,15 +35,15 @@ def fine(share: float) -> str:
 def hidden(sets: dict[str, dict[str, Any]]) -> Rows:
     """How often the right effect was named, and what became of the error."""
     header = [
-        "flights with a hidden effect", "number", "detected", "right first", "in first three",
-        "right or confounded with it", "error: base", "diagnosed", "truth added", "floor", "within 10 % of truth",
+        "flights with a hidden effect", "number", "detected", "right first", "or of its stated set", "in first three",
+        "named or said to be confounded", "error: base", "diagnosed", "truth added", "floor", "within 10 % of truth",
     ]  # fmt: skip
     rows = []
     for name, found in sets.items():
         for key, words in _PARTS.items():
             r = found[key]
             if r["flights"]:
-                shares = [percent(r[k]) for k in ("detected", "right_first", "in_first_three", "within_confounded")]
+                shares = [percent(r[k]) for k in _SHARES]
                 errors = [fine(r[k]) for k in ("base", "diagnosed", "oracle", "floor")]
                 row = [f"{SETS[name]}, {words}", str(r["flights"]), *shares, *errors]
                 rows.append([*row, percent(r["within_ten_percent"])])
@@ -56,7 +66,8 @@ def other(sets: dict[str, dict[str, Any]]) -> Rows:
         if r["flights"]:
             said = (
                 f"unexplained in the right axis {percent(r['unexplained_right_axis'])}, unexplained in another "
-                f"{percent(r['unexplained'] - r['unexplained_right_axis'])}, another name {percent(r['wrong_name'])}, "
+                f"{percent(r['unexplained'] - r['unexplained_right_axis'])}, a name of its stated set "
+                f"{percent(r['alias'])}, another name {percent(r['wrong_name'])}, "
                 f"none {percent(r['none'])}"
             )
             rows.append([f"{SETS[name]}, the effect taken out of the library", str(r["flights"]), said])
@@ -69,13 +80,46 @@ def by_effect(sets: dict[str, dict[str, Any]]) -> Rows:
     rows = []
     for effect, r in found["by_effect"].items():
         if r["flights"]:
-            shares = [percent(r[k]) for k in ("right_first", "in_first_three")]
+            shares = [percent(r[k]) for k in ("right_first", "right_or_alias", "in_first_three")]
             rows.append([effect, str(r["flights"]), *shares, *(fine(r[k]) for k in ("base", "diagnosed", "oracle"))])
-    return ["effect", "flights", "right first", "in first three", "error: base", "diagnosed", "truth added"], rows
+    header = ["effect", "flights", "right first", "or of its stated set", "in first three"]
+    return [*header, "error: base", "diagnosed", "truth added"], rows
+
+
+def methods(sets: dict[str, dict[str, Any]]) -> Rows:
+    """`diagnose` beside the methods that one would use instead."""
+    rows = []
+    for name, found in sets.items():
+        for method, r in found["methods"].items():
+            shares = [percent(r[k]) for k in ("right_first", "right_or_alias", "in_first_three", "false_verdicts")]
+            ratio = f"{r['to_oracle_median']:.2f} ({r['to_oracle_90']:.2f})"
+            row = [_METHODS[method], f"{SETS[name]}, {r['hidden']} and {r['clean']}", *shares, ratio]
+            rows.append([*row, f"{r['seconds_median']:.1f}"])
+    header = [
+        "method", "flights: hidden effect and clean", "right first", "or of its stated set", "in first three",
+        "clean flights with a verdict", "error over truth added: median (90 % of flights)", "processor seconds",
+    ]  # fmt: skip
+    return header, rows
+
+
+def alias_sets() -> Rows:
+    """Effects that differ by name only in some flights."""
+    rows = [[", ".join(f"`{name}`" for name in sorted(ids)), why] for ids, why in ALIASES]
+    return ["set", "why"], rows
+
+
+def speed(measured: dict[str, Any]) -> Rows:
+    """Time of a diagnosis."""
+    flight = f"{measured['duration'] / 60:g} minutes, IMU at {measured['imu_rate']:g} Hz, {measured['samples']} samples"
+    parts = ", ".join(f"{words} {seconds:.1f} s" for words, seconds in measured["parts"].items())
+    row = [flight, f"{measured['cores']}", "< 30 s", f"{measured['seconds']:.1f} s", parts]
+    header = ["flight", "cores", "asked", "`diagnose`, whole library, median", "of which"]
+    return [*header, "load of the machine before"], [[*row, f"{measured['load_average']:.1f}"]]
 
 
 TABLES: dict[str, Callable[[dict[str, dict[str, Any]]], Rows]] = {
     "hidden_effects": hidden,
     "hidden_effects_other": other,
     "hidden_effects_by_effect": by_effect,
+    "hidden_effects_methods": methods,
 }

@@ -10,6 +10,7 @@ import ast
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -48,7 +49,11 @@ class Program:
 
 def parse_expression(text: str) -> Program:
     """Compile an expression over SIGNALS; raises InputError that quotes it and says what is allowed."""
-    text = " ".join(str(text).split())
+    return _parsed(" ".join(str(text).split()))
+
+
+@lru_cache(maxsize=4096)  # a search tries the same texts on many fits
+def _parsed(text: str) -> Program:
     if not text.isprintable():
         raise InputError(f"'{one_line(text)}' holds characters that do not print: write it like alpha**2")
     if len(text) > MAXIMUM_LENGTH:

@@ -90,5 +90,11 @@ def render(result: dict[str, Any]) -> str:
         f"{ending} after {result['iterations']} iterations, {result['seconds_fitted']:.0f} s of flight fitted in "
         f"{result['elapsed']:.0f} s"
     )
+    if result["worse"]:
+        axes = " ".join(f"C_{axis[1]}" for axis in result["worse"])
+        lines.append(
+            f"WORSE THAN THE RUN: held-out {axes} predicted worse than by the run's own parameters. The model seems to "
+            "lack something, see aircraft-sysid diagnose RUN: do not use the refined parameters"
+        )
     lines += [f"figure {result['figure']}", f"file {result['file']}"]
     return "\n".join(lines)

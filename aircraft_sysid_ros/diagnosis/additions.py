@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,26 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms, term_label
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, one_line, parse_expression
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
-from aircraft_sysid_ros.diagnosis.effect import Effect, Variant, with_setting
+from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.fit import AxisFit, fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.measurement import (
+    CALM,
+    Job,
+    Setting,
+    jobs_of,
+    stretch_of,
+    try_setting,
+)
+from aircraft_sysid_ros.diagnosis.reconstruction import (
+    Reconstruction,
+    as_gusty_as,
+    as_noisy_as,
+    log_likelihood,
+    reconstruct,
+)
+from aircraft_sysid_ros.diagnosis.replicas import worker_pool
 from aircraft_sysid_ros.diagnosis.search import Bench
 from aircraft_sysid_ros.diagnosis.versions import Change, Run, Version, changing, open_run, version_with, write_version
 from aircraft_sysid_ros.errors import InputError
@@ -28,11 +45,6 @@ Progress = Callable[[float], None]
 
 #: Fall of a held-out error, as a share of it, below which nothing was gained.
 LEAST_FALL = 0.01
-#: Values of an inner number of a measurement effect that are tried first, and steps of the golden section after.
-_COARSE, _STEPS = 5, 6
-#: Flight [s] on which the values are tried.
-_SEARCHED = 120.0
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -44,7 +56,7 @@ class Outcome:
     change: Change
     axes: Mapping[str, Mapping[str, float]]  # error_before, error_after, noise_floor
     parameters: list[dict[str, Any]]  # the new terms
-    improved: bool
+    improved: bool  # the held-out error fell; for a setting of the aircraft file: the sensors fit significantly better
     verdict: str
 
 
@@ -55,19 +67,23 @@ def add(path: str | Path, text: str, progress: Progress = lambda share: None) ->
     """
     with changing(path):
         run = open_run(path)
-        parsed = parse_request(text)
+        parsed, setting = parse_request(text), None
         flight = run.flight()
         progress(0.2)
         if isinstance(parsed, Effect):
-            label, change = parsed.identifier, _of_effect(run, flight, parsed, progress)
-            if change.settings and label in run.current.changes:
+            label = parsed.identifier
+            if parsed.kind == MEASUREMENT and label in run.current.changes:
                 raise InputError(f"'{label}' is in the model already: remove it first")
+            if parsed.kind == MEASUREMENT:
+                change, setting = _of_setting(run, parsed, progress)
+            else:
+                change = _of_effect(flight, parsed)
         else:
             change, label = _of_terms(flight, parsed), label_of(parsed)
         changes = {**run.current.changes, label: _merged(run.current.changes.get(label), change)}
         if not isinstance(parsed, Effect):
             changes = _without_removal(changes, label, parsed)
-        return _finish(run, flight, changes, label, change, removed=False)
+        return _finish(run, flight, changes, label, change, setting=setting)
 
 
 def remove(path: str | Path, text: str) -> Outcome:
@@ -95,6 +111,8 @@ def parse_request(text: str) -> Effect | dict[str, tuple[str, ...]]:
     text = one_line(text).strip()
     if text in BY_ID:
         return BY_ID[text]
+    if not text:
+        raise InputError("nothing is named: give an effect such as stall, or a term with its axis such as CZ: alpha**3")
     if ":" not in text:
         close = difflib.get_close_matches(text.lower(), BY_ID, 3, 0.5)
         hint = f"did you mean {' or '.join(close)}?" if close else f"effects are {' '.join(sorted(BY_ID))}"
@@ -128,6 +146,8 @@ def _of_terms(flight: FlightData, terms: Mapping[str, tuple[str, ...]]) -> Chang
             missing = missing_signals(flight, text)
             if missing:
                 raise InputError(f"'{axis}: {text}' needs {' and '.join(missing)}, which this flight does not have")
+            if not np.isfinite(flight.columns([parse_expression(text)])).any():
+                raise InputError(f"'{axis}: {text}' is not finite at any point of this flight: mend the expression")
     for axis, texts in terms.items():
         unknown = undetermined(flight, axis, texts)
         if unknown:
@@ -150,10 +170,7 @@ def undetermined(flight: FlightData, axis: str, texts: tuple[str, ...]) -> list[
     return [text for text in texts if text in result.not_determined]
 
 
-def _of_effect(run: Run, flight: FlightData, effect: Effect, progress: Progress) -> Change:
-    settings = [variant for variant in effect.variants if variant.setting]
-    if settings:
-        return _of_setting(run, effect, settings, progress)
+def _of_effect(flight: FlightData, effect: Effect) -> Change:
     missing = [name for name in SIGNALS if name in effect.signals and not np.isfinite(flight.signal(name)).any()]
     trial = None if missing else Bench(flight).best_of(effect)
     if trial is None:
@@ -172,57 +189,48 @@ def _of_effect(run: Run, flight: FlightData, effect: Effect, progress: Progress)
     return Change(terms=new)
 
 
-def _of_setting(run: Run, effect: Effect, variants: list[Variant], progress: Progress) -> Change:
-    """The setting with the least held-out error: coarse values of every variant, then a golden section."""
+def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, Setting]:
+    """The setting that the first step's likelihood prefers, as ``diagnose`` finds it.
+
+    Held-out errors of the second step are no judge of the measurement: a lag or a scale that smooths the regressors
+    lowers them on flights whose sensors are as the file says.
+    """
     if run.samples is None:
         raise InputError(f"{run.path} holds no samples to reconstruct from: replay the recording again")
-    end = run.samples.stamp.min() + int(_SEARCHED * 1e9)
-    part = replace(run, samples=run.samples[run.samples.stamp <= end])
-    number, tried = effect.inner[0], 0
-    total = _COARSE * len(variants) + _STEPS + 2
-
-    def error(variant: Variant, value: float) -> float:
-        nonlocal tried
-        tried += 1
-        progress(0.2 + 0.7 * tried / total)
-        try:
-            return _log_error(part.flight(with_setting(run.current.aircraft, variant.setting, value)))
-        except InputError:
-            return np.inf
-
-    grid = np.linspace(number.low, number.high, _COARSE)
-    table = np.array([[error(variant, value) for value in grid] for variant in variants])
-    if not np.isfinite(table).any():
-        raise InputError(f"'{effect.identifier}' cannot be tried on this flight")
-    row, column = np.unravel_index(int(np.argmin(table)), table.shape)
-    variant, width = variants[int(row)], float(grid[1] - grid[0])
-    low, high = max(grid[column] - width, number.low), min(grid[column] + width, number.high)
-    value = golden_section(lambda v: error(variant, v), low, high, _STEPS)
-    return Change(settings=((variant.setting, float(f"{value:.4g}")),))
-
-
-def golden_section(function: Callable[[float], float], low: float, high: float, steps: int) -> float:
-    """Where a function with one minimum between two limits is least, to 0.62^steps of their distance."""
-    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_a, at_b = function(a), function(b)
-    for _ in range(steps):
-        if at_a < at_b:
-            high, b, at_b = b, a, at_a
-            a = high - _GOLDEN * (high - low)
-            at_a = function(a)
-        else:
-            low, a, at_a = a, b, at_b
-            b = low + _GOLDEN * (high - low)
-            at_b = function(b)
-    return a if at_a < at_b else b
+    samples = run.samples
+    flight = reconstruct(as_noisy_as(run.current.aircraft, samples), samples, with_covariance=False)
+    if flight.gusts > CALM and all(variant.setting[-1] == "scale" for variant in effect.variants):
+        raise InputError(
+            f"in these gusts '{effect.identifier}' cannot be told from gusts: fly in calm air, or set "
+            f"{'.'.join(effect.variants[0].setting)} in the aircraft file"
+        )
+    jobs = list(_gust_jobs(flight, effect))
+    if not jobs:
+        if flight.gusts > CALM:
+            flight = reconstruct(as_gusty_as(flight), samples, with_covariance=False)
+        jobs = list(jobs_of(flight, [effect]))
+    tried: list[Setting] = []
+    with worker_pool(min(max(len(jobs), 1), len(os.sched_getaffinity(0)))) as pool:
+        for setting in pool.map(try_setting, jobs):
+            tried.append(setting)
+            progress(0.2 + 0.7 * len(tried) / len(jobs))
+    best = max(tried, key=lambda setting: setting.evidence, default=None)
+    if best is None:
+        raise InputError(f"'{effect.identifier}' cannot be tried on this flight: it has no samples of that sensor")
+    value = float(f"{best.value:.4g}")
+    if value == best.nominal or not best.gain > 0.0:
+        raise InputError(
+            f"'{effect.identifier}' is not missing: the sensors of this flight fit best with the aircraft file as it is"
+        )
+    return Change(settings=((best.variant.setting, value),)), best
 
 
-def _log_error(flight: FlightData) -> float:
-    """Sum over the axes with data of ln(held-out NRMSE)."""
-    fits = fits_of(flight)
-    if not fits:
-        raise InputError("no axis can be fitted")
-    return float(sum(np.log(fit.nrmse_held_out) for fit in fits.values()))
+def _gust_jobs(flight: Reconstruction, effect: Effect) -> Iterator[Job]:
+    """The random walk of the wind, which ``diagnose`` leaves to the filter; a user may ask for it."""
+    for variant in effect.variants:
+        if variant.setting[0] == "process_noise":
+            samples = stretch_of(flight)
+            yield flight, samples, effect, variant, effect.inner[0], log_likelihood(flight.aircraft, samples)
 
 
 # -- bookkeeping of changes ----------------------------------------------------------------------------------
@@ -292,8 +300,9 @@ def fits_of(flight: FlightData) -> dict[str, AxisFit]:
 
 
 def _finish(
-    run: Run, flight: FlightData, changes: Mapping[str, Change], label: str, change: Change, *, removed: bool
-) -> Outcome:
+    run: Run, flight: FlightData, changes: Mapping[str, Change], label: str, change: Change, *,
+    setting: Setting | None = None, removed: bool = False,
+) -> Outcome:  # fmt: skip
     before_version = run.current
     version = version_with(run, changes, (before_version.identifier,))
     other = run.flight(version.aircraft) if change.settings else replace(flight, aircraft=version.aircraft)
@@ -309,7 +318,10 @@ def _finish(
     falls = [1.0 - e["error_after"] / e["error_before"] for e in axes.values()]
     logs = [np.log(e["error_after"] / e["error_before"]) for e in axes.values()]
     improved = bool(max(falls) > LEAST_FALL and sum(logs) < 0.0)
-    return Outcome(version, label, change, axes, new, improved, _verdict(label, axes, improved, removed))
+    verdict = _verdict(label, axes, improved, removed)
+    if setting is not None:
+        improved, verdict = setting.evidence > 1.0, _verdict_of(setting, axes)
+    return Outcome(version, label, change, axes, new, improved, verdict)
 
 
 def _errors(before: AxisFit, after: AxisFit, flight: FlightData) -> dict[str, float]:
@@ -323,10 +335,23 @@ def _errors(before: AxisFit, after: AxisFit, flight: FlightData) -> dict[str, fl
     }
 
 
-def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool, removed: bool) -> str:
+def _verdict_of(setting: Setting, axes: Mapping[str, Mapping[str, float]]) -> str:
+    """In words, for a setting of the aircraft file: the sensors decide, not the errors of the coefficients."""
+    better = f"{setting.value:.4g} fits the sensors better than {setting.nominal:.4g}"
+    errors = f"the held-out error goes from {_largest_change(axes)}"
+    if setting.evidence > 1.0:
+        return f"{better}: {errors}"
+    return f"{better}, but by no more than chance does ({setting.evidence:.0%} of what is needed): {errors}"
+
+
+def _largest_change(axes: Mapping[str, Mapping[str, float]]) -> str:
     axis = max(axes, key=lambda a: abs(np.log(axes[a]["error_before"] / axes[a]["error_after"])))
     errors = axes[axis]
-    numbers = f"{100 * errors['error_before']:.1f} % to {100 * errors['error_after']:.1f} % in {axis}"
+    return f"{100 * errors['error_before']:.1f} % to {100 * errors['error_after']:.1f} % in {axis}"
+
+
+def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool, removed: bool) -> str:
+    numbers = _largest_change(axes)
     if improved:
         return f"the held-out error falls from {numbers}"
     if removed:

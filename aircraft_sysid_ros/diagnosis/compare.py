@@ -23,6 +23,8 @@ Array = npt.NDArray[np.float64]
 MOST_PLACES = 10
 #: The fast part of a residual may be so many times the noise of the aircraft file, or its inverse, without a note.
 _ODD_NOISE = 1.6
+#: Held-out error over its floor, from which a residual of only noise needs a word.
+_FAR_ABOVE = 1.5
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,10 @@ class Comparison:
     @property
     def notes(self) -> list[str]:
         """What the user should know about the noise that the aircraft file states."""
+        return [*self._odd_noise, *self._not_known]
+
+    @property
+    def _odd_noise(self) -> list[str]:
         odd = {name: a.noise_seen for name, a in self.axes.items() if not 1 / _ODD_NOISE < a.noise_seen < _ODD_NOISE}
         return [
             f"the fast part of the residual of {name} is {seen:.1f} times the noise that the aircraft file gives: its "
@@ -63,6 +69,23 @@ class Comparison:
             for name, seen in odd.items()
             if np.isfinite(seen)
         ]
+
+    @property
+    def _not_known(self) -> list[str]:
+        """Axes in which only noise is left, and yet the held-out error is far above the floor."""
+        notes = []
+        for name, axis in self.axes.items():
+            fit, floor = axis.fit, axis.floor.nrmse
+            times = fit.nrmse_held_out / floor
+            if not axis.whiteness.white or not times > _FAR_ABOVE:
+                continue
+            said = f"{name}: only noise is left of the fit, but the held-out error is {times:.1f} times the floor: "
+            if fit.nrmse_held_out > _FAR_ABOVE * fit.nrmse_fit:
+                said += f"a few blocks of this flight determine its parameters, so excite {name} in more manoeuvres"
+            else:
+                said += "the noise is larger than the sensors of the aircraft file make it"
+            notes.append(said)
+        return notes
 
     @property
     def json(self) -> dict[str, Any]:

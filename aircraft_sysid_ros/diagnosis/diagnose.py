@@ -39,6 +39,10 @@ MOST_EFFECTS = 4
 #: Weight of the spread over all candidates, in replicas, against that of the candidate itself; its least value.
 _SHRINKAGE, _LEAST_SPREAD = 4.0, 0.004
 
+#: What replicas show of a candidate comes from errors that stand on both sides of the regression. Gusts of the flight
+#: are not those of the replicas, so that this is known to no more than about its own size.
+_DOUBT = 1.0
+
 NONE, MISSING, UNEXPLAINED = "none", "missing", "unexplained"
 
 
@@ -85,7 +89,8 @@ class Null:
         spread = float(np.sqrt(np.mean(repeated))) if repeated else 0.05
         freedom = len(own) - 1 + _SHRINKAGE
         variance = (np.sum((own - own.mean()) ** 2) + _SHRINKAGE * spread**2) / freedom
-        deviation = np.sqrt((variance + _LEAST_SPREAD**2) * (1.0 + 1.0 / len(own)))
+        usual = float(max(own.mean(), 0.0))
+        deviation = np.sqrt((variance + _LEAST_SPREAD**2) * (1.0 + 1.0 / len(own)) + (_DOUBT * usual) ** 2)
         excess = float(score - own.mean())
         evidence = float(excess / deviation)
         return excess, evidence, float(min(1.0, tried * student.sf(evidence, freedom)))

@@ -126,7 +126,9 @@ class AxisFit:
     def _factor(self) -> None:
         """Basis of the columns, and the sums over blocks on which all else rests."""
         x = self.columns[self.rows]
-        self.basis, self._transform, self.determined = _orthonormal(x, np.sqrt(np.sum(x**2, axis=0)))
+        size = np.sqrt(np.sum(x**2, axis=0))
+        self.basis, self._transform, self.determined = _orthonormal(x, size)
+        self._scaled = size[:, None] * self._transform
         self._projected = self.basis.T @ self.y
         self._residual = self.y - self.basis @ self._projected
         self._gram = self._sums(self.basis, self.basis)
@@ -144,17 +146,25 @@ class AxisFit:
 
     # -- judgement -------------------------------------------------------------------------------------------
 
-    def _held_out(self, gram: Array, moment: Array, square: Array) -> tuple[Array, Array]:
-        """Held-out sums of squares (B,) and the parameters (FOLDS, r) that predicted.
+    def _held_out(
+        self, gram: Array, moment: Array, square: Array, full: Array, transform: Array
+    ) -> tuple[Array, Array]:
+        """Held-out sums of squares (B,), and the parameters (FOLDS, r) that predicted minus those from all points.
 
         gram (B, r, r), moment (B, r) and square (B,) are sums of products of an orthonormal basis and of the
-        residuals from all points, whose moments sum to zero: parameters are those of the residuals.
+        residuals from all points, whose moments sum to zero; full (r,) are the parameters from all points, and
+        transform (k, r) makes those of the scaled columns of them. Of a direction that the training blocks do not hold
+        nothing is predicted: the parameters of the columns have no component along it.
         """
         training = np.eye(gram.shape[1]) - self._by_fold(gram)
         right = -self._by_fold(moment)
         values, vectors = np.linalg.eigh(training)
         inverse = np.where(values > UNTRAINED, 1.0 / np.maximum(values, UNTRAINED), 0.0)
         theta = np.einsum("fij,fj,fkj,fk->fi", vectors, inverse, vectors, right)
+        for fold in np.flatnonzero((values <= UNTRAINED).any(axis=1)):
+            unknown = vectors[fold][:, values[fold] <= UNTRAINED]
+            along = transform @ unknown
+            theta[fold] -= unknown @ np.linalg.lstsq(along, transform @ (full + theta[fold]), rcond=None)[0]
         t = theta[self.fold]
         error = square - 2.0 * np.einsum("bi,bi->b", t, moment) + np.einsum("bi,bij,bj->b", t, gram, t)
         return np.maximum(error, 0.0), theta
@@ -163,7 +173,7 @@ class AxisFit:
     def _judged(self) -> tuple[Array, Array]:
         square = np.add.reduceat(self._residual**2, self._starts)
         gram, moment = self._gram, self._moment
-        return self._held_out(gram, moment, square)
+        return self._held_out(gram, moment, square, self._projected, self._scaled)
 
     @property
     def held_out_sse(self) -> Array:
@@ -238,6 +248,7 @@ class AxisFit:
             return self.on(present).gain(extra)
         z = extra[self.rows]
         size = np.sqrt(np.sum(z**2, axis=0))
+        shared = self.basis.T @ z
         for _ in range(2):  # twice is enough, Parlett (1980)
             z = z - self.basis @ (self.basis.T @ z)
         new, transform, determined = _orthonormal(z, size)
@@ -245,7 +256,11 @@ class AxisFit:
         residual = self._residual - new @ move
         gram, moment = self._bordered(new, residual, move)
         square = np.add.reduceat(residual**2, self._starts)
-        after, _ = self._held_out(gram, moment, square)
+        scaled = np.block(
+            [[self._scaled, -self._scaled @ shared @ transform],
+             [np.zeros((len(size), len(self._projected))), size[:, None] * transform]]
+        )  # fmt: skip
+        after, _ = self._held_out(gram, moment, square, np.concatenate([self._projected, move]), scaled)
         return Gain(
             before=self.held_out_sse,
             after=after,

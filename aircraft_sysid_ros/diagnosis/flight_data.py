@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -24,6 +24,7 @@ BLOCK, GUARD = 5.0, 0.4
 FOLDS = 4
 #: Least flight [s] from which anything is said.
 SHORTEST = 20.0
+_KEPT = 256
 
 
 @dataclass(frozen=True)
@@ -38,11 +39,20 @@ class FlightData:
     #: One sigma [m/s] of the air-relative velocity across the flow, the median over the flight; NaN: not stated.
     air_velocity_std: float = np.nan
     smoothed: bool = False  # by later measurements too
+    #: Newest columns by text: a search tries the same in several axes.
+    _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def model(self) -> AerodynamicModel:
         """The model of the aircraft file."""
         return self.aircraft.model
+
+    @cached_property
+    def begin(self) -> float:
+        """The signal ``time`` at time 0: times that people read count from the start of the recording."""
+        since_start = self.signal("time") - self.time
+        known = since_start[np.isfinite(since_start)]
+        return float(np.median(known)) if len(known) else 0.0
 
     @cached_property
     def block(self) -> npt.NDArray[np.int64]:
@@ -65,10 +75,16 @@ class FlightData:
 
     def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
         """Terms (n, len(programs)) on the signals."""
-        code, offsets = link(programs)
-        out = np.empty((len(self.time), len(programs)))
-        evaluate_rows(code, offsets, self.signals, out)
-        return out
+        made, new = self._made, [p for p in programs if p.text not in self._made]
+        if new:
+            code, offsets = link(new)
+            out = np.empty((len(self.time), len(new)))
+            evaluate_rows(code, offsets, self.signals, out)
+            made.update(zip((p.text for p in new), out.T.copy(), strict=True))
+        columns = np.column_stack([made[p.text] for p in programs]) if len(programs) else np.empty((len(self.time), 0))
+        while len(made) > _KEPT:
+            del made[next(iter(made))]
+        return columns
 
 
 def load_flight_data(run: str | Path) -> FlightData:

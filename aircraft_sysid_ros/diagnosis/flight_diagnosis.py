@@ -26,7 +26,7 @@ from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
 from aircraft_sysid_ros.diagnosis.measurement import CALM, Setting, measurement_faults
-from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.reconstruction import as_gusty_as, as_noisy_as, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.replicas import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.search import Bench
 from aircraft_sysid_ros.diagnosis.where import unusual
@@ -132,7 +132,8 @@ class FlightDiagnosis:
         axis = finding.trial.main_axis
         inside = np.isin(self.flight.block, finding.blocks)
         judged = np.isfinite(self.flight.measured[:, AXES.index(axis)])
-        spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in _spans(finding.blocks))
+        since = self.flight.begin
+        spans = ", ".join(f"{since + begin:.0f} to {since + end:.0f} s" for begin, end in _spans(finding.blocks))
         words = unusual(self.flight, inside, judged)
         return f"{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
 
@@ -151,7 +152,7 @@ class FlightDiagnosis:
             label = finding.trial.candidate.label
             if effect is None:
                 axis = finding.trial.main_axis
-                yield f"Unexplained: {axis[0]}_{axis[1]} depends on {label.partition(': ')[2]}, which no effect of the "
+                yield f"Unexplained: {axis[0]}_{axis[1]} depends on {label.partition(': ')[2]}, which no effect of the"
                 yield "library does; it can be added as an expression."
                 continue
             yield f"{effect.name} is missing (add {effect.identifier})."
@@ -173,6 +174,8 @@ def diagnose_flight(
     """
     progress("reconstruct the flight", 0.0)
     flight = reconstruct(as_noisy_as(aircraft, samples), samples, with_covariance=False)
+    if flight.gusts > CALM:
+        flight = reconstruct(as_gusty_as(flight), samples, with_covariance=False)
     data = settled_flight(flight)
     check_length("the flight", data.time, data.step)
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]

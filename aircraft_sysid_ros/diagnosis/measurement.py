@@ -21,12 +21,11 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GROUPS, Aircraft
 from aircraft_sysid_ros.diagnosis.effect import Effect, Inner, Variant, with_setting
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
-from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, flight_data_of
+from aircraft_sysid_ros.diagnosis.reconstruction import AIR_DATA, Reconstruction, flight_data_of, log_likelihood
 from aircraft_sysid_ros.diagnosis.replicas import worker_pool
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
 
@@ -45,7 +44,6 @@ LEAST_CONTROL_GAIN = 0.25
 #: Steps towards the best value after the first look to both sides.
 _STEPS = 4
 _CONTROLS = "control_surfaces"
-_KIND_OF = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
 
 
 @dataclass(frozen=True)
@@ -72,13 +70,13 @@ def measurement_faults(
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Setting]:
     """Significant settings, best first, each by itself."""
-    jobs = list(_jobs(flight, library))
+    jobs = list(jobs_of(flight, library))
     if not jobs:
         return []
     workers = min(len(jobs), len(os.sched_getaffinity(0)))
     found: list[Setting] = []
     with worker_pool(workers) as pool:
-        for number, setting in enumerate(pool.map(_try, jobs), 1):
+        for number, setting in enumerate(pool.map(try_setting, jobs), 1):
             progress(number / len(jobs))
             if setting.evidence > 1.0:
                 found.append(setting)
@@ -95,56 +93,38 @@ def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:
     return float(getattr(aircraft.sensors[name], setting[2]))
 
 
-def log_likelihood(aircraft: Aircraft, samples: Samples) -> float:
-    """Of all innovations of the first step (5.7), each sensor as noisy as it is; -inf when the filter does not start.
-
-    The covariance of each sensor's innovations is scaled to what they are, or a scale that makes the numbers of a
-    noisy sensor smaller would always win.
-    """
-    state = StateEstimator(aircraft)
-    state.push(samples)
-    state.flush()
-    if not state.has_been_aligned:
-        return -np.inf
-    outputs, squares, determinants = state.memory.likelihood[state.memory.likelihood[:, 1] > 0.0].T
-    total = -0.5 * float(np.sum(outputs * np.log(squares / outputs) + determinants))
-    for name, kind in _KIND_OF.items():
-        total -= float(state.memory.likelihood[kind, 0]) * np.log(aircraft.sensors[name].scale)
-    return total
+Job = tuple[Reconstruction, Samples, Effect, Variant, Inner, float]
 
 
-_Job = tuple[Reconstruction, Samples, Effect, Variant, Inner, float]
-
-
-def _jobs(flight: Reconstruction, library: Sequence[Effect]) -> Iterator[_Job]:
+def jobs_of(flight: Reconstruction, library: Sequence[Effect]) -> Iterator[Job]:
     """One per setting that the flight has samples for."""
-    samples = _stretch(flight)
+    samples = stretch_of(flight)
     kinds = set(np.unique(samples.kind).tolist())
     without = {True: control_score(flight, flight.aircraft), False: log_likelihood(flight.aircraft, samples)}
     for effect in library:
         for variant in effect.variants:
             if not variant.setting or variant.setting[0] == "process_noise":
                 continue
-            kind = _KIND_OF.get(variant.setting[1])
+            kind = AIR_DATA.get(variant.setting[1])
             if variant.setting[-1] == "scale" and flight.gusts > CALM:
                 continue
             if kind is None or int(kind) in kinds:
                 yield flight, samples, effect, variant, effect.inner[0], without[_CONTROLS in variant.setting]
 
 
-def _stretch(flight: Reconstruction) -> Samples:
+def stretch_of(flight: Reconstruction) -> Samples:
     """Samples from shortly before the first point on, LONGEST at most."""
     begin = flight.epoch + int((flight.points[0, 0] - 10.0) * 1e9) if len(flight.points) else 0
     stamp = flight.samples.stamp
     return flight.samples[(stamp >= begin) & (stamp <= begin + int((LONGEST + 10.0) * 1e9))]
 
 
-def _try(job: _Job) -> Setting:
+def try_setting(job: Job) -> Setting:
     """The best value of one setting, in a process of its own."""
     flight, samples, effect, variant, inner, without = job
     start = nominal(flight.aircraft, variant.setting)
     of_controls = _CONTROLS in variant.setting
-    air = sum(int(np.sum(samples.kind == kind)) for kind in _KIND_OF.values())
+    air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
     needed = LEAST_CONTROL_GAIN if of_controls else max(LEAST_TOTAL, LEAST_GAIN * air)
 
     def gain(value: float) -> float:

@@ -21,7 +21,7 @@ from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +33,9 @@ NOISE_RANGE = (0.5, 4.0)
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
 _LEAST_FOR_NOISE = 200
+#: Factor between the random walks of the wind that are tried, and the largest [m/s per sqrt(s)].
+WALK_STEP, LARGEST_WALK = 1.25, 3.0
+AIR_DATA = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
 _MEASURED_NOISE = {
     Kind.IMU: ("accelerometer", "gyro"),
     Kind.AIRSPEED: ("airspeed",),
@@ -82,8 +85,9 @@ def as_noisy_as(aircraft: Aircraft, samples: Samples) -> Aircraft:
     From third differences, (1, -3, 3, -1) with the sum of squares 20: what changes from sample to sample is noise and
     not motion. Medians, so that faults do not count. A filter that is told another noise takes it for gusts.
     """
+    sound = np.isfinite(samples.values[:, 0]) & ~is_absurd(samples).any(axis=1)
     for kind, names in _MEASURED_NOISE.items():
-        values = samples.values[samples.kind == kind]
+        values = samples.values[(samples.kind == kind) & sound]
         if len(values) < _LEAST_FOR_NOISE:
             continue
         for number, name in enumerate(names):
@@ -93,6 +97,41 @@ def as_noisy_as(aircraft: Aircraft, samples: Samples) -> Aircraft:
             if np.isfinite(found) and given > 0.0:
                 noise = given * float(np.clip(found / given, *NOISE_RANGE))
                 aircraft = with_setting(aircraft, ("sensors", name, "noise"), noise)
+    return aircraft
+
+
+def log_likelihood(aircraft: Aircraft, samples: Samples) -> float:
+    """Of all innovations of the first step (5.7), each sensor as noisy as it is; -inf when the filter does not start.
+
+    The covariance of each sensor's innovations is scaled to what they are, or a scale that makes the numbers of a
+    noisy sensor smaller would always win.
+    """
+    state = StateEstimator(aircraft)
+    state.push(samples)
+    state.flush()
+    if not state.has_been_aligned:
+        return -np.inf
+    outputs, squares, determinants = state.memory.likelihood[state.memory.likelihood[:, 1] > 0.0].T
+    total = -0.5 * float(np.sum(outputs * np.log(squares / outputs) + determinants))
+    for name, kind in AIR_DATA.items():
+        total -= float(state.memory.likelihood[kind, 0]) * np.log(aircraft.sensors[name].scale)
+    return total
+
+
+def as_gusty_as(flight: Reconstruction) -> Aircraft:
+    """The aircraft with the random walk of the wind under which the first step's innovations are likeliest.
+
+    The filter in flight follows gusts cautiously and from one side; what it takes for noise then stands as an error in
+    the flow angles, larger than any replica would show.
+    """
+    aircraft, walk = flight.aircraft, max(flight.gusts, flight.aircraft.process_noise["wind"])
+    best = -np.inf
+    while walk <= LARGEST_WALK:
+        gustier = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
+        likelihood = log_likelihood(gustier, flight.samples)
+        if likelihood <= best:
+            break
+        aircraft, best, walk = gustier, likelihood, WALK_STEP * walk
     return aircraft
 
 

@@ -16,12 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import butter, filtfilt
+from scipy.signal import butter, filtfilt, lfilter
 
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
+from aircraft_sysid_ros.diagnosis.reconstruction import AIR_DATA
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.modelling.body import body_of
 from aircraft_sysid_ros.modelling.signals import fill_signals
@@ -36,8 +37,6 @@ Array = npt.NDArray[np.float64]
 #: Above this [Hz] reconstructed rates and accelerations are the noise of their sensors, not motion.
 MOTION_BAND = 8.0
 RATE = 100.0  # [Hz] of the world
-#: Gusts slower than this [rad/s] are in the reconstructed wind already.
-GUST_BAND = 3.0
 
 _SENSOR_OF_RATE = {
     Kind.IMU: ("accelerometer", "gyro"),
@@ -111,7 +110,8 @@ def world_of(
     arm = aircraft.imu_position
     force = low_passed(on_grid[:, Column.SPECIFIC_FORCE], MOTION_BAND)
     force = force - np.cross(turning, arm) - np.cross(rates, np.cross(rates, arm))
-    wind = on_grid[:, Column.WIND] + _fast_gusts(len(time), gusts, seed)
+    band = gust_band(sensing(aircraft, samples), float(np.mean(rows[:, Column.AIRSPEED])), gusts)
+    wind = on_grid[:, Column.WIND] + _fast_gusts(len(time), gusts, band, seed)
     velocity = on_grid[:, Column.VELOCITY]
     to_body = np.array([rotation_matrix(q).T for q in quaternion])
     air_velocity = np.einsum("nij,nj->ni", to_body, velocity - wind)
@@ -170,16 +170,22 @@ def low_passed(series: Array, band: float) -> Array:
     return np.asarray(filtfilt(b, a, series, axis=0))
 
 
-def _fast_gusts(count: int, walk: float, seed: int) -> Array:
-    """Gusts (n, 3) [m/s] of a random walk, without its slow part."""
+def gust_band(aircraft: Aircraft, speed: float, walk: float) -> float:
+    """Band [rad/s] below which a smoother has a random walk of the wind [m/s per sqrt(s)] in its result.
+
+    With white noise of spectral density R it passes 1 / (1 + (w/b)^2), b = walk / sqrt(R); what is left of a gust has
+    the variance of a random walk without what is slower than 2 b. R is the mean over the three air data.
+    """
+    noise = [aircraft.sensors[name].noise[0] * (1.0 if name == "airspeed" else speed) for name in AIR_DATA]
+    rates = [aircraft.sensors[name].rate for name in AIR_DATA]
+    density = float(np.mean(np.square(noise) / rates))
+    return 2.0 * walk / np.sqrt(max(density, 1e-12))
+
+
+def _fast_gusts(count: int, walk: float, band: float, seed: int) -> Array:
+    """Gusts (n, 3) [m/s] of a random walk, without what is slower than ``band`` [rad/s]."""
     steps = walk / np.sqrt(RATE) * generator(seed, "gusts").standard_normal((count, 3))
-    keep = np.exp(-GUST_BAND / RATE)
-    out = np.empty((count, 3))
-    state = np.zeros(3)
-    for i in range(count):
-        state = keep * state + steps[i]
-        out[i] = state
-    return out
+    return np.asarray(lfilter([1.0], [1.0, -np.exp(-band / RATE)], steps, axis=0))
 
 
 def _resampled(rows: Array, time: Array) -> Array:

@@ -34,7 +34,7 @@ from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
-from aircraft_sysid_ros.refinement.run_data import SAMPLES, load_run
+from aircraft_sysid_ros.refinement.run_data import SAMPLES, load_run, load_run_aircraft
 from aircraft_sysid_ros.samples import Samples
 
 MODELS, CURRENT, VERSION, PARAMETERS = "models", "model.json", "version.json", "parameters.json"
@@ -105,7 +105,7 @@ def open_run(path: str | Path) -> Run:
     folder = Path(path)
     if not (folder / AIRCRAFT).is_file():
         raise InputError(f"{path} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
-    root = load_aircraft(folder / AIRCRAFT)
+    root = load_run_aircraft(folder / AIRCRAFT)
     if not (folder / SAMPLES).is_file():
         load_flight_data(folder)  # says what is wrong before anything is changed
         return Run(folder, root, _current(folder, root), None)
@@ -151,7 +151,7 @@ def version_with(run: Run, changes: Mapping[str, Change], parents: Sequence[str]
 
 
 def _current(folder: Path, root: Aircraft) -> Version:
-    if not (folder / CURRENT).is_file():
+    if not os.path.lexists(folder / CURRENT):
         return Version(root.model.identifier, root)
     try:
         identifier = str(json.loads((folder / CURRENT).read_text(encoding="utf8"))["model"])
@@ -159,10 +159,11 @@ def _current(folder: Path, root: Aircraft) -> Version:
         content = json.loads((place / VERSION).read_text(encoding="utf8"))
         changes = {str(label): change_from_json(change) for label, change in content["changes"].items()}
         parents = tuple(map(str, content["parents"]))
-    except (OSError, KeyError, TypeError, ValueError, AttributeError):
+        aircraft = load_run_aircraft(place / AIRCRAFT)
+    except (InputError, OSError, KeyError, TypeError, ValueError, AttributeError):
         message = f"the model versions of {folder} are damaged: remove {CURRENT} to go back to the model of the run"
         raise InputError(message) from None
-    return Version(identifier, load_aircraft(place / AIRCRAFT), changes, parents)
+    return Version(identifier, aircraft, changes, parents)
 
 
 @contextlib.contextmanager
@@ -199,7 +200,7 @@ def write_version(
         with tempfile.TemporaryDirectory(dir=run.path, prefix=".version.") as folder:
             new = Path(folder) / "new"
             new.mkdir()
-            text = yaml.safe_dump(source, sort_keys=False)
+            text = yaml.safe_dump(source, sort_keys=False, explicit_end=True)
             (new / AIRCRAFT).write_text(text, encoding="utf8")
             listed = {"model": version.identifier, "parameters": list(parameters)}
             (new / PARAMETERS).write_text(json_text(listed) + "\n", encoding="utf8")

@@ -54,7 +54,7 @@ class Place:
     """A stretch of time or a cell of the envelope where one axis fails."""
 
     axis: str
-    t_start: float  # [s] from the first point
+    t_start: float  # [s] of the recording
     t_end: float
     conditions: str  # empty where nothing sets it apart
     nrmse: float  # rms residual there over the standard deviation of the coefficient in the whole flight
@@ -103,7 +103,7 @@ def failing_places(flight: FlightData, axis: str, residual: Array, std: Array, s
         freedom = max(int(inside.sum()) * share, 1.0)
         p_value = min(1.0, tried * float(gammaincc(0.5 * freedom, 0.5 * freedom * square)))
         if p_value < FALSE_ALARM and square > LEAST_EXCESS**2:
-            begin, end = (float(t) for t in flight.time[inside][[0, -1]])
+            begin, end = (float(t) + flight.begin for t in flight.time[inside][[0, -1]])
             nrmse = float(np.sqrt(np.mean(residual[inside] ** 2))) / spread
             words = words or unusual(flight, inside, judged)
             found.append((signal, Place(axis, begin, end, words, nrmse, np.sqrt(square), p_value, bool(signal))))
@@ -166,8 +166,12 @@ def _cells(flight: FlightData, judged: Mask) -> Iterator[tuple[str, Mask, str]]:
             continue
         for tail in _TAILS:
             low, high = np.quantile(values[known], [tail, 1.0 - tail])
-            yield name, known & (values > high), _beyond(name, "above", high)
-            yield name, known & (values < low), _beyond(name, "below", low)
+            for inside, words in (
+                (known & (values > high), _beyond(name, "above", high)),
+                (known & (values < low), _beyond(name, "below", low)),
+            ):
+                if inside.any():  # nothing lies beyond a stop that the signal stays at
+                    yield name, inside, words
 
 
 def unusual(flight: FlightData, inside: Mask, judged: Mask) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import gc
 import importlib
 import os
 import signal
@@ -191,6 +192,8 @@ def make_executor(nodes: Sequence[LifecycleNode]) -> Any:
 
 def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
     """Run callbacks until ``finished`` or a shutdown. Not executor.spin(): in the wheels it runs none."""
+    gc.collect()
+    gc.freeze()  # what is there before the first sample stays: the collector must not walk it in flight
     while rclpy.ok() and not finished():
         try:
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)

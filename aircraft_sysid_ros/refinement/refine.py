@@ -48,6 +48,8 @@ METHODS = (OUTPUT_ERROR, FILTER_ERROR)
 _START_LEVELS = (0.3, 0.3, 0.05)
 #: Correlation of innovations that the standard errors allow for [s].
 _CORRELATION = 1.0
+#: Held-out error over that of the run, from which the refined parameters are not to be used.
+WORSE = 1.5
 #: Least time [s] to fit on.
 SHORTEST = 10.0
 
@@ -106,6 +108,7 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     modelled = np.full(record.outputs.shape, np.nan)
     for segment, residual in zip(fitted, found.residuals, strict=True):
         modelled[segment.part] = record.outputs[segment.part] - residual
+    held_out = held_out_errors(run, record, segments, found.theta)
     content = {
         "method": method,
         "model": run.aircraft.model.identifier,
@@ -120,7 +123,8 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
         **found.fit,
         "segments": len(fitted),
         "seconds_fitted": total,
-        "held_out": held_out_errors(run, record, segments, found.theta),
+        "held_out": held_out,
+        "worse": worse_axes(held_out),
     }
     return Refinement(content, record.time - record.time[0], record.outputs, modelled)
 
@@ -260,6 +264,11 @@ def held_out_errors(
             "nrmse_of_run": float(np.std(before)) / spread,
         }
     return result
+
+
+def worse_axes(held_out: dict[str, dict[str, float]]) -> list[str]:
+    """Axes that the refined parameters predict clearly worse than those of the run: the model lacks something."""
+    return [axis for axis, error in held_out.items() if error["nrmse"] > WORSE * error["nrmse_of_run"]]
 
 
 def with_options(options: RefineOptions, segment: float | None) -> RefineOptions:

@@ -22,6 +22,8 @@ Array = npt.NDArray[np.float64]
 AIRCRAFT, PARAMETERS, STATE, POINTS, SAMPLES = (
     "aircraft.yaml", "parameters.json", "state.json", "points.npz", "samples.npz",
 )  # fmt: skip
+#: Last line of the aircraft files that this program writes into a run: the end of a document of YAML.
+END = "\n...\n"
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,14 @@ class RunData:
         return values
 
 
+def load_run_aircraft(path: Path) -> Aircraft:
+    """An aircraft file of a run; InputError also where its end is missing, since half of it may be a valid file."""
+    aircraft = load_aircraft(path)
+    if not path.read_text(encoding="utf8").endswith(END):
+        raise InputError(f"{path} is cut off, its last line is not '{END.strip()}': replay the recording again")
+    return aircraft
+
+
 def load_run(run: str | Path) -> RunData:
     """Read a run folder; InputError when it is none, has no samples, or is damaged."""
     folder = Path(run)
@@ -55,7 +65,7 @@ def load_run(run: str | Path) -> RunData:
         raise InputError(f"{run} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
     if not (folder / SAMPLES).is_file():
         raise InputError(f"{run} holds no samples, it was made by an older version: replay the recording again")
-    aircraft = load_aircraft(folder / AIRCRAFT)
+    aircraft = load_run_aircraft(folder / AIRCRAFT)
     try:
         listed = json.loads((folder / PARAMETERS).read_text(encoding="utf8"))["parameters"]
         parameters = {p["name"]: p for p in listed}

@@ -30,10 +30,10 @@ def comparison_figure(comparison: Comparison, path: str | Path, title: str) -> P
     import matplotlib.pyplot as plt
 
     figure, plots = plt.subplots(6, 2, figsize=(14, 13), sharex=True, width_ratios=(3, 2), layout="constrained")
-    flight = comparison.flight
+    flight, time = comparison.flight, _time_of(comparison)
     for (both, residual), name in zip(plots, AXES, strict=True):
         measured = flight.measured[:, AXES.index(name)]
-        both.plot(flight.time, measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
+        both.plot(time, measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
         both.set_ylabel(f"{_SYMBOLS[name]} [-]")
         if name in comparison.axes:
             _plot_axis(both, residual, comparison, name)
@@ -41,21 +41,26 @@ def comparison_figure(comparison: Comparison, path: str | Path, title: str) -> P
             residual.text(0.5, 0.5, comparison.reasons[name], ha="center", transform=residual.transAxes, fontsize=8)
         for plot in (both, residual):
             plot.grid(alpha=0.3)
-            for begin in np.arange(_SHOWN_FOLD * BLOCK, flight.time[-1], FOLDS * BLOCK):
-                plot.axvspan(begin, min(begin + BLOCK, flight.time[-1]), color="#000000", alpha=0.05, lw=0)
+            for begin in flight.begin + np.arange(_SHOWN_FOLD * BLOCK, flight.time[-1], FOLDS * BLOCK):
+                plot.axvspan(begin, min(begin + BLOCK, time[-1]), color="#000000", alpha=0.05, lw=0)
     plots[0, 0].set_title("measured and predicted; shaded: blocks that are held out together", loc="left")
     plots[0, 0].legend(loc="upper right", ncols=2, fontsize=8)
     plots[0, 1].set_title("held-out residual, two sigma of noise (green), worse (orange)", loc="left", fontsize=10)
     for plot in plots[-1]:
-        plot.set_xlabel("time in flight [s]")
+        plot.set_xlabel("time of the recording [s]")
     figure.suptitle(title)
     figure.savefig(path, dpi=110)
     plt.close(figure)
     return Path(path)
 
 
+def _time_of(comparison: Comparison) -> Any:
+    """Time (n,) of the recording [s]."""
+    return comparison.flight.time + comparison.flight.begin
+
+
 def _plot_axis(both: Any, residual: Any, comparison: Comparison, name: str) -> None:
-    axis, time = comparison.axes[name], comparison.flight.time
+    axis, time = comparison.axes[name], _time_of(comparison)
     both.plot(time, axis.predicted, color=PREDICTED_COLOUR, lw=0.9, ls="--", label="predicted by the model")
     residual.plot(time, axis.fit.held_out, color=RESIDUAL_COLOUR, lw=0.7)
     for sign in (-2.0, 2.0):

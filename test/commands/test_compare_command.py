@@ -39,7 +39,13 @@ def test_a_run_without_samples_is_compared_as_the_filter_saw_it(run_with_hidden_
     assert json.loads(capsys.readouterr().out)["axes"]["CZ"]["nrmse_held_out"] > 0.05
 
 
-@pytest.mark.parametrize("damage", ["nothing", "empty", "points", "samples", "short"])
+WORDS = {
+    "short": "20 s are needed", "nothing": "is no run", "empty": "is no run", "aircraft": "is cut off",
+    "folder": "remove model.json",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", ["nothing", "empty", "points", "samples", "short", "aircraft", "folder"])
 def test_bad_runs_are_one_line_and_exit_2(damage: str, run_with_hidden_effect, tmp_path, capsys) -> None:
     run = tmp_path / "run"
     if damage != "nothing":
@@ -52,6 +58,11 @@ def test_bad_runs_are_one_line_and_exit_2(damage: str, run_with_hidden_effect, t
         (run / "points.npz").write_bytes(b"")
     elif damage == "samples":
         (run / "samples.npz").write_bytes(b"not a zip")
+    elif damage == "aircraft":  # cut after the first half: what is left is a valid aircraft file
+        text = (run / "aircraft.yaml").read_text()
+        (run / "aircraft.yaml").write_text(text[: text.index("sensors:")])
+    elif damage == "folder":
+        (run / "model.json").mkdir()
     elif damage == "short":
         import numpy as np
 
@@ -63,4 +74,4 @@ def test_bad_runs_are_one_line_and_exit_2(damage: str, run_with_hidden_effect, t
     assert main(["compare", str(run)]) == 2
     captured = capsys.readouterr()
     assert captured.out == "" and len(captured.err.splitlines()) == 1
-    assert {"short": "20 s are needed", "nothing": "is no run", "empty": "is no run"}.get(damage, "") in captured.err
+    assert WORDS.get(damage, "") in captured.err

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.refinement.refine import worse_axes
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 from aircraft_sysid_ros.simulation.truth_files import write_flight
 
@@ -41,6 +42,10 @@ def test_refine_writes_file_and_figure(run, capsys):
 
     shown = refine.render(printed)
     assert "CZ_alpha" in shown and printed["file"] in shown and "held out" in shown
+    assert printed["worse"] == [] and "WORSE" not in shown
+    printed["held_out"]["Cl"]["nrmse"] = 2.0 * printed["held_out"]["Cl"]["nrmse_of_run"]  # a model that lacks something
+    printed["worse"] = worse_axes(printed["held_out"])
+    assert printed["worse"] == ["Cl"] and "held-out C_l predicted worse" in refine.render(printed)
 
 
 def says(capsys, *arguments):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.compare import compare
+from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
@@ -41,6 +43,23 @@ def test_json_is_that_of_the_interface(flight) -> None:
     for place in content["worst"]:
         assert {"axis", "t_start", "t_end", "conditions", "nrmse"} <= place.keys()
     assert [p["nrmse"] for p in content["worst"]] == sorted((p["nrmse"] for p in content["worst"]), reverse=True)
+
+
+def test_an_axis_that_a_few_blocks_determine_is_warned_of(flight) -> None:
+    """The rudder moves in one block alone: the fit to all points knows its power, the others predict it badly."""
+    random = np.random.default_rng(0)
+    push = np.where(
+        flight.time < 10.0, 0.3 * np.sign(np.sin(2.0 * flight.time)), 2e-4 * random.normal(size=len(flight.time))
+    )
+    signals, measured, known = flight.signals.copy(), flight.measured.copy(), fit_axis(flight, "Cn")
+    signals[:, SIGNAL_INDEX["dr"]] = push
+    measured[:, AXES.index("Cn")] += known.parameters[-1] * (push - known.columns[:, -1])
+    changed = compare(replace(flight, signals=signals, measured=measured))
+    errors = changed.axes["Cn"]
+    assert errors.whiteness.white and errors.fit.nrmse_held_out > 3.0 * errors.floor.nrmse
+    (note,) = [note for note in changed.notes if note.startswith("Cn: only noise")]
+    assert "a few blocks" in note
+    assert not any("only noise" in note for note in compare(flight).notes)
 
 
 def test_an_axis_without_data_is_null_with_a_reason(flight) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from aircraft_sysid_ros.diagnosis.replicas import fitted_parameters, without_exc
 from aircraft_sysid_ros.diagnosis.search import Bench
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.run_folder import RunWriter
+from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
 from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -134,6 +137,19 @@ def test_a_wrong_scale_of_the_vane_is_found_before_aerodynamics_is_blamed(aircra
     assert [f.effect.identifier for f in faults][:1] == ["alpha_scale"]
     assert faults[0].value == pytest.approx(1.15, abs=0.03)
     assert not measurement_faults(reconstruct(truth, samples, with_covariance=False), [BY_ID["alpha_scale"]])
+
+
+def test_faults_of_transmission_do_not_count_as_noise(aircraft):
+    """Values that no aircraft has, and a sensor that only sends them: no warning, and the same noise to 5 %."""
+    samples = flight_of(aircraft, duration=30.0).samples
+    values, random = samples.values.copy(), np.random.default_rng(0)
+    values[random.choice(len(values), 200), 0] = random.choice([1e300, -1e300, np.inf, np.nan], 200)
+    values[samples.kind == Kind.SIDESLIP, 0] = 1e300
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found, known = as_noisy_as(aircraft, replace(samples, values=values)), as_noisy_as(aircraft, samples)
+    for name in ("accelerometer", "gyro", "airspeed"):
+        assert found.sensors[name].noise[0] == pytest.approx(known.sensors[name].noise[0], rel=0.05)
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])

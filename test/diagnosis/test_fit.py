@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,12 +100,28 @@ def test_what_the_flight_does_not_determine_is_named_and_harmless(aircraft) -> N
     assert np.isnan(still.parameters[0]) and np.allclose(still.after, still.before)
 
 
+def changed(flight, more):
+    """The flight with something more (n, 1) in its measured C_Z."""
+    measured = flight.measured.copy()
+    measured[:, 2] += more[:, 0]
+    return replace(flight, measured=measured)
+
+
 def test_an_event_in_one_fold_only_is_predicted_without(aircraft) -> None:
     """A column that is zero outside one block cannot be learnt from the others: it must not blow up."""
     flight = flight_of(aircraft)
     column = np.where(flight.block == 3, 1.0, 0.0)[:, None]
     gain = fit_axis(flight, "CZ").gain(column)
     assert np.allclose(gain.after, gain.before, rtol=0.05)
+
+
+def test_what_only_one_fold_holds_explains_nothing_held_out(aircraft) -> None:
+    """The same with something in that block to explain: the parameter from all points must not predict it."""
+    flight = flight_of(aircraft)
+    column = np.where(flight.block == 3, 1.0, 0.0)[:, None]
+    gain = fit_axis(changed(flight, 0.3 * column), "CZ").gain(column)
+    assert gain.fitted_after < 0.1 * gain.fitted_before
+    assert np.sum(gain.after) > 0.9 * np.sum(gain.before)
 
 
 def test_standard_errors_hold_in_coloured_noise(aircraft) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import multiprocessing
 import os
@@ -13,11 +14,14 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.diagnosis import additions, versions
-from aircraft_sysid_ros.diagnosis.additions import add, golden_section, parse_request, remove
+from aircraft_sysid_ros.diagnosis.additions import add, parse_request, remove
 from aircraft_sysid_ros.diagnosis.effect import Effect, Inner
 from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.diagnosis.measurement import measurement_faults
+from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, reconstruct
 from aircraft_sysid_ros.diagnosis.versions import open_run, version_identifier, version_with
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.refinement.run_data import load_run
 from aircraft_sysid_ros.samples import Kind
 
 TRUE_VALUE = 60.0
@@ -38,7 +42,7 @@ _made: dict[str, object] = {}
 def _once(aircraft, samples):
     from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, reconstruct
 
-    key = repr(aircraft.sensors) + repr(aircraft.imu_position) + str(len(samples))
+    key = str(samples.stamp.sum()) + repr(aircraft.sensors) + repr(aircraft.imu_position) + str(len(samples))
     if key not in _made:
         _made[key] = reconstruct(aircraft, samples)
     made = _made[key]
@@ -124,32 +128,59 @@ def test_an_effect_brings_its_terms_with_inner_numbers_fitted(run) -> None:
 
 
 def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, aircraft, monkeypatch) -> None:
-    """All surfaces were recorded 80 ms after they moved, which the file does not say; 25 s of flight tell."""
-    monkeypatch.setattr(additions, "_SEARCHED", 25.0)
-    with np.load(run / "samples.npz") as stored:
-        arrays = {name: stored[name] for name in stored.files}
-    arrays["stamp"][arrays["kind"] == Kind.CONTROLS] += 80_000_000
-    order = np.argsort(arrays["stamp"], kind="stable")
-    np.savez(run / "samples.npz", **{name: values[order] for name, values in arrays.items()})
-    _made.clear()
+    """All surfaces were recorded 80 ms after they moved, which the file does not say."""
+    _shift(run, Kind.CONTROLS, 80_000_000)
     effect = Effect(**{**vars(BY_ID["actuator_lag"]), "inner": (Inner("delay", "s", 0.0, 0.2, 5),)})
-    opened = open_run(run)
-    change = additions._of_setting(opened, effect, list(effect.variants), lambda share: None)
-    ((key, value),) = change.settings
+    monkeypatch.setattr(additions, "parse_request", lambda text: effect)
+    before = open_run(run)
+    outcome = add(run, "actuator_lag")
+    ((key, value),) = outcome.change.settings
     assert key == ("sensors", "control_surfaces", "delay") and value == pytest.approx(0.08, abs=0.01)
-    version = version_with(opened, {"actuator_lag": change}, ())
+    assert outcome.improved and "fits the sensors better than 0" in outcome.verdict
+    version = outcome.version
     assert version.aircraft.sensors["control_surfaces"].delay == value
     assert version.aircraft.model.terms == aircraft.model.terms
     assert version.identifier != aircraft.model.identifier
-    assert version.identifier == version_identifier(version.aircraft, opened.root)
-    assert version_with(opened, {}, ()).identifier == aircraft.model.identifier
+    assert version.identifier == version_identifier(version.aircraft, before.root)
+    with pytest.raises(InputError, match="in the model already"):
+        add(run, "actuator_lag")
+    assert version_with(before, {}, ()).identifier == aircraft.model.identifier
+
+
+def test_add_and_diagnose_find_the_same_lag_of_the_air_data(run, monkeypatch) -> None:
+    """What ``diagnose`` would name is what ``add`` sets, and lags that are not there are not believed in."""
+    _shift(run, Kind.AIRSPEED, 100_000_000)
+    _shift(run, Kind.ANGLE_OF_ATTACK, 100_000_000)
+    _shift(run, Kind.SIDESLIP, 100_000_000)
+    opened = open_run(run)
+    flight = reconstruct(as_noisy_as(opened.current.aircraft, opened.samples), opened.samples, with_covariance=False)
+    effect = BY_ID["air_data_lag"]
+    effect = Effect(**{**vars(effect), "variants": effect.variants[:1]})
+    monkeypatch.setattr(additions, "parse_request", lambda text: effect)
+    named = measurement_faults(flight, [effect])[0]
+    outcome = add(run, "air_data_lag")
+    ((key, value),) = outcome.change.settings
+    assert key == named.variant.setting and value == pytest.approx(named.value, rel=1e-3)
+    assert key[1] == "air_data" and value == pytest.approx(0.1, abs=0.02) and outcome.improved
+
+
+def test_a_scale_that_is_right_is_not_believed_to_be_wrong(run) -> None:
+    try:
+        outcome = add(run, "beta_scale")
+    except InputError as error:
+        assert "is not missing" in str(error)
+    else:
+        assert not outcome.improved and "no more than chance" in outcome.verdict
+
+
+def _shift(run: Path, kind: Kind, nanoseconds: int) -> None:
+    """Samples of one kind later than they were."""
+    with np.load(run / "samples.npz") as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    arrays["stamp"][arrays["kind"] == kind] += nanoseconds
+    order = np.argsort(arrays["stamp"], kind="stable")
+    np.savez(run / "samples.npz", **{name: values[order] for name, values in arrays.items()})
     _made.clear()
-
-
-def test_golden_section_finds_a_minimum() -> None:
-    calls = []
-    found = golden_section(lambda x: calls.append(x) or (x - 0.123) ** 2, -1.0, 1.0, 12)
-    assert found == pytest.approx(0.123, abs=2.0 * 0.618**12) and len(calls) == 14
 
 
 @pytest.mark.parametrize(
@@ -164,9 +195,10 @@ def test_golden_section_finds_a_minimum() -> None:
         ("CZ: alpha", "'alpha' in CZ already"),
         ("CZ: 3*alpha", "does not determine"),
         ("CZ: 0*alpha", "does not determine"),
-        ("CZ: propeller_speed**2/0", "does not"),
+        ("CZ: propeller_speed**2/0", "is not finite"),
         ("CZ: alpha**2; CZ: alpha**2", "twice"),
-        ("", "no effect"),
+        ("", "nothing is named: give an effect such as stall"),
+        ("CZ: 1/0*alpha", "is not finite at any point"),
     ],
 )
 def test_bad_requests_are_one_sentence_and_change_nothing(run, text: str, words: str) -> None:
@@ -206,6 +238,28 @@ def test_what_is_no_run_or_damaged_is_said(run, tmp_path) -> None:
     (run / "model.json").write_text('{"model": "unknown"}')
     with pytest.raises(InputError, match=r"damaged: remove model.json"):
         open_run(run)
+    (run / "model.json").unlink()
+    (run / "model.json").mkdir()
+    with pytest.raises(InputError, match=r"damaged: remove model.json"):
+        open_run(run)
+
+
+def test_an_aircraft_file_that_is_cut_off_is_no_smaller_aircraft_file(run) -> None:
+    """Cut after any line, it is refused, though the first lines alone are a valid file."""
+    path = run / "aircraft.yaml"
+    lines = path.read_text().splitlines(keepends=True)
+    accepted = []
+    for count in range(len(lines)):
+        path.write_text("".join(lines[:count]))
+        with contextlib.suppress(InputError):
+            open_run(run)
+            accepted.append(count)
+        with contextlib.suppress(InputError):
+            load_run(run)
+            accepted.append(count)
+    assert not accepted
+    path.write_text("".join(lines))
+    open_run(run)
 
 
 def test_a_failed_write_leaves_the_run_as_it_was(run, monkeypatch) -> None:

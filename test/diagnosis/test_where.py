@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,19 @@ def test_a_stretch_of_time_is_found(aircraft) -> None:
     assert stretch.nrmse == pytest.approx(0.3, rel=0.1) and stretch.excess == pytest.approx(3.0, rel=0.1)
 
 
+def test_times_are_those_of_the_recording(aircraft) -> None:
+    """The first point of a flight may come long after the filter has started: the signal ``time`` knows."""
+    random = np.random.default_rng(0)
+    flight, residual = flight_of(aircraft, random), random.normal(size=N)
+    flight.signals[:, SIGNAL_INDEX["time"]] = flight.time + 33.0
+    residual[(flight.time > 62.0) & (flight.time < 71.0)] *= 3.0
+    places = failing_places(flight, "CZ", residual, np.ones(N), 10.0)
+    stretch = next(place for place in places if not place.is_cell)
+    assert flight.begin == pytest.approx(33.0)
+    assert stretch.t_start == pytest.approx(95.0, abs=1.0) and stretch.t_end == pytest.approx(104.0, abs=1.0)
+    assert stretch.text.startswith("C_Z, 95 to 104 s")
+
+
 def test_a_cell_of_the_envelope_is_found_with_its_edge(aircraft) -> None:
     random = np.random.default_rng(1)
     flight, residual = flight_of(aircraft, random), random.normal(size=N)
@@ -64,6 +79,15 @@ def test_what_is_twice_as_noisy_as_stated_everywhere_is_said(aircraft) -> None:
     random = np.random.default_rng(2)
     places = failing_places(flight_of(aircraft, random), "Cm", 2.0 * random.normal(size=N), np.ones(N), 10.0)
     assert places and all(place.excess > 1.5 for place in places)
+
+
+def test_a_surface_at_its_stop_has_no_cell_beyond(aircraft) -> None:
+    random = np.random.default_rng(3)
+    flight = flight_of(aircraft, random)
+    flight.signals[:, SIGNAL_INDEX["de"]] = np.clip(flight.signal("de"), -0.02, 0.02)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        failing_places(flight, "Cm", random.normal(size=N), np.ones(N), 10.0)
 
 
 def test_no_judged_points_no_places(aircraft) -> None:

@@ -1,0 +1,31 @@
+"""Effects of the library that differ by name only in a flight of some kind: their terms are then the same.
+
+These sets follow from the formulas and not from what a diagnosis has said of any flight. In a flight it may find
+more, by the correlation of what effects explain (``confounded_with``).
+"""
+
+from __future__ import annotations
+
+#: Ids of a set, and why.
+ALIASES: tuple[tuple[frozenset[str], str], ...] = (
+    (
+        frozenset({"control_damage", "stuck_control"}),
+        "Both take a part of the answer to one surface away from one moment on. They differ by a constant moment, "
+        "which is nil where a surface sticks near its trim.",
+    ),
+    (
+        frozenset({"compressibility", "aeroelasticity"}),
+        "At one height dynamic pressure is the square of the Mach number but for a factor, and so is, well below the "
+        "speed of sound, 1/√(1 - M²) - 1.",
+    ),
+    (
+        frozenset({"cg_shift", "parameter_change"}),
+        "A shift along the fuselage adds a C_Z to C_m, which is a constant and a part in proportion to α: a change of "
+        "C_m,0 and C_m,α, but for the small parts of C_Z that elevator and pitch rate make.",
+    ),
+)
+
+
+def aliases_of(identifier: str) -> frozenset[str]:
+    """The other ids of the sets that an effect belongs to."""
+    return frozenset().union(*(ids for ids, _ in ALIASES if identifier in ids)) - {identifier}
