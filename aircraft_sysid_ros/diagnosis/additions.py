@@ -20,9 +20,9 @@ from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.fit import AxisFit, fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.measurement import (
-    CALM,
     Job,
     Setting,
+    is_calm,
     jobs_of,
     stretch_of,
     try_setting,
@@ -199,16 +199,17 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
         raise InputError(f"{run.path} holds no samples to reconstruct from: replay the recording again")
     samples = run.samples
     flight = reconstruct(as_noisy_as(run.current.aircraft, samples), samples, with_covariance=False)
-    if flight.gusts > CALM and all(variant.setting[-1] == "scale" for variant in effect.variants):
+    calm = is_calm(flight)
+    if not calm and all(variant.setting[-1] == "scale" for variant in effect.variants):
         raise InputError(
             f"in these gusts '{effect.identifier}' cannot be told from gusts: fly in calm air, or set "
             f"{'.'.join(effect.variants[0].setting)} in the aircraft file"
         )
     jobs = list(_gust_jobs(flight, effect))
     if not jobs:
-        if flight.gusts > CALM:
+        if not calm:
             flight = reconstruct(as_gusty_as(flight), samples, with_covariance=False)
-        jobs = list(jobs_of(flight, [effect]))
+        jobs = list(jobs_of(flight, [effect], calm))
     tried: list[Setting] = []
     with worker_pool(min(max(len(jobs), 1), len(os.sched_getaffinity(0)))) as pool:
         for setting in pool.map(try_setting, jobs):
@@ -230,7 +231,7 @@ def _gust_jobs(flight: Reconstruction, effect: Effect) -> Iterator[Job]:
     for variant in effect.variants:
         if variant.setting[0] == "process_noise":
             samples = stretch_of(flight)
-            yield flight, samples, effect, variant, effect.inner[0], log_likelihood(flight.aircraft, samples)
+            yield flight, samples, effect, variant, effect.inner[0], log_likelihood(flight.aircraft, samples), True
 
 
 # -- bookkeeping of changes ----------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect, with_settin
 from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
-from aircraft_sysid_ros.diagnosis.measurement import CALM, Setting, measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement import Setting, is_calm, measurement_faults
 from aircraft_sysid_ros.diagnosis.reconstruction import as_gusty_as, as_noisy_as, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.replicas import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.search import Bench
@@ -174,7 +174,8 @@ def diagnose_flight(
     """
     progress("reconstruct the flight", 0.0)
     flight = reconstruct(as_noisy_as(aircraft, samples), samples, with_covariance=False)
-    if flight.gusts > CALM:
+    calm = is_calm(flight)
+    if not calm:
         flight = reconstruct(as_gusty_as(flight), samples, with_covariance=False)
     data = settled_flight(flight)
     check_length("the flight", data.time, data.step)
@@ -182,7 +183,7 @@ def diagnose_flight(
     others = [effect for effect in library if effect.kind != MEASUREMENT]
     settings: list[MeasurementFinding] = []
     for _ in range(_MOST_SETTINGS):
-        faults = measurement_faults(flight, measuring, lambda share: progress("look at the measurement", share))
+        faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
         faults = [f for f in faults if all(f.effect is not s.setting.effect for s in settings)]
         if not faults:
             break
@@ -194,7 +195,7 @@ def diagnose_flight(
     if len(repeated) < 2:
         raise InputError("no stretch of this flight is long enough to be diagnosed: 20 s in flight without a gap are")
     result = diagnose(Bench(data), repeated, others, lambda share: progress("try the library", share))
-    return FlightDiagnosis(data, tuple(settings), result, repeated, flight.gusts <= CALM)
+    return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
 
 
 def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tried: int) -> MeasurementFinding:

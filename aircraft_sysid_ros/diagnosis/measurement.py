@@ -34,8 +34,10 @@ LONGEST = 120.0
 #: Gain of the log-likelihood, per sample of air data, below which a setting is as good as that of the file. Gusts are
 #: no random walk, and the random walk that the filter takes for them leaves it some tenths of this to gain.
 LEAST_GAIN = 0.02
-#: And at least this much in all.
-LEAST_TOTAL = 30.0
+#: And at least this much in all: in calm air, and in gusts for the place of the IMU, which they hardly touch.
+LEAST_TOTAL, LEAST_OF_IMU = 20.0, 40.0
+#: Lag [s] of the air data for which LEAST_GAIN holds: gusts of another spectrum feign short ones, which need more.
+GUST_LAG = 0.05
 #: In air with a larger random walk of the wind [m/s per sqrt(s)] a scale of the air data cannot be told from gusts
 #: that are stronger in one direction than in another: it is not tried.
 CALM = 0.15
@@ -64,13 +66,19 @@ class Setting:
         return self.effect.identifier + (f" ({self.variant.name})" if self.variant.name else "")
 
 
+def is_calm(flight: Reconstruction) -> bool:
+    """Whether scales of the air data can be told: no gusts beyond what the flight's aircraft file says of the wind."""
+    return flight.gusts <= max(CALM, 1.01 * flight.aircraft.process_noise["wind"])
+
+
 def measurement_faults(
     flight: Reconstruction,
     library: Sequence[Effect],
+    calm: bool,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Setting]:
     """Significant settings, best first, each by itself."""
-    jobs = list(jobs_of(flight, library))
+    jobs = list(jobs_of(flight, library, calm))
     if not jobs:
         return []
     workers = min(len(jobs), len(os.sched_getaffinity(0)))
@@ -93,11 +101,11 @@ def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:
     return float(getattr(aircraft.sensors[name], setting[2]))
 
 
-Job = tuple[Reconstruction, Samples, Effect, Variant, Inner, float]
+Job = tuple[Reconstruction, Samples, Effect, Variant, Inner, float, bool]
 
 
-def jobs_of(flight: Reconstruction, library: Sequence[Effect]) -> Iterator[Job]:
-    """One per setting that the flight has samples for."""
+def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> Iterator[Job]:
+    """One per setting that the flight has samples for; scales of the air data only in calm air."""
     samples = stretch_of(flight)
     kinds = set(np.unique(samples.kind).tolist())
     without = {True: control_score(flight, flight.aircraft), False: log_likelihood(flight.aircraft, samples)}
@@ -106,10 +114,10 @@ def jobs_of(flight: Reconstruction, library: Sequence[Effect]) -> Iterator[Job]:
             if not variant.setting or variant.setting[0] == "process_noise":
                 continue
             kind = AIR_DATA.get(variant.setting[1])
-            if variant.setting[-1] == "scale" and flight.gusts > CALM:
+            if variant.setting[-1] == "scale" and not calm:
                 continue
             if kind is None or int(kind) in kinds:
-                yield flight, samples, effect, variant, effect.inner[0], without[_CONTROLS in variant.setting]
+                yield flight, samples, effect, variant, effect.inner[0], without[_CONTROLS in variant.setting], calm
 
 
 def stretch_of(flight: Reconstruction) -> Samples:
@@ -121,11 +129,13 @@ def stretch_of(flight: Reconstruction) -> Samples:
 
 def try_setting(job: Job) -> Setting:
     """The best value of one setting, in a process of its own."""
-    flight, samples, effect, variant, inner, without = job
+    flight, samples, effect, variant, inner, without, calm = job
     start = nominal(flight.aircraft, variant.setting)
     of_controls = _CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
-    needed = LEAST_CONTROL_GAIN if of_controls else max(LEAST_TOTAL, LEAST_GAIN * air)
+    of_imu = variant.setting[0] == "imu_position"
+    in_gusts = LEAST_OF_IMU if of_imu else max(LEAST_TOTAL, LEAST_GAIN * air)
+    needed = LEAST_CONTROL_GAIN if of_controls else LEAST_TOTAL if calm else in_gusts
 
     def gain(value: float) -> float:
         if value == start:
@@ -138,6 +148,8 @@ def try_setting(job: Job) -> Setting:
 
     value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
+    if variant.setting[-1] == "delay" and not of_controls:
+        needed *= GUST_LAG / max(abs(value - start), 1e-3)
     return Setting(effect, variant, start, value, best, best / needed, std)
 
 

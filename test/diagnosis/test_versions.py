@@ -157,7 +157,7 @@ def test_add_and_diagnose_find_the_same_lag_of_the_air_data(run, monkeypatch) ->
     effect = BY_ID["air_data_lag"]
     effect = Effect(**{**vars(effect), "variants": effect.variants[:1]})
     monkeypatch.setattr(additions, "parse_request", lambda text: effect)
-    named = measurement_faults(flight, [effect])[0]
+    named = measurement_faults(flight, [effect], True)[0]
     outcome = add(run, "air_data_lag")
     ((key, value),) = outcome.change.settings
     assert key == named.variant.setting and value == pytest.approx(named.value, rel=1e-3)
