@@ -5,9 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from aircraft_sysid_ros.errors import InputError
+
+if TYPE_CHECKING:
+    from aircraft_sysid_ros.mavlink.calibration import Calibration
+    from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+
+BAGS = (".mcap", ".db3")
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -15,9 +21,16 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "import", help="a log of another program to a recording", description=__doc__
     )
-    parser.add_argument("log", metavar="LOG", help=f"log to read ({', '.join(_IMPORTERS)})")
+    parser.add_argument(
+        "log", metavar="LOG", help=f"{' '.join(KINDS)} file, or a bag of MAVROS topics or px4_msgs"
+    )
     parser.add_argument(
         "--out", required=True, metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap"
+    )
+    parser.add_argument(
+        "--calibration",
+        metavar="FILE",
+        help="what servo outputs and airspeed of an autopilot mean (YAML); without it no control surfaces",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
     return parser
@@ -28,10 +41,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     path = Path(args.log)
     if not path.exists():
         raise InputError(f"there is no log {path}")
-    importer = _IMPORTERS.get(path.suffix.lower())
-    if importer is None or not path.is_file():
-        raise InputError(f"{path} cannot be imported: files that can are {', '.join(_IMPORTERS)}")
-    return importer(path, args.out, args.overwrite)
+    suffix = path.suffix.lower()
+    if suffix == ".mat":
+        if args.calibration:
+            raise InputError("--calibration is for logs of autopilots: a .mat file needs none")
+        from aircraft_sysid_ros.recordings.mat_import import import_mat  # scipy, only when it is used
+
+        return import_mat(path, args.out, overwrite=args.overwrite)
+    importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(suffix)
+    if importer is None:
+        raise InputError(f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags")
+    return _import_autopilot(path, importer, args)
 
 
 def render(report: dict[str, Any]) -> str:
@@ -44,6 +64,7 @@ def render(report: dict[str, Any]) -> str:
             f"/{topic:<{width - 1}}  {found['messages']:>8}  {found['rate']:>6.1f}  {found['source']}"
             for topic, found in report["topics"].items()
         ),
+        *_found_lines(report["found"]),
         "missing",
         *(f"  {name}: {why}" for name, why in report["missing"].items()),
         *(f"note: {note}" for note in report["notes"]),
@@ -52,11 +73,61 @@ def render(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _import_mat(path: Path, out: str, overwrite: bool) -> dict[str, Any]:
-    from aircraft_sysid_ros.recordings.mat_import import import_mat  # scipy, only when it is used
+def _found_lines(found: dict[str, dict[str, Any]]) -> list[str]:
+    """Messages of the log by what became of them."""
+    by_state: dict[str, list[str]] = {}
+    for name, item in sorted(found.items()):
+        by_state.setdefault(item["state"], []).append(f"{name} {item['messages']}")
+    return [f"{state}: {', '.join(names)}" for state, names in by_state.items()]
 
-    return import_mat(path, out, overwrite=overwrite)
+
+def _import_autopilot(
+    path: Path, importer: Callable[[Path, Calibration | None], ImportedLog], args: argparse.Namespace
+) -> dict[str, Any]:
+    from aircraft_sysid_ros.mavlink.calibration import load_calibration
+    from aircraft_sysid_ros.recordings.imported_log import write_log
+
+    if path.resolve() == Path(args.out).resolve():
+        raise InputError("--out must be another place than the log")
+    calibration = load_calibration(args.calibration) if args.calibration else None
+    try:
+        log = importer(path, calibration)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    return write_log(log, path, args.out, overwrite=args.overwrite)
 
 
-#: What imports a file, by the end of its name.
-_IMPORTERS: dict[str, Callable[[Path, str, bool], dict[str, Any]]] = {".mat": _import_mat}
+def _import_ulog(path: Path, calibration: Calibration | None) -> ImportedLog:
+    from aircraft_sysid_ros.recordings.ulog_import import import_ulog
+
+    return import_ulog(path, calibration)
+
+
+def _import_dataflash(path: Path, calibration: Calibration | None) -> ImportedLog:
+    from aircraft_sysid_ros.recordings.dataflash_import import import_dataflash
+
+    return import_dataflash(path, calibration)
+
+
+def _import_tlog(path: Path, calibration: Calibration | None) -> ImportedLog:
+    from aircraft_sysid_ros.recordings.tlog_import import import_tlog
+
+    return import_tlog(path, calibration)
+
+
+def _import_bag(path: Path, calibration: Calibration | None) -> ImportedLog:
+    from aircraft_sysid_ros.recordings.autopilot_bag_import import import_autopilot_bag
+
+    return import_autopilot_bag(path, calibration)
+
+
+#: What imports a file of an autopilot, by the end of its name.
+_IMPORTERS: dict[str, Callable[[Path, Calibration | None], ImportedLog]] = {
+    ".ulg": _import_ulog,
+    ".ulog": _import_ulog,
+    ".bin": _import_dataflash,
+    ".tlog": _import_tlog,
+}
+KINDS = (".mat", *_IMPORTERS)

@@ -9,6 +9,7 @@ from numba import njit
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, right_jacobian
 from aircraft_sysid_ros.estimation.iterated_ekf import gain, joseph_update, solve_factored, symmetrise
+from aircraft_sysid_ros.reconstruction.assumptions import is_due, update_by
 from aircraft_sysid_ros.reconstruction.flight_tape import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import propagate
@@ -204,6 +205,17 @@ def _take(
 
 
 @njit(cache=True)
+def _assume(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
+    """Pseudo-measurements in place of vanes that the aircraft does not have, when they are due; x, p in place."""
+    for kind in (_ALPHA, _BETA):
+        if is_due(kind, time, setup, x, memory):
+            delta = update_by(kind, x, p)
+            turn_attitude_error(p, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
+            x[:] = retract(x, delta)
+            memory.assumed[kind] = time
+
+
+@njit(cache=True)
 def _has_diverged(setup: Setup, memory: Memory) -> bool:
     """GPS position and velocity both rejected without a break: the state is wrong, not the sensors."""
     for kind in (_GPS_POSITION, _GPS_VELOCITY):
@@ -262,6 +274,7 @@ def run(
             if k < j:
                 at = (now - begin) / interval if interval > 0.0 else 0.0
                 _take(kinds[k], values[k], x, p, rate0 + at * rate_step, now, setup, memory)
+        _assume(x, p, end, setup, memory)
         memory_imu[0] = end
         memory_imu[1:7] = values[j, 0:6]
         i = j + 1

@@ -67,6 +67,10 @@ class Status:
     NO_GPS = 2
     NO_AIR_DATA = 3
     INERTIAL_ONLY = 4
+    # as OK, but without vanes: an angle is inferred from wind and attitude
+    INFERRED_ALPHA = 5
+    INFERRED_BETA = 6
+    INFERRED_ANGLES = 7
 
 
 STATUS_TEXT = {
@@ -75,6 +79,9 @@ STATUS_TEXT = {
     Status.NO_GPS: "no GPS: dead reckoning on air data",
     Status.NO_AIR_DATA: "no air data: wind is held",
     Status.INERTIAL_ONLY: "neither GPS nor air data: inertial only",
+    Status.INFERRED_ALPHA: "no vane: angle of attack from wind and attitude",
+    Status.INFERRED_BETA: "no vane: sideslip from wind and attitude",
+    Status.INFERRED_ANGLES: "no vanes: angle of attack and sideslip from wind and attitude",
 }
 
 
@@ -119,6 +126,7 @@ class Memory(NamedTuple):
     air_nis: npt.NDArray[np.float64]  # (1,) the same of air data alone, faster
     wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now
     innovation: npt.NDArray[np.float64]  # (kinds, 3) the newest
+    assumed: npt.NDArray[np.float64]  # (kinds,) time [s] of the newest pseudo-measurement in place of a vane
 
 
 #: Random walk of the wind [m/s per sqrt(s)] at the start: that of moderate turbulence.
@@ -146,4 +154,5 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         air_nis=np.ones(1),
         wind_walk=np.array([max(wind_walk, GUSTY_START)]),
         innovation=np.full((kinds, 3), np.nan),
+        assumed=np.full(kinds, -np.inf),
     )

@@ -56,7 +56,7 @@ _USED = np.isin(
 #: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
 _EPOCH_STEP = 2**20 * NANOSECONDS
 #: States that air data have a part in.
-_AIRBORNE = (Status.OK, Status.NO_GPS)
+_AIRBORNE = (Status.OK, Status.NO_GPS, Status.INFERRED_ALPHA, Status.INFERRED_BETA, Status.INFERRED_ANGLES)
 
 
 @dataclass(frozen=True)
@@ -319,7 +319,7 @@ class StateEstimator:
             self._setup = self._new_setup(imu)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
         self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak
-        self.memory.last_rejected[:] = -np.inf
+        self.memory.last_rejected[:] = self.memory.assumed[:] = -np.inf
         self._aligned = self._has_biases = True
         if self.tape is not None:
             self.tape.begin(self._setup)

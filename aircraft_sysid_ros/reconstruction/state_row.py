@@ -8,6 +8,7 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, cross_matrix, rotation_matrix
+from aircraft_sysid_ros.reconstruction.assumptions import has_vane, is_inferred
 from aircraft_sysid_ros.reconstruction.measurements import air_data_gradient, air_velocity_at
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
@@ -34,6 +35,8 @@ _COLUMN_STD = Column.STANDARD_DEVIATIONS.start
 
 _OK, _NO_GPS = Status.OK, Status.NO_GPS
 _NO_AIR_DATA, _INERTIAL_ONLY = Status.NO_AIR_DATA, Status.INERTIAL_ONLY
+_INFERRED_ALPHA, _INFERRED_BETA = Status.INFERRED_ALPHA, Status.INFERRED_BETA
+_INFERRED_ANGLES = Status.INFERRED_ANGLES
 
 #: A sensor that has not been fused for this long [s] is counted as lost.
 SENSOR_TIMEOUT = 2.0
@@ -43,8 +46,15 @@ SENSOR_TIMEOUT = 2.0
 def _status(time: float, memory: Memory) -> int:
     gps = time - max(memory.last_fused[_GPS_POSITION], memory.last_fused[_GPS_VELOCITY]) < SENSOR_TIMEOUT
     air = time - memory.last_fused[_AIRSPEED] < SENSOR_TIMEOUT
+    if gps and air:
+        inferred_alpha, inferred_beta = not has_vane(_ALPHA, memory), not has_vane(_BETA, memory)
+        if inferred_alpha and inferred_beta:
+            return _INFERRED_ANGLES
+        if inferred_alpha:
+            return _INFERRED_ALPHA
+        return _INFERRED_BETA if inferred_beta else _OK
     if gps:
-        return _OK if air else _NO_AIR_DATA
+        return _NO_AIR_DATA
     return _NO_GPS if air else _INERTIAL_ONLY
 
 
@@ -55,10 +65,10 @@ def write_row(
     """Whole row at the time [s], from the state x (19,), p (18, 18) and the IMU as measured, each (3,)."""
     row[0] = time
     write_state(row, x, p, force, rate, setup)
-    # without a vane the angles rest on the wind staying as it was: not a measurement, so NaN
-    if not time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT:
+    # once its vane is lost an angle rests on the wind staying as it was: not a measurement, so NaN
+    if not (time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT or is_inferred(_ALPHA, time, x, p, memory)):
         row[48] = np.nan
-    if not time - memory.last_fused[_BETA] < SENSOR_TIMEOUT:
+    if not (time - memory.last_fused[_BETA] < SENSOR_TIMEOUT or is_inferred(_BETA, time, x, p, memory)):
         row[49] = np.nan
     density = memory.air[0]
     row[50] = density if density > 0.0 else air_density(setup.origin[2] - x[5])

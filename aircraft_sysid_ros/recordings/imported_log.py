@@ -42,6 +42,8 @@ class ImportedLog:
     topics: list[ImportedTopic]
     missing: dict[str, str]  # topic or quantity: why
     notes: list[str] = field(default_factory=list)
+    #: Messages of the log by name: how many, and whether they are mapped; empty where a log has no messages.
+    found: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 def gps_seconds(week: int, time_of_week: float) -> float:
@@ -71,6 +73,7 @@ def write_log(
         "start": datetime.fromtimestamp(start / NANOSECONDS, timezone.utc).isoformat(timespec="seconds"),
         "duration": (end - start) / NANOSECONDS,
         "topics": {topic.topic: _describe(topic) for topic in log.topics},
+        "found": log.found,
         "missing": log.missing,
         "notes": log.notes,
     }

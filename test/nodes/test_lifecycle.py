@@ -185,10 +185,10 @@ def test_parameters_are_described_and_keep_their_ranges(bench, module):
 
 def test_options_reach_the_estimators(bench):
     state = bench.node(StateEstimatorNode, horizon=0.25, maximum_iterations=3)
-    parameters = bench.node(ParameterEstimatorNode, forgetting_time=33.0)
+    parameters = bench.node(ParameterEstimatorNode, forgetting_time=33.0, relearn=False)
     assert state.trigger_configure() == parameters.trigger_configure() == TransitionCallbackReturn.SUCCESS
     assert (state.estimator.options.horizon, state.estimator.options.maximum_iterations) == (0.25, 3)
-    assert parameters.estimator.options.forgetting_time == 33.0
+    assert (parameters.estimator.options.forgetting_time, parameters.estimator.options.relearn) == (33.0, False)
 
 
 def test_an_estimator_that_does_not_exist_is_refused_at_configure(bench, capfd):

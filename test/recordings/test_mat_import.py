@@ -300,7 +300,7 @@ def test_report_is_json_and_readable(thor):
 def test_the_command_overwrites_only_when_told(tmp_path):
     def run(*, overwrite):
         return import_log.run(
-            argparse.Namespace(log=str(SWISS), out=str(tmp_path / "bag"), overwrite=overwrite)
+            argparse.Namespace(log=str(SWISS), out=str(tmp_path / "bag"), overwrite=overwrite, calibration=None)
         )
 
     assert run(overwrite=False)["topics"]["gps/vel"]["messages"] == 502
@@ -309,13 +309,13 @@ def test_the_command_overwrites_only_when_told(tmp_path):
     run(overwrite=True)
 
 
-@pytest.mark.parametrize("name", ["flight.ulg", "flight.bin", "flight", "nowhere.mat"])
+@pytest.mark.parametrize("name", ["flight.csv", "flight.log", "flight", "nowhere.mat"])
 def test_other_files_are_an_input_error(tmp_path, name):
     if not name.startswith("nowhere"):
         (tmp_path / name).write_bytes(b"ULog")
     with pytest.raises(InputError) as error:
         import_log.run(
-            argparse.Namespace(log=str(tmp_path / name), out=str(tmp_path / "bag"), overwrite=False)
+            argparse.Namespace(log=str(tmp_path / name), out=str(tmp_path / "bag"), overwrite=False, calibration=None)
         )
     assert name in str(error.value)
     if not name.startswith("nowhere"):

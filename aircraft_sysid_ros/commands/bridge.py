@@ -1,0 +1,141 @@
+"""``bridge``: an autopilot's MAVLink onto our input topics, wind and parameters back to it, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.errors import InputError
+
+DEFAULT_CONNECTION = "udp:0.0.0.0:14550"
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "bridge", help="the MAVLink side: an autopilot onto our topics", description=__doc__
+    )
+    add = parser.add_argument
+    add("connection", nargs="?", default=DEFAULT_CONNECTION, metavar="CONNECTION",
+        help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD "
+        f"(default: {DEFAULT_CONNECTION})")  # fmt: skip
+    add("--calibration", metavar="FILE", help="what outputs and airspeed mean (YAML); without it no control surfaces")
+    add("--system", type=int, default=0, metavar="N", help="system id of the vehicle (default: the first heard)")
+    add("--namespace", default="", metavar="NS", help="namespace of the node and its topics")
+    add("--topics", nargs="+", default=[], metavar="TOPIC", help="publish these only (default: all)")
+    add("--back", nargs="+", default=[], metavar="PARAMETER", help="to send to the autopilot, such as CZ_alpha")
+    add("--back-form", choices=("named", "array"), default="named", help="NAMED_VALUE_FLOAT or DEBUG_FLOAT_ARRAY")
+    add("--back-rate", type=float, default=1.0, metavar="HZ", help="of wind and parameters; 0: nothing (default: 1)")
+    add("--duration", type=float, metavar="S", help="end after S seconds (default: run until Ctrl-C)")
+    add("--ready-file", metavar="FILE", help="file to create when the bridge listens, for scripts")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Run the node until Ctrl-C or the duration; returns what came and went. Raises InputError."""
+    if args.duration is not None and not 0.0 < args.duration < 1e9:
+        raise InputError(f"--duration must be a positive time in s, not {args.duration:g}")
+    _check(args)
+    try:
+        import rclpy
+        from rclpy.exceptions import NameValidationException
+        from rclpy.signals import SignalHandlerOptions
+
+        from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start, stop_signals
+        from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
+    except ImportError as error:
+        raise InputError(f"ROS 2 or MAVLink is not in this environment ({error}): use `make env`") from None
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node: Any = None
+    try:
+        node = MavlinkBridgeNode(**_node_arguments(args))
+        if not start(node):
+            raise InputError("the bridge did not start: see the message above")
+        if args.ready_file:
+            Path(args.ready_file).touch()
+        print(f"listening on {args.connection}", file=sys.stderr, flush=True)
+        ends = None if args.duration is None else time.monotonic() + args.duration
+        with progress_bar() as progress, stop_signals() as stop:
+            task = progress.add_task("waiting", total=None)
+
+            def finished() -> bool:
+                progress.update(task, description=_state(node.bridge.session))
+                return stop.is_set() or node.failure is not None or (ends is not None and time.monotonic() >= ends)
+
+            spin_until(make_executor([node]), finished)
+        if node.failure is not None:
+            raise node.failure
+        return {"connection": args.connection, **node.bridge.session.summary(), "sent_back": node.bridge.back.sent}
+    except NameValidationException as error:
+        raise InputError(f"--namespace {args.namespace} is no namespace: {error}") from None
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    clock = result["clock"]
+    lines = [f"{result['vehicle'] or 'no vehicle was found'} on {result['connection']}"]
+    lines += [f"  {name:<28} {count:>8} received" for name, count in sorted(result["received"].items())]
+    lines += [f"  /{topic:<27} {count:>8} published" for topic, count in sorted(result["published"].items())]
+    if clock["std"] is not None:
+        lines.append(f"clock known to {1e3 * clock['std']:.2f} ms, drift {clock['drift_ppm']:.1f} ppm")
+    lines.append(
+        f"{result['bad_data']} pieces of bad data, {result['reboots']} restarts of the autopilot, "
+        f"{result['losses']} silences, {result['sent_back']} messages sent back"
+    )
+    return "\n".join(lines)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """What the node would only log, as one clear line before it starts."""
+    try:
+        from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
+        from aircraft_sysid_ros.mavlink.back_channel import BackOptions, check_back_options
+        from aircraft_sysid_ros.mavlink.calibration import load_calibration
+        from aircraft_sysid_ros.mavlink.requests import Requests
+        from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
+    except ImportError as error:
+        raise InputError(f"the bridge needs pymavlink ({error}): pip install pymavlink") from None
+    address = parse_address(args.connection)
+    if args.calibration:
+        Requests(load_calibration(args.calibration).rates)
+    if not 0 <= args.system <= 255:
+        raise InputError(f"--system must be from 0 to 255, not {args.system}")
+    for topic in args.topics:
+        if topic not in ALL_TOPICS:
+            raise InputError(f"--topics: unknown topic {topic}: known are {', '.join(ALL_TOPICS)}")
+    check_back_options(BackOptions(tuple(args.back), args.back_form, args.back_rate, args.back_rate))
+    if address.kind == "udpin":  # a board may start anew when its port is opened: once is enough
+        transport = Transport(address)
+        transport.open()
+        transport.close()
+
+
+def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
+    from rclpy.parameter import Parameter
+
+    values = {
+        "connection": args.connection,
+        "calibration_file": args.calibration or "",
+        "system": args.system,
+        "topics": args.topics or [""],
+        "back_parameters": args.back or [""],
+        "back_form": args.back_form,
+        "back_wind_rate": float(args.back_rate),
+        "back_parameter_rate": float(args.back_rate),
+    }
+    namespace = args.namespace.strip("/")
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    return {"parameter_overrides": overrides, "namespace": f"/{namespace}" if namespace else None}
+
+
+def _state(session: Any) -> str:
+    counts = f"{sum(session.received.values())} messages, {sum(session.published.values())} samples"
+    return f"{session.condition}: {counts}" if session.condition else counts

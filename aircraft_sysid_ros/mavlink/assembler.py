@@ -1,0 +1,369 @@
+"""Quantities to our topics: which source counts, what is combined, and conversion to ROS frames.
+
+The same object serves the bridge, one message at a time, and imports, a whole log at once: it is elementwise, and what
+one quantity needs of another (the pressure of an airspeed, the vertical part of a velocity) is the last value before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT
+from aircraft_sysid_ros.mavlink.airspeed import (
+    standard_pressure,
+    standard_temperature,
+    true_airspeed,
+    true_of_impact_pressure,
+)
+from aircraft_sysid_ros.mavlink.calibration import Calibration
+from aircraft_sysid_ros.mavlink.quantities import Array, Quantity, Reading, Stamps, Table, rank
+from aircraft_sysid_ros.recordings.ros_conversion import (
+    NANOSECONDS,
+    TOPICS,
+    enu_from_ned,
+    flu_from_frd,
+    gps_fix_fields,
+    gps_velocity_fields,
+    imu_fields,
+    quaternion_enu_flu,
+)
+
+ATTITUDE_TOPIC, WIND_TOPIC = "autopilot/attitude", "autopilot/wind"
+#: Topics besides the inputs: what the autopilot thinks, to compare with.
+REFERENCE_TOPICS = {
+    ATTITUDE_TOPIC: "geometry_msgs/msg/QuaternionStamped",
+    WIND_TOPIC: "geometry_msgs/msg/TwistWithCovarianceStamped",
+}
+ALL_TOPICS = {**TOPICS, **REFERENCE_TOPICS}
+#: What a source's airspeed means where the calibration does not say: what the autopilots' documentation says.
+USUAL_MEANING = {
+    "VFR_HUD": "indicated", "AIRSPEED": "calibrated", "ARSP": "indicated", "airspeed": "indicated",
+    "airspeed_validated": "calibrated", "vfr_hud": "indicated",
+}  # fmt: skip
+#: Flow angles that ArduPilot works out from its own estimates, unless a vane is said to be behind them.
+COMPUTED_ANGLES = ("AOA_SSA", "AOA")
+_FRAMES = {"gps/fix": "gps", "gps/vel": "gps", WIND_TOPIC: "map", ATTITUDE_TOPIC: "map"}
+SILENCE = 2.0  # [s] after which the next best source takes over
+# How old [s] a value may be that another quantity needs.
+_PRESSURE_AGE, _DESCENT_AGE, _PROPELLER_AGE, _NAMED_AGE, _ATTITUDE_AGE, _SENSOR_AGE = 5.0, 0.5, 1.0, 1.0, 0.1, 30.0
+_KEPT = 64  # values that a live mapping remembers per quantity
+_MILLISECOND = 1_000_000
+
+
+@dataclass(frozen=True)
+class Output:
+    """n messages of a topic: stamps [ns] (n,), flat fields as in ros_conversion, and the source for a report."""
+
+    topic: str
+    stamp: Stamps
+    fields: dict[str, Any]
+    source: str
+
+    @property
+    def type_name(self) -> str:
+        """Type of its messages."""
+        return ALL_TOPICS[self.topic]
+
+    @property
+    def frame_id(self) -> str:
+        """Frame of its messages."""
+        return _FRAMES.get(self.topic, "base_link")
+
+
+@dataclass
+class Held:
+    """Values of a quantity in order of time, to be looked up; all of a log, or the newest of a flight."""
+
+    stamp: Stamps = field(default_factory=lambda: np.empty(0, np.int64))
+    values: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+    def add(self, stamp: Stamps, values: Array, keep: int | None) -> None:
+        """Take n values; ``keep`` bounds how many stay. A clock that went back forgets what it said."""
+        if len(self.stamp) and len(stamp) and stamp[0] < self.stamp[-1] - NANOSECONDS:
+            self.stamp, self.values = self.stamp[:0], self.values[:0]
+        if len(self.stamp):
+            width = max(values.shape[1], self.values.shape[1])
+            stamp = np.concatenate([self.stamp, stamp])
+            values = np.vstack([_wide(self.values, width), _wide(values, width)])
+        order = np.argsort(stamp, kind="stable") if np.any(np.diff(stamp) < 0) else slice(None)
+        self.stamp, self.values = stamp[order], values[order]
+        if keep is not None:
+            self.stamp, self.values = self.stamp[-keep:], self.values[-keep:]
+
+    def at(self, stamp: Stamps, age: float, column: int = 0) -> Array:
+        """Last value (n,) at or before each stamp, not older than ``age`` [s]; else NaN."""
+        rows = np.searchsorted(self.stamp, stamp, side="right") - 1
+        found = np.full(len(stamp), np.nan)
+        if not len(self.stamp) or column >= self.values.shape[1]:
+            return found
+        near = (rows >= 0) & (stamp - self.stamp[np.maximum(rows, 0)] <= age * NANOSECONDS)
+        found[near] = self.values[rows[near], column]
+        return found
+
+
+def _wide(values: Array, width: int) -> Array:
+    if values.shape[1] == width:
+        return values
+    return np.pad(values, ((0, 0), (0, width - values.shape[1])), constant_values=np.nan)
+
+
+class Assembler:
+    """Makes messages of our topics from readings of one table's sources.
+
+    Live: ``take`` per message. A log: ``choose`` the sources, ``note`` every reading, then ``assemble`` every reading.
+    """
+
+    def __init__(self, table: Table, calibration: Calibration | None = None) -> None:
+        self.calibration = calibration or Calibration()
+        self._ranks = {quantity: rank(table, quantity) for quantity in Quantity}
+        if self.calibration.filtered_velocity:
+            names = self._ranks[Quantity.VELOCITY]
+            self._ranks[Quantity.VELOCITY] = tuple(sorted(names, key=lambda name: name != "GLOBAL_POSITION_INT"))
+        named = self.calibration.airspeed_source
+        if named is not None:
+            self._ranks[Quantity.AIRSPEED] = (named,)
+        # pressures only by name: their zero is whatever the autopilot took it to be
+        self._ranks[Quantity.IMPACT_PRESSURE] = (named,) if named in self._ranks[Quantity.IMPACT_PRESSURE] else ()
+        self._active: dict[Quantity, tuple[str, int]] = {}
+        self._held = {quantity: Held() for quantity in Quantity}
+        self._named: dict[str, Held] = {target: Held() for target in self.calibration.named_values.values()}
+        self._attitude_used = np.iinfo(np.int64).min
+        self._keep: int | None = _KEPT
+
+    # -- which source ----------------------------------------------------------------------------------------
+
+    def choose(self, available: Iterable[str]) -> None:
+        """A whole log is at hand: of each quantity the best source of it, throughout."""
+        names = set(available)
+        self._keep = None
+        for quantity, order in self._ranks.items():
+            self._ranks[quantity] = tuple(name for name in order if name in names)[:1]
+
+    def source(self, quantity: Quantity) -> str | None:
+        """The source that counts now."""
+        chosen = self._active.get(quantity)
+        return None if chosen is None else chosen[0]
+
+    def counts(self, reading: Reading) -> bool:
+        """Whether the reading's source is the one that counts: the best that has not been silent."""
+        order = self._ranks[reading.quantity]
+        if reading.source not in order:
+            return False
+        newest = int(reading.stamp[-1])
+        active, heard = self._active.get(reading.quantity, (reading.source, newest))
+        is_better = order.index(reading.source) <= order.index(active)
+        if is_better or not -SILENCE <= (newest - heard) / NANOSECONDS <= SILENCE:
+            self._active[reading.quantity] = (reading.source, newest)
+            return True
+        return False
+
+    # -- in and out ------------------------------------------------------------------------------------------
+
+    def take(self, readings: Iterable[Reading]) -> list[Output]:
+        """Note and assemble what one live message reported."""
+        counted = [reading for reading in readings if self.note(reading)]
+        return merged([output for reading in counted for output in self.assemble(reading)])
+
+    def note(self, reading: Reading) -> bool:
+        """Remember a reading for others that need it; whether it counts."""
+        if reading.quantity is Quantity.NAMED:
+            target = self.calibration.named_values.get(reading.source)
+            if target is None:
+                return False
+            self._named[target].add(reading.stamp, reading.values, self._keep)
+            return target in ("angle_of_attack", "sideslip")
+        if not self.counts(reading):
+            return False
+        if reading.quantity not in (Quantity.IMU, Quantity.PULSES, Quantity.COMMANDS, Quantity.MAGNETIC_FIELD):
+            self._held[reading.quantity].add(reading.stamp, reading.values, self._keep)
+        return True
+
+    def assemble(self, reading: Reading) -> list[Output]:
+        """Messages (none, or n of one topic) of a reading that counts."""
+        make = {
+            Quantity.IMU: self._imu,
+            Quantity.MAGNETIC_FIELD: self._magnetic_field,
+            Quantity.POSITION: self._position,
+            Quantity.VELOCITY: self._velocity,
+            Quantity.AIRSPEED: self._airspeed,
+            Quantity.IMPACT_PRESSURE: self._impact_pressure,
+            Quantity.PRESSURE: self._pressure,
+            Quantity.ANGLE_OF_ATTACK: self._angle,
+            Quantity.SIDESLIP: self._angle,
+            Quantity.PULSES: self._outputs,
+            Quantity.COMMANDS: self._outputs,
+            Quantity.ATTITUDE: self._attitude,
+            Quantity.WIND: self._wind,
+            Quantity.NAMED: self._named_angle,
+        }.get(reading.quantity)
+        made = None if make is None else make(reading)
+        return [] if made is None or not len(made.stamp) else [made]
+
+    # -- topics ----------------------------------------------------------------------------------------------
+
+    def _imu(self, reading: Reading) -> Output | None:
+        whole = np.all(np.isfinite(reading.values), axis=1)
+        stamp, values = reading.stamp[whole], reading.values[whole]
+        fields: dict[str, Any] = dict(imu_fields(values[:, :3], values[:, 3:6])) if len(stamp) else {}
+        if self.calibration.attitude_std is not None and len(stamp):
+            self._add_attitude(stamp, values[:, 3:6], fields)
+        return Output("imu/data", stamp, fields, reading.source)
+
+    def _add_attitude(self, stamp: Stamps, rates: Array, fields: dict[str, Any]) -> None:
+        """The autopilot's attitude in the first IMU message after it, turned on by the rate in between."""
+        held = self._held[Quantity.ATTITUDE]
+        rows = np.searchsorted(held.stamp, stamp, side="right") - 1
+        taken = held.stamp[np.maximum(rows, 0)] if len(held.stamp) else np.zeros(len(stamp), np.int64)
+        previous = np.concatenate([[self._attitude_used], taken[:-1]])
+        fresh = (rows >= 0) & (taken > previous) & (stamp - taken <= _ATTITUDE_AGE * NANOSECONDS)
+        std = self.calibration.attitude_std or 0.0
+        for i in np.flatnonzero(fresh):
+            turn = rates[i] * (stamp[i] - taken[i]) / NANOSECONDS
+            fields["orientation"][i] = quaternion_enu_flu(_turned(held.values[rows[i], :4], turn)[None])[0]
+            fields["orientation_covariance"][i] = std**2 * np.eye(3).ravel()
+        if len(stamp) and rows[-1] >= 0:
+            self._attitude_used = int(taken[-1])
+
+    def _magnetic_field(self, reading: Reading) -> Output:
+        return Output("imu/mag", reading.stamp, {"magnetic_field": flu_from_frd(reading.values)}, reading.source)
+
+    def _position(self, reading: Reading) -> Output:
+        values, n = reading.values, len(reading.values)
+        fields = dict(gps_fix_fields(values[:, 0], values[:, 1], values[:, 2]))
+        known = np.all(np.isfinite(values[:, 3:6]), axis=1)
+        covariance = np.zeros((n, 9))
+        covariance[:, [4, 0, 8]] = np.where(known[:, None], values[:, 3:6], 0.0)
+        fields["position_covariance"] = covariance
+        fields["position_covariance_type"] = np.where(known, 1, 0).astype(np.uint8)  # approximated, unknown
+        return Output("gps/fix", reading.stamp, fields, reading.source)
+
+    def _velocity(self, reading: Reading) -> Output:
+        velocity, source = reading.values.copy(), reading.source
+        without = np.isnan(velocity[:, 2])
+        if without.any():
+            velocity[without, 2] = self._held[Quantity.DESCENT].at(reading.stamp[without], _DESCENT_AGE)
+            vertical = self.source(Quantity.DESCENT)
+            source += f", vertical of {vertical}" if vertical else ""
+        rows = np.all(np.isfinite(velocity), axis=1)
+        return Output("gps/vel", reading.stamp[rows], dict(gps_velocity_fields(velocity[rows])), source)
+
+    def _air(self, stamp: Stamps) -> tuple[Array, Array]:
+        """Pressure [Pa] and temperature [K] (n,): as measured, else of the standard atmosphere at the GPS altitude."""
+        pressure = self._held[Quantity.PRESSURE].at(stamp, _PRESSURE_AGE)
+        altitude = self._held[Quantity.POSITION].at(stamp, _PRESSURE_AGE, 2)
+        pressure = np.where(np.isfinite(pressure), pressure, standard_pressure(altitude))
+        temperature = standard_temperature(pressure)
+        if self.calibration.sensor_temperature:
+            measured = self._held[Quantity.PRESSURE].at(stamp, _PRESSURE_AGE, 1)
+            temperature = np.where(np.isfinite(measured), measured, temperature)
+        return pressure, temperature
+
+    def _has_airspeed_sensor(self, stamp: Stamps) -> npt.NDArray[np.bool_]:
+        """The autopilot says that it has none: what it calls airspeed then is an estimate."""
+        there = self._held[Quantity.AIRSPEED_SENSOR].at(stamp, _SENSOR_AGE)
+        return np.asarray(there != 0.0)
+
+    def _airspeed(self, reading: Reading) -> Output | None:
+        meaning = self.calibration.airspeed_meaning or USUAL_MEANING.get(reading.source, "indicated")
+        pressure, temperature = self._air(reading.stamp)
+        speed = self.calibration.airspeed_scale * reading.values[:, 0] + self.calibration.airspeed_offset
+        speed = np.maximum(speed, 0.0)
+        true = true_airspeed(speed, meaning, pressure, temperature)
+        rows = np.isfinite(true) & self._has_airspeed_sensor(reading.stamp)
+        return self._flow(reading.stamp, true, rows, pressure, temperature, f"{reading.source} ({meaning})")
+
+    def _flow(
+        self, stamp: Stamps, true: Array, rows: npt.NDArray[np.bool_], pressure: Array, temperature: Array, source: str
+    ) -> Output:
+        """Air data of an airspeed (n,) with the air that it was worked out with."""
+        density = pressure / (GAS_CONSTANT * temperature)
+        fields = {"true_airspeed": true, "static_pressure": pressure, "air_density": density}
+        return Output("air_data", stamp[rows], _air_data(**{k: v[rows] for k, v in fields.items()}), source)
+
+    def _impact_pressure(self, reading: Reading) -> Output | None:
+        pressure, temperature = self._air(reading.stamp)
+        impact = self.calibration.airspeed_scale**2 * reading.values[:, 0]
+        true = true_of_impact_pressure(impact, pressure, temperature)
+        return self._flow(reading.stamp, true, np.isfinite(true), pressure, temperature, f"{reading.source} pressure")
+
+    def _pressure(self, reading: Reading) -> Output | None:
+        """Pressure alone; with an airspeed it goes along with that."""
+        if self._active.get(Quantity.IMPACT_PRESSURE):
+            return None
+        alone = np.ones(len(reading.stamp), np.bool_)
+        if self._active.get(Quantity.AIRSPEED):
+            alone = ~self._has_airspeed_sensor(reading.stamp)
+        stamp, pressure = reading.stamp[alone], reading.values[alone, 0]
+        _, temperature = self._air(stamp)
+        fields = _air_data(static_pressure=pressure, air_density=pressure / (GAS_CONSTANT * temperature))
+        return Output("air_data", stamp, fields, reading.source)
+
+    def _angle(self, reading: Reading) -> Output | None:
+        if reading.source in COMPUTED_ANGLES and not self.calibration.measured_angles:
+            return None
+        name = "angle_of_attack" if reading.quantity is Quantity.ANGLE_OF_ATTACK else "sideslip"
+        return Output("air_data", reading.stamp, _air_data(**{name: reading.values[:, 0]}), reading.source)
+
+    def _named_angle(self, reading: Reading) -> Output:
+        name = self.calibration.named_values[reading.source]
+        return Output("air_data", reading.stamp, _air_data(**{name: reading.values[:, 0]}), reading.source)
+
+    def _outputs(self, reading: Reading) -> Output | None:
+        calibration = self.calibration
+        if not calibration.outputs or calibration.normalised != (reading.quantity is Quantity.COMMANDS):
+            return None
+        fields: dict[str, Any] = dict(calibration.controls(reading.values))
+        rpm = self._held[Quantity.PROPELLER].at(reading.stamp, _PROPELLER_AGE, calibration.engine - 1)
+        fields["propeller_speed"] = rpm * (2.0 * np.pi / 60.0) / calibration.gear
+        for target, held in self._named.items():
+            if target in ("thrust", "propeller_speed"):
+                fields[target] = held.at(reading.stamp, _NAMED_AGE)
+        rows = np.any(np.isfinite(np.stack(list(fields.values()))), axis=0)
+        fields = {name: value[rows] for name, value in fields.items()}
+        return Output("control_surfaces", reading.stamp[rows], fields, reading.source)
+
+    def _attitude(self, reading: Reading) -> Output | None:
+        norm = np.linalg.norm(reading.values[:, :4], axis=1)
+        rows = np.abs(norm - 1.0) < 0.1
+        quaternion = quaternion_enu_flu(reading.values[rows, :4] / norm[rows, None])
+        return Output(ATTITUDE_TOPIC, reading.stamp[rows], {"quaternion": quaternion}, reading.source)
+
+    def _wind(self, reading: Reading) -> Output:
+        covariance = np.zeros((len(reading.values), 36))
+        covariance[:, [0, 7, 14]] = np.nan_to_num(reading.values[:, [4, 3, 5]])
+        covariance[:, [21, 28, 35]] = -1.0  # the rotation of the air is not estimated
+        fields = {"twist.twist.linear": enu_from_ned(reading.values[:, :3]), "twist.covariance": covariance}
+        return Output(WIND_TOPIC, reading.stamp, fields, reading.source)
+
+
+def merged(outputs: Iterable[Output]) -> list[Output]:
+    """Outputs, where neighbours that are air data of the same samples (both angles of a message) are one."""
+    found: list[Output] = []
+    for output in outputs:
+        last = found[-1] if found else None
+        same = last is not None and (last.topic, last.source) == (output.topic, output.source)
+        if last is not None and same and output.topic == "air_data" and np.array_equal(last.stamp, output.stamp):
+            fields = {name: np.where(np.isnan(v), output.fields[name], v) for name, v in last.fields.items()}
+            found[-1] = Output(last.topic, last.stamp, fields, last.source)
+        else:
+            found.append(output)
+    return found
+
+
+def _air_data(**known: Array) -> dict[str, Any]:
+    """Fields of AirData; what is not given is NaN."""
+    n = len(next(iter(known.values())))
+    names = ("true_airspeed", "angle_of_attack", "sideslip", "air_density", "static_pressure")
+    return {name: known.get(name, np.full(n, np.nan)) for name in names}
+
+
+def _turned(attitude: Array, turn: Array) -> Array:
+    """Attitude (4,) turned on by a rotation vector in body axes (3,)."""
+    from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product
+
+    return np.asarray(quaternion_product(attitude, quaternion_exp(turn)))

@@ -1,0 +1,46 @@
+"""A session on a transport: the loop of the bridge, without ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from aircraft_sysid_ros.mavlink.assembler import Output
+from aircraft_sysid_ros.mavlink.back_channel import BackChannel
+from aircraft_sysid_ros.mavlink.session import Session
+from aircraft_sysid_ros.mavlink.transport import Transport
+
+#: Longest wait [s] for bytes before the clock is looked at again.
+STEP = 0.02
+_MOST_READS = 200  # per step, so that a flood does not keep heartbeats from going out
+
+
+class Bridge:
+    """Reads, answers, and gives messages of our topics; ``step`` is called again and again."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        session: Session,
+        back: BackChannel | None = None,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self.transport, self.session = transport, session
+        self.back = back or BackChannel()
+        self._clock = clock
+
+    def step(self, timeout: float = STEP) -> list[Output]:
+        """One round: wait for bytes, take all that is there, send what is due."""
+        outputs: list[Output] = []
+        for _ in range(_MOST_READS):
+            data = self.transport.read(timeout)
+            if not data:
+                break
+            outputs += self.session.receive(data, self._clock())
+            timeout = 0.0
+        now = self._clock()
+        self.transport.write(self.session.tick(now))
+        if not self.session.condition:
+            for message in self.back.due(now, self.session.clock.to_remote(now)):
+                self.transport.write(self.session.decoder.encode(message))
+        return outputs

@@ -1,0 +1,209 @@
+"""The autopilot's clock in ours: offset and drift from TIMESYNC, by a Kalman filter of two states.
+
+    theta(k+1) = theta(k) + s(k) dt + w,   s(k+1) = s(k) + v        offset [s] and drift [s/s]
+    z = (sent + received) / 2 - remote = theta + e,   |e| <= rtt / 2
+
+The error of a round trip is bounded by half its time, whichever way was slow; it enters as noise of that size, so
+that a delayed answer weighs little. Without TIMESYNC the least of (arrival - remote) over a second is taken: it is
+late by the least delay of the link, which nobody can see one way. Cristian (1989), Probabilistic clock
+synchronization; the filter is (2.5)-(2.9) of the summary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+NANOSECONDS = 1_000_000_000
+# One sigma.
+_DRIFT_STD = 1e-4  # of a crystal, [s/s]
+_FLOOR = 2e-5  # [s] of a time stamp
+_ONE_WAY_STD = 0.01  # [s]
+_OFFSET_WALK, _DRIFT_WALK = 2e-6, 1e-8  # per sqrt(s)
+_GATE = 5.0
+_MOST_REJECTED = 5  # in a row: then it is the clock that leapt
+_ENOUGH = 3  # round trips
+_ENOUGH_ONE_WAY = 2  # seconds
+_ROUND_TRIP_AGE = 10.0  # [s] without an answer: one-way times count again
+_LONGEST_ROUND_TRIP = 1.0  # [s]
+
+
+class AutopilotClock:
+    """Offset and drift of a remote clock; times are integers [ns]."""
+
+    def __init__(self) -> None:
+        self.resets = -1
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the remote clock began anew."""
+        self.resets += 1
+        self._base: tuple[int, int] | None = None  # remote and local time at the first measurement
+        self._x = np.zeros(2)
+        self._p = np.zeros((2, 2))
+        self._at = 0  # remote time of the state
+        self._round_trips = self._seconds = self._rejected = 0
+        self._last_round_trip = 0  # local
+        self._least: tuple[int, int] | None = None  # of this second: remote, arrival
+        self._second_began = 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether the offset is known well enough to stamp samples."""
+        return self._round_trips >= _ENOUGH or self._seconds >= _ENOUGH_ONE_WAY
+
+    @property
+    def drift(self) -> float:
+        """How much faster our clock runs than the remote one [s/s]."""
+        return float(self._x[1])
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the offset [s]; infinite while there is none."""
+        return float(np.sqrt(self._p[0, 0])) if self._base is not None else np.inf
+
+    def add_round_trip(self, sent: int, received: int, remote: int) -> None:
+        """An answer to TIMESYNC: our times of question and answer, the remote time of the answer [ns]."""
+        trip = (received - sent) / NANOSECONDS
+        if not 0.0 <= trip <= _LONGEST_ROUND_TRIP:
+            return
+        self._last_round_trip = received
+        if self._update(remote, sent + (received - sent) // 2, 0.5 * trip + _FLOOR):
+            self._round_trips += 1
+
+    def add_one_way(self, remote: int, arrival: int) -> None:
+        """A message with its own time came [ns]; used while there are no round trips."""
+        if self._round_trips and arrival - self._last_round_trip < _ROUND_TRIP_AGE * NANOSECONDS:
+            return
+        if self._least is None:
+            self._least, self._second_began = (remote, arrival), arrival
+        if arrival - remote < self._least[1] - self._least[0]:
+            self._least = (remote, arrival)
+        if arrival - self._second_began >= NANOSECONDS:
+            self._seconds += self._update(*self._least, _ONE_WAY_STD)
+            self._least = None
+
+    def to_local(self, remote: int) -> int | None:
+        """Our time [ns] of a remote time; None while the offset is not known."""
+        if self._base is None or not self.ready:
+            return None
+        elapsed = (remote - self._at) / NANOSECONDS
+        ahead = round((self._x[0] + self._x[1] * elapsed) * NANOSECONDS)
+        return self._base[1] + (remote - self._base[0]) + ahead
+
+    def to_remote(self, local: int) -> int | None:
+        """Remote time [ns] of our time; None while the offset is not known."""
+        if self._base is None or not self.ready:
+            return None
+        guess = self._base[0] + (local - self._base[1])
+        for _ in range(2):  # the drift of the correction is left, 1e-4 of it each time
+            at_guess = self.to_local(guess)
+            assert at_guess is not None
+            guess -= at_guess - local
+        return guess
+
+    def _update(self, remote: int, local: int, std: float) -> bool:
+        """One measurement of the offset; whether it was believed."""
+        if self._base is None:
+            self._base, self._at = (remote, local), remote
+            self._p = np.diag([std**2, _DRIFT_STD**2])
+            return True
+        self._predict(remote)
+        measured = ((local - self._base[1]) - (remote - self._base[0])) / NANOSECONDS
+        innovation, variance = measured - self._x[0], self._p[0, 0] + std**2
+        if abs(innovation) > _GATE * np.sqrt(variance):
+            self._rejected += 1
+            if self._rejected >= _MOST_REJECTED:
+                self.reset()
+            return False
+        self._rejected = 0
+        gain = self._p[:, 0] / variance
+        self._x = self._x + gain * innovation
+        keep = np.eye(2) - np.outer(gain, [1.0, 0.0])
+        self._p = keep @ self._p @ keep.T + np.outer(gain, gain) * std**2  # Joseph form
+        return True
+
+    def _predict(self, remote: int) -> None:
+        dt = max((remote - self._at) / NANOSECONDS, 0.0)
+        step = np.array([[1.0, dt], [0.0, 1.0]])
+        self._x = step @ self._x
+        self._p = step @ self._p @ step.T + np.diag([_OFFSET_WALK**2, _DRIFT_WALK**2]) * dt
+        self._at = max(self._at, remote)
+
+
+# -- the time since start that messages carry ------------------------------------------------------------------
+
+_EPOCH_BEGINS = 10**15  # [us] more is Unix time (2001), less is time since start
+_WRAP = 2**32  # [us] 71.6 min: SERVO_OUTPUT_RAW counts in 32 bits
+_NARROW = ("SERVO_OUTPUT_RAW",)
+_BACKWARDS = NANOSECONDS  # [ns] UDP may exchange packets by less
+_LEAP = 5 * NANOSECONDS  # [ns] ahead of what our clock allows
+_CONFIRM = 10 * NANOSECONDS
+
+
+@dataclass
+class _Suspect:
+    boot: int
+    arrival: int
+
+
+class BootTime:
+    """Time since start [ns] of each message, and whether the autopilot started anew."""
+
+    def __init__(self) -> None:
+        self.reboots = 0
+        self._newest: int | None = None
+        self._arrival = 0
+        self._unix_minus_boot: int | None = None  # [ns]
+        self._suspect: _Suspect | None = None
+
+    def of(self, name: str, fields: Mapping[str, Any], arrival: int) -> int | None:
+        """Time since start of a message that came at ``arrival`` [ns]; None where it cannot be told.
+
+        A message without a time of its own gets the newest one: it was sent just after.
+        """
+        own = self._own(name, fields)
+        if own is None:
+            return self._newest
+        if name == "SYSTEM_TIME" and int(fields["time_unix_usec"]) > _EPOCH_BEGINS:
+            self._unix_minus_boot = int(fields["time_unix_usec"]) * 1000 - own
+        return own if self._believe(own, arrival) else None
+
+    def _own(self, name: str, fields: Mapping[str, Any]) -> int | None:
+        if "time_boot_ms" in fields:
+            milliseconds = int(fields["time_boot_ms"])
+            return milliseconds * 1_000_000 or None
+        if "time_usec" not in fields:
+            return None
+        microseconds = int(fields["time_usec"])
+        if microseconds == 0:
+            return None
+        if microseconds > _EPOCH_BEGINS:
+            return None if self._unix_minus_boot is None else microseconds * 1000 - self._unix_minus_boot
+        if name in _NARROW and self._newest is not None:  # the whole number of wraps that brings it nearest
+            microseconds += round((self._newest // 1000 - microseconds) / _WRAP) * _WRAP
+        return microseconds * 1000
+
+    def _believe(self, boot: int, arrival: int) -> bool:
+        """Follow the newest time; a leap counts once a second message confirms it."""
+        if self._newest is None or self._fits(boot, arrival, self._newest, self._arrival):
+            if self._newest is None or boot > self._newest:
+                self._newest, self._arrival = boot, arrival
+            self._suspect = None
+            return True
+        suspect, self._suspect = self._suspect, _Suspect(boot, arrival)
+        if suspect is None or not self._fits(boot, arrival, suspect.boot, suspect.arrival):
+            return False
+        self._newest, self._arrival, self._suspect = boot, arrival, None
+        self._unix_minus_boot = None
+        self.reboots += 1
+        return True
+
+    def _fits(self, boot: int, arrival: int, before: int, before_arrival: int) -> bool:
+        return -_BACKWARDS <= boot - before <= (arrival - before_arrival) + _LEAP

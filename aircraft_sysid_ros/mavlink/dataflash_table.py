@@ -1,0 +1,119 @@
+"""ArduPilot's DataFlash messages to quantities.
+
+The reader has applied the formats' own scales (L: 1e-7 degrees, c: 0.01). FRD and NED, SI but for degrees, milligauss
+and microseconds of the servos. Where a message has instances (I), the first is taken. ARSP.Airspeed is indicated
+airspeed; AOA is what the autopilot works out, unless a vane feeds it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aircraft_sysid_ros.mavlink.quantities import (
+    Array,
+    Fields,
+    Quantity,
+    Table,
+    columns,
+    entry,
+    quaternion_of_euler,
+)
+
+_TESLA_PER_MILLIGAUSS = 1e-7
+_KELVIN = 273.15
+_FIX_2D, _FIX_3D = 2, 3
+SERVO_COUNT = 14
+
+
+def _first(fields: Fields, values: Array) -> Array:
+    """Values of the first instance alone."""
+    for name in ("I", "Instance"):
+        if name in fields:
+            values[fields[name] != 0] = np.nan
+    return values
+
+
+def _imu(fields: Fields) -> Array:
+    return _first(fields, columns(fields, "AccX AccY AccZ GyrX GyrY GyrZ"))
+
+
+def _magnetic(fields: Fields) -> Array:
+    return _first(fields, columns(fields, "MagX MagY MagZ", _TESLA_PER_MILLIGAUSS))
+
+
+def _position(fields: Fields) -> Array:
+    place = np.concatenate([np.radians(columns(fields, "Lat Lng")), columns(fields, "Alt")], axis=1)
+    place[fields["Status"] < _FIX_3D] = np.nan
+    return _first(fields, np.concatenate([place, np.full((len(place), 3), np.nan)], axis=1))
+
+
+def _velocity(fields: Fields) -> Array:
+    speed, course = columns(fields, "Spd")[:, 0], np.radians(columns(fields, "GCrs")[:, 0])
+    velocity = np.stack([speed * np.cos(course), speed * np.sin(course), columns(fields, "VZ")[:, 0]], axis=1)
+    velocity[fields["Status"] < _FIX_2D] = np.nan
+    return _first(fields, velocity)
+
+
+def _pressure(fields: Fields) -> Array:
+    values = columns(fields, "Press Temp") + np.array([0.0, _KELVIN])
+    values[values[:, 0] <= 0.0] = np.nan
+    return _first(fields, values)
+
+
+def _servos(fields: Fields) -> Array:
+    pulses = columns(fields, " ".join(f"C{i}" for i in range(1, SERVO_COUNT + 1)))
+    return np.where(pulses > 0.0, pulses, np.nan)
+
+
+
+def _speed(fields: Fields) -> Array:
+    """Speed of the engine that the instance names."""
+    speed = columns(fields, "RPM")[:, 0]
+    which = np.asarray(fields["I"] if "I" in fields else fields["Instance"], dtype=np.int64)
+    values = np.full((len(speed), 16), np.nan)
+    inside = np.flatnonzero((which >= 0) & (which < 16))
+    values[inside, which[inside]] = speed[inside]
+    return values
+
+
+def _wind(fields: Fields) -> Array:
+    """Wind of the EKF; its vertical part is not estimated."""
+    wind = columns(fields, "VWN VWE")
+    values = np.full((len(wind), 6), np.nan)
+    values[:, :2], values[:, 2] = wind, 0.0
+    if "C" in fields:
+        values[fields["C"] != 0] = np.nan
+    return values
+
+
+def _attitude(fields: Fields) -> Array:
+    return quaternion_of_euler(np.radians(columns(fields, "Roll Pitch Yaw")))
+
+
+_WIND = (entry(Quantity.WIND, _wind, "VWN VWE"),)
+DATAFLASH: Table = {
+    "IMU": (entry(Quantity.IMU, _imu, "AccX AccY AccZ GyrX GyrY GyrZ"),),
+    "MAG": (entry(Quantity.MAGNETIC_FIELD, _magnetic, "MagX MagY MagZ"),),
+    "GPS": (
+        entry(Quantity.POSITION, _position, "Status Lat Lng Alt"),
+        entry(Quantity.VELOCITY, _velocity, "Status Spd GCrs VZ"),
+    ),
+    "BARO": (entry(Quantity.PRESSURE, _pressure, "Press Temp"),),
+    "ARSP": (
+        entry(Quantity.AIRSPEED, lambda f: _first(f, columns(f, "Airspeed")), "Airspeed"),
+        entry(Quantity.IMPACT_PRESSURE, lambda f: _first(f, columns(f, "DiffPress")), "DiffPress"),
+    ),
+    "AOA": (
+        entry(Quantity.ANGLE_OF_ATTACK, lambda f: np.radians(columns(f, "AOA")), "AOA"),
+        entry(Quantity.SIDESLIP, lambda f: np.radians(columns(f, "SSA")), "SSA"),
+    ),
+    "RCOU": (entry(Quantity.PULSES, _servos, "C1 C14"),),
+    "RPM": (
+        entry(Quantity.PROPELLER, lambda f: columns(f, "rpm1 rpm2"), "rpm1 rpm2"),
+        entry(Quantity.PROPELLER, _speed, "RPM I"),
+    ),
+    "ESC": (entry(Quantity.PROPELLER, _speed, "RPM Instance"),),
+    "ATT": (entry(Quantity.ATTITUDE, _attitude, "Roll Pitch Yaw"),),
+    "XKF2": _WIND,
+    "NKF2": _WIND,
+}

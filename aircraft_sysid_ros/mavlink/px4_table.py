@@ -1,0 +1,127 @@
+"""PX4's uORB topics to quantities: one table for ULog files and for bags of px4_msgs, whose fields have the same names.
+
+SI, FRD and NED; older versions have GPS positions as integers (1e-7 degrees, mm), newer ones in degrees and m.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aircraft_sysid_ros.mavlink.quantities import (
+    Array,
+    Fields,
+    Quantity,
+    Table,
+    columns,
+    entry,
+)
+
+_TESLA_PER_GAUSS = 1e-4
+_KELVIN = 273.15
+_FIX_2D, _FIX_3D = 2, 3
+#: Fields that say when a sample was taken, best first.
+TIMES = ("timestamp_sample", "timestamp")
+
+
+def _vehicle_imu(fields: Fields) -> Array:
+    """Mean specific force and rate from increments over their intervals [us]."""
+    force = columns(fields, "delta_velocity") / columns(fields, "delta_velocity_dt", 1e-6)
+    rate = columns(fields, "delta_angle") / columns(fields, "delta_angle_dt", 1e-6)
+    return np.concatenate([force, rate], axis=1)
+
+
+def _with_variance(fields: Fields, place: Array) -> Array:
+    across, up = columns(fields, "eph")[:, 0], columns(fields, "epv")[:, 0]
+    variance = np.stack([0.5 * across**2, 0.5 * across**2, up**2], axis=1)
+    variance[~((across > 0.0) & (up > 0.0))] = np.nan
+    place[fields["fix_type"] < _FIX_3D] = np.nan
+    return np.concatenate([place, np.where(np.isnan(place), np.nan, variance)], axis=1)
+
+
+def _position(fields: Fields) -> Array:
+    place = columns(fields, "latitude_deg longitude_deg altitude_msl_m")
+    return _with_variance(fields, np.concatenate([np.radians(place[:, :2]), place[:, 2:]], axis=1))
+
+
+def _position_integer(fields: Fields) -> Array:
+    place = np.concatenate([np.radians(columns(fields, "lat lon", 1e-7)), columns(fields, "alt", 1e-3)], axis=1)
+    return _with_variance(fields, place)
+
+
+def _velocity(fields: Fields) -> Array:
+    velocity = columns(fields, "vel_n_m_s vel_e_m_s vel_d_m_s")
+    velocity[fields["fix_type"] < _FIX_2D] = np.nan
+    return velocity
+
+
+def _pressure(fields: Fields) -> Array:
+    return columns(fields, "baro_pressure_pa baro_temp_celcius") + np.array([0.0, _KELVIN])
+
+
+def _pressure_with_ambient(fields: Fields) -> Array:
+    return columns(fields, "baro_pressure_pa ambient_temperature") + np.array([0.0, _KELVIN])
+
+
+def _outputs(fields: Fields) -> Array:
+    """Outputs in us; only those that are in use."""
+    values = columns(fields, "output")
+    used = np.arange(values.shape[1])[None, :] < np.asarray(fields["noutputs"], dtype=np.int64)[:, None]
+    return np.where(used & (values > 0.0), values, np.nan)
+
+
+def _wind(fields: Fields) -> Array:
+    level = columns(fields, "windspeed_north windspeed_east")
+    variance = columns(fields, "variance_north variance_east")
+    nothing = np.zeros((len(level), 1))
+    return np.concatenate([level, nothing, variance, nothing + np.nan], axis=1)
+
+
+def _esc(fields: Fields) -> Array:
+    names = [f"esc[{i}].esc_rpm" for i in range(8)]
+    return columns(fields, " ".join(name for name in names if name in fields))
+
+
+_GPS = (
+    entry(Quantity.POSITION, _position, "latitude_deg longitude_deg altitude_msl_m eph epv fix_type"),
+    entry(Quantity.POSITION, _position_integer, "lat lon alt eph epv fix_type"),
+    entry(Quantity.VELOCITY, _velocity, "vel_n_m_s vel_e_m_s vel_d_m_s fix_type"),
+)
+_FORCE_AND_RATE = "accelerometer_m_s2 gyro_rad"
+_WIND = (entry(Quantity.WIND, _wind, "windspeed_north windspeed_east variance_north variance_east"),)
+PX4: Table = {
+    "sensor_combined": (entry(Quantity.IMU, lambda f: columns(f, _FORCE_AND_RATE), _FORCE_AND_RATE),),
+    "vehicle_imu": (
+        entry(Quantity.IMU, _vehicle_imu, "delta_angle delta_velocity delta_angle_dt delta_velocity_dt"),
+    ),
+    "vehicle_magnetometer": (
+        entry(
+            Quantity.MAGNETIC_FIELD, lambda f: columns(f, "magnetometer_ga", _TESLA_PER_GAUSS), "magnetometer_ga"
+        ),
+    ),
+    "sensor_gps": _GPS,
+    "vehicle_gps_position": _GPS,
+    "airspeed": (
+        entry(Quantity.AIRSPEED, lambda f: columns(f, "indicated_airspeed_m_s"), "indicated_airspeed_m_s"),
+    ),
+    "airspeed_validated": (
+        entry(Quantity.AIRSPEED, lambda f: columns(f, "calibrated_airspeed_m_s"), "calibrated_airspeed_m_s"),
+    ),
+    "differential_pressure": (
+        entry(
+            Quantity.IMPACT_PRESSURE, lambda f: columns(f, "differential_pressure_pa"), "differential_pressure_pa"
+        ),
+    ),
+    "vehicle_air_data": (
+        entry(Quantity.PRESSURE, _pressure_with_ambient, "baro_pressure_pa ambient_temperature"),
+        entry(Quantity.PRESSURE, _pressure, "baro_pressure_pa baro_temp_celcius"),
+    ),
+    "airflow_aoa": (entry(Quantity.ANGLE_OF_ATTACK, lambda f: columns(f, "aoa_rad"), "aoa_rad"),),
+    "airflow_slip": (entry(Quantity.SIDESLIP, lambda f: columns(f, "slip_rad"), "slip_rad"),),
+    "actuator_outputs": (entry(Quantity.PULSES, _outputs, "output noutputs"),),
+    "actuator_servos": (entry(Quantity.COMMANDS, lambda f: columns(f, "control"), "control"),),
+    "esc_status": (entry(Quantity.PROPELLER, _esc, "esc[0].esc_rpm"),),
+    "rpm": (entry(Quantity.PROPELLER, lambda f: columns(f, "rpm_estimate"), "rpm_estimate"),),
+    "vehicle_attitude": (entry(Quantity.ATTITUDE, lambda f: columns(f, "q"), "q"),),
+    "wind": _WIND,
+    "wind_estimate": _WIND,
+}

@@ -1,0 +1,137 @@
+"""What autopilots report, whatever the protocol: quantities in SI, radians, FRD and NED, and when they were taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+Fields = Mapping[str, npt.NDArray[Any]]
+
+
+class Quantity(Enum):
+    """Quantities, with the columns of their values; NaN where a column is not reported."""
+
+    IMU = "specific force (3) [m/s^2] and angular rate (3) [rad/s], FRD"
+    MAGNETIC_FIELD = "field (3) [T], FRD"
+    POSITION = "latitude, longitude [rad], altitude [m], variance north, east, down [m^2]"
+    VELOCITY = "over ground, NED (3) [m/s]; down may be NaN"
+    DESCENT = "down velocity [m/s] for a VELOCITY without it"
+    AIRSPEED = "[m/s], of the meaning that source or calibration says"
+    IMPACT_PRESSURE = "P_t - P_s [Pa]"
+    PRESSURE = "static pressure [Pa], temperature of the sensor [K]"
+    ANGLE_OF_ATTACK = "[rad], nose up positive"
+    SIDESLIP = "[rad], wind from the right positive"
+    PULSES = "servo outputs [us], output 1 first"
+    COMMANDS = "normalised outputs -1..1, output 1 first"
+    PROPELLER = "revolutions per minute of engine 1, 2, …"
+    ATTITUDE = "quaternion w, x, y, z of FRD to NED"
+    WIND = "NED (3) [m/s], the direction the air moves to; variances (3) [m^2/s^2]"
+    NAMED = "value of a named float"
+    AIRSPEED_SENSOR = "1 where the autopilot has one, else 0"
+
+
+@dataclass(frozen=True)
+class Batch:
+    """n messages of one name: times at which they were taken [ns] (n,), and their fields, each (n,) or (n, k)."""
+
+    name: str
+    stamp: Stamps
+    fields: Fields
+
+
+@dataclass(frozen=True)
+class Reading:
+    """n values (n, k) of a quantity from one source, with stamps [ns] (n,)."""
+
+    quantity: Quantity
+    source: str
+    stamp: Stamps
+    values: Array
+
+
+@dataclass(frozen=True)
+class Entry:
+    """How a message gives a quantity: fields to values (n, k), the fields it needs, and the text for a report."""
+
+    quantity: Quantity
+    values: Callable[[Fields], Array]
+    needs: tuple[str, ...]
+
+
+#: The message that brings what MAVLink has no message for.
+NAMED_VALUES = "NAMED_VALUE_FLOAT"
+#: Entries by name of the message. Of several messages with one quantity the first in the table is preferred.
+Table = Mapping[str, tuple[Entry, ...]]
+
+
+def entry(quantity: Quantity, values: Callable[[Fields], Array], needs: str) -> Entry:
+    """An entry whose needed fields are the words of ``needs``."""
+    return Entry(quantity, values, tuple(needs.split()))
+
+
+def columns(fields: Fields, names: str, scale: float = 1.0) -> Array:
+    """The fields that are the words of ``names``, side by side (n, k), times ``scale``."""
+    parts = [np.asarray(fields[name], dtype=np.float64) for name in names.split()]
+    return np.concatenate([p if p.ndim == 2 else p[:, None] for p in parts], axis=1) * scale
+
+
+def readings_of(table: Table, batch: Batch) -> list[Reading]:
+    """What a batch reports, by a table; rows without a finite number are left out. Messages not in the table: none.
+
+    Of several entries with one quantity (versions of a message) the first counts whose fields are there.
+    """
+    if batch.name == NAMED_VALUES:
+        return _named(batch)
+    found: list[Reading] = []
+    known: set[Quantity] = set()
+    for item in table.get(batch.name, ()):
+        if item.quantity in known or not all(name in batch.fields for name in item.needs):
+            continue
+        known.add(item.quantity)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            values = item.values(batch.fields)
+        rows = np.flatnonzero(np.any(np.isfinite(values), axis=1))
+        if len(rows):
+            found.append(Reading(item.quantity, batch.name, batch.stamp[rows], values[rows]))
+    return found
+
+
+def _named(batch: Batch) -> list[Reading]:
+    """Named floats by their names, which are the sources; text or bytes up to their end."""
+    names = np.array([text(name) for name in batch.fields["name"]])
+    values = np.asarray(batch.fields["value"], dtype=np.float64)[:, None]
+    each = ((name, np.flatnonzero(names == name)) for name in np.unique(names).tolist())
+    return [Reading(Quantity.NAMED, name, batch.stamp[rows], values[rows]) for name, rows in each]
+
+
+def text(value: Any) -> str:
+    """A text field, which pymavlink gives as text or bytes, up to its end."""
+    content = value.decode("ascii", "replace") if isinstance(value, (bytes, bytearray)) else str(value)
+    return content.split("\x00", 1)[0]
+
+
+def rank(table: Table, quantity: Quantity) -> tuple[str, ...]:
+    """Names of the messages that have a quantity, preferred first."""
+    return tuple(name for name, entries in table.items() if any(e.quantity is quantity for e in entries))
+
+
+def quaternion_of_euler(angles: Array) -> Array:
+    """Quaternions (n, 4) w, x, y, z of roll, pitch, yaw [rad] (n, 3)."""
+    cr, cp, cy = np.cos(0.5 * angles).T
+    sr, sp, sy = np.sin(0.5 * angles).T
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=1,
+    )

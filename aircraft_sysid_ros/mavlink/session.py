@@ -1,0 +1,221 @@
+"""One vehicle over one link, without the link: bytes and time in, messages of our topics and bytes out.
+
+Finds the vehicle by its heartbeat, answers and asks (heartbeats, TIMESYNC, rates), follows its clock, and starts anew
+when it does. Memory is bounded: counts by name, and a few last values per quantity.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from aircraft_sysid_ros.mavlink.assembler import Assembler, Output
+from aircraft_sysid_ros.mavlink.calibration import Calibration
+from aircraft_sysid_ros.mavlink.clock import AutopilotClock, BootTime
+from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
+from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
+from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, readings_of
+from aircraft_sysid_ros.mavlink.requests import Requests
+
+NANOSECONDS = 1_000_000_000
+HEARTBEAT_PERIOD = 1.0  # [s]
+SYNC_PERIOD, FIRST_SYNC_PERIOD, FIRST_SYNCS = 1.0, 0.2, 10
+LOST_AFTER = 5.0  # [s] without a message
+_AUTOPILOT_NAMES = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot", dialect.MAV_AUTOPILOT_PX4: "PX4"}
+_NOT_VEHICLES = (dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GIMBAL, dialect.MAV_TYPE_ADSB)
+
+
+def is_vehicle(heartbeat: Any) -> bool:
+    """Whether a heartbeat is that of an autopilot, and not of a ground station, a gimbal or a companion."""
+    return heartbeat.autopilot != dialect.MAV_AUTOPILOT_INVALID and heartbeat.type not in _NOT_VEHICLES
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """Who was found."""
+
+    system: int
+    component: int
+    autopilot: str
+
+
+class Session:
+    """The protocol; ``now`` is our time [ns], that of the stamps."""
+
+    def __init__(self, calibration: Calibration | None = None, system: int | None = None) -> None:
+        self.calibration = calibration or Calibration()
+        self.decoder = Decoder()
+        self.clock, self.boot_time = AutopilotClock(), BootTime()
+        self.assembler = Assembler(MAVLINK, self.calibration)
+        self.requests = Requests(self.calibration.rates)
+        self.vehicle: Vehicle | None = None
+        self.received: Counter[str] = Counter()
+        self.published: Counter[str] = Counter()
+        self.unstamped = 0  # messages before the clock was known
+        self.losses = 0  # times that the vehicle fell silent
+        self.notes: list[str] = []  # news since they were last taken
+        self._wanted_system = system
+        self._last_message = 0
+        self._silent = True
+        self._next_heartbeat = self._next_sync = 0
+        self._syncs = 0
+        self._asked: deque[int] = deque(maxlen=32)  # our times in questions: other stations ask too
+        self._question: int | None = None  # of the vehicle, to be answered
+
+    # -- in ------------------------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now: int) -> list[Output]:
+        """What the bytes that came at ``now`` say."""
+        outputs: list[Output] = []
+        for message in self.decoder.decode(data):
+            outputs += self._take(message, now)
+        for output in outputs:
+            self.published[output.topic] += len(output.stamp)
+        return outputs
+
+    def _take(self, message: Any, now: int) -> list[Output]:
+        name = message.get_type()
+        if name == "HEARTBEAT":
+            self._find(message, now)
+        if not self._is_from_vehicle(message):
+            return []
+        self._last_message = now
+        if self._silent:
+            self._return(now)
+        self.received[name] += 1
+        self.requests.heard(name, now)
+        fields = fields_of(message)
+        if name == "TIMESYNC":
+            self._synchronise(fields, now)
+            return []
+        if name == "COMMAND_ACK":
+            self.requests.acknowledged(fields["command"], fields["result"])
+        return self._samples(name, fields, now)
+
+    def _samples(self, name: str, fields: dict[str, Any], now: int) -> list[Output]:
+        reboots = self.boot_time.reboots
+        boot = self.boot_time.of(name, fields, now)
+        if self.boot_time.reboots != reboots:
+            self._restart(now)
+        if boot is None:
+            return []
+        if "time_boot_ms" in fields or "time_usec" in fields:
+            self.clock.add_one_way(boot, now)
+        stamp = self.clock.to_local(boot)
+        if stamp is None:
+            self.unstamped += 1
+            return []
+        if name not in MAVLINK and name != NAMED_VALUES:
+            return []
+        return self.assembler.take(readings_of(MAVLINK, batch_of(name, stamp, fields)))
+
+    def _find(self, message: Any, now: int) -> None:
+        """Take the first autopilot, or the one with the wanted number."""
+        system = message.get_srcSystem()
+        if self.vehicle is not None or not is_vehicle(message) or self._wanted_system not in (None, system):
+            return
+        name = _AUTOPILOT_NAMES.get(message.autopilot, f"autopilot {message.autopilot}")
+        self.vehicle = Vehicle(system, message.get_srcComponent(), name)
+        self.decoder.system = system
+        self.notes.append(f"found {name}, system {system}")
+        self.requests.start(now)
+        self._silent = False
+
+    def _is_from_vehicle(self, message: Any) -> bool:
+        vehicle = self.vehicle
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        return vehicle is not None and source == (vehicle.system, vehicle.component)
+
+    def _return(self, now: int) -> None:
+        """The vehicle speaks again: whatever it was asked for may be forgotten."""
+        self._silent = False
+        self.notes.append("the vehicle is back")
+        self.requests.start(now)
+
+    def _restart(self, now: int) -> None:
+        """The autopilot started anew: its clock, its rates and what it last said are gone."""
+        self.notes.append("the autopilot has started anew")
+        self.clock.reset()
+        self.assembler = Assembler(MAVLINK, self.calibration)
+        self.requests.start(now)
+        self._syncs, self._next_sync = 0, now
+
+    def _synchronise(self, fields: dict[str, Any], now: int) -> None:
+        """An answer carries our time back in ts1; a question (tc1 = 0) is answered in the next ``tick``."""
+        if fields["tc1"] != 0 and int(fields["ts1"]) in self._asked:
+            self.clock.add_round_trip(int(fields["ts1"]), now, int(fields["tc1"]))
+        elif fields["tc1"] == 0:
+            self._question = int(fields["ts1"])
+
+    # -- out -----------------------------------------------------------------------------------------------------
+
+    def tick(self, now: int) -> bytes:
+        """What is to be sent now; to be called several times a second."""
+        return b"".join(self.decoder.encode(message) for message in self._due(now))
+
+    def _due(self, now: int) -> Iterator[Any]:
+        self._look_for_silence(now)
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = now + round(HEARTBEAT_PERIOD * NANOSECONDS)
+            yield dialect.MAVLink_heartbeat_message(
+                dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+            )
+        if self._question is not None:
+            yield dialect.MAVLink_timesync_message(now, self._question)
+            self._question = None
+        if self.vehicle is None:
+            return
+        if now >= self._next_sync:
+            period = FIRST_SYNC_PERIOD if self._syncs < FIRST_SYNCS else SYNC_PERIOD
+            self._next_sync = now + round(period * NANOSECONDS)
+            self._syncs += 1
+            self._asked.append(now)
+            yield dialect.MAVLink_timesync_message(0, now)
+        if not self._silent:
+            yield from self.requests.due(now, self.vehicle.system, self.vehicle.component)
+
+    def _look_for_silence(self, now: int) -> None:
+        heard = self.vehicle is not None and not self._silent and self._last_message > 0
+        if heard and now - self._last_message > LOST_AFTER * NANOSECONDS:
+            self._silent = True
+            self.losses += 1
+            self.notes.append("the vehicle is silent")
+
+    @property
+    def condition(self) -> str:
+        """What is wrong, in words; empty when nothing is."""
+        if self.vehicle is None:
+            return "waiting for the heartbeat of an autopilot"
+        if self._silent:
+            return "the vehicle is silent"
+        if not self.clock.ready:
+            return "waiting for the clock of the autopilot"
+        return ""
+
+    def take_notes(self) -> list[str]:
+        """News since the last call."""
+        notes, self.notes = self.notes, []
+        return notes
+
+    def summary(self) -> dict[str, Any]:
+        """Counts for a report or for diagnostics."""
+        vehicle = self.vehicle
+        return {
+            "vehicle": None if vehicle is None else f"{vehicle.autopilot} {vehicle.system}",
+            "received": dict(self.received),
+            "published": dict(self.published),
+            "bad_data": self.decoder.bad,
+            "unstamped": self.unstamped,
+            "reboots": self.boot_time.reboots,
+            "losses": self.losses,
+            "clock": {
+                "drift_ppm": 1e6 * self.clock.drift if self.clock.ready else None,
+                "std": self.clock.std if self.clock.ready else None,
+            },
+        }
+
+

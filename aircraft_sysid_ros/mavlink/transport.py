@@ -1,0 +1,174 @@
+"""Where MAVLink comes from: UDP, TCP or a serial port, opened again whenever it breaks.
+
+    udp:0.0.0.0:14550 (or udpin:)   listen; answers go to whoever spoke last
+    udpout:192.168.1.10:14550       speak first
+    tcp:127.0.0.1:5760              connect
+    serial:/dev/ttyACM0:921600      or /dev/ttyACM0,921600; default 57600 baud
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from aircraft_sysid_ros.errors import InputError
+
+DEFAULT_BAUD = 57600
+FIRST_PAUSE, LONGEST_PAUSE = 0.5, 5.0  # [s] between tries to open again
+_AT_ONCE = 65536
+_KINDS = ("udp", "udpin", "udpout", "tcp", "serial")
+
+
+@dataclass(frozen=True)
+class Address:
+    """What a connection text says."""
+
+    kind: str  # udpin, udpout, tcp, serial
+    place: str
+    number: int  # port or baud
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.place}:{self.number}"
+
+
+def parse_address(text: str) -> Address:
+    """Address from a connection text; raises InputError."""
+    if text.startswith("/dev/") or text.upper().startswith("COM"):
+        text = f"serial:{text.replace(',', ':')}"
+    kind, _, rest = text.partition(":")
+    place, _, number = rest.rpartition(":")
+    if kind == "serial" and not number.isdigit():
+        place, number = rest, str(DEFAULT_BAUD)
+    if kind not in _KINDS or not place or not number.isdigit() or not 0 < int(number) < 10_000_000:
+        raise InputError(
+            f"the connection '{text}' is not understood: write udp:0.0.0.0:14550, udpout:HOST:PORT, tcp:HOST:PORT "
+            "or serial:/dev/ttyACM0:57600"
+        )
+    if kind != "serial" and int(number) > 65535:
+        raise InputError(f"the connection '{text}' has no port: ports are 1 to 65535, not {number}")
+    return Address("udpin" if kind == "udp" else kind, place, int(number))
+
+
+class Transport:
+    """Bytes to and from an address. ``read`` waits; a broken connection is opened again, later each time."""
+
+    def __init__(self, address: Address) -> None:
+        self.address = address
+        self.openings = 0
+        self._device: Any = None
+        self._peer: tuple[Any, ...] | None = None
+        self._try_at, self._pause = 0.0, FIRST_PAUSE
+
+    def open(self) -> None:
+        """First opening; raises InputError when it fails, since then the address is likely wrong."""
+        try:
+            self._open()
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"cannot open {self.address}: {reason}") from None
+
+    def read(self, timeout: float) -> bytes:
+        """What has come, after at most ``timeout`` [s]; empty when nothing has."""
+        if not self._is_open(timeout):
+            return b""
+        try:
+            return self._serial_read(timeout) if self.address.kind == "serial" else self._socket_read(timeout)
+        except (OSError, ValueError, TypeError):  # pyserial raises the others for a device that is gone
+            self.close()
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Send; what cannot be sent is lost, as on any link."""
+        if self._device is None or not data:
+            return
+        try:
+            if self.address.kind == "serial":
+                self._device.write(data)
+            elif self.address.kind == "tcp":
+                self._device.sendall(data)
+            elif self._peer is not None:
+                self._device.sendto(data, self._peer)
+        except (BlockingIOError, ConnectionRefusedError):
+            pass  # nobody listens yet
+        except (OSError, ValueError):
+            self.close()
+
+    def close(self) -> None:
+        """Let go of the device."""
+        if self._device is not None:
+            with contextlib.suppress(OSError):
+                self._device.close()
+        self._device = None
+        if self.address.kind == "udpin":
+            self._peer = None
+
+    def _is_open(self, timeout: float) -> bool:
+        if self._device is not None:
+            return True
+        wait = self._try_at - time.monotonic()
+        if wait > 0.0:
+            time.sleep(min(wait, timeout))
+            return False
+        try:
+            self._open()
+        except (OSError, ValueError):
+            self._try_at = time.monotonic() + self._pause
+            self._pause = min(2.0 * self._pause, LONGEST_PAUSE)
+            return False
+        return True
+
+    def _open(self) -> None:
+        kind, target = self.address.kind, (self.address.place, self.address.number)
+        if kind == "serial":
+            self._device = _open_serial(*target)
+        elif kind == "tcp":
+            self._device = socket.create_connection(target, timeout=3.0)
+            self._device.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        else:
+            device = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            try:
+                if kind == "udpin":
+                    device.bind(target)
+                else:
+                    self._peer = (socket.gethostbyname(target[0]), target[1])
+            except OSError:
+                device.close()
+                raise
+            device.setblocking(False)
+            self._device = device
+        self.openings += 1
+        self._pause = FIRST_PAUSE
+
+    def _socket_read(self, timeout: float) -> bytes:
+        ready, _, _ = select.select([self._device], [], [], timeout)
+        if not ready:
+            return b""
+        if self.address.kind == "tcp":
+            data = bytes(self._device.recv(_AT_ONCE))
+            if not data:  # the other end has hung up
+                self.close()
+            return data
+        try:
+            data, sender = self._device.recvfrom(_AT_ONCE)
+        except (BlockingIOError, ConnectionRefusedError):
+            return b""
+        if self.address.kind == "udpin":
+            self._peer = sender
+        return bytes(data)
+
+    def _serial_read(self, timeout: float) -> bytes:
+        self._device.timeout = timeout
+        first = bytes(self._device.read(1))
+        return first + bytes(self._device.read(self._device.in_waiting)) if first else b""
+
+
+def _open_serial(device: str, baud: int) -> Any:
+    try:
+        import serial
+    except ImportError:
+        raise InputError("serial ports need pyserial: pip install pyserial") from None
+    return serial.Serial(device, baud, timeout=0, write_timeout=0.5)

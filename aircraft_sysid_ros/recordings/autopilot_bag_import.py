@@ -1,0 +1,113 @@
+"""Bags of MAVROS topics and of px4_msgs, decoded by the definitions that the bag brings along."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.calibration import Calibration
+from aircraft_sysid_ros.mavlink.mavros_table import MAVROS
+from aircraft_sysid_ros.mavlink.px4_table import PX4
+from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.recordings.autopilot_log import LogContent, import_content
+from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+from aircraft_sysid_ros.recordings.message_types import channel_types
+from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages
+from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.recordings.tables import Table as Columns
+from aircraft_sysid_ros.recordings.tables import table_of
+from aircraft_sysid_ros.recordings.ulog_import import sample_time
+
+_PX4 = "px4_msgs/"
+_UNIX = 10**18  # [ns] 2001: more is Unix time, which uXRCE-DDS makes of the autopilot's when it synchronises
+
+
+def import_autopilot_bag(path: Path, calibration: Calibration | None = None) -> ImportedLog:
+    """A bag as our topics; raises InputError for one that has neither MAVROS topics nor px4_msgs."""
+    raw = read_raw(path)
+    px4 = {key: _snake(c.type) for key, c in raw.channels.items() if c.type.startswith(_PX4)}
+    mavros = {key: name for key, c in raw.channels.items() if (name := _mavros_name(c.topic)) in MAVROS}
+    if not px4 and not mavros:
+        raise InputError(f"it has neither topics of MAVROS nor px4_msgs: it holds {raw.topic_names()[:300]}")
+    if len(px4) >= len(mavros):
+        content = _content(raw, "bag of px4_msgs", px4, set(PX4))
+        batches = _with_sample_times(content.batches)
+        return import_content(LogContent(content.format, batches, content.found, content.notes), PX4, calibration)
+    return import_content(_content(raw, "bag of MAVROS topics", mavros, set(MAVROS)), MAVROS, calibration)
+
+
+def _content(raw: RawMessages, form: str, names: dict[int, str], known: set[str]) -> LogContent:
+    """Batches of the known channels; of two channels with one name the first counts."""
+    batches: dict[str, Batch] = {}
+    notes = list(raw.notes)
+    for key, name in names.items():
+        if name not in known or name in batches or not len(raw.rows(key)):
+            continue
+        channel = raw.channels[key]
+        if channel.type not in channel_types(channel).fielddefs:
+            notes.append(f"{channel.topic} is left out: the bag has no definition of {channel.type}")
+            continue
+        table = table_of(raw, key)
+        if table.skipped:
+            notes.append(f"{table.skipped} messages of {channel.topic} could not be decoded")
+        if len(table.rows):
+            batches[name] = Batch(name, table.stamp, _plain(table))
+    found = {_name(names, key, c): len(raw.rows(key)) for key, c in raw.channels.items() if len(raw.rows(key))}
+    return LogContent(form, list(batches.values()), found, notes)
+
+
+def _name(names: dict[int, str], key: int, channel: Channel) -> str:
+    return names.get(key, channel.topic)
+
+
+def _mavros_name(topic: str) -> str:
+    """Name relative to the namespace of MAVROS, whatever stands before it."""
+    _, marker, name = topic.partition("mavros/")
+    return name if marker else topic.strip("/")
+
+
+def _snake(type_name: str) -> str:
+    """uORB topic of a px4_msgs type: px4_msgs/msg/SensorCombined is sensor_combined."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", type_name.rsplit("/", 1)[-1]).lower()
+
+
+def _plain(table: Columns) -> dict[str, npt.NDArray[Any]]:
+    """Columns of numbers: sequences of numbers padded with NaN, speeds of engines taken out of their messages."""
+    fields: dict[str, npt.NDArray[Any]] = {}
+    for name, column in table.fields.items():
+        if column.dtype != object:
+            fields[name] = column
+        elif name in ("esc", "esc_status"):
+            speeds = _padded([[getattr(e, "esc_rpm", getattr(e, "rpm", np.nan)) for e in row] for row in column])
+            fields["rpm"] = speeds
+            fields.update({f"{name}[{i}].esc_rpm": speeds[:, i] for i in range(speeds.shape[1])})
+        else:
+            numbers = [np.asarray(row) for row in column]
+            if all(row.dtype.kind in "iuf" for row in numbers):
+                fields[name] = _padded(numbers)
+    return fields
+
+
+def _padded(rows: list[Any]) -> npt.NDArray[np.float64]:
+    """Rows of different lengths as (n, k)."""
+    width = min(max((len(row) for row in rows), default=0), 64)
+    values = np.full((len(rows), width), np.nan)
+    for i, row in enumerate(rows):
+        values[i, : min(len(row), width)] = np.asarray(row, dtype=np.float64)[:width]
+    return values
+
+
+def _with_sample_times(batches: list[Batch]) -> list[Batch]:
+    """Stamps from the messages' own times; of those that count from the start, by the least delay to the recorder.
+
+    px4_msgs have no header: the stamps so far are the times of recording.
+    """
+    own = [sample_time(dict(batch.fields)) for batch in batches]
+    delays = [int(np.min(b.stamp - t)) for b, t in zip(batches, own, strict=True) if len(t) and t[0] < _UNIX]
+    offset = min(delays, default=0)
+    return [Batch(b.name, t + (offset if t[0] < _UNIX else 0), b.fields) for b, t in zip(batches, own, strict=True)]

@@ -1,0 +1,144 @@
+"""What the imports of autopilot logs share: batches of messages through the tables of ``mavlink``, and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.assembler import COMPUTED_ANGLES, Assembler, Output, merged
+from aircraft_sysid_ros.mavlink.calibration import Calibration
+from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Table, readings_of
+from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS
+
+#: Where a log without a date begins: 2000-01-01, Unix time [s].
+NO_DATE = 946_684_800
+_GPS_EPOCH, _WEEK = 315_964_800, 604_800
+#: Leap seconds of GPS time from a date on, newest first.
+_LEAPS = (
+    (datetime(2017, 1, 1), 18), (datetime(2015, 7, 1), 17), (datetime(2012, 7, 1), 16), (datetime(2009, 1, 1), 15),
+)  # fmt: skip
+_INPUTS = {
+    "imu/data": "an IMU", "imu/mag": "a magnetometer", "gps/fix": "a GPS position", "gps/vel": "a GPS velocity",
+}  # fmt: skip
+NO_SURFACES = "outputs are there, but not what they move: give a calibration file (--calibration)"
+
+
+@dataclass(frozen=True)
+class LogContent:
+    """All messages of a log by name, their number (also of those that no table has), and notes on reading it."""
+
+    format: str
+    batches: list[Batch]
+    found: Mapping[str, int]
+    notes: list[str] = field(default_factory=list)
+
+
+def gps_nanoseconds(week: int, milliseconds: int) -> int:
+    """Unix time [ns] of GPS week and milliseconds in it."""
+    seconds = _GPS_EPOCH + week * _WEEK + milliseconds // 1000
+    date = datetime.fromtimestamp(seconds, timezone.utc).replace(tzinfo=None)
+    leap = next((count for since, count in _LEAPS if date >= since), 14)
+    return (seconds - leap) * NANOSECONDS + (milliseconds % 1000) * 1_000_000
+
+
+def import_content(content: LogContent, table: Table, calibration: Calibration | None) -> ImportedLog:
+    """A log through a table; raises InputError where nothing of it can be used."""
+    calibration = calibration or Calibration()
+    readings = [reading for batch in content.batches for reading in readings_of(table, batch)]
+    outputs, assembler = assembled(readings, table, calibration)
+    topics = topics_of(outputs)
+    if not any(topic.topic in TOPICS for topic in topics):
+        found = ", ".join(content.found) or "nothing"
+        raise InputError(f"nothing in it can be used: it holds {found[:300]}")
+    missing = _missing(topics, readings, assembler, calibration)
+    used = {_source_name(output.source) for output in outputs}
+    return ImportedLog(content.format, topics, missing, content.notes, _found(content.found, table, used))
+
+
+def assembled(
+    readings: Sequence[Reading], table: Table, calibration: Calibration
+) -> tuple[list[Output], Assembler]:
+    """Messages of our topics from all readings of a log."""
+    assembler = Assembler(table, calibration)
+    assembler.choose({reading.source for reading in readings})
+    counted = [reading for reading in readings if assembler.note(reading)]
+    return merged([output for reading in counted for output in assembler.assemble(reading)]), assembler
+
+
+def topics_of(outputs: Iterable[Output]) -> list[ImportedTopic]:
+    """Outputs joined by topic, in order of stamps; where two share a stamp, both stay."""
+    by_topic: dict[str, list[Output]] = {}
+    for output in outputs:
+        by_topic.setdefault(output.topic, []).append(output)
+    return [_joined(parts) for parts in by_topic.values()]
+
+
+def _joined(parts: list[Output]) -> ImportedTopic:
+    stamp = np.concatenate([part.stamp for part in parts])
+    order = np.argsort(stamp, kind="stable")
+    names = list(dict.fromkeys(name for part in parts for name in part.fields))
+    fields = {name: np.concatenate([_column(part, name) for part in parts])[order] for name in names}
+    source = ", ".join(dict.fromkeys(part.source for part in parts))
+    first = parts[0]
+    return ImportedTopic(first.topic, stamp[order], fields, source, first.frame_id, first.type_name)
+
+
+def _column(part: Output, name: str) -> Any:
+    return part.fields.get(name, np.full(len(part.stamp), np.nan))
+
+
+def _source_name(source: str) -> str:
+    return source.split(" ", maxsplit=1)[0].rstrip(",")
+
+
+def _found(found: Mapping[str, int], table: Table, used: set[str]) -> dict[str, dict[str, Any]]:
+    """By message: how many, and whether it was mapped, is known but not needed, or is unknown."""
+    states = {
+        name: "mapped" if name in used else "not needed: another source goes before it" if name in table else "unused"
+        for name in found
+    }
+    return {name: {"messages": count, "state": states[name]} for name, count in found.items()}
+
+
+def _missing(
+    topics: list[ImportedTopic], readings: Sequence[Reading], assembler: Assembler, calibration: Calibration
+) -> dict[str, str]:
+    """Inputs that the recording does not have, and why."""
+    there = {topic.topic: topic for topic in topics}
+    quantities = {reading.quantity for reading in readings}
+    sources = {reading.source for reading in readings}
+    missing: dict[str, str] = {}
+    for topic, what in _INPUTS.items():
+        if topic not in there:
+            missing[topic] = f"the log has no message with {what}"
+    air = there.get("air_data")
+    for name in ("true_airspeed", "angle_of_attack", "sideslip"):
+        if air is None or not np.any(np.isfinite(air.fields[name])):
+            missing[name] = _why_no_flow(name, quantities, sources, calibration)
+    surfaces = there.get("control_surfaces")
+    if surfaces is None:
+        has_outputs = bool(quantities & {Quantity.PULSES, Quantity.COMMANDS})
+        missing["control_surfaces"] = NO_SURFACES if has_outputs else "the log has no servo outputs"
+    else:
+        for name in ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller_speed"):
+            if not np.any(np.isfinite(np.asarray(surfaces.fields.get(name, np.nan)))):
+                missing[name] = "not measured, or not in the calibration file: NaN"
+    return missing
+
+
+def _why_no_flow(name: str, quantities: set[Quantity], sources: set[str], calibration: Calibration) -> str:
+    if name == "true_airspeed":
+        if Quantity.AIRSPEED in quantities:
+            return "the autopilot says that it has no airspeed sensor, or the log lacks the source of the calibration"
+        return "the log has no airspeed"
+    if sources & set(COMPUTED_ANGLES) and not calibration.measured_angles:
+        return "the autopilot's angles are its own estimates; if vanes feed them, say so: flow_angles: measured"
+    return "not measured: the filter works it out from wind and attitude, see docs/mavlink.md"
+
+

@@ -1,0 +1,159 @@
+"""ArduPilot's DataFlash log (.bin), read with pymavlink; its columns are decoded at once where pymavlink found them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.calibration import Calibration
+from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
+from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
+from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+
+_MAGIC = b"\xa3\x95"
+_HEADER = 3
+#: Letters of a format: NumPy type and factor, as in AP_Logger/LogStructure.h.
+_LETTERS: dict[str, tuple[str, float | None]] = {
+    "b": ("i1", None), "B": ("u1", None), "M": ("u1", None), "h": ("<i2", None), "H": ("<u2", None),
+    "i": ("<i4", None), "I": ("<u4", None), "q": ("<i8", None), "Q": ("<u8", None), "f": ("<f4", None),
+    "d": ("<f8", None), "g": ("<f2", None), "c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01),
+    "E": ("<u4", 0.01), "L": ("<i4", 1e-7), "n": ("S4", None), "N": ("S16", None), "Z": ("S64", None),
+    "a": ("(32,)<i2", None),
+}  # fmt: skip
+#: Functions of servo outputs (SERVOn_FUNCTION) that a calibration file may want to know of.
+FUNCTIONS = {
+    2: "flaps", 3: "flaps", 4: "aileron", 19: "elevator", 21: "rudder", 24: "left_flaperon", 25: "right_flaperon",
+    70: "throttle", 77: "left_elevon", 78: "right_elevon", 79: "left_vtail", 80: "right_vtail",
+}  # fmt: skip
+_FIX_3D = 3
+
+
+def import_dataflash(path: Path, calibration: Calibration | None = None) -> ImportedLog:
+    """A DataFlash log as our topics; raises InputError for what is not one."""
+    return import_content(read_dataflash(path), DATAFLASH, calibration)
+
+
+def read_dataflash(path: Path) -> LogContent:
+    """All messages that the table has, stamped in Unix time where a GPS knew it."""
+    try:
+        from pymavlink.DFReader import DFReader_binary
+    except ImportError:
+        raise InputError("DataFlash logs need pymavlink: pip install pymavlink") from None
+    with path.open("rb") as file:
+        if file.read(2) != _MAGIC:
+            raise InputError("it is not a DataFlash log: it does not begin with A3 95")
+    try:
+        with _without_complaints() as complaints:
+            reader = DFReader_binary(str(path))
+    except Exception as error:  # pymavlink lets struct.error, KeyError and its own through
+        raise InputError(f"it is not a readable DataFlash log ({' '.join(str(error).split())})") from None
+    content = np.frombuffer(reader.data_map, np.uint8)
+    tables = {
+        name: _columns(content, np.asarray(reader.offsets[number], dtype=np.int64), reader.formats[number])
+        for name, number in reader.name_to_id.items()
+        if len(reader.offsets[number]) and name in (*DATAFLASH, "PARM")
+    }
+    found = {name: int(reader.counts[n]) for name, n in reader.name_to_id.items() if reader.counts[n]}
+    del content
+    reader.close()
+    start, notes = _start(tables)
+    if complaints:
+        notes.append("the file is damaged in places: what could be read was")
+    notes += _output_notes(tables.get("PARM"))
+    batches = [
+        Batch(name, start + _time(fields), fields)
+        for name, fields in tables.items()
+        if name in DATAFLASH and _has_time(fields)
+    ]
+    return LogContent("DataFlash (ArduPilot)", batches, found, notes)
+
+
+@contextlib.contextmanager
+def _without_complaints() -> Iterator[list[str]]:
+    """Keeps what the reader says, a line for every wrong byte, some of it from C, off the terminal: in the list."""
+    said: list[str] = []
+    stream = io.StringIO()
+    before = os.dup(2)
+    try:
+        with tempfile.TemporaryFile() as file, contextlib.redirect_stderr(stream), contextlib.redirect_stdout(stream):
+            os.dup2(file.fileno(), 2)
+            try:
+                yield said
+            finally:
+                os.dup2(before, 2)
+                if stream.getvalue() or os.fstat(file.fileno()).st_size:
+                    said.append(stream.getvalue())
+    finally:
+        os.close(before)
+
+
+def _columns(content: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], form: Any) -> dict[str, npt.NDArray[Any]]:
+    """Columns (n,) of the messages of one format; none where the format is not understood."""
+    letters = form.format.decode() if isinstance(form.format, bytes) else str(form.format)
+    letters = letters.rstrip("\x00")
+    if any(letter not in _LETTERS for letter in letters) or len(letters) != len(form.columns):
+        return {}
+    layout = np.dtype([(name, _LETTERS[letter][0]) for name, letter in zip(form.columns, letters, strict=True)])
+    offsets = offsets[offsets + _HEADER + layout.itemsize <= len(content)] + _HEADER
+    rows = content[offsets[:, None] + np.arange(layout.itemsize)]
+    table = np.ascontiguousarray(rows).view(layout)[:, 0]
+    columns: dict[str, npt.NDArray[Any]] = {}
+    for name, letter in zip(form.columns, letters, strict=True):
+        factor = _LETTERS[letter][1]
+        columns[name] = table[name].copy() if factor is None else table[name] * factor
+    return columns
+
+
+def _has_time(fields: dict[str, npt.NDArray[Any]]) -> bool:
+    return "TimeUS" in fields or "TimeMS" in fields
+
+
+def _time(fields: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.int64]:
+    """Time since start [ns] (n,)."""
+    if "TimeUS" in fields:
+        return np.asarray(fields["TimeUS"], dtype=np.int64) * 1000
+    return np.asarray(fields["TimeMS"], dtype=np.int64) * 1_000_000
+
+
+def _start(tables: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]]:
+    """Unix time [ns] of time 0: median over fixes of GPS time less time since start."""
+    gps = tables.get("GPS", {})
+    if not {"GWk", "GMS", "Status"} <= gps.keys() or not _has_time(gps):
+        return NO_DATE * NANOSECONDS, ["no GPS time in the log: it is stamped from 2000-01-01"]
+    good = np.flatnonzero((gps["Status"] >= _FIX_3D) & (gps["GWk"] > 0))
+    if not len(good):
+        return NO_DATE * NANOSECONDS, ["no GPS fix in the log: it is stamped from 2000-01-01"]
+    since = _time(gps)
+    unix = np.array([gps_nanoseconds(int(gps["GWk"][i]), int(gps["GMS"][i])) for i in good], dtype=np.int64)
+    offset = unix - since[good]
+    return int(offset[0]) + int(np.median(offset - offset[0])), []
+
+
+def _output_notes(parameters: dict[str, npt.NDArray[Any]] | None) -> list[str]:
+    """Which output moves what, as the parameters say: what a calibration file begins with."""
+    if not parameters or not {"Name", "Value"} <= parameters.keys():
+        return []
+    pairs = zip(parameters["Name"], parameters["Value"], strict=True)
+    values = {name.decode("ascii", "replace"): float(value) for name, value in pairs}
+    outputs = {n: FUNCTIONS.get(int(values.get(f"SERVO{n}_FUNCTION", 0))) for n in range(1, 17)}
+    texts = [_output_text(n, name, values) for n, name in outputs.items() if name is not None]
+    return [f"outputs by their parameters: {'; '.join(texts)}"] if texts else []
+
+
+def _output_text(number: int, name: str, values: dict[str, float]) -> str:
+    pulses = [values.get(f"SERVO{number}_{end}") for end in ("MIN", "TRIM", "MAX")]
+    text = f"{number} {name}"
+    if all(pulse is not None for pulse in pulses):
+        text += " " + "/".join(f"{pulse:g}" for pulse in pulses) + " us"
+    return text + (" reversed" if values.get(f"SERVO{number}_REVERSED") else "")

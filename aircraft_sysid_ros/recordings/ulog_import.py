@@ -1,0 +1,82 @@
+"""PX4's ULog, read with pyulog."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.calibration import Calibration
+from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES
+from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
+from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+
+_ELEMENT = re.compile(r"^(\w+)\[(\d+)\]$")
+_GPS = ("sensor_gps", "vehicle_gps_position")
+_FIX_3D = 3
+
+
+def import_ulog(path: Path, calibration: Calibration | None = None) -> ImportedLog:
+    """A ULog as our topics; raises InputError for what is not one."""
+    return import_content(read_ulog(path), PX4, calibration)
+
+
+def read_ulog(path: Path) -> LogContent:
+    """All messages of the first instance of every topic, stamped in Unix time where a GPS knew it."""
+    try:
+        from pyulog import ULog
+    except ImportError:
+        raise InputError("ULog files need pyulog: pip install pyulog") from None
+    try:
+        log = ULog(str(path))
+    except Exception as error:  # pyulog raises TypeError, struct.error and its own
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"it is not a readable ULog ({reason})") from None
+    data = {item.name: item.data for item in log.data_list if item.multi_id == 0}
+    start, notes = _start(data)
+    batches = [_batch(name, columns, start) for name, columns in data.items() if name in PX4]
+    found = {item.name: len(item.data["timestamp"]) for item in log.data_list if item.multi_id == 0}
+    if log.file_corruption:
+        notes.append("the file is damaged in places: what could be read was")
+    if log.dropouts:
+        lost = sum(dropout.duration for dropout in log.dropouts) / 1000.0
+        notes.append(f"the logger lost {len(log.dropouts)} pieces, {lost:.1f} s in all")
+    return LogContent("ULog (PX4)", batches, found, notes)
+
+
+def _start(data: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]]:
+    """Unix time [ns] of the autopilot's time 0: median over fixes of UTC less time since start."""
+    for name in _GPS:
+        columns = data.get(name, {})
+        utc = np.asarray(columns.get("time_utc_usec", np.zeros(0)), dtype=np.int64)
+        known = (utc > 0) & (np.asarray(columns.get("fix_type", utc)) >= _FIX_3D)
+        if known.any():
+            since = np.asarray(columns["timestamp"], dtype=np.int64)
+            return int(np.median(utc[known] - since[known])) * 1000, []
+    return NO_DATE * NANOSECONDS, ["no GPS time in the log: it is stamped from 2000-01-01"]
+
+
+def _batch(name: str, columns: dict[str, npt.NDArray[Any]], start: int) -> Batch:
+    """Columns with array elements (``q[0]`` …) joined, at the time when the sample was taken."""
+    fields: dict[str, npt.NDArray[Any]] = dict(columns)
+    elements: dict[str, dict[int, npt.NDArray[Any]]] = {}
+    for key, column in columns.items():
+        match = _ELEMENT.match(key)
+        if match is not None:
+            elements.setdefault(match.group(1), {})[int(match.group(2))] = column
+    for key, parts in elements.items():
+        fields[key] = np.stack([parts[i] for i in sorted(parts)], axis=1)
+    return Batch(name, start + sample_time(fields), fields)
+
+
+def sample_time(fields: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.int64]:
+    """Time [ns] (n,) when samples were taken: that of the sample where it is there and not 0."""
+    published = np.asarray(fields[TIMES[1]], dtype=np.int64)
+    taken = np.asarray(fields.get(TIMES[0], published), dtype=np.int64)
+    return np.where(taken > 0, taken, published) * 1000

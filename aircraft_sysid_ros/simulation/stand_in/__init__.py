@@ -1,0 +1,1 @@
+"""A stand-in for an autopilot: flies a simulator and speaks MAVLink as ArduPlane, with faults of link and clock."""

@@ -1,0 +1,72 @@
+"""``bridge`` and ``import`` of logs at the command line."""
+
+import json
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from aircraft_sysid_ros.commands.main import main
+
+CALIBRATION = Path(__file__).resolve().parents[2] / "config" / "stand_in_calibration.yaml"
+
+
+def refused(capfd, *arguments):
+    try:
+        status = main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        status = end.code
+    captured = capfd.readouterr()
+    assert status == 2 and captured.out == ""
+    (line,) = captured.err.strip().splitlines()
+    return line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["nonsense"], "the connection 'nonsense' is not understood"),
+        (["udp:127.0.0.1:0"], "not understood"),
+        (["--calibration", "nowhere.yaml"], "cannot read the calibration file nowhere.yaml"),
+        (["--system", "300"], "--system must be from 0 to 255"),
+        (["--topics", "imu"], "unknown topic imu"),
+        (["--duration", "0"], "--duration must be a positive time"),
+        (["--back-rate", "1000"], "from 0 to 50 Hz"),
+        (["--back", "Cl_alpha*beta", "Cl_alpha*beta**2"], "use array"),
+    ],
+)
+def test_bad_options_are_one_line(capfd, arguments, text):
+    assert text in refused(capfd, "bridge", *arguments)
+
+
+def test_a_port_that_is_taken_is_said(capfd):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        assert f"cannot open udpin:127.0.0.1:{port}" in refused(capfd, "bridge", f"udp:127.0.0.1:{port}")
+
+
+def test_a_bridge_that_hears_nothing_ends_and_says_so():
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", "udpout:127.0.0.1:9"]
+    options = {"capture_output": True, "text": True, "timeout": 60}
+    done = subprocess.run([*command, "--duration", "1", "--json"], check=True, **options)
+    result = json.loads(done.stdout)
+    assert result["vehicle"] is None and result["received"] == {} and result["clock"]["std"] is None
+
+
+def test_import_refuses_a_bad_calibration_before_it_writes(capfd, tmp_path):
+    (tmp_path / "flight.bin").write_bytes(b"\xa3\x95")
+    (tmp_path / "bad.yaml").write_text("outputs: {1: {surface: wing}}")
+    line = refused(
+        capfd, "import", tmp_path / "flight.bin", "--out", tmp_path / "bag", "--calibration", tmp_path / "bad.yaml"
+    )
+    assert "unknown surface 'wing'" in line
+    assert not (tmp_path / "bag").exists()
+
+
+def test_the_example_of_a_calibration_file_is_one():
+    from aircraft_sysid_ros.mavlink.calibration import load_calibration
+
+    assert load_calibration(CALIBRATION).measured_angles

@@ -1,0 +1,147 @@
+"""The autopilot's clock in ours: laws that hold whatever the link does."""
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.mavlink.clock import AutopilotClock, BootTime
+
+SECOND = 1_000_000_000
+NOW = 1_760_000_000 * SECOND
+DRIFT = 80e-6
+
+
+class Pair:
+    """Two clocks and a link: our time in s from NOW, the other's with offset and drift."""
+
+    def __init__(self, seed=0, offset=123.4, drift=DRIFT):
+        self.rng = np.random.default_rng(seed)
+        self.offset, self.drift = offset, drift
+
+    def local(self, t):
+        return NOW + round(t * SECOND)
+
+    def remote(self, t):
+        return round((self.offset + t * (1.0 + self.drift)) * SECOND)
+
+    def exchange(self, clock, t, up, down):
+        clock.add_round_trip(self.local(t), self.local(t + up + down), self.remote(t + up))
+
+    def error(self, clock, t):
+        return (clock.to_local(self.remote(t)) - self.local(t)) / SECOND
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_offset_and_drift_are_found_on_a_link_with_jitter(seed):
+    pair, clock = Pair(seed), AutopilotClock()
+    for k in range(300):
+        pair.exchange(clock, float(k), *(0.003 + pair.rng.exponential(0.01, 2)))
+    assert abs(pair.error(clock, 300.0)) < 2e-3
+    assert abs(pair.error(clock, 300.0)) < 4.0 * clock.std + 1e-4
+    assert clock.drift == pytest.approx(-DRIFT, abs=15e-6)
+    assert abs(clock.to_remote(clock.to_local(pair.remote(290.0))) - pair.remote(290.0)) <= 2
+
+
+def test_a_few_quick_answers_outweigh_many_slow_ones_that_are_slow_one_way():
+    """What a mean would get wrong by 50 ms: answers that queue for 0.1 s on their way down."""
+    pair, clock = Pair(), AutopilotClock()
+    for k in range(120):
+        down = 0.002 if k % 10 == 0 else 0.1
+        pair.exchange(clock, float(k), 0.002, down)
+    assert abs(pair.error(clock, 120.0)) < 3e-3
+
+
+def test_without_answers_the_least_delay_is_taken():
+    pair, clock = Pair(), AutopilotClock()
+    for k in range(3000):
+        t = 0.02 * k
+        delay = 0.004 + pair.rng.exponential(0.02)
+        clock.add_one_way(pair.remote(t), pair.local(t + delay))
+    assert 0.002 < pair.error(clock, 60.0) < 0.012  # late by the least delay, which nobody can see
+
+
+def test_nothing_is_stamped_before_the_clock_is_known():
+    pair, clock = Pair(), AutopilotClock()
+    assert clock.to_local(pair.remote(0.0)) is None and clock.to_remote(NOW) is None
+    for k in range(2):
+        pair.exchange(clock, 0.2 * k, 0.01, 0.01)
+        assert not clock.ready
+    pair.exchange(clock, 0.6, 0.01, 0.01)
+    assert clock.ready
+
+
+def test_one_wrong_answer_is_left_out_and_a_clock_that_leapt_is_followed():
+    pair, clock = Pair(), AutopilotClock()
+    for k in range(30):
+        pair.exchange(clock, float(k), 0.003, 0.003)
+    clock.add_round_trip(pair.local(30.0), pair.local(30.006), pair.remote(30.0) + 7 * SECOND)
+    assert abs(pair.error(clock, 31.0)) < 1e-3
+    pair.offset += 5.0
+    for k in range(31, 50):
+        pair.exchange(clock, float(k), 0.003, 0.003)
+    assert clock.resets == 1
+    assert abs(pair.error(clock, 50.0)) < 1e-3
+
+
+def test_an_answer_from_before_or_after_a_second_says_nothing():
+    clock = AutopilotClock()
+    clock.add_round_trip(NOW, NOW - 1, 5)
+    clock.add_round_trip(NOW, NOW + 2 * SECOND, 5)
+    assert clock.std == np.inf
+
+
+# -- the time since start that messages carry ------------------------------------------------------------------
+
+
+def test_the_32_bits_of_servo_outputs_wrap_after_71_minutes():
+    boot = BootTime()
+    start = 2**32 * 1000 - 2 * SECOND + 500_000  # [ns] two seconds before
+    for k in range(40):
+        t = start + k * SECOND // 10
+        assert boot.of("ATTITUDE", {"time_boot_ms": t // 1_000_000}, NOW + t) == t // 1_000_000 * 1_000_000
+        found = boot.of("SERVO_OUTPUT_RAW", {"time_usec": (t // 1000) % 2**32}, NOW + t)
+        assert found == t // 1000 * 1000
+    assert boot.reboots == 0
+
+
+def test_unix_time_becomes_time_since_start_by_system_time():
+    boot = BootTime()
+    unix = 1_760_000_000_000_000
+    assert boot.of("HIGHRES_IMU", {"time_usec": unix}, NOW) is None
+    boot.of("SYSTEM_TIME", {"time_unix_usec": unix, "time_boot_ms": 5000}, NOW)
+    assert boot.of("HIGHRES_IMU", {"time_usec": unix + 10_000}, NOW + SECOND // 100) == 5_010_000_000
+
+
+def test_a_message_without_a_time_gets_that_of_the_one_before():
+    boot = BootTime()
+    assert boot.of("VFR_HUD", {}, NOW) is None
+    boot.of("ATTITUDE", {"time_boot_ms": 4000}, NOW)
+    assert boot.of("VFR_HUD", {}, NOW) == 4 * SECOND
+
+
+def test_one_wild_time_is_dropped_and_a_restart_is_followed():
+    boot = BootTime()
+    for k in range(10):
+        boot.of("ATTITUDE", {"time_boot_ms": 100_000 + 100 * k}, NOW + k * SECOND // 10)
+    at = NOW + SECOND
+    assert boot.of("ATTITUDE", {"time_boot_ms": 4_000_000_000}, at) is None
+    assert boot.of("ATTITUDE", {"time_boot_ms": 101_000}, at) == 101 * SECOND
+    assert boot.reboots == 0
+    assert boot.of("ATTITUDE", {"time_boot_ms": 2000}, at + 3 * SECOND) is None  # not yet believed
+    assert boot.of("ATTITUDE", {"time_boot_ms": 2100}, at + 3 * SECOND + SECOND // 10) == 2_100_000_000
+    assert boot.reboots == 1
+
+
+def test_packets_that_change_places_are_no_restart():
+    boot = BootTime()
+    for ms in (5000, 5030, 5010, 5050, 5020):
+        assert boot.of("ATTITUDE", {"time_boot_ms": ms}, NOW + ms * 1_000_000) == ms * 1_000_000
+    assert boot.reboots == 0
+
+
+def test_messages_that_waited_in_a_queue_are_no_restart():
+    """A serial port or TCP that was stuck for 30 s gives all at once."""
+    boot = BootTime()
+    boot.of("ATTITUDE", {"time_boot_ms": 1000}, NOW)
+    for k in range(300):
+        assert boot.of("ATTITUDE", {"time_boot_ms": 1100 + 100 * k}, NOW + 31 * SECOND) is not None
+    assert boot.reboots == 0

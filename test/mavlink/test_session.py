@@ -1,0 +1,250 @@
+"""One vehicle over one link: finding it, asking, answering, and starting anew when it does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.calibration import Calibration
+from aircraft_sysid_ros.mavlink.decoder import Decoder
+from aircraft_sysid_ros.mavlink.session import Session
+from aircraft_sysid_ros.simulation.stand_in.autopilot import Faults, StandIn
+from aircraft_sysid_ros.simulation.stand_in.flight import START, Link, bridged
+
+SECOND = 1_000_000_000
+RADIO = Link(least=0.02, jitter=0.02)
+
+
+def heartbeat(system=1, component=1, kind=dialect.MAV_TYPE_FIXED_WING, autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA):
+    decoder = Decoder()
+    decoder.system, decoder.component = system, component
+    return decoder.encode(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3))
+
+
+def sent(session, now):
+    return list(Decoder().decode(session.tick(now)))
+
+
+ALL = None
+IMU_ALONE = ("imu/data",)  # enough where only stamps matter, and quicker
+
+
+def first(events, seconds, topics=ALL):
+    return [event for event in events if event.time < seconds and (topics is ALL or event.topic in topics)]
+
+
+# -- finding ------------------------------------------------------------------------------------------------
+
+
+def test_a_ground_station_and_a_gimbal_are_no_vehicles():
+    session = Session()
+    session.receive(heartbeat(255, 190, dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID), START)
+    session.receive(heartbeat(1, 154, dialect.MAV_TYPE_GIMBAL, dialect.MAV_AUTOPILOT_INVALID), START)
+    assert session.vehicle is None and "waiting for the heartbeat" in session.condition
+    session.receive(heartbeat(7), START)
+    assert (session.vehicle.system, session.vehicle.autopilot) == (7, "ArduPilot")
+    session.receive(heartbeat(8, autopilot=dialect.MAV_AUTOPILOT_PX4), START)
+    assert session.vehicle.system == 7
+
+
+def test_the_vehicle_that_is_wanted_is_waited_for():
+    session = Session(system=8)
+    session.receive(heartbeat(7), START)
+    assert session.vehicle is None
+    session.receive(heartbeat(8, autopilot=dialect.MAV_AUTOPILOT_PX4), START)
+    assert session.vehicle.autopilot == "PX4"
+
+
+def test_before_a_vehicle_only_heartbeats_go_out_once_a_second():
+    session = Session()
+    names = [m.get_type() for k in range(50) for m in sent(session, START + k * SECOND // 10)]
+    assert names == ["HEARTBEAT"] * 5
+
+
+def test_messages_of_others_are_not_mixed_in():
+    session = Session()
+    session.receive(heartbeat(1), START)
+    other = Decoder()
+    other.system = other.component = 2
+    session.receive(other.encode(dialect.MAVLink_attitude_message(1000, 0, 0, 0, 0, 0, 0)), START)
+    assert "ATTITUDE" not in session.received
+
+
+# -- asking -------------------------------------------------------------------------------------------------
+
+
+def test_rates_are_asked_for_by_interval_and_heard(events, calibration):
+    stand_in, session = StandIn(calibration), Session(calibration)
+    bridged(first(events, 6.0), stand_in, session)
+    imu, servo = session.received["HIGHRES_IMU"], session.received["SERVO_OUTPUT_RAW"]
+    assert imu > 100 * 5 and servo > 50 * 5
+    assert session.received["RAW_IMU"] < 20  # its slow rate of the start: a better one is there
+    assert 25 <= session.received["GPS_RAW_INT"] <= 30  # the sensor's own 5 Hz
+
+
+def test_an_autopilot_without_highres_imu_gives_raw_imu(events, calibration):
+    session = Session(calibration)
+    bridged(first(events, 12.0, IMU_ALONE), StandIn(calibration, Faults(highres_imu=False)), session)
+    assert session.received["RAW_IMU"] > 100 * 6
+
+
+def test_an_autopilot_that_knows_no_intervals_is_asked_for_streams(events, calibration):
+    session = Session(calibration)
+    stand_in = StandIn(calibration, Faults(knows_intervals=False))
+    bridged(first(events, 20.0, ("imu/data", "control_surfaces")), stand_in, session)
+    assert session.received["RAW_IMU"] > 100 * 8
+    assert session.received["SERVO_OUTPUT_RAW"] > 50 * 8
+
+
+def test_a_rate_of_zero_is_never_asked_for_and_an_unknown_message_is_refused():
+    session = Session(Calibration(rates={"AOA_SSA": 0.0, "BATTERY_STATUS": 2.0}))
+    session.receive(heartbeat(), START)
+    numbers = [int(m.param1) for m in sent(session, START) if m.get_type() == "COMMAND_LONG"]
+    assert dialect.MAVLINK_MSG_ID_AOA_SSA not in numbers and dialect.MAVLINK_MSG_ID_BATTERY_STATUS in numbers
+    with pytest.raises(InputError, match="no message RAW_IMUS"):
+        Session(Calibration(rates={"RAW_IMUS": 1.0}))
+
+
+def test_questions_become_rarer_where_nothing_comes():
+    session = Session()
+    session.receive(heartbeat(), START)
+    times = []
+    for k in range(6000):
+        now = START + k * SECOND // 10
+        if k % 10 == 0:
+            session.receive(heartbeat(), now)
+        asked = [m for m in sent(session, now) if m.get_type() == "COMMAND_LONG"]
+        if any(m.param1 == dialect.MAVLINK_MSG_ID_AOA_SSA for m in asked):
+            times.append(k / 10)
+    assert 8 <= len(times) <= 20 and times[0] == 0.0
+    assert np.diff(times)[-1] >= 59.0
+
+
+# -- the clock ----------------------------------------------------------------------------------------------
+
+
+def stamp_errors(outputs, events, bias=0.0):
+    """Stamps of IMU messages [s of flight], and what they differ by from the times at which samples were taken."""
+    stamps = np.array([o.stamp[0] for o in outputs if o.topic == "imu/data"])
+    taken = np.array([e.time for e in events if e.topic == "imu/data"])
+    seconds = (stamps - START) / SECOND - bias
+    return seconds, seconds - taken[np.argmin(np.abs(taken[None, :] - seconds[:, None]), axis=1)]
+
+
+@pytest.mark.parametrize(
+    ("faults", "tolerance", "bias"),
+    [(Faults(drift=60e-6), 0.004, 0.0), (Faults(drift=60e-6, answers_timesync=False), 0.006, 0.02)],
+)
+def test_stamps_are_when_samples_were_taken_on_a_radio_that_is_late(events, calibration, faults, tolerance, bias):
+    """20 to 100 ms late and by very different times; without answers the least delay is not seen, and no more."""
+    session = Session(calibration)
+    flown = first(events, 30.0, IMU_ALONE)
+    outputs = bridged(flown, StandIn(calibration, faults), session, RADIO)
+    at, error = stamp_errors(outputs, flown, bias)
+    assert np.abs(error[at > 20.0]).max() < tolerance
+    assert len(np.unique(np.rint(at[at > 20.0] * 100))) > 980  # one for each sample
+
+
+def test_questions_of_the_vehicle_are_answered():
+    session = Session()
+    session.receive(heartbeat(), START)
+    vehicle = Decoder()
+    vehicle.system = vehicle.component = 1
+    session.receive(vehicle.encode(dialect.MAVLink_timesync_message(0, 12345)), START)
+    (answer,) = [m for m in sent(session, START + SECOND) if m.get_type() == "TIMESYNC" and m.tc1 != 0]
+    assert (answer.ts1, answer.tc1) == (12345, START + SECOND)
+
+
+def test_answers_to_other_stations_are_not_ours():
+    session = Session()
+    session.receive(heartbeat(), START)
+    vehicle = Decoder()
+    vehicle.system = vehicle.component = 1
+    session.receive(vehicle.encode(dialect.MAVLink_timesync_message(10**9, START - 3)), START)
+    assert not np.isfinite(session.clock.std)
+
+
+# -- faults of the link -------------------------------------------------------------------------------------
+
+
+def test_a_fifth_of_the_packets_lost_loses_a_fifth_of_the_samples(events, calibration):
+    session = Session(calibration)
+    flown = first(events, 30.0, IMU_ALONE)
+    outputs = bridged(flown, StandIn(calibration, Faults(loss=0.2, drift=40e-6)), session)
+    stamps = np.array([o.stamp[0] for o in outputs if o.topic == "imu/data"])
+    late = stamps > START + 12 * SECOND
+    assert 0.72 * 1800 < late.sum() < 0.88 * 1800
+    _, error = stamp_errors(outputs, flown)
+    assert np.abs(error[late]).max() < 0.003
+    assert session.decoder.bad == 0 and session.boot_time.reboots == 0
+
+
+def test_a_restart_of_the_autopilot_is_found_and_everything_asked_for_again(events, calibration):
+    session, stand_in = Session(calibration), StandIn(calibration)
+    flown = first(events, 25.0, IMU_ALONE)
+    outputs = bridged(flown, stand_in, session, at=[(8.0, lambda: stand_in.reboot(8.0))])
+    stamps = (np.array([o.stamp[0] for o in outputs if o.topic == "imu/data"]) - START) / SECOND
+    assert session.boot_time.reboots == 1 and "the autopilot has started anew" in session.notes
+    after = stamps[stamps > 8.0]
+    assert 11.0 < after[0] < 15.0  # three seconds of silence, then the clock must be known again
+    assert len(after) > 0.95 * 100 * (25.0 - after[0])
+    _, error = stamp_errors(outputs, flown)
+    assert np.abs(error).max() < 0.004
+
+
+def test_a_vehicle_that_falls_silent_is_said_to_be_and_asked_again_when_it_is_back(calibration):
+    session = Session(calibration)
+    session.receive(heartbeat(), START)
+    sent(session, START)
+    assert session.condition == "waiting for the clock of the autopilot"
+    for k in range(100):
+        names = [m.get_type() for m in sent(session, START + 6 * SECOND + k * SECOND // 10)]
+    assert session.condition == "the vehicle is silent" and session.losses == 1 and "COMMAND_LONG" not in names
+    session.receive(heartbeat(), START + 20 * SECOND)
+    assert "COMMAND_LONG" in [m.get_type() for m in sent(session, START + 20 * SECOND)]
+
+
+@pytest.mark.parametrize("sort", ["noise", "nearly"])
+def test_garbage_does_no_harm_and_takes_no_memory(events, calibration, sort):
+    """400 kB, a minute of a radio at 57600 baud that hears another transmitter: noise, and broken packets."""
+    import tracemalloc
+
+    session, rng = Session(calibration), np.random.default_rng(1)
+    session.receive(heartbeat(), START)
+    packet = np.frombuffer(heartbeat(), np.uint8)
+    tracemalloc.start()
+    sizes = []
+    for k in range(200):
+        data = rng.integers(0, 256, 2000, np.uint8)
+        if sort == "nearly":
+            data = np.tile(packet, 90)
+            data[rng.integers(0, len(data), 400)] ^= 0xFF
+        assert not session.receive(data.tobytes(), START + k * SECOND)
+        session.tick(START + k * SECOND)
+        if k >= 50 and k % 50 == 0:
+            sizes.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    assert sizes[-1] - sizes[0] < 200_000
+    assert session.decoder.waiting < 600 and session.decoder.bad > 1000
+    # and then the flight goes on; what waits of a broken packet may take some messages with it
+    outputs = bridged(first(events, 10.0, IMU_ALONE), StandIn(calibration), replace_clock(session))
+    assert len([o for o in outputs if o.topic == "imu/data"]) > 700
+
+
+def replace_clock(session):
+    """The session when the flight's time begins: only the schedule of what it sends goes back with the clock."""
+    session._next_heartbeat = session._next_sync = 0
+    session._last_message = START
+    session._silent = False
+    session.requests.start(0)
+    return session
+
+
+def test_the_faults_are_what_they_are_called(calibration, events):
+    """The stand-in's own clock: the drift and offset that tests rely on."""
+    stand_in = StandIn(calibration, replace(Faults(), clock_offset=10.0, drift=1e-3))
+    assert stand_in.boot(0.0) == pytest.approx(10.01e9) and stand_in.boot(100.0) == pytest.approx(110.11e9)
+    stand_in.reboot(50.0)
+    assert stand_in.boot(50.0) == 0

@@ -1,0 +1,194 @@
+"""Every message's units and frames, through real packets of pymavlink."""
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from pymavlink.generator.mavcrc import x25crc
+
+from aircraft_sysid_ros.mavlink.assembler import Assembler
+from aircraft_sysid_ros.mavlink.calibration import calibration_from_dict
+from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
+from aircraft_sysid_ros.mavlink.esc_status import EscStatus
+from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
+from aircraft_sysid_ros.mavlink.quantities import Quantity, readings_of
+
+STAMP = 1_760_000_000_123_456_789
+G = 9.80665
+
+
+def readings(message):
+    """What the table makes of a message that went through the wire."""
+    (received,) = Decoder().decode(Decoder().encode(message))
+    batch = batch_of(received.get_type(), STAMP, fields_of(received))
+    return {reading.quantity: reading.values[0] for reading in readings_of(MAVLINK, batch)}
+
+
+def outputs(assembler, message):
+    (received,) = Decoder().decode(Decoder().encode(message))
+    return assembler.take(readings_of(MAVLINK, batch_of(received.get_type(), STAMP, fields_of(received))))
+
+
+def test_imu_messages_agree_on_the_same_motion():
+    """1 g up, nose up at 0.5 rad/s, field north and down: milli-g, mrad/s, mgauss, gauss, SI."""
+    motion = (0.1, 0.2, -G, 0.0, 0.5, 0.0)
+    highres = readings(dialect.MAVLink_highres_imu_message(1, *motion, 0.2, 0.0, 0.45, 970, 2, 0, 25, 63))
+    raw = readings(dialect.MAVLink_raw_imu_message(1, 10, 20, -1000, 0, 500, 0, 200, 0, 450))
+    scaled = readings(dialect.MAVLink_scaled_imu_message(1, 10, 20, -1000, 0, 500, 0, 200, 0, 450))
+    for found in (highres, raw, scaled):
+        np.testing.assert_allclose(found[Quantity.IMU], [0.1, 0.2, -G, 0.0, 0.5, 0.0], atol=5e-3)
+        np.testing.assert_allclose(found[Quantity.MAGNETIC_FIELD], [2e-5, 0.0, 4.5e-5], atol=1e-10)
+    np.testing.assert_allclose(highres[Quantity.PRESSURE], [97_000.0, 298.15], rtol=1e-6)
+    assert not readings(dialect.MAVLink_raw_imu_message(1, 0, 0, -1000, 0, 0, 0, 0, 0, 0, id=1)).get(Quantity.IMU)
+
+
+def test_gps():
+    message = dialect.MAVLink_gps_raw_int_message(
+        1, 3, 445_000_000, -932_500_000, 310_500, 80, 120, 1500, 32313, 12, 0, 1000, 2000, 100
+    )
+    found = readings(message)
+    np.testing.assert_allclose(found[Quantity.POSITION][:3], [np.radians(44.5), np.radians(-93.25), 310.5], rtol=1e-12)
+    np.testing.assert_allclose(found[Quantity.POSITION][3:], [0.5, 0.5, 4.0], rtol=1e-12)  # of a radius of 1 m
+    north, east, down = found[Quantity.VELOCITY]
+    np.testing.assert_allclose((north, east), (12.0, -9.0), atol=2e-3)  # course 323.13 deg
+    assert np.isnan(down)
+    nothing = readings(dialect.MAVLink_gps_raw_int_message(1, 1, 0, 0, 0, 65535, 65535, 65535, 65535, 0))
+    assert Quantity.POSITION not in nothing and Quantity.VELOCITY not in nothing
+    place = (445_000_000, -932_500_000, 310_500)
+    own = readings(dialect.MAVLink_global_position_int_message(1, *place, 0, 1200, -900, 150, 0))
+    np.testing.assert_allclose(own[Quantity.VELOCITY], [12.0, -9.0, 1.5], rtol=1e-12)
+    np.testing.assert_allclose(own[Quantity.DESCENT], [1.5])
+
+
+def test_climb_is_up_and_wind_is_where_it_goes():
+    hud = readings(dialect.MAVLink_vfr_hud_message(17.0, 15.0, 90, 50, 310.0, 2.5))
+    np.testing.assert_allclose(hud[Quantity.DESCENT], [-2.5])
+    wind = readings(dialect.MAVLink_wind_message(270.0, 5.0, 0.5))[Quantity.WIND]  # from the west
+    np.testing.assert_allclose(wind[:3], [0.0, 5.0, 0.5], atol=1e-6)
+    cov = readings(dialect.MAVLink_wind_cov_message(1, 3.0, -2.0, 0.1, 9.0, 9.0, 300.0, 0.5, 0.25))[Quantity.WIND]
+    np.testing.assert_allclose(cov, [3.0, -2.0, 0.1, 0.25, 0.25, 0.0625], rtol=1e-6)
+
+
+def test_attitude_messages_agree():
+    """Rolled right 10, nose up 5, heading 90 deg: the same turn as Euler angles and as a quaternion."""
+    roll, pitch, yaw = np.radians([10.0, 5.0, 90.0])
+    euler = readings(dialect.MAVLink_attitude_message(1, roll, pitch, yaw, 0, 0, 0))[Quantity.ATTITUDE]
+    quaternion = readings(dialect.MAVLink_attitude_quaternion_message(1, *euler, 0, 0, 0))[Quantity.ATTITUDE]
+    np.testing.assert_allclose(euler, quaternion, atol=1e-7)
+    w, x, y, z = euler
+    nose = [w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)]
+    np.testing.assert_allclose(nose, [0.0, np.cos(pitch), -np.sin(pitch)], atol=1e-6)
+
+
+def test_servos_engines_and_angles():
+    pulses = [1100 + 10 * i for i in range(16)]
+    pulses[4], pulses[5] = 0, 65535
+    found = readings(dialect.MAVLink_servo_output_raw_message(1, 0, *pulses))[Quantity.PULSES]
+    assert np.isnan(found[4]) and np.isnan(found[5]) and found[0] == 1100 and found[15] == 1250
+    assert not readings(dialect.MAVLink_servo_output_raw_message(1, 1, *pulses))  # the second bank
+    values = [1100.0, 1200.0, 1300.0] + [0.0] * 29
+    actuators = readings(dialect.MAVLink_actuator_output_status_message(1, 0b101, values))
+    np.testing.assert_array_equal(actuators[Quantity.PULSES][:3], [1100.0, np.nan, 1300.0])
+    rpm = readings(dialect.MAVLink_rpm_message(6000.0, -1.0))[Quantity.PROPELLER]
+    np.testing.assert_array_equal(rpm, [6000.0, np.nan])
+    esc = readings(EscStatus(4, 1, [1, 2, 3, 4], [0.0] * 4, [0.0] * 4))[Quantity.PROPELLER]
+    np.testing.assert_array_equal(esc[4:8], [1, 2, 3, 4])
+    zeros = [0] * 4
+    four = readings(dialect.MAVLink_esc_telemetry_1_to_4_message(zeros, zeros, zeros, zeros, [7, 8, 9, 10], zeros))
+    np.testing.assert_array_equal(four[Quantity.PROPELLER], [7, 8, 9, 10])
+    angles = readings(dialect.MAVLink_aoa_ssa_message(1, 4.0, -3.0))
+    assert angles[Quantity.ANGLE_OF_ATTACK][0] == pytest.approx(np.radians(4.0))
+    assert angles[Quantity.SIDESLIP][0] == pytest.approx(np.radians(-3.0))
+
+
+def test_esc_status_is_as_the_common_dialect_defines_it():
+    crc = x25crc()
+    crc.accumulate_str("ESC_STATUS ")
+    kinds = {"time_usec": "uint64_t", "rpm": "int32_t", "voltage": "float", "current": "float", "index": "uint8_t"}
+    for name in EscStatus.ordered_fieldnames:
+        crc.accumulate_str(f"{kinds[name]} {name} ")
+        if name in ("rpm", "voltage", "current"):
+            crc.accumulate([4])
+    assert EscStatus.crc_extra == (crc.crc & 0xFF) ^ (crc.crc >> 8)
+    assert EscStatus.instance_offset == 56 and EscStatus.unpacker.size == 57
+
+
+# -- what is made of several messages -----------------------------------------------------------------------------
+
+
+def pressure(hectopascal=970.0):
+    return dialect.MAVLink_scaled_pressure_message(1, hectopascal, 1.8, 3500)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message", "expected"),
+    [
+        ({"meaning": "true"}, dialect.MAVLink_vfr_hud_message(20.0, 0, 0, 0, 0, 0), 20.0),
+        ({}, dialect.MAVLink_vfr_hud_message(20.0, 0, 0, 0, 0, 0), 20.0 * np.sqrt(1.225 / 1.1825)),
+        ({"meaning": "equivalent"}, dialect.MAVLink_airspeed_message(0, 20.0, 0, 0, 0), 20.0 * np.sqrt(1.225 / 1.1825)),
+        ({"scale": 1.1, "offset": -1.0, "meaning": "true"}, dialect.MAVLink_vfr_hud_message(20.0, 0, 0, 0, 0, 0), 21.0),
+        ({"source": "SCALED_PRESSURE"}, pressure(), np.sqrt(2 * 180.0 / 1.1825)),
+    ],
+)
+def test_airspeed_is_what_the_calibration_says_it_means(settings, message, expected):
+    """Density at 970 hPa and its standard temperature is 1.1825 kg/m^3 (ISO 2533, 365 m)."""
+    assembler = Assembler(MAVLINK, calibration_from_dict({"airspeed": settings}))
+    first = outputs(assembler, pressure())
+    made = first if settings.get("source") == "SCALED_PRESSURE" else outputs(assembler, message)
+    (air,) = [o for o in made if np.isfinite(o.fields["true_airspeed"][0])]
+    assert air.fields["true_airspeed"][0] == pytest.approx(expected, rel=5e-4)  # compressibility is 3e-4
+    assert air.fields["air_density"][0] == pytest.approx(1.1825, rel=3e-4)
+
+
+def test_an_airspeed_that_is_an_estimate_is_not_passed_off_as_measured():
+    """SYS_STATUS says whether there is a sensor."""
+    assembler = Assembler(MAVLINK)
+    outputs(assembler, pressure())
+    outputs(assembler, dialect.MAVLink_sys_status_message(0x2F, 0x2F, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
+    made = outputs(assembler, dialect.MAVLink_vfr_hud_message(20.0, 0, 0, 0, 0, 0))
+    assert not [o for o in made if o.topic == "air_data"]
+
+
+def test_an_angle_of_the_autopilot_is_used_only_where_a_vane_is_said_to_be_behind_it():
+    message = dialect.MAVLink_aoa_ssa_message(1, 4.0, -3.0)
+    assert not outputs(Assembler(MAVLINK), message)
+    (both,) = outputs(Assembler(MAVLINK, calibration_from_dict({"flow_angles": "measured"})), message)
+    angles = [both.fields[name][0] for name in ("angle_of_attack", "sideslip")]
+    np.testing.assert_allclose(angles, np.radians([4.0, -3.0]), rtol=1e-6)
+    assert np.isnan(both.fields["true_airspeed"][0])
+
+
+def test_gps_velocity_waits_for_its_vertical_part_and_uses_the_newest():
+    assembler = Assembler(MAVLINK)
+    fix = dialect.MAVLink_gps_raw_int_message(1, 3, 445_000_000, 1, 310_500, 80, 120, 1500, 0, 12)
+    assert [o.topic for o in outputs(assembler, fix)] == ["gps/fix"]
+    outputs(assembler, dialect.MAVLink_global_position_int_message(1, 445_000_000, 1, 1, 0, 1490, 0, -250, 0))
+    (velocity,) = [o for o in outputs(assembler, fix) if o.topic == "gps/vel"]
+    np.testing.assert_allclose(velocity.fields["twist.linear"][0], [0.0, 15.0, 2.5], atol=1e-9)  # ENU
+    assert velocity.source == "GPS_RAW_INT, vertical of GLOBAL_POSITION_INT"
+
+
+def test_the_better_imu_goes_before_the_other_until_it_is_silent():
+    assembler = Assembler(MAVLINK)
+    highres = dialect.MAVLink_highres_imu_message(1, 0, 0, -G, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 63)
+    raw = dialect.MAVLink_raw_imu_message(1, 0, 0, -1000, 0, 0, 0, 0, 0, 0)
+    assert [o.source for o in outputs(assembler, raw)] == ["RAW_IMU"]
+    assert [o.source for o in outputs(assembler, highres)] == ["HIGHRES_IMU"]
+    assert not outputs(assembler, raw)
+    (received,) = Decoder().decode(Decoder().encode(raw))
+    late = batch_of("RAW_IMU", STAMP + 3 * 10**9, fields_of(received))
+    assert [o.source for o in assembler.take(readings_of(MAVLINK, late))] == ["RAW_IMU"]
+
+
+def test_the_autopilots_attitude_helps_only_when_asked_and_once():
+    attitude = dialect.MAVLink_attitude_quaternion_message(1, 1, 0, 0, 0, 0, 0, 0)  # level, nose north
+    imu = dialect.MAVLink_highres_imu_message(1, 0, 0, -G, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 63)
+    plain, helped = Assembler(MAVLINK), Assembler(MAVLINK, calibration_from_dict({"attitude": {"std": 0.1}}))
+    for assembler in (plain, helped):
+        (reference,) = outputs(assembler, attitude)
+        assert reference.topic == "autopilot/attitude"
+    (without,) = outputs(plain, imu)
+    assert without.fields["orientation_covariance"][0, 0] == -1.0
+    (first,), (second,) = outputs(helped, imu), outputs(helped, imu)
+    assert first.fields["orientation_covariance"][0, 0] == pytest.approx(0.01)
+    np.testing.assert_allclose(np.abs(first.fields["orientation"][0]), [0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-9)
+    assert second.fields["orientation_covariance"][0, 0] == -1.0  # the same attitude is not used twice

@@ -1,0 +1,120 @@
+"""Real sockets and a pseudo-terminal: bytes arrive, broken connections come back, wrong addresses are said."""
+
+import os
+import socket
+import time
+
+import pytest
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
+
+
+def free_port(kind=socket.SOCK_DGRAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def read_until(transport, wanted, timeout=8.0):
+    data, ends = b"", time.monotonic() + timeout
+    while len(data) < wanted and time.monotonic() < ends:
+        data += transport.read(0.05)
+    return data
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "place", "number"),
+    [
+        ("udp:0.0.0.0:14550", "udpin", "0.0.0.0", 14550), ("udpout:10.0.0.2:14551", "udpout", "10.0.0.2", 14551),
+        ("tcp:localhost:5760", "tcp", "localhost", 5760), ("/dev/ttyACM0", "serial", "/dev/ttyACM0", 57600),
+        ("/dev/ttyACM0,921600", "serial", "/dev/ttyACM0", 921600),
+        ("serial:/dev/ttyS1:115200", "serial", "/dev/ttyS1", 115200),
+    ],
+)  # fmt: skip
+def test_addresses(text, kind, place, number):
+    address = parse_address(text)
+    assert (address.kind, address.place, address.number) == (kind, place, number)
+
+
+NONE = ["", "udp", "udp:14550", "http://x:1", "udp::14550", "tcp:host:99999", "udp:host:port"]
+
+
+@pytest.mark.parametrize("text", NONE)
+def test_what_is_no_address(text):
+    with pytest.raises(InputError):
+        parse_address(text)
+
+
+def test_udp_answers_whoever_spoke():
+    port = free_port()
+    ears, mouth = (Transport(parse_address(f"{kind}:127.0.0.1:{port}")) for kind in ("udpin", "udpout"))
+    ears.open()
+    mouth.open()
+    ears.write(b"to nobody")
+    mouth.write(b"question")
+    assert read_until(ears, 8) == b"question"
+    ears.write(b"answer")
+    assert read_until(mouth, 6) == b"answer"
+    with pytest.raises(InputError, match=r"cannot open udpin:127\.0\.0\.1"):
+        Transport(parse_address(f"udp:127.0.0.1:{port}")).open()
+    ears.close()
+    for _ in range(5):
+        mouth.write(b"into the void")  # the system reports a refusal; it is none of ours
+        assert mouth.read(0.02) == b""
+    ears.open()
+    mouth.write(b"again")
+    assert read_until(ears, 5).endswith(b"again")
+    for transport in (ears, mouth):
+        transport.close()
+
+
+def test_tcp_is_connected_again():
+    port = free_port(socket.SOCK_STREAM)
+
+    def serve():
+        server = socket.create_server(("127.0.0.1", port))
+        return server
+
+    server = serve()
+    transport = Transport(parse_address(f"tcp:127.0.0.1:{port}"))
+    transport.open()
+    peer, _ = server.accept()
+    peer.sendall(b"one")
+    assert read_until(transport, 3) == b"one"
+    peer.close()
+    server.close()
+    assert read_until(transport, 1, 0.8) == b""
+    server = serve()
+    server.settimeout(8.0)
+    deadline = time.monotonic() + 8.0
+    while transport.openings < 2 and time.monotonic() < deadline:
+        transport.read(0.05)
+    peer, _ = server.accept()
+    peer.sendall(b"two")
+    assert read_until(transport, 3) == b"two"
+    peer.close()
+    server.close()
+    transport.close()
+    with pytest.raises(InputError, match="cannot open tcp"):
+        Transport(parse_address(f"tcp:127.0.0.1:{port}")).open()
+
+
+def test_a_serial_port_that_is_pulled_out():
+    pytest.importorskip("serial")
+    master, slave = os.openpty()
+    transport = Transport(parse_address(f"serial:{os.ttyname(slave)}:57600"))
+    transport.open()
+    os.write(master, b"hello")
+    assert read_until(transport, 5) == b"hello"
+    transport.write(b"back")
+    assert os.read(master, 4) == b"back"
+    os.close(master)
+    os.close(slave)
+    ends = time.monotonic() + 3.0
+    while time.monotonic() < ends and transport._device is not None:
+        assert transport.read(0.05) == b""
+    assert transport._device is None
+    transport.close()
+    with pytest.raises(InputError, match="cannot open serial"):
+        Transport(parse_address("serial:/dev/nowhere:57600")).open()

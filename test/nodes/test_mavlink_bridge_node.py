@@ -1,0 +1,146 @@
+"""The bridge as a node: an autopilot's UDP in, our topics out, wind and parameters back."""
+
+import socket
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from aircraft_sysid_msgs.msg import AirData, ControlSurfaces, Parameter, Parameters
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
+from rclpy.lifecycle import TransitionCallbackReturn
+from sensor_msgs.msg import Imu
+
+from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
+from aircraft_sysid_ros.mavlink.calibration import load_calibration
+from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
+from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+from aircraft_sysid_ros.simulation.stand_in.autopilot import StandIn
+from aircraft_sysid_ros.simulation.stand_in.process import Radio
+from aircraft_sysid_ros.simulation.stand_in.sensors import FlightSensors, pieces
+
+CALIBRATION = Path(__file__).resolve().parents[2] / "config" / "stand_in_calibration.yaml"
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Flight:
+    """A stand-in that speaks in real time from a thread."""
+
+    def __init__(self, aircraft, port):
+        flight = simulate_samples(aircraft, seed=6, duration=20.0)
+        sensors = FlightSensors(aircraft, 6)
+        transport = Transport(parse_address(f"udpout:127.0.0.1:{port}"))
+        transport.open()
+        self.stand_in = StandIn(load_calibration(CALIBRATION))
+        self.radio = Radio(self.stand_in, transport, ())
+        self.radio.add([event for piece in pieces(flight.truth) for event in sensors.events(piece)])
+        self.truth, self.ended = flight.truth, False
+        self.thread = threading.Thread(target=self.fly, daemon=True)
+
+    def fly(self):
+        self.radio.begin()
+        while not self.ended:
+            self.radio.run_until(time.monotonic() - self.radio.started + 0.05)
+
+    def end(self):
+        self.ended = True
+        self.thread.join()
+        self.radio.transport.close()
+
+
+@pytest.fixture
+def flying(aircraft):
+    port = free_port()
+    flight = Flight(aircraft, port)
+    yield flight, port
+    flight.end()
+
+
+def test_an_autopilot_on_our_topics_and_back(bench, flying):
+    flight, port = flying
+    values = {"connection": f"udp:127.0.0.1:{port}", "calibration_file": str(CALIBRATION)}
+    node = bench.node(MavlinkBridgeNode, **values, back_parameters=["CZ_alpha", "Cm_alpha"], back_wind_rate=5.0)
+    heard = {
+        topic: bench.listen(kind, topic)
+        for topic, kind in {
+            "imu/data": Imu, "gps/vel": TwistStamped, "air_data": AirData, "control_surfaces": ControlSurfaces,
+            "/diagnostics": DiagnosticArray,
+        }.items()
+    }  # fmt: skip
+    assert common.start(node)
+    flight.thread.start()
+    bench.spin_until(lambda: len(heard["imu/data"]) > 200 and len(heard["gps/vel"]) > 5, timeout=30.0)
+    imu = heard["imu/data"][-1]
+    age = node.get_clock().now().nanoseconds - (imu.header.stamp.sec * 10**9 + imu.header.stamp.nanosec)
+    assert -0.01e9 < age < 2e9
+    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in heard["imu/data"][100:]]
+    assert np.median(np.diff(stamps)) == pytest.approx(0.01, abs=1e-3)
+    assert 5.0 < np.mean([m.linear_acceleration.z for m in heard["imu/data"]]) < 14.0  # FLU: up is positive
+    assert imu.orientation_covariance[0] == -1.0 and imu.header.frame_id == "base_link"
+    airspeeds = [m.true_airspeed for m in heard["air_data"] if np.isfinite(m.true_airspeed)]
+    angles = [m.angle_of_attack for m in heard["air_data"] if np.isfinite(m.angle_of_attack)]
+    assert np.mean(airspeeds) == pytest.approx(flight.truth.airspeed.mean(), abs=1.5) and angles
+    controls = heard["control_surfaces"][-1]
+    assert np.isfinite([controls.elevator, controls.aileron, controls.rudder, controls.thrust]).all()
+    assert np.isnan(controls.flaps)  # no output has them
+
+    wind = bench.publisher(TwistWithCovarianceStamped, "state_estimator/wind")
+    parameters = bench.publisher(Parameters, "parameter_estimator/parameters")
+    message = TwistWithCovarianceStamped()
+    message.twist.twist.linear.x, message.twist.twist.linear.y = 2.0, -3.0  # ENU: to the east and south
+    message.twist.covariance[0] = message.twist.covariance[7] = 0.04
+    parameters.publish(
+        Parameters(
+            parameters=[
+                Parameter(name="CZ_alpha", value=-4.5, standard_deviation=0.1, status=Parameter.USE),
+                Parameter(name="Cm_alpha", value=-9.0, standard_deviation=9.0, status=Parameter.HOLD),
+            ]
+        )
+    )
+    wind.publish(message)
+    bench.spin_until(lambda: len(flight.stand_in.heard) >= 2, timeout=10.0)
+    back = {m.get_type(): m for m in flight.stand_in.heard}
+    assert back["NAMED_VALUE_FLOAT"].value == pytest.approx(-4.5)
+    assert (back["WIND_COV"].wind_x, back["WIND_COV"].wind_y) == (-3.0, 2.0)
+    assert back["WIND_COV"].horiz_accuracy == pytest.approx(0.2)
+    bench.spin_until(lambda: bool(heard["/diagnostics"]), timeout=10.0)
+    status = next(s for m in heard["/diagnostics"] for s in m.status if s.name.endswith("mavlink_bridge"))
+    assert "vehicle" in {v.key for v in status.values}
+
+
+def test_topics_can_be_left_to_others(bench, flying):
+    _, port = flying
+    flying[0].thread.start()
+    node = bench.node(MavlinkBridgeNode, connection=f"udp:127.0.0.1:{port}", topics=["air_data"])
+    assert common.start(node)
+    assert set(node._made) == {"air_data"}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({"connection": "nonsense"}, "not understood"),
+        ({"calibration_file": "nowhere.yaml"}, "cannot read the calibration file"),
+        ({"topics": ["imu"]}, "the parameter topics names imu"),
+        ({"back_form": "json", "back_parameters": ["CZ_0"]}, "named or array"),
+    ],
+)
+def test_a_node_that_cannot_be_configured_says_why(bench, capfd, parameters, text):
+    values = {"connection": f"udp:127.0.0.1:{free_port()}", **parameters}
+    node = bench.node(MavlinkBridgeNode, **values)
+    assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+    assert text in capfd.readouterr().err
+
+
+def test_every_topic_has_a_type_that_is_installed():
+    for kind in ALL_TOPICS.values():
+        assert common.message_class(kind)

@@ -1,0 +1,390 @@
+"""Logs of autopilots, written byte by byte with one known motion, come back as that motion in our units and frames."""
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+from autopilot_log_files import dataflash, ulog, write_bag
+
+from aircraft_sysid_ros.commands import import_log
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.autopilot_log import gps_nanoseconds
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.recordings.tables import read_table
+from aircraft_sysid_ros.samples import Kind
+
+RATE, DURATION, BOOT = 50, 4.0, 77.5  # [Hz], [s], [s] time since start at the first sample
+COUNT = int(RATE * DURATION)
+TIME = np.arange(COUNT) / RATE
+UNIX = 1_760_000_000  # [s] at the first sample: 2025-10-09
+# One motion, in FRD and NED.
+FORCE = np.stack([0.5 + 0.1 * TIME, -0.3 + 0 * TIME, -9.8 + 0.2 * np.sin(TIME)], axis=1)
+RATES = np.stack([0.1 * np.sin(TIME), 0.2 * np.cos(TIME), -0.05 + 0 * TIME], axis=1)
+LATITUDE, LONGITUDE, ALTITUDE = 44.5 + 1e-5 * TIME, -93.25 + 2e-5 * TIME, 310.0 + TIME
+NORTH, EAST, DOWN = 12.0 + 0 * TIME, -9.0 + 0 * TIME, -1.5 + 0 * TIME
+PRESSURE, AIRSPEED = 97_000.0, 17.0
+CALIBRATION = """
+outputs:
+  1: {surface: aileron, us: [1000, 1500, 2000], deg: [30, 0, -30]}
+  2: {surface: elevator, us: [1000, 1500, 2000], rad: [-0.5, 0, 0.5]}
+  3: {surface: throttle, us: [1000, 2000], fraction: [0, 1]}
+"""
+PULSES = (1250, 1600, 1400)  # 15 deg, 0.1 rad, 0.4
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    path = tmp_path / "calibration.yaml"
+    path.write_text(CALIBRATION)
+    return path
+
+
+def run_import(log, out, calibration=None):
+    args = argparse.Namespace(log=str(log), out=str(out), overwrite=False, calibration=calibration and str(calibration))
+    report = import_log.run(args)
+    json.dumps(report)
+    assert import_log.render(report)
+    return report, read_recording(out)
+
+
+def of_kind(recording, kind):
+    return recording.samples[recording.samples.kind == kind]
+
+
+def check_motion(recording, start, *, force=2e-3, rate=1e-6, place=1.2e-7, height=2e-3, speed=2e-2, stamp=2e-6):
+    """The motion above, tolerances for what the format rounds; ``start``: Unix time [s] of the first sample."""
+    imu = of_kind(recording, Kind.IMU)
+    assert len(imu) == COUNT
+    np.testing.assert_allclose((imu.stamp - start * 10**9) * 1e-9, TIME, atol=stamp)
+    np.testing.assert_allclose(imu.values[:, :3], FORCE, atol=force)
+    np.testing.assert_allclose(imu.values[:, 3:6], RATES, atol=rate)
+    fix = of_kind(recording, Kind.GPS_POSITION)
+    row = np.rint((fix.stamp - start * 10**9) * 1e-9 * RATE).astype(int)
+    np.testing.assert_allclose(np.degrees(fix.values[:, 0]), LATITUDE[row], atol=place)
+    np.testing.assert_allclose(np.degrees(fix.values[:, 1]), LONGITUDE[row], atol=place)
+    np.testing.assert_allclose(fix.values[:, 2], ALTITUDE[row], atol=height)
+    velocity = of_kind(recording, Kind.GPS_VELOCITY)
+    assert len(velocity)
+    np.testing.assert_allclose(velocity.values[:, :3], [[12.0, -9.0, -1.5]] * len(velocity), atol=speed)
+
+
+def check_surfaces(recording):
+    controls = of_kind(recording, Kind.CONTROLS).values
+    np.testing.assert_allclose(controls[:, 0], 0.1, atol=1e-9)  # elevator
+    np.testing.assert_allclose(controls[:, 1], np.radians(15.0), atol=1e-9)  # aileron
+    assert np.all(np.isnan(controls[:, 2]))  # rudder: not in the calibration
+    np.testing.assert_allclose(controls[:, 4], 0.4, atol=1e-9)
+
+
+def expected_true(indicated):
+    """TAS of a low IAS: V sqrt(rho_0 / rho), rho at the standard temperature of the pressure altitude."""
+    temperature = 288.15 * (PRESSURE / 101325.0) ** (287.05287 * 0.0065 / 9.80665)
+    return indicated * np.sqrt(1.225 / (PRESSURE / (287.05287 * temperature)))
+
+
+# -- DataFlash --------------------------------------------------------------------------------------------------
+
+FORMATS = {
+    "IMU": ("QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+    "GPS": ("QBBIHBcLLefff", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ"),
+    "BARO": ("QBffc", "TimeUS,I,Alt,Press,Temp"),
+    "ARSP": ("QBffcf", "TimeUS,I,Airspeed,DiffPress,Temp,RawPress"),
+    "AOA": ("Qff", "TimeUS,AOA,SSA"),
+    "RCOU": ("Q" + "H" * 14, "TimeUS," + ",".join(f"C{i}" for i in range(1, 15))),
+    "ATT": ("Qccccff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw"),
+    "RPM": ("Qff", "TimeUS,rpm1,rpm2"),
+    "PARM": ("QNff", "TimeUS,Name,Value,Default"),
+    "MODE": ("QMBB", "TimeUS,Mode,ModeNum,Rsn"),
+}
+
+
+def gps_week(unix):
+    seconds = unix + 18 - 315_964_800
+    return int(seconds // 604_800), round(seconds % 604_800 * 1000)
+
+
+def dataflash_rows():
+    rows = [("PARM", (1000, b"SERVO2_FUNCTION", 19.0, 0.0)), ("PARM", (1000, b"SERVO2_TRIM", 1500.0, 0.0)),
+            ("PARM", (1000, b"SERVO2_MIN", 1100.0, 0.0)), ("PARM", (1000, b"SERVO2_MAX", 1900.0, 0.0)),
+            ("PARM", (1000, b"SERVO2_REVERSED", 1.0, 0.0)), ("MODE", (1000, 10, 10, 1))]  # fmt: skip
+    course = float(np.degrees(np.arctan2(-9.0, 12.0)) % 360.0)
+    for k in range(COUNT):
+        us = round((BOOT + TIME[k]) * 1e6)
+        rows.append(("IMU", (us, 0, *RATES[k], *FORCE[k])))
+        rows.append(("IMU", (us, 1, *(RATES[k] + 9.0), *(FORCE[k] + 9.0))))  # another IMU: not mixed in
+        if k % 10 == 0:
+            week, ms = gps_week(UNIX + TIME[k])
+            place = (round(LATITUDE[k] * 1e7), round(LONGITUDE[k] * 1e7), round(ALTITUDE[k] * 100))
+            rows.append(("GPS", (us, 0, 3, ms, week, 12, 80, *place, 15.0, course, -1.5)))
+            rows.append(("BARO", (us, 0, 0.0, PRESSURE, 3500)))
+        if k % 5 == 0:
+            rows.append(("ARSP", (us, 0, AIRSPEED, 180.0, 3000, 180.0)))
+            rows.append(("AOA", (us, 3.0, -2.0)))
+            rows.append(("RCOU", (us, *PULSES, *[0] * 11)))
+            rows.append(("RPM", (us, 6000.0, -1.0)))
+            rows.append(("ATT", (us, 0, 1000, 0, 500, 9000.0, 90.0)))
+    return rows
+
+
+def test_dataflash(tmp_path, calibration):
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash(FORMATS, dataflash_rows()))
+    report, recording = run_import(log, tmp_path / "bag", calibration)
+    check_motion(recording, UNIX, height=1e-2)
+    check_surfaces(recording)
+    speed = of_kind(recording, Kind.AIRSPEED).values[:, 0]
+    np.testing.assert_allclose(speed[3:], expected_true(AIRSPEED), rtol=2e-4)  # indicated, by default for ARSP
+    np.testing.assert_allclose(of_kind(recording, Kind.CONTROLS).values[:, 6], 6000.0 * 2 * np.pi / 60, rtol=1e-6)
+    assert not len(of_kind(recording, Kind.ANGLE_OF_ATTACK))
+    assert "flow_angles: measured" in report["missing"]["angle_of_attack"]
+    assert report["found"]["IMU"] == {"messages": 2 * COUNT, "state": "mapped"}
+    assert report["found"]["MODE"]["state"] == "unused"
+    assert any("2 elevator 1100/1500/1900 us reversed" in note for note in report["notes"])
+    attitude = read_table(tmp_path / "bag", "autopilot/attitude").fields["quaternion"]
+    # nose east, pitched up 5 deg, rolled right 10 deg; ENU: yaw of the x axis from east is 0
+    x, y, z, w = attitude[0]
+    forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    np.testing.assert_allclose(forward, (np.cos(np.radians(5.0)), 0.0, np.sin(np.radians(5.0))), atol=1e-6)
+
+
+def test_dataflash_with_vanes_and_without_calibration(tmp_path):
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash(FORMATS, dataflash_rows()))
+    report, recording = run_import(log, tmp_path / "bare")
+    assert "control_surfaces" not in recording.topics
+    assert "--calibration" in report["missing"]["control_surfaces"]
+    vanes = tmp_path / "vanes.yaml"
+    vanes.write_text("flow_angles: measured\nairspeed: {meaning: 'true', scale: 1.1}\n")
+    _, recording = run_import(log, tmp_path / "vanes", vanes)
+    angles = [of_kind(recording, kind).values[:, 0] for kind in (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)]
+    np.testing.assert_allclose(angles[0], np.radians(3.0), atol=1e-7)
+    np.testing.assert_allclose(angles[1], np.radians(-2.0), atol=1e-7)
+    np.testing.assert_allclose(of_kind(recording, Kind.AIRSPEED).values[:, 0], 1.1 * AIRSPEED, rtol=1e-6)
+
+
+def test_a_damaged_dataflash_gives_what_can_be_read(tmp_path):
+    data = bytearray(dataflash(FORMATS, dataflash_rows()))
+    at = len(data) // 2
+    data[at : at + 2000] = np.random.default_rng(1).integers(0, 256, 2000, np.uint8).tobytes()
+    log = tmp_path / "damaged.bin"
+    log.write_bytes(data)
+    report, recording = run_import(log, tmp_path / "bag")
+    assert any("damaged" in note for note in report["notes"])
+    assert 0.8 * COUNT < len(of_kind(recording, Kind.IMU)) <= COUNT
+
+
+def test_gps_time_has_the_leap_seconds_of_its_date():
+    assert gps_nanoseconds(*gps_week(UNIX)) == UNIX * 10**9
+    assert gps_nanoseconds(1700, 0) == (315_964_800 + 1700 * 604_800 - 16) * 10**9  # 2012-08-05
+    assert gps_nanoseconds(1600, 500) == (315_964_800 + 1600 * 604_800 - 15) * 10**9 + 500_000_000  # 2010-09-05
+
+
+# -- ULog -------------------------------------------------------------------------------------------------------
+
+
+def ulog_topics(*, new_gps=True, late=0):
+    """``late`` [us]: by which samples are published after they are taken."""
+    us = [round((BOOT + t) * 1e6) for t in TIME]
+    gps = [
+        (us[k], round((UNIX + TIME[k]) * 1e6), 12.0, -9.0, -1.5, 0.8, 1.2,
+         *((LATITUDE[k], LONGITUDE[k], ALTITUDE[k]) if new_gps else
+           (round(LATITUDE[k] * 1e7), round(LONGITUDE[k] * 1e7), round(ALTITUDE[k] * 1e3))), 3)
+        for k in range(0, COUNT, 10)
+    ]  # fmt: skip
+    place = ["double latitude_deg", "double longitude_deg", "double altitude_msl_m"] if new_gps else [
+        "int32_t lat", "int32_t lon", "int32_t alt"]  # fmt: skip
+    head = ["uint64_t timestamp", "uint64_t time_utc_usec", "float vel_n_m_s", "float vel_e_m_s", "float vel_d_m_s"]
+    return {
+        "sensor_combined": (
+            ["uint64_t timestamp", "float[3] gyro_rad", "float[3] accelerometer_m_s2"],
+            [(us[k], *RATES[k], *FORCE[k]) for k in range(COUNT)],
+        ),
+        "vehicle_gps_position": ([*head, "float eph", "float epv", *place, "uint8_t fix_type"], gps),
+        "airspeed": (
+            ["uint64_t timestamp", "uint64_t timestamp_sample", "float indicated_airspeed_m_s"],
+            [(us[k] + late, us[k], AIRSPEED) for k in range(0, COUNT, 5)],
+        ),
+        "vehicle_air_data": (
+            ["uint64_t timestamp", "float baro_pressure_pa", "float baro_temp_celcius"],
+            [(us[k], PRESSURE, 35.0) for k in range(0, COUNT, 5)],
+        ),
+        "actuator_outputs": (
+            ["uint64_t timestamp", "uint32_t noutputs", "float[16] output"],
+            [(us[k], 3, *PULSES, *[0.0] * 13) for k in range(0, COUNT, 5)],
+        ),
+        "vehicle_status": (["uint64_t timestamp", "uint8_t nav_state"], [(us[0], 3)]),
+    }
+
+
+@pytest.mark.parametrize("new_gps", [True, False])
+def test_ulog(tmp_path, calibration, new_gps):
+    log = tmp_path / "flight.ulg"
+    log.write_bytes(ulog(ulog_topics(new_gps=new_gps, late=8000)))
+    report, recording = run_import(log, tmp_path / "bag", calibration)
+    check_motion(recording, UNIX)
+    check_surfaces(recording)
+    speed = of_kind(recording, Kind.AIRSPEED)
+    np.testing.assert_allclose(speed.values[3:, 0], expected_true(AIRSPEED), rtol=2e-4)
+    # stamped when the sample was taken and not 8 ms later when it was published
+    np.testing.assert_allclose((speed.stamp - UNIX * 10**9) * 1e-9, TIME[::5], atol=2e-6)
+    variance = of_kind(recording, Kind.GPS_POSITION).values[:, 3:6]
+    np.testing.assert_allclose(variance, [[0.32, 0.32, 1.44]] * len(variance), rtol=1e-5)  # eph is a radius
+    assert report["found"]["vehicle_status"]["state"] == "unused"
+    assert report["topics"]["air_data"]["source"] == "airspeed (indicated)"
+
+
+def test_a_ulog_without_gps_time_says_so(tmp_path):
+    topics = {name: content for name, content in ulog_topics().items() if "gps" not in name}
+    log = tmp_path / "flight.ulg"
+    log.write_bytes(ulog(topics))
+    report, recording = run_import(log, tmp_path / "bag")
+    assert report["start"].startswith("2000-01-01") and any("no GPS time" in note for note in report["notes"])
+    assert report["missing"]["gps/fix"]
+    assert len(of_kind(recording, Kind.IMU)) == COUNT
+
+
+# -- bags -------------------------------------------------------------------------------------------------------
+
+PX4_TYPES = {
+    "px4_msgs/msg/SensorCombined": (
+        "uint64 timestamp\nfloat32[3] gyro_rad\nuint32 gyro_integral_dt\nfloat32[3] accelerometer_m_s2"
+    ),
+    "px4_msgs/msg/SensorGps": (
+        "uint64 timestamp\nuint64 timestamp_sample\n"
+        "float64 latitude_deg\nfloat64 longitude_deg\nfloat64 altitude_msl_m\n"
+        "float32 eph\nfloat32 epv\nfloat32 vel_n_m_s\nfloat32 vel_e_m_s\nfloat32 vel_d_m_s\nuint8 fix_type"
+    ),
+    "px4_msgs/msg/Airspeed": "uint64 timestamp\nuint64 timestamp_sample\nfloat32 indicated_airspeed_m_s",
+    "px4_msgs/msg/VehicleAirData": "uint64 timestamp\nfloat32 baro_pressure_pa\nfloat32 baro_temp_celcius",
+    "px4_msgs/msg/ActuatorOutputs": "uint64 timestamp\nuint32 noutputs\nfloat32[16] output",
+    "px4_msgs/msg/EscReport": "uint64 timestamp\nint32 esc_rpm",
+    "px4_msgs/msg/EscStatus": "uint64 timestamp\nuint8 esc_count\npx4_msgs/EscReport[8] esc",
+}
+
+
+def px4_messages(*, boot, delay=3_000_000):
+    """``boot``: times count from the start [s] at the first sample; else Unix time, as uXRCE-DDS makes of them."""
+    zero = UNIX * 10**9
+    messages = []
+    for k in range(COUNT):
+        us = round(((BOOT if boot else UNIX) + TIME[k]) * 1e6)
+        at = zero + round(TIME[k] * 1e9) + delay + (k % 7) * 1_000_000
+
+        def add(name, fields, us=us, at=at):
+            topic = "/fmu/out/" + name.lower()
+            messages.append((at, topic, f"px4_msgs/msg/{name}", {"timestamp": us, **fields}))
+
+        add("SensorCombined", {"gyro_rad": RATES[k], "accelerometer_m_s2": FORCE[k]})
+        if k % 10 == 0:
+            add("SensorGps", {"timestamp_sample": us, "latitude_deg": LATITUDE[k], "longitude_deg": LONGITUDE[k],
+                              "altitude_msl_m": ALTITUDE[k], "eph": 0.8, "epv": 1.2, "vel_n_m_s": 12.0,
+                              "vel_e_m_s": -9.0, "vel_d_m_s": -1.5, "fix_type": 3})  # fmt: skip
+            add("VehicleAirData", {"baro_pressure_pa": PRESSURE, "baro_temp_celcius": 30.0})
+        if k % 5 == 0:
+            add("Airspeed", {"timestamp_sample": us, "indicated_airspeed_m_s": AIRSPEED})
+            add("ActuatorOutputs", {"noutputs": 3, "output": [*PULSES, *[0.0] * 13]})
+            add("EscStatus", {"esc_count": 1, "esc": [{"esc_rpm": 6000}] + [{}] * 7})
+    return messages
+
+
+@pytest.mark.parametrize("boot", [False, True])
+def test_a_bag_of_px4_msgs_is_decoded_by_its_own_definitions(tmp_path, calibration, boot):
+    bag = write_bag(tmp_path / "px4", PX4_TYPES, px4_messages(boot=boot))
+    report, recording = run_import(bag, tmp_path / "bag", calibration)
+    # of times since the start nobody knows more than the least delay to the recorder
+    start = UNIX + (0.003 if boot else 0.0)
+    check_motion(recording, start, stamp=1e-5)
+    check_surfaces(recording)
+    np.testing.assert_allclose(of_kind(recording, Kind.CONTROLS).values[:, 6], 6000 * 2 * np.pi / 60, rtol=1e-6)
+    assert report["format"] == "bag of px4_msgs"
+    assert report["found"]["sensor_combined"] == {"messages": COUNT, "state": "mapped"}
+
+
+MAVROS_TYPES = {
+    "mavros_msgs/msg/VfrHud": (
+        "std_msgs/Header header\nfloat32 airspeed\nfloat32 groundspeed\nint16 heading\nfloat32 throttle\n"
+        "float32 altitude\nfloat32 climb"
+    ),
+    "mavros_msgs/msg/RCOut": "std_msgs/Header header\nuint16[] channels",
+}
+
+
+def mavros_messages(namespace):
+    messages = []
+    for k in range(COUNT):
+        stamp = UNIX * 10**9 + round(TIME[k] * 1e9)
+        header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}}
+
+        def add(topic, kind, fields, stamp=stamp, header=header):
+            messages.append((stamp + 4_000_000, f"{namespace}/mavros/{topic}", kind, {"header": header, **fields}))
+
+        def vector(values):
+            return dict(zip("xyz", map(float, values), strict=True))
+
+        flu = np.array([1.0, -1.0, -1.0])
+        add("imu/data_raw", "sensor_msgs/msg/Imu", {
+            "linear_acceleration": vector(FORCE[k] * flu), "angular_velocity": vector(RATES[k] * flu)})  # fmt: skip
+        if k % 10 == 0:
+            add("global_position/raw/fix", "sensor_msgs/msg/NavSatFix", {
+                "latitude": LATITUDE[k], "longitude": LONGITUDE[k], "altitude": ALTITUDE[k]})  # fmt: skip
+            add("global_position/raw/gps_vel", "geometry_msgs/msg/TwistStamped", {
+                "twist": {"linear": vector((-9.0, 12.0, 0.0))}})  # fmt: skip
+            add("imu/static_pressure", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": PRESSURE})
+        if k % 5 == 0:
+            add("local_position/velocity_local", "geometry_msgs/msg/TwistStamped", {
+                "twist": {"linear": vector((-9.1, 12.1, 1.5))}})  # fmt: skip
+            add("vfr_hud", "mavros_msgs/msg/VfrHud", {"airspeed": AIRSPEED, "climb": 1.4})
+            add("rc/out", "mavros_msgs/msg/RCOut", {"channels": [*PULSES, 0, 65535]})
+    return messages
+
+
+@pytest.mark.parametrize("namespace", ["", "/uav1"])
+def test_a_bag_of_mavros_topics(tmp_path, calibration, namespace):
+    bag = write_bag(tmp_path / "mavros", MAVROS_TYPES, mavros_messages(namespace))
+    report, recording = run_import(bag, tmp_path / "bag", calibration)
+    check_motion(recording, UNIX)  # the vertical velocity is that of local_position: MAVROS leaves it out of gps_vel
+    check_surfaces(recording)
+    np.testing.assert_allclose(of_kind(recording, Kind.AIRSPEED).values[3:, 0], expected_true(AIRSPEED), rtol=2e-4)
+    assert report["topics"]["gps/vel"]["source"].startswith("global_position/raw/gps_vel, vertical of local_position")
+
+
+# -- what cannot be imported ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "text"),
+    [
+        ("a.bin", b"no log at all", "does not begin with A3 95"),
+        ("a.ulg", b"no log at all", "not a readable ULog"),
+        ("a.tlog", bytes(500), "no heartbeat"),
+        ("a.tlog", b"", "no heartbeat"),
+        ("a.bin", b"", "does not begin"),
+        ("a.ulg", b"", "not a readable ULog"),
+        ("a.csv", b"1,2", "cannot be imported: files that can are .mat"),
+        ("a.bin", dataflash({"MODE": FORMATS["MODE"]}, [("MODE", (1, 2, 3, 4))]), "nothing in it can be used"),
+    ],
+)
+def test_what_is_no_log_is_refused_in_one_sentence(tmp_path, name, content, text):
+    log = tmp_path / name
+    log.write_bytes(content)
+    with pytest.raises(InputError) as refused:
+        run_import(log, tmp_path / "bag")
+    assert text in str(refused.value) and "\n" not in str(refused.value)
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_bag_of_something_else_is_refused(tmp_path):
+    bag = write_bag(tmp_path / "other", {}, [(1, "/chatter", "std_msgs/msg/String", {"data": "x"})])
+    with pytest.raises(InputError, match="neither topics of MAVROS nor px4_msgs: it holds /chatter"):
+        run_import(bag, tmp_path / "bag")
+
+
+def test_the_recording_does_not_go_onto_the_log(tmp_path):
+    bag = write_bag(tmp_path / "px4", PX4_TYPES, px4_messages(boot=False)[:50])
+    with pytest.raises(InputError, match="another place"):
+        run_import(bag, bag)
+    mat = tmp_path / "flight.mat"
+    mat.write_bytes(b"x")
+    with pytest.raises(InputError, match="needs none"):
+        run_import(mat, tmp_path / "bag", tmp_path / "c.yaml")
