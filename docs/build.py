@@ -345,7 +345,30 @@ def mavlink(name: str) -> Callable[[], str]:
     return lambda: table(*mavlink_tables.TABLES[name](load("mavlink_bridge")))
 
 
+def workbench() -> str:
+    """The page of a long flight in a browser."""
+    w = load("workbench")
+    seconds, milliseconds = lambda value: f"{value:.1f} s", lambda value: f"{1000 * value:.0f} ms"
+    return table(
+        [f"{w['duration']:g} s of flight, {w['points']} measured coefficients", "asked", "median", "worst"],
+        [
+            ["page opened by a new browser, all six axes drawn", "< 3 s", seconds(w["interactive"]),
+             seconds(w["interactive_worst"])],
+            ["zoom to 10 s, all axes with every point", "", milliseconds(w["zoom"]), milliseconds(w["zoom_worst"])],
+            ["a term added: reconstruction, fit, comparison", "", seconds(w["addition"]["work"]), ""],
+            ["and after it, until all axes are drawn", "",
+             milliseconds(w["addition"]["drawn"] - w["addition"]["work"]), ""],
+            ["server ready after", "", seconds(w["server_ready"]), ""],
+            ["main thread of the tab while nothing happens", "", percent(w["idle_main_thread"]), ""],
+            ["JavaScript heap of the tab", "", f"{w['heap_mb']:.0f} MB", ""],
+            ["file of `report`", "< 10 MB", f"{w['report_mb']:.1f} MB", ""],
+            ["load of the machine while measuring", "", f"{w['load_average']:.1f} on {w['cores']} cores", ""],
+        ],
+    )  # fmt: skip
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    "workbench": workbench,
     **{f"mavlink_{name}": mavlink(name) for name in mavlink_tables.TABLES},
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
     **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},

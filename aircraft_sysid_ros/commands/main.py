@@ -17,14 +17,18 @@ COMMANDS = {
     "demo": ("demo", "the main job on a simulated flight, through ROS 2"),
     "simulate": ("simulate", "a flight with known truth, recorded as a bag"),
     "import": ("import_log", "a flight log of another format to a bag"),
+    "calibrate": ("calibrate", "errors of a probe, a magnetometer, or of IMU and air data, from a flight"),
     "replay": ("replay", "the whole pipeline over a recording"),
     "compare": ("compare", "how good the model is, and where it fails"),
     "diagnose": ("diagnose", "which effect is missing"),
     "add": ("add", "an effect or a term added to the model, with the error before and after"),
     "remove": ("remove", "an effect or a term taken out again"),
+    "workbench": ("workbench", "the same on a web page on this machine, with a mouse"),
+    "report": ("report", "the page of a run as one HTML file"),
     "refine": ("refine", "maximum likelihood on a run, after the flight"),
     "play": ("play", "a recording onto ROS 2 topics"),
     "live": ("live", "all nodes on ROS 2 topics"),
+    "bridge": ("bridge", "an autopilot's MAVLink onto ROS 2 topics"),
 }
 BAD_INPUT = 2
 FAILED = 1

@@ -1,0 +1,77 @@
+"""What the views of a page have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+
+from aircraft_sysid_ros.workbench.views.figure import Figure
+
+if TYPE_CHECKING:
+    from aircraft_sysid_ros.workbench.page import Page
+
+
+class Panel:
+    """One view: built when it is first shown, then brought up to date."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.place: Any = None
+        self._built = False
+        self._changing: list[Any] = []  # elements that change the run
+
+    def show(self) -> None:
+        """Build, once."""
+        if not self._built:
+            self._built = True
+            with self.place:
+                self.build()
+            self.allow(self.page.allowed)
+
+    def build(self) -> None:
+        """Make the elements of the view."""
+        raise NotImplementedError
+
+    def update(self) -> None:
+        """Show what the session holds now."""
+        raise NotImplementedError
+
+    def refresh(self) -> None:
+        """Bring up to date if it has been shown."""
+        if self._built:
+            self.update()
+
+    def allow(self, allowed: bool) -> None:
+        """Enable or disable what changes the run."""
+        self._changing = [element for element in self._changing if not element.is_deleted]
+        for element in self._changing:
+            element.set_enabled(allowed)
+
+    def changing(self, element: Any) -> Any:
+        """An element that may be used only while the run may be changed."""
+        element.set_enabled(self.page.allowed)
+        self._changing.append(element)
+        return element
+
+
+def card(title: str = "") -> ui.element:
+    """A box, with its heading."""
+    box = ui.element("section").classes("card")
+    if title:
+        with box:
+            ui.html(title, sanitize=False, tag="h2")
+    return box
+
+
+def plot(made: Figure, words: str) -> ui.plotly:
+    """A figure with what it shows, for those who cannot see it."""
+    found = ui.plotly(made).classes("plot").style(f"height:{made['layout']['height']}px")
+    return found.props(f'role=img aria-label="{words}"')
+
+
+def picked(place: ui.element, choose: Callable[[str], None]) -> None:
+    """Call ``choose`` with the name of any button with data-name that is pressed inside a place."""
+    script = "(e) => { const b = e.target.closest('[data-name]'); if (b) emit(b.dataset.name); }"
+    place.on("click", lambda event: choose(str(event.args)), js_handler=script)

@@ -1,0 +1,299 @@
+"""Everything that the page shows of a run, gathered from its folder with the functions of the command line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.commands.demo_story import true_values
+from aircraft_sysid_ros.commands.diagnose import RESULT
+from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
+from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, POINTS, FlightData, check_length
+from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.versions import (
+    CURRENT,
+    MODELS,
+    PARAMETERS,
+    VERSION,
+    Run,
+    Version,
+    change_from_json,
+    open_run,
+    settings_of,
+)
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.recordings.tables import Table, read_table
+from aircraft_sysid_ros.run_folder import ESTIMATES, SAMPLES, STATE
+from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.truth_files import truth_path
+from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
+from aircraft_sysid_ros.workbench.views.states import StateHistory
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+#: Files of a signature that are the flight itself; the others are what is said of it.
+_OF_FLIGHT = 5
+#: What a diagnosis and its candidates must have to be shown.
+_OF_DIAGNOSIS = {"model", "verdict", "candidates", "advice"}
+_OF_CANDIDATE = {
+    "effect", "expression", "label", "name", "physics", "manoeuvre", "main_axis", "p_value", "error_before",
+    "error_after", "confounded_with", "where", "inner", "parameters", "found",
+}  # fmt: skip
+_AIR = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
+_BIASES = {"accelerometer_bias": slice(9, 12), "gyro_bias": slice(12, 15), "wind": slice(15, 18)}  # of 18 sigmas
+
+
+@dataclass(frozen=True)
+class RunView:
+    """A run under its current version, with all of its versions."""
+
+    name: str
+    aircraft: str
+    zero: int  # stamp [ns] from which times of the recording count
+    current: str
+    changes: tuple[str, ...]  # what was added to the first version, in order
+    versions: tuple[Version, ...]
+    comparisons: Mapping[str, Comparison]  # by version
+    diagnosis: Mapping[str, Any] | None
+    parameters: Mapping[str, list[dict[str, Any]]]  # by version, as in parameters.json
+    notes: tuple[str, ...]
+    can_diagnose: bool
+    signature: tuple[int, ...]
+
+    @property
+    def comparison(self) -> Comparison:
+        """That of the current version."""
+        return self.comparisons[self.current]
+
+    @property
+    def flight(self) -> FlightData:
+        """The flight under the current version."""
+        return self.comparison.flight
+
+    @property
+    def duration(self) -> float:
+        """Flight [s] that is compared."""
+        return float(self.flight.time[-1] - self.flight.time[0])
+
+
+@dataclass(frozen=True)
+class FlightRecord:
+    """What was estimated in flight; it stays as it is while the model changes."""
+
+    state: StateHistory
+    parameters: ParameterHistory
+    summary: Mapping[str, Any]  # content of state.json
+
+
+@dataclass(frozen=True)
+class TruthView:
+    """What is true, of a simulated flight: parameters by name, and the content of truth.json."""
+
+    parameters: Mapping[str, float]
+    content: Mapping[str, Any]
+
+
+NO_TRUTH = TruthView({}, {})
+
+
+def signature_of(path: str | Path) -> tuple[int, ...]:
+    """Changes when a file of the run changes that the page shows."""
+    folder = Path(path)
+    names = (AIRCRAFT, SAMPLES, POINTS, PARAMETERS, STATE, CURRENT, RESULT)  # first those of the flight
+    return tuple(_changed(folder / name) for name in names)
+
+
+def _changed(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def load_run_view(
+    path: str | Path, last: RunView | None = None, progress: Progress = lambda what, share: None
+) -> RunView:
+    """Read and compare a run. What ``last`` has of the same flight is not made again. Raises InputError."""
+    signature = signature_of(path)
+    run = open_run(path)
+    versions, notes = versions_of(run)
+    if last is not None and last.signature[:_OF_FLIGHT] != signature[:_OF_FLIGHT]:
+        last = None
+    progress("reconstruct the flight", 0.1)
+    flights = _Flights(run, last)
+    comparisons: dict[str, Comparison] = {}
+    for number, version in enumerate(versions):
+        progress("compare", 0.4 + 0.6 * number / len(versions))
+        name = version.identifier
+        try:
+            known = last is not None and name in last.comparisons
+            comparisons[name] = last.comparisons[name] if last and known else compare(flights.under(version.aircraft))
+        except InputError:
+            if name == run.current.identifier:
+                raise
+    current = comparisons[run.current.identifier]
+    if run.samples is None:
+        notes.append("the run holds no samples: errors are those of the filter; replay the recording again")
+    return RunView(
+        name=str(path),
+        aircraft=run.root.name,
+        zero=flights.zero,
+        current=run.current.identifier,
+        changes=tuple(run.current.changes),
+        versions=tuple(versions),
+        comparisons=comparisons,
+        diagnosis=_diagnosis(run.path, notes),
+        parameters={v.identifier: _parameters(run, v) for v in versions},
+        notes=(*current.notes, *notes),
+        can_diagnose=run.samples is not None,
+        signature=signature,
+    )
+
+
+class _Flights:
+    """The flight under versions: those with the same sensors share one reconstruction."""
+
+    def __init__(self, run: Run, last: RunView | None) -> None:
+        self._run = run
+        known = list(last.comparisons.values()) if last else []
+        self._made = [(settings_of(found.flight.aircraft), found.flight) for found in known]
+        self.zero = last.zero if last else 0
+
+    def under(self, aircraft: Aircraft) -> FlightData:
+        settings = settings_of(aircraft)
+        for others, flight in self._made:
+            if others == settings:
+                return replace(flight, aircraft=aircraft)
+        flight, zero = _flight(self._run, aircraft)
+        self.zero = self.zero or zero
+        self._made.append((settings, flight))
+        return flight
+
+
+def _flight(run: Run, aircraft: Aircraft) -> tuple[FlightData, int]:
+    """``run.flight(aircraft)``, and the stamp [ns] from which times of the recording count."""
+    if run.samples is None:
+        with np.load(run.path / POINTS) as stored:
+            flight, first = run.flight(aircraft), int(stored["stamp"][0])
+        return flight, first - int(1e9 * flight.begin)
+    made = reconstruct(aircraft, run.samples)
+    check_length(str(run.path), made.data.time, made.data.step)
+    flight = settled_flight(made)
+    return flight, made.epoch + int(1e9 * (made.points[0, Point.TIME] - flight.begin))
+
+
+def versions_of(run: Run) -> tuple[list[Version], list[str]]:
+    """All versions in the order in which they were made, the root first; what cannot be read is left out and noted."""
+    root = Version(run.root.model.identifier, run.root)
+    found, notes = {root.identifier: root}, []
+    folders = (run.path / MODELS).glob("*") if (run.path / MODELS).is_dir() else ()
+    for folder in sorted(folders, key=lambda f: _changed(f / VERSION)):
+        try:
+            content = json.loads((folder / VERSION).read_text(encoding="utf8"))
+            changes = {label: change_from_json(change) for label, change in content["changes"].items()}
+            version = Version(folder.name, load_aircraft(folder / AIRCRAFT), changes, tuple(content["parents"]))
+        except (OSError, KeyError, TypeError, ValueError, AttributeError):
+            notes.append(f"the model version {folder.name} is damaged and left out")
+            continue
+        found.setdefault(folder.name, version)
+    found[run.current.identifier] = run.current
+    return list(found.values()), notes
+
+
+def _diagnosis(folder: Path, notes: list[str]) -> Mapping[str, Any] | None:
+    """The last diagnosis; None where there is none, or none that can be read, which a note then says."""
+    if not (folder / RESULT).exists():
+        return None
+    try:
+        content = json.loads((folder / RESULT).read_text(encoding="utf8"))
+        whole = content.keys() >= _OF_DIAGNOSIS and all(c.keys() >= _OF_CANDIDATE for c in content["candidates"])
+    except (OSError, ValueError, AttributeError, TypeError):
+        whole = False
+    if not whole:
+        notes.append(f"{RESULT} of the run cannot be read: diagnose again")
+    return content if whole else None
+
+
+def _parameters(run: Run, version: Version) -> list[dict[str, Any]]:
+    """As in the parameters.json of a version; of the run itself for the root."""
+    places = [run.path / MODELS / version.identifier / PARAMETERS]
+    if version.identifier == run.root.model.identifier:
+        places = [run.path / PARAMETERS]
+    for place in places:
+        try:
+            return list(json.loads(place.read_text(encoding="utf8"))["parameters"])
+        except (OSError, KeyError, TypeError, ValueError):
+            continue
+    return []
+
+
+def load_truth_view(path: str | Path | None) -> TruthView:
+    """The truth of a simulated recording, or of truth.json itself. Raises InputError where it cannot be read."""
+    if path is None:
+        return NO_TRUTH
+    place = Path(path)
+    place = place if place.suffix == ".json" else truth_path(place, ".json")
+    try:
+        content = json.loads(place.read_text(encoding="utf8"))
+        listed = {**content, "coefficients": content["coefficients"] or {}}
+        return TruthView(true_values(listed), content)
+    except (OSError, KeyError, TypeError, ValueError):
+        raise InputError(f"{place} is no truth of a simulated flight: simulate writes it into the recording") from None
+
+
+def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
+    """What was estimated in flight, times from ``zero`` [ns]. Raises InputError where it is missing or damaged."""
+    folder = Path(path)
+    run = open_run(path)
+    try:
+        summary = json.loads((folder / STATE).read_text(encoding="utf8"))
+        states = read_table(folder / ESTIMATES, "state_estimator/state")
+        parameters = read_table(folder / ESTIMATES, "parameter_estimator/parameters")
+    except (OSError, KeyError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"the run {path} is damaged: replay the recording again") from None
+    fields, time = states.fields, np.asarray((states.stamp - zero) * 1e-9, dtype=np.float64)
+    sigma = np.stack(list(fields["standard_deviations"]))
+    measured: dict[str, tuple[Array, Array]] = {}
+    for name, kind in _AIR.items() if run.samples is not None else ():
+        chosen = run.samples.kind == kind  # type: ignore[union-attr]
+        stamps, values = run.samples.stamp[chosen], run.samples.values[chosen, 0]  # type: ignore[union-attr]
+        if len(stamps):
+            measured[name] = ((stamps - zero) * 1e-9 - run.root.sensors[name].delay, values)
+    state = StateHistory(
+        time=time,
+        **{name: fields["wind_ned" if name == "wind" else name] for name in _BIASES},
+        **{f"{name}_std": sigma[:, part] for name, part in _BIASES.items()},
+        position=fields["position_ned"],
+        air=np.column_stack([fields["true_airspeed"], fields["angle_of_attack"], fields["sideslip"]]),
+        consistency=fields["innovation_consistency"],
+        measured_time={name: pair[0] for name, pair in measured.items()},
+        measured={name: pair[1] for name, pair in measured.items()},
+    )
+    return FlightRecord(state, _parameter_history(parameters, zero), summary)
+
+
+def _parameter_history(table: Table, zero: int) -> ParameterHistory:
+    """Estimates of the parameters of the last model; NaN and HOLD where an earlier model did not have one."""
+    listed = [{p.name: p for p in parameters} for parameters in table.fields["parameters"]]
+    names = tuple(listed[-1])
+    shape = (len(listed), len(names))
+    value, std, status = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, int(Trust.HOLD))
+    for i, at_time in enumerate(listed):
+        for j, name in enumerate(names):
+            if name in at_time:
+                p = at_time[name]
+                value[i, j], std[i, j], status[i, j] = p.value, p.standard_deviation, p.status
+    time = np.asarray((table.stamp - zero) * 1e-9, dtype=np.float64)
+    return ParameterHistory(time, names, value, std, status)

@@ -1,0 +1,152 @@
+"""One run that is open, for all browsers that look at it: what is shown, and the one job that is under way."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView, signature_of
+from aircraft_sysid_ros.workbench.worker import (
+    ADD,
+    DIAGNOSE,
+    LOAD,
+    RECORD,
+    REMOVE,
+    Done,
+    Failed,
+    Job,
+    Told,
+    start_worker,
+)
+
+#: Time [s] between looks at the folder: the command line may have changed it.
+_LOOK = 1.0
+WORDS = {
+    LOAD: "reading the run", RECORD: "reading what was estimated in flight", DIAGNOSE: "looking for what is missing",
+    ADD: "adding", REMOVE: "taking away",
+}  # fmt: skip
+
+
+class Session:
+    """A worker and the last that it said. ``revision`` rises with everything that a page shows; pages poll it."""
+
+    def __init__(self, path: str | Path, truth: TruthView = NO_TRUTH) -> None:
+        self.path, self.truth = Path(path), truth
+        self.view: RunView | None = None
+        self.record: FlightRecord | None = None
+        self.record_problem = ""
+        self.job: Job | None = None
+        self.began = 0.0
+        self.told = Told("", 0.0)
+        self.sentence, self.is_bad = "", False  # what is said of the last job
+        self.damage = ""  # why the folder cannot be read any more
+        self.revision = 0
+        self._closed, self._lock = False, threading.Lock()
+        self._damaged_at: tuple[int, ...] = ()
+        self._process, self._pipe = start_worker(self.path)
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+        self.start(Job(LOAD))
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is under way that changes or reads the run."""
+        return self.job is not None
+
+    @property
+    def elapsed(self) -> float:
+        """Time [s] since the job under way began."""
+        return time.monotonic() - self.began
+
+    def start(self, job: Job) -> bool:
+        """Begin a job; False where another one is under way or the session is closed."""
+        with self._lock:
+            if self.job is not None or self._closed:
+                return False
+            self.job, self.began, self.told = job, time.monotonic(), Told(WORDS[job.kind], 0.0)
+        if job.kind not in (LOAD, RECORD):
+            self.sentence, self.is_bad = "", False
+        self.revision += 1
+        try:
+            self._pipe.send(job)
+        except OSError:
+            self._restart("the work ended unexpectedly: it was started again")
+            return False
+        return True
+
+    def stop(self) -> None:
+        """End the job under way, at once; the run is as it was before."""
+        if self.job is not None and self.job.kind not in (LOAD, RECORD):
+            self._process.kill()  # the listener notices and starts another worker
+
+    def close(self) -> None:
+        """End the worker."""
+        self._closed = True
+        self._process.kill()
+        self._process.join()
+        self._thread.join(timeout=2.0)
+
+    def wait(self, timeout: float) -> None:
+        """Block until no job is under way. Raises InputError with the sentence where the run cannot be read."""
+        deadline = time.monotonic() + timeout
+        while self.busy:
+            if time.monotonic() > deadline:
+                raise InputError(f"{self.path} could not be read within {timeout:g} s")
+            time.sleep(0.02)
+        if self.view is None:
+            raise InputError(self.damage or self.sentence)
+
+    def _listen(self) -> None:
+        """Hear the worker until the session is closed."""
+        while not self._closed:
+            try:
+                if self._pipe.poll(_LOOK):
+                    self._hear(self._pipe.recv())
+                elif self.view is not None and not self.busy and signature_of(self.path) != self.view.signature:
+                    self._look_again()
+            except (EOFError, OSError):
+                if not self._closed:
+                    self._restart("stopped: the run is as it was")
+
+    def _look_again(self) -> None:
+        """The folder was changed by another program."""
+        if not self.damage or signature_of(self.path) != self._damaged_at:
+            self.start(Job(LOAD))
+
+    def _hear(self, answer: Told | Done | Failed) -> None:
+        if isinstance(answer, Told):
+            self.told = answer
+        elif isinstance(answer, Done):
+            self._done(answer)
+        else:
+            self._failed(answer)
+        self.revision += 1
+
+    def _done(self, answer: Done) -> None:
+        if answer.view is not None:
+            self.view, self.damage = answer.view, ""
+        if answer.record is not None:
+            self.record, self.record_problem = answer.record, ""
+        if answer.sentence:
+            self.sentence, self.is_bad = answer.sentence, False
+        self.job = None
+        if self.record is None and not self.record_problem:
+            self.start(Job(RECORD))
+
+    def _failed(self, answer: Failed) -> None:
+        self.job = None
+        if answer.job.kind == LOAD:
+            self.damage, self._damaged_at = answer.sentence, signature_of(self.path)
+        elif answer.job.kind == RECORD:
+            self.record_problem = answer.sentence
+        else:
+            self.sentence, self.is_bad = answer.sentence, True
+
+    def _restart(self, sentence: str) -> None:
+        self._process.join()
+        self._process, self._pipe = start_worker(self.path)
+        self.job, self.sentence, self.is_bad = None, sentence, False
+        self.revision += 1
+        self.start(Job(LOAD))

@@ -1,0 +1,269 @@
+"""Beside the time plots: where the model fails, why, and what is added to it."""
+
+from __future__ import annotations
+
+import re
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from nicegui import events, ui
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.diagnosis.additions import parse_request
+from aircraft_sysid_ros.diagnosis.effects import LIBRARY
+from aircraft_sysid_ros.diagnosis.where import Place
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.workbench.markup import card_facts
+from aircraft_sysid_ros.workbench.panel import Panel, plot
+from aircraft_sysid_ros.workbench.views import places
+from aircraft_sysid_ros.workbench.views.candidates import VERDICTS, Card, cards, evidence_figure
+from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
+from aircraft_sysid_ros.workbench.views.history import effect_name
+from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS, percent, symbol
+from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
+
+if TYPE_CHECKING:
+    from aircraft_sysid_ros.workbench.model_panel import ModelPanel
+    from aircraft_sysid_ros.workbench.page import Page
+
+_SPANS = re.compile(r"(\d+) to (\d+) s")
+
+
+class SidePanel(Panel):
+    """A panel that can move the time plots."""
+
+    def __init__(self, page: Page, plots: ModelPanel) -> None:
+        super().__init__(page)
+        self.plots = plots
+
+    def mark(self, spans: list[Span]) -> None:
+        """Show spans of time in the time plots, or nothing."""
+        if spans:
+            self.plots.look_at(places.window_around(spans, whole(self.page.view.comparison)), spans)
+
+    def do(self, kind: str, text: str = "") -> None:
+        """Begin a job on the run."""
+        if not self.page.session.start(Job(kind, text)):
+            ui.notify("Something else is under way: wait for it to end")
+
+
+class WherePanel(SidePanel):
+    """The list of places, and the map."""
+
+    def build(self) -> None:
+        """Make list and map."""
+        comparison = self.page.view.comparison
+        signals = places.moving_signals(comparison.flight)
+        self._choice = {
+            "axis": places.first_axis(comparison),
+            "x": _first(signals, "alpha"),
+            "y": _first(signals, "beta"),
+        }
+        ui.label("Where it fails, worst first").classes("heading")
+        self._list = ui.element("div").classes("list").props("data-testid=places")
+        ui.label("What is left over, by two signals").classes("heading").style("margin-top:12px")
+        ui.label("Press a cell to see in the time plots when it was flown.").classes("soft small")
+        options = {name: SIGNAL_WORDS[name].words for name in signals}
+        axes = {name: f"C_{name[1]}" for name in AXES if name in comparison.axes}
+        with ui.element("div").classes("pickers"):
+            for key, label, choices in (("axis", "axis", axes), ("x", "across", options), ("y", "upwards", options)):
+                picker = ui.select(choices, value=self._choice[key], label=label, on_change=self._choose(key))
+                picker.props("dense options-dense outlined")
+        self._map = plot(self._figure(), "map of what is left over on two signals")
+        self._map.on("plotly_click", self._cell, args=["points"])
+        self._fill()
+
+    def update(self) -> None:
+        """After a change of the run or the theme."""
+        self._fill()
+        self._map.update_figure(self._figure())
+
+    def _choose(self, key: str) -> Any:
+        def chosen(event: events.ValueChangeEventArguments) -> None:
+            self._choice[key] = event.value
+            self._map.update_figure(self._figure())
+
+        return chosen
+
+    def _figure(self) -> Any:
+        choice = self._choice
+        self._found = places.residual_map(self.page.view.comparison, choice["axis"], choice["x"], choice["y"])
+        return places.map_figure(self._found, self.page.look.theme)
+
+    def _fill(self) -> None:
+        self._list.clear()
+        worst = self.page.view.comparison.worst
+        with self._list:
+            if not worst:
+                ui.label("Nowhere: no stretch of time and no part of the flight envelope is worse than noise.")
+            for place in worst:
+                self._row(place)
+
+    def _row(self, place: Place) -> None:
+        words = f"<b>{symbol(place.axis)}</b>{escape(place.text[3:])}"
+        much = f"{percent(place.nrmse)} %, {place.excess:.1f} × noise"
+        with ui.element("button").classes("place").on("click", lambda: self._go(place)):
+            ui.html(words, sanitize=False, tag="span")
+            ui.html(much, sanitize=False, tag="span").classes("much")
+
+    def _go(self, place: Place) -> None:
+        self.mark(places.spans_of_place(self.page.view.comparison, place))
+
+    def _cell(self, event: events.GenericEventArguments) -> None:
+        points = (event.args or {}).get("points") or []
+        if points:
+            flight = self.page.view.comparison.flight
+            inside = places.mask_of_cell(flight, self._found, float(points[0]["x"]), float(points[0]["y"]))
+            self.mark(places.spans_of(time_of(flight), inside))
+
+
+class WhyPanel(SidePanel):
+    """The diagnosis: a verdict, and candidates as cards."""
+
+    def build(self) -> None:
+        """Make the button, and the cards of the last diagnosis."""
+        with ui.row().style("align-items:center; gap:12px; flex-wrap:nowrap; width:100%"):
+            self._verdict = ui.label("").classes("heading").props("data-testid=verdict")
+            ui.element("div").classes("spring")
+            button = ui.button("Diagnose", on_click=lambda: self.do(DIAGNOSE)).props("unelevated data-testid=diagnose")
+            self.changing(button)
+        self._words = ui.label("").classes("soft").style("margin-bottom:6px")
+        self._cards = ui.element("div").style("width:100%").props("data-testid=cards")
+        self._drawn: list[tuple[Any, Card]] = []
+        self._shown: Any = None
+        self.update()
+
+    def update(self) -> None:
+        """After a change of the run or the theme; open cards stay open where the diagnosis is the same."""
+        view, found = self.page.view, self.page.view.diagnosis
+        if (found, view.current) == self._shown:
+            for drawn, card in self._drawn:
+                if card.evidence is not None:
+                    drawn.update_figure(evidence_figure(card.evidence, self.page.look.theme))
+            return
+        self._shown, self._drawn = (found, view.current), []
+        self._cards.clear()
+        if found is None:
+            self._verdict.text = "Not looked for yet"
+            self._words.text = (
+                "Tries every effect of the library, and terms outside of it, against flights in which nothing is "
+                "missing. Half a minute to a minute."
+            )
+            return
+        stale = found["model"] != view.current
+        self._verdict.text = VERDICTS.get(found["verdict"], found["verdict"])
+        self._words.text = found["advice"]
+        if stale:
+            self._verdict.text = "Of an earlier model"
+            self._words.text = f"This was found for model {found['model']}. Diagnose again to see what is missing now."
+        known = view.comparisons.get(found["model"], view.comparison)
+        with self._cards:
+            for number, card in enumerate(cards(found, known.flight)):
+                floor = known.axes[card.main_axis].floor.nrmse if card.main_axis in known.axes else None
+                self._card(card, number, floor)
+
+    def _card(self, card: Card, number: int, floor: float | None) -> None:
+        has = card.key in self.page.view.changes
+        note = "in the model" if has else "missing" if card.found else "weaker"
+        caption = f"{card.main_axis[0]}_{card.main_axis[1]} {card.gain} · {note}"
+        box = ui.expansion(card.title, caption=caption).classes("cand" + (" top-card" if number == 0 else ""))
+        with box.props(f"data-testid=card-{number} header-class=cand-head"):
+            ui.html(card_facts(card, floor), sanitize=False)
+            where = ui.element("div").style("width:100%")
+            with ui.row().style("gap:10px; margin-top:10px"):
+                add = ui.button("Add to the model", on_click=lambda: self.do(ADD, card.key))
+                add.props(f"unelevated data-testid=add-{number}")
+                add.set_visibility(not has)
+                self.changing(add)
+                spans = [(float(a), float(b)) for a, b in _SPANS.findall(card.where)]
+                if spans:
+                    ui.button("Show in the time plots", on_click=lambda: self.mark(spans)).props("flat")
+        box.on_value_change(lambda event: self._open(card, where) if event.value else None)
+
+    def _open(self, card: Card, where: ui.element) -> None:
+        """Draw the evidence when a card is first opened."""
+        if card.evidence is None or any(card is drawn for _, drawn in self._drawn):
+            return
+        with where:
+            figure = evidence_figure(card.evidence, self.page.look.theme)
+            self._drawn.append((plot(figure, f"what is left over against the signal of {escape(card.title)}"), card))
+
+
+class AddPanel(SidePanel):
+    """Own terms, effects of the library, and the way back."""
+
+    def build(self) -> None:
+        """Make both inputs and the list of what was added."""
+        ui.label("A term of your own").classes("heading")
+        self._term = ui.input(placeholder="CZ: alpha**3", on_change=self._check).props(
+            'outlined dense debounce=200 aria-label="axis and term" data-testid=term'
+        )
+        self._term.style("width:100%").on("keydown.enter", self._add_term)
+        self._complaint = (
+            ui.label("").classes("flag").props("role=alert data-testid=complaint").style("white-space:normal")
+        )
+        self.changing(ui.button("Add the term", on_click=self._add_term).props("unelevated data-testid=add-term"))
+        ui.html(
+            f'Signals: <span class="mono">{" ".join(SIGNALS)}</span>. '
+            'Functions: <span class="mono">abs sin cos exp sqrt tanh sign max min</span>. '
+            "More axes after a semicolon.",
+            sanitize=False,
+        ).classes("soft small").style("margin-bottom:12px")
+        ui.label("An effect of the library").classes("heading")
+        options = {effect.identifier: f"{effect.name} ({effect.identifier})" for effect in LIBRARY}
+        self._effect = ui.select(options, with_input=True, label="effect").props("outlined dense options-dense")
+        self._effect.style("width:100%")
+        self.changing(ui.button("Add the effect", on_click=self._add_effect).props("flat"))
+        ui.label("What was added").classes("heading").style("margin-top:12px")
+        self._added = ui.element("div").classes("list").props("data-testid=added")
+        self.update()
+
+    def update(self) -> None:
+        """After a change of the run."""
+        self._added.clear()
+        changes = self.page.view.changes
+        with self._added:
+            if not changes:
+                ui.label("Nothing: this is the model of the run.").classes("soft")
+            for number, label in enumerate(changes):
+                with ui.row().style("align-items:center; width:100%; flex-wrap:nowrap; gap:10px"):
+                    ui.label(effect_name(label)).style("flex:1 1 auto")
+                    last = number == len(changes) - 1
+                    button = ui.button(
+                        "Undo" if last else "Take out", on_click=lambda _, t=label: self.do(*self._back(t))
+                    )
+                    self.changing(button.props("flat dense" + (" data-testid=undo" if last else "")))
+
+    def _back(self, label: str) -> tuple[str, str]:
+        """The job that undoes a change: what was taken out is added again."""
+        view = self.page.view
+        current = next(v for v in view.versions if v.identifier == view.current)
+        change = current.changes[label]
+        return (REMOVE if change.terms or change.settings else ADD), label
+
+    def _check(self, event: events.ValueChangeEventArguments) -> None:
+        self._complain(str(event.value or ""))
+
+    def _complain(self, text: str) -> bool:
+        """Say what is wrong with a term; nothing while it is empty."""
+        try:
+            if text.strip():
+                parse_request(text)
+            self._complaint.text = ""
+        except InputError as error:
+            self._complaint.text = f"{error}"
+        return not self._complaint.text
+
+    def _add_term(self) -> None:
+        text = str(self._term.value or "")
+        if text.strip() and self._complain(text):
+            self.do(ADD, text)
+
+    def _add_effect(self) -> None:
+        if self._effect.value:
+            self.do(ADD, str(self._effect.value))
+
+
+def _first(signals: list[str], wanted: str) -> str:
+    return wanted if wanted in signals else signals[0]

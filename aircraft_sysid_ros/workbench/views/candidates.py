@@ -1,0 +1,175 @@
+"""Why it fails: each candidate of ``diagnose`` in plain words, and what is left over against its own signal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, parse_expression
+from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.diagnosis.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
+from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS, Quantity, chance, percent, symbol
+
+Array = npt.NDArray[np.float64]
+
+#: Points of the scatter that are drawn, and bins whose means are.
+_MOST_DOTS, _BINS = 1500, 18
+_LEAST_IN_BIN = 12
+
+VERDICTS = {
+    "none": "Nothing is missing",
+    "missing": "An effect is missing",
+    "unexplained": "Something is unexplained",
+}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Points (n,) of one axis against the effect's own signal, and the curve that was fitted."""
+
+    axis: str
+    quantity: Quantity
+    x: Array
+    left: Array  # what the model leaves over, with the rest of its terms refitted
+    curve: Array  # what the effect adds, at x
+
+
+@dataclass(frozen=True)
+class Card:
+    """One candidate for people."""
+
+    key: str  # what ``add`` is called with
+    title: str
+    label: str
+    physics: str
+    found: bool
+    main_axis: str
+    before: float
+    after: float
+    p_value: float
+    where: str
+    confounded_with: tuple[tuple[str, str], ...]  # id and name
+    manoeuvre: str
+    numbers: tuple[str, ...]  # parameters and inner numbers with their values
+    evidence: Evidence | None
+
+    @property
+    def gain(self) -> str:
+        """How much error it removes."""
+        return f"{percent(self.before)} % → {percent(self.after)} %"
+
+    @property
+    def sure(self) -> str:
+        """How sure, in words."""
+        return f"{chance(self.p_value)} if nothing were missing"
+
+
+def cards(diagnosis: Mapping[str, Any], flight: FlightData) -> list[Card]:
+    """The candidates of a diagnosis as of ``diagnose --json``, best first."""
+    return [_card(candidate, flight) for candidate in diagnosis["candidates"]]
+
+
+def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
+    terms = {a: tuple(texts) for a, texts in candidate.get("terms", {}).items()}
+    main = candidate["main_axis"]
+    effect = candidate["effect"]
+    numbers = [f"{p['axis']}_{p['term']} = {p['value']:.4g}" for p in candidate["parameters"] if p["value"] is not None]
+    numbers += [f"{name} = {value:.4g}{_unit(effect, name)}" for name, value in candidate["inner"].items()]
+    return Card(
+        key=effect or candidate["expression"],
+        title=candidate["name"] if effect else f"A term that no effect of the library has: {candidate['expression']}",
+        label=candidate["label"],
+        physics=candidate["physics"] or "",
+        found=candidate["found"],
+        main_axis=main,
+        before=candidate["error_before"] or np.nan,
+        after=candidate["error_after"] or np.nan,
+        p_value=candidate["p_value"],
+        where=candidate["where"],
+        confounded_with=tuple((i, BY_ID[i].name if i in BY_ID else i) for i in candidate["confounded_with"]),
+        manoeuvre=candidate["manoeuvre"] or "",
+        numbers=tuple(numbers),
+        evidence=evidence(flight, main, terms[main]) if main in terms else None,
+    )
+
+
+def _unit(effect: str | None, name: str) -> str:
+    inner = BY_ID[effect].inner if effect in BY_ID else ()
+    return next((f" {number.unit}" for number in inner if number.name == name and number.unit), "")
+
+
+def evidence(flight: FlightData, name: str, texts: Sequence[str]) -> Evidence | None:
+    """What an axis leaves over against the signal of new terms; None where the flight cannot fit them.
+
+    With y = X theta + Z phi + e fitted to all points, ``left`` is e + Z phi and ``curve`` is Z phi. The signal is
+    the one that all terms read, where there is one; else the term itself, or the sum of the terms.
+    """
+    known = set(flight.model.terms[name])
+    programs = [parse_expression(text) for text in texts if parse_expression(text).text not in known]
+    if not programs:
+        return None
+    columns = flight.columns(programs)
+    try:
+        fitted = fit_axis(flight, name).extended(columns, [program.text for program in programs]).fit
+    except InputError:
+        return None
+    values = np.nan_to_num(fitted.parameters[-len(programs) :])
+    curve = columns @ values
+    x, quantity = _own_signal(flight, programs, columns, curve)
+    used = np.isfinite(fitted.residual) & np.isfinite(curve) & np.isfinite(x)
+    order = np.flatnonzero(used)[np.argsort(x[used], kind="stable")]
+    return Evidence(name, quantity, x[order], (fitted.residual + curve)[order], curve[order])
+
+
+def _own_signal(
+    flight: FlightData, programs: Sequence[Program], columns: Array, curve: Array
+) -> tuple[Array, Quantity]:
+    read = {SIGNALS[int(argument)] for program in programs for operation, argument in program.code if operation == 1}
+    if len(read) == 1:
+        quantity = SIGNAL_WORDS[read.pop()]
+        name = next(key for key, value in SIGNAL_WORDS.items() if value is quantity)
+        return flight.signal(name) * quantity.factor, quantity
+    if len(programs) == 1:
+        return columns[:, 0], Quantity(programs[0].text if len(programs[0].text) < 40 else "its term", "-")
+    return curve, Quantity("what the effect adds", "-")
+
+
+def evidence_figure(found: Evidence, theme: Theme, height: int = 280) -> Figure:
+    """Dots, means of bins with two standard errors, and the fitted curve."""
+    step = max(len(found.x) // _MOST_DOTS, 1)
+    dots = {
+        "type": "scatter", "mode": "markers", "x": encoded(found.x[::step]), "y": encoded(found.left[::step]),
+        "marker": {"size": 3, "color": theme.noise, "opacity": 0.45}, "hoverinfo": "skip", "name": "points",
+    }  # fmt: skip
+    at, mean, error = _binned(found.x, found.left)
+    means = {
+        "type": "scatter", "mode": "markers", "x": encoded(at), "y": encoded(mean), "name": "means",
+        "marker": {"size": 6, "color": theme.residual},
+        "error_y": {"type": "data", "array": encoded(2.0 * error), "width": 0, "color": theme.residual},
+    }  # fmt: skip
+    every = max(len(found.x) // 600, 1)
+    curve = line(found.x[::every], found.curve[::every], theme.predicted, "what the effect adds", width=2.2)
+    return figure(
+        theme, [dots, curve, means], height,
+        xaxis=axis(theme, found.quantity.title, fixedrange=True),
+        yaxis=axis(theme, f"left over in {symbol(found.axis)} [-]", fixedrange=True),
+        margin={"l": 66, "r": 8, "t": 8, "b": 42},
+    )  # fmt: skip
+
+
+def _binned(x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Middles, means and standard errors of bins of x (sorted) that hold enough points."""
+    edges = np.linspace(x[0], x[-1], _BINS + 1) if len(x) else np.zeros(_BINS + 1)
+    cuts = np.searchsorted(x, edges)
+    parts = [(x[a:b], y[a:b]) for a, b in pairwise(cuts) if b - a >= _LEAST_IN_BIN]
+    rows = [(px.mean(), py.mean(), py.std(ddof=1) / np.sqrt(len(py))) for px, py in parts]
+    table = np.array(rows).reshape(-1, 3)
+    return table[:, 0], table[:, 1], table[:, 2]

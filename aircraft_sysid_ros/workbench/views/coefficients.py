@@ -1,0 +1,151 @@
+"""Six axes: measured and predicted coefficient over time, what is left over, and the errors as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.compare import AxisComparison, Comparison
+from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FOLDS, FlightData
+from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, figure, line, span_of, thinned
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
+
+Array = npt.NDArray[np.float64]
+Span = tuple[float, float]
+
+FAILS, MORE, NOISE, SHORT, NO_DATA = "fails", "more than noise", "only noise", "too short to tell", "no data"
+#: Forces at the left, moments at the right.
+ORDER = ("CX", "Cl", "CY", "Cm", "CZ", "Cn")
+TIME_TITLE = "time of the recording [s]"
+#: Of the folds, the one whose blocks are shaded.
+_SHOWN_FOLD = 0
+#: Share of the height of a plot that the residual takes.
+_RESIDUAL = 0.36
+
+
+@dataclass(frozen=True)
+class AxisRow:
+    """One axis in the table of errors; shares of the spread of its coefficient, None without data."""
+
+    axis: str
+    words: str
+    held_out: float | None
+    fit: float | None
+    floor: float | None
+    state: str
+    reason: str = ""
+
+    @property
+    def fails(self) -> bool:
+        """Whether places were found where it is worse than noise."""
+        return self.state == FAILS
+
+
+def axis_rows(comparison: Comparison) -> list[AxisRow]:
+    """The table of errors, with the numbers of ``compare``."""
+    return [_row(comparison, name) for name in AXES]
+
+
+def _row(comparison: Comparison, name: str) -> AxisRow:
+    if name in comparison.reasons:
+        return AxisRow(name, AXIS_WORDS[name], None, None, None, NO_DATA, comparison.reasons[name])
+    found = comparison.axes[name]
+    state = FAILS if found.places else {True: NOISE, False: MORE, None: SHORT}[found.whiteness.white]
+    fit = found.fit
+    return AxisRow(name, AXIS_WORDS[name], fit.nrmse_held_out, fit.nrmse_fit, found.floor.nrmse, state)
+
+
+def error_sentence(row: AxisRow) -> str:
+    """The errors of an axis in one line, for a figure."""
+    if row.held_out is None or row.floor is None:
+        return row.reason
+    return f"error {percent(row.held_out)} % of spread, noise {percent(row.floor)} %"
+
+
+def time_of(flight: FlightData) -> Array:
+    """Time (n,) of the recording [s], as people read it."""
+    return flight.time + flight.begin
+
+
+def whole(comparison: Comparison) -> Span:
+    """Begin and end [s] of the flight."""
+    time = time_of(comparison.flight)
+    return float(time[0]), float(time[-1])
+
+
+def coefficient_figure(
+    comparison: Comparison,
+    name: str,
+    theme: Theme,
+    window: Span | None = None,
+    marks: Sequence[Span] = (),
+    beside: Comparison | None = None,
+    height: int = 226,
+) -> Figure:
+    """One axis in a window of time [s]: above measured and predicted, below the held-out residual in its noise.
+
+    ``marks`` are spans of time that were chosen; ``beside`` is the same flight under another version.
+    """
+    window = window or whole(comparison)
+    time, measured = time_of(comparison.flight), comparison.flight.measured[:, AXES.index(name)]
+    data = [line(*thinned(time, measured, window), theme.ink, "measured", width=2.2)]
+    if beside is not None and name in beside.axes:
+        data += _model(
+            beside.axes[name], time_of(beside.flight), window, theme.second, theme.second, "the other version"
+        )
+    if name in comparison.axes:
+        found = comparison.axes[name]
+        data += _noise_band(found, time, window, theme)
+        data += _model(found, time, window, theme.predicted, theme.residual, "predicted")
+    split, held_out = _RESIDUAL, _held_out(window, comparison.flight.begin)
+    return figure(
+        theme, data, height,
+        xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
+        yaxis=axis(theme, f"{symbol(name)} [-]", domain=[split + 0.05, 1.0], fixedrange=True, nticks=5),
+        yaxis2=axis(theme, "left over", domain=[0.0, split], fixedrange=True, nticks=5),
+        shapes=[*_bands(held_out, window, theme.shade), *_bands(marks, window, theme.mark)],
+    )  # fmt: skip
+
+
+def _model(
+    found: AxisComparison, time: Array, window: Span, colour: str, of_residual: str, words: str
+) -> list[dict[str, Any]]:
+    return [
+        line(*thinned(time, found.predicted, window), colour, words, width=1.1),
+        line(*thinned(time, found.fit.held_out, window), of_residual, f"left over, {words}", yaxis="y2", width=1.0),
+    ]
+
+
+def _noise_band(found: AxisComparison, time: Array, window: Span, theme: Theme) -> list[dict[str, Any]]:
+    """Two sigma of the noise of a perfect model."""
+    begin, end = span_of(time, window)
+    step = max((end - begin) // 300, 1)
+    x, std = time[begin:end:step], found.floor.std[begin:end:step]
+    return [
+        line(
+            x, sign * 2.0 * std, theme.noise, "two sigma of noise", yaxis="y2", width=1.0, dash="dot", hoverinfo="skip"
+        )
+        for sign in (-1.0, 1.0)
+    ]
+
+
+def _held_out(window: Span, start: float) -> list[Span]:
+    """Blocks that are held out together."""
+    period = FOLDS * BLOCK
+    first = start + np.floor((window[0] - start) / period) * period + _SHOWN_FOLD * BLOCK
+    return [(float(begin), float(begin) + BLOCK) for begin in np.arange(first, window[1], period)]
+
+
+def _bands(spans: Sequence[Span], window: Span, colour: str) -> list[dict[str, Any]]:
+    """Spans of time within a window as one shape: a shape of its own for each would be slow."""
+    inside = [(max(b, window[0]), min(e, window[1])) for b, e in spans if e > window[0] and b < window[1]]
+    if not inside:
+        return []
+    path = "".join(f"M{b:.3f},0V1H{e:.3f}V0Z" for b, e in inside)
+    place = {"type": "path", "xref": "x", "yref": "paper", "path": path}
+    return [{**place, "fillcolor": colour, "line": {"width": 0}, "layer": "below"}]

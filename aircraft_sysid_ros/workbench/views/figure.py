@@ -1,0 +1,125 @@
+"""What all figures have in common: colours, fonts, thinned lines. A figure is a dict as plotly.js takes it."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Figure = dict[str, Any]
+
+FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
+#: Points of a line that are drawn: two per pixel of a narrow plot.
+MOST_POINTS = 1000
+CONFIG = {"displayModeBar": False, "responsive": True, "doubleClick": "autosize", "showTips": False}
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours of light or dark figures. Lines are of Okabe and Ito: told apart by the colour-blind."""
+
+    name: str
+    ink: str  # text, and what was measured
+    muted: str
+    grid: str
+    shade: str  # segments that are held out
+    mark: str  # what was chosen
+    predicted: str
+    second: str  # another version
+    residual: str
+    noise: str
+    pale: str  # intervals
+    surface: str
+    scale: tuple[str, ...]  # of maps, from nothing to much
+
+
+LIGHT = Theme(
+    "light", ink="#1d2329", muted="#66707a", grid="#e4e8ec", shade="rgba(29,35,41,0.055)",
+    mark="rgba(230,159,0,0.15)", predicted="#d55e00", second="#009e73", residual="#0072b2", noise="#8a949e",
+    pale="rgba(0,114,178,0.16)", surface="#ffffff", scale=("#eef3f8", "#c9d9ea", "#8fb0d3", "#3f78ae", "#0b3a67"),
+)  # fmt: skip
+DARK = Theme(
+    "dark", ink="#e6eaee", muted="#98a3ad", grid="#2d353d", shade="rgba(230,234,238,0.06)",
+    mark="rgba(230,159,0,0.17)", predicted="#f0843c", second="#2cc39a", residual="#56b4e9", noise="#7d8893",
+    pale="rgba(86,180,233,0.18)", surface="#1b2127", scale=("#222a32", "#2b4560", "#3a6d9c", "#68a5d8", "#cfe6fb"),
+)  # fmt: skip
+
+
+def figure(theme: Theme, data: list[dict[str, Any]], height: int, **layout: Any) -> Figure:
+    """A figure with the house layout; ``layout`` goes over it."""
+    base = {
+        "height": height,
+        "margin": {"l": 76, "r": 12, "t": 6, "b": 36},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"family": FONT, "size": 12, "color": theme.muted},
+        "hoverlabel": {"bgcolor": theme.surface, "bordercolor": theme.grid, "font": {"color": theme.ink}},
+        "showlegend": False,
+        "legend": {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "font": {"size": 12}},
+        "hovermode": "closest",
+        "dragmode": "zoom",
+    }
+    return {"data": data, "layout": {**base, **layout}, "config": CONFIG}
+
+
+def axis(theme: Theme, title: str, **more: Any) -> dict[str, Any]:
+    """One axis of a figure, with name and unit."""
+    base = {
+        "title": {"text": title, "standoff": 5},
+        "gridcolor": theme.grid,
+        "zeroline": False,
+        "linecolor": theme.grid,
+        "showline": True,
+        "ticks": "",
+        "exponentformat": "none",
+        "nticks": 6,
+    }
+    return {**base, **more}
+
+
+def line(x: Array, y: Array, colour: str, name: str, **more: Any) -> dict[str, Any]:
+    """A line trace; ``width`` and ``dash`` go to the line."""
+    style = {"color": colour, "width": more.pop("width", 1.2), "dash": more.pop("dash", "solid"), "simplify": False}
+    base = {"type": "scatter", "mode": "lines", "x": encoded(x), "y": encoded(y), "name": name, "line": style}
+    return {**base, **more}
+
+
+def thinned(
+    time: Array, values: Array, window: tuple[float, float] | None = None, most: int = MOST_POINTS
+) -> tuple[Array, Array]:
+    """A line (n,) within a window [s] by at most ``most`` points: least and largest value of every slot, in order.
+
+    time rises. One point beyond each border stays, so that lines reach it; all points where there are few.
+    """
+    begin, end = (0, len(time)) if window is None else span_of(time, window)
+    time, values = time[begin:end], values[begin:end]
+    slots = most // 2
+    if len(time) <= most:
+        return time, values
+    size = -(-len(time) // slots)
+    padded = np.full(size * -(-len(time) // size), np.nan)
+    padded[: len(values)] = values
+    table = padded.reshape(-1, size)
+    low = np.argmin(np.where(np.isnan(table), np.inf, table), axis=1)
+    high = np.argmax(np.where(np.isnan(table), -np.inf, table), axis=1)
+    first = np.arange(len(table)) * size
+    chosen = np.sort(np.stack([first + low, first + high], axis=1), axis=1).ravel()
+    chosen = np.minimum(chosen, len(values) - 1)
+    return time[chosen], values[chosen]
+
+
+def span_of(time: Array, window: tuple[float, float]) -> tuple[int, int]:
+    """First and end index of what lies in a window, and one more on either side."""
+    begin = max(int(np.searchsorted(time, window[0])) - 1, 0)
+    return begin, min(int(np.searchsorted(time, window[1], side="right")) + 1, len(time))
+
+
+def encoded(values: npt.ArrayLike) -> dict[str, Any]:
+    """Numbers as plotly.js reads them without parsing: 32 bit, base64."""
+    array = np.ascontiguousarray(values, dtype="<f4")
+    coded: dict[str, Any] = {"dtype": "f4", "bdata": base64.b64encode(array.tobytes()).decode()}
+    return coded if array.ndim == 1 else {**coded, "shape": ", ".join(map(str, array.shape))}

@@ -1,0 +1,145 @@
+"""Where a model fails: a list of places, and a map of what is left over on two signals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.diagnosis.compare import Comparison
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.where import Place
+from aircraft_sysid_ros.workbench.views.coefficients import time_of
+from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure
+from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Span = tuple[float, float]
+
+#: Cells of a map along each signal, and points below which a cell says nothing.
+CELLS, LEAST_POINTS = 18, 4
+#: Shares of the flight beyond the ends of a map: a few odd points must not squeeze the rest.
+_TAIL = 0.002
+#: Points of a place that are this near [s] are one span; at most so many spans are shown.
+_JOIN, _MOST_SPANS = 0.6, 40
+#: Share of the cells within the colours of a map.
+_TOP = 0.97
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """Rms of what is left over, in times the noise, by cells of two signals; NaN where too little was flown."""
+
+    name: str
+    signals: tuple[str, str]
+    edges: tuple[Array, Array]  # (CELLS + 1,) each, SI
+    times_noise: Array  # (CELLS, CELLS), rows of the second signal
+
+
+def moving_signals(flight: FlightData) -> list[str]:
+    """Signals that this flight has and that move."""
+    return [name for name in SIGNALS if np.isfinite(flight.signal(name)).any() and np.nanstd(flight.signal(name)) > 0.0]
+
+
+def residual_map(comparison: Comparison, name: str, x: str, y: str) -> ResidualMap:
+    """The map of one axis over two signals; ``name`` must have data."""
+    found, flight = comparison.axes[name], comparison.flight
+    z = found.fit.held_out / found.floor.std
+    edges = (_edges(flight.signal(x)), _edges(flight.signal(y)))
+    inside = np.isfinite(z)
+    columns = [np.digitize(flight.signal(s), e) - 1 for s, e in zip((x, y), edges, strict=True)]
+    for column in columns:
+        inside &= (column >= 0) & (column < CELLS)
+    cell = columns[1][inside] * CELLS + columns[0][inside]
+    count = np.bincount(cell, minlength=CELLS**2)
+    square = np.bincount(cell, z[inside] ** 2, minlength=CELLS**2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rms = np.where(count >= LEAST_POINTS, np.sqrt(square / count), np.nan)
+    return ResidualMap(name, (x, y), edges, rms.reshape(CELLS, CELLS))
+
+
+def _edges(values: Array) -> Array:
+    low, high = np.nanquantile(values, [_TAIL, 1.0 - _TAIL])
+    return np.linspace(low, high if high > low else low + 1.0, CELLS + 1)
+
+
+def map_figure(found: ResidualMap, theme: Theme, height: int = 330) -> Figure:
+    """The map, with a scale that begins at the noise."""
+    words = [SIGNAL_WORDS[name] for name in found.signals]
+    x, y = (0.5 * (e[1:] + e[:-1]) * w.factor for e, w in zip(found.edges, words, strict=True))
+    known = found.times_noise[np.isfinite(found.times_noise)]
+    scale = [[i / (len(theme.scale) - 1), colour] for i, colour in enumerate(theme.scale)]
+    top = max(float(np.quantile(known, _TOP)), 2.0) if len(known) else 2.0
+    heat = {
+        "type": "heatmap", "x": encoded(x), "y": encoded(y), "z": encoded(found.times_noise),
+        "zmin": 1.0, "zmax": top, "colorscale": scale, "xgap": 1, "ygap": 1,
+        "hoverongaps": False,
+        "hovertemplate": f"{words[0].words} %{{x:.3g}}<br>{words[1].words} %{{y:.3g}}<br>%{{z:.1f}} times the noise"
+        "<extra></extra>",
+        "colorbar": {
+            "title": {"text": "times<br>the noise", "side": "top"}, "thickness": 10, "outlinewidth": 0, "len": 0.9,
+            "tickfont": {"color": theme.muted},
+        },
+    }  # fmt: skip
+    return figure(
+        theme, [heat], height,
+        xaxis=axis(theme, words[0].title, fixedrange=True, showgrid=False),
+        yaxis=axis(theme, words[1].title, fixedrange=True, showgrid=False),
+        margin={"l": 62, "r": 8, "t": 10, "b": 44},
+    )  # fmt: skip
+
+
+def mask_of_cell(flight: FlightData, found: ResidualMap, x: float, y: float) -> Mask:
+    """Points (n,) of the cell that a click at x, y (in the units of the map) meets."""
+    inside: Mask = np.ones(len(flight.time), dtype=bool)
+    for name, edges, at in zip(found.signals, found.edges, (x, y), strict=True):
+        k = int(np.clip(np.searchsorted(edges, at / SIGNAL_WORDS[name].factor) - 1, 0, CELLS - 1))
+        values = flight.signal(name)
+        inside &= (values >= edges[k]) & (values < edges[k + 1])
+    return inside
+
+
+def spans_of_place(comparison: Comparison, place: Place) -> list[Span]:
+    """Spans of time [s] of a place: the stretch itself, or when the flight was in the cell."""
+    if not place.is_cell:
+        return [(place.t_start, place.t_end)]
+    mask = mask_of_place(comparison, place)
+    return [(place.t_start, place.t_end)] if mask is None else spans_of(time_of(comparison.flight), mask)
+
+
+def mask_of_place(comparison: Comparison, place: Place) -> Mask | None:
+    """Points (n,) of a cell of the flight envelope, found again by its words; None where it is not."""
+    from aircraft_sysid_ros.diagnosis.where import _cells
+
+    found = comparison.axes[place.axis]
+    judged = np.isfinite(found.fit.held_out / found.floor.std)
+    cells = _cells(comparison.flight, judged)
+    return next((mask for _, mask, words in cells if words == place.conditions), None)
+
+
+def spans_of(time: Array, mask: Mask) -> list[Span]:
+    """Spans of time [s] that hold the points of a mask, the longest of them where they are many, in order."""
+    at = time[mask]
+    if not len(at):
+        return []
+    breaks = np.flatnonzero(np.diff(at) > _JOIN)
+    begins, ends = at[np.concatenate([[0], breaks + 1])], at[np.concatenate([breaks, [len(at) - 1]])]
+    spans = [(float(b) - 0.05, float(e) + 0.05) for b, e in zip(begins, ends, strict=True)]
+    return sorted(sorted(spans, key=lambda s: s[0] - s[1])[:_MOST_SPANS])
+
+
+def window_around(spans: list[Span], whole: Span) -> Span:
+    """The window that shows spans with room around them."""
+    begin, end = spans[0][0], spans[-1][1]
+    room = max(0.15 * (end - begin), 2.0)
+    return max(begin - room, whole[0]), min(end + room, whole[1])
+
+
+def first_axis(comparison: Comparison) -> str:
+    """The axis that is looked at first: the one that is furthest above its noise."""
+    axes = comparison.axes
+    return max((a for a in AXES if a in axes), key=lambda a: axes[a].fit.nrmse_held_out / axes[a].floor.nrmse)

@@ -1,0 +1,178 @@
+"""State: biases, wind, air data against reconstruction, consistency of the innovations, track."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE
+from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line, thinned
+
+Array = npt.NDArray[np.float64]
+
+DEGREES = 180.0 / np.pi
+INNOVATIONS = "Innovations: near one where the filter is as sure as it should be"
+#: What ``state.json`` calls the sensors, in words.
+SENSOR_WORDS = {
+    "gps_position": "GPS position",
+    "gps_velocity": "GPS velocity",
+    "airspeed": "airspeed",
+    "angle_of_attack": "angle of attack",
+    "sideslip": "sideslip",
+    "attitude": "attitude",
+    "magnetic_field": "magnetic field",
+    "five_hole": "five-hole probe",
+    "height": "height",
+}
+
+
+@dataclass(frozen=True)
+class StateHistory:
+    """What the filter estimated in flight, n rows: time [s]; biases, wind and their sigma (n, 3); track (n, 3) NED."""
+
+    time: Array
+    accelerometer_bias: Array
+    accelerometer_bias_std: Array
+    gyro_bias: Array
+    gyro_bias_std: Array
+    wind: Array
+    wind_std: Array
+    position: Array
+    air: Array  # (n, 3) airspeed [m/s], angle of attack, sideslip [rad]
+    consistency: Array  # (n,)
+    measured_time: Mapping[str, Array]  # by "airspeed", "angle_of_attack", "sideslip"
+    measured: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """One sensor: mean normalised innovation squared per degree of freedom, and what became of its samples."""
+
+    sensor: str
+    ratio: float | None
+    received: int
+    fused: int
+    rejected: int
+
+
+def consistencies(state: Mapping[str, Any]) -> list[Consistency]:
+    """From the content of state.json."""
+    ratios, samples = state.get("innovation_consistency", {}), state.get("samples", {})
+    names = [name for name in SENSOR_WORDS if name in ratios or name in samples]
+    return [
+        Consistency(
+            SENSOR_WORDS[name],
+            ratios.get(name),
+            *(int(samples.get(name, {}).get(key, 0)) for key in ("received", "fused", "rejected")),
+        )
+        for name in names
+    ]
+
+
+def bias_figure(
+    state: StateHistory, which: str, theme: Theme, truth: Sequence[float] | None = None, height: int = 250
+) -> Figure:
+    """Three components with two sigma; ``which`` is accelerometer_bias, gyro_bias or wind."""
+    words = {
+        "accelerometer_bias": ("accelerometer bias [m/s²]", "xyz"),
+        "gyro_bias": ("gyro bias [rad/s]", "xyz"),
+        "wind": ("wind [m/s]", ("north", "east", "down")),
+    }[which]
+    values, std = getattr(state, which), getattr(state, f"{which}_std")
+    data: list[dict[str, Any]] = []
+    for k, colour in enumerate((theme.residual, theme.predicted, theme.second)):
+        for sign in (-2.0, 2.0):
+            edge = thinned(state.time, values[:, k] + sign * std[:, k])
+            data.append(line(*edge, colour, "", dash="dot", width=0.8, hoverinfo="skip", showlegend=False, opacity=0.7))
+        data.append(line(*thinned(state.time, values[:, k]), colour, words[1][k], width=1.6))
+    for k, true in enumerate(truth or ()):
+        ends = state.time[[0, -1]]
+        style = {"dash": "dash", "width": 1.0, "showlegend": k == 0}
+        data.append(line(ends, np.full(2, true), theme.ink, "truth at the end", **style))
+    return figure(
+        theme, data, height,
+        xaxis=axis(theme, TIME_TITLE),
+        yaxis=axis(theme, words[0], fixedrange=True, range=_settled_range(values, std)),
+        showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
+    )  # fmt: skip
+
+
+def _settled_range(values: Array, std: Array) -> list[float]:
+    """Limits of the last four fifths of a flight: at its start nothing is known."""
+    late = slice(len(values) // 5, None)
+    low, high = np.nanmin((values - 2.2 * std)[late]), np.nanmax((values + 2.2 * std)[late])
+    room = 0.08 * (high - low) + 1e-9
+    return [float(low - room), float(high + room)]
+
+
+def air_figure(state: StateHistory, which: str, theme: Theme, height: int = 250) -> Figure:
+    """What a sensor of the air data measured, and what was reconstructed."""
+    names = ("airspeed", "angle_of_attack", "sideslip")
+    title, factor = {
+        "airspeed": ("airspeed [m/s]", 1.0),
+        "angle_of_attack": ("angle of attack [deg]", DEGREES),
+        "sideslip": ("sideslip [deg]", DEGREES),
+    }[which]
+    data = []
+    if which in state.measured:
+        measured = thinned(state.measured_time[which], factor * state.measured[which])
+        data.append(line(*measured, theme.noise, "measured", width=1.0))
+    values = factor * state.air[:, names.index(which)]
+    data.append(line(*thinned(state.time, values), theme.residual, "reconstructed", width=1.4))
+    return figure(
+        theme, data, height,
+        xaxis=axis(theme, TIME_TITLE), yaxis=axis(theme, title, fixedrange=True),
+        showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
+    )  # fmt: skip
+
+
+def consistency_figure(state: StateHistory, theme: Theme, height: int = 250) -> Figure:
+    """Mean normalised innovation squared over the flight: near one where the filter is honest."""
+    data = [
+        line(*thinned(state.time, state.consistency), theme.residual, "all sensors", width=1.4),
+        line(state.time[[0, -1]], np.ones(2), theme.ink, "as expected", dash="dash", width=1.0),
+    ]
+    top = float(np.nanquantile(state.consistency, 0.98))
+    return figure(
+        theme, data, height,
+        xaxis=axis(theme, TIME_TITLE),
+        yaxis=axis(theme, "innovations over expected [-]", fixedrange=True, range=[0.0, max(1.3 * top, 2.0)]),
+        showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
+    )  # fmt: skip
+
+
+def track_figure(state: StateHistory, theme: Theme, height: int = 460) -> Figure:
+    """The track over the ground seen from above, start and end marked."""
+    step = max(len(state.time) // 3000, 1)
+    north, east = state.position[::step, 0], state.position[::step, 1]
+    path = line(east, north, theme.residual, "track", width=1.6)
+    path |= {"customdata": encoded(state.time[::step]), "hovertemplate": "%{customdata:.0f} s<extra></extra>"}
+    ends = {
+        "type": "scatter", "mode": "markers+text", "x": encoded(east[[0, -1]]), "y": encoded(north[[0, -1]]),
+        "text": ["start", "end"], "textposition": "top center", "hoverinfo": "skip", "name": "ends",
+        "marker": {"size": 8, "color": theme.ink, "symbol": ["circle", "square"]}, "textfont": {"color": theme.ink},
+    }  # fmt: skip
+    return figure(
+        theme, [path, ends], height,
+        xaxis=axis(theme, "east [m]"),
+        yaxis=axis(theme, "north [m]", scaleanchor="x", scaleratio=1),
+        dragmode="pan",
+    )  # fmt: skip
+
+
+def all_figures(state: StateHistory, theme: Theme, truth: Mapping[str, Any]) -> list[tuple[str, Figure]]:
+    """Every figure with its title; ``truth`` is the content of truth.json, empty where it is not known."""
+    biases = [
+        (title, bias_figure(state, which, theme, truth.get("wind_ned" if which == "wind" else which)))
+        for title, which in (("Wind", "wind"), ("Accelerometer bias", "accelerometer_bias"), ("Gyro bias", "gyro_bias"))
+    ]
+    air = [
+        (title, air_figure(state, which, theme))
+        for title, which in (("Airspeed", "airspeed"), ("Angle of attack", "angle_of_attack"), ("Sideslip", "sideslip"))
+    ]
+    pairs = [figure for both in zip(biases, air, strict=True) for figure in both]
+    return [*pairs, (INNOVATIONS, consistency_figure(state, theme)), ("Track from above", track_figure(state, theme))]

@@ -1,0 +1,75 @@
+"""Names and units of signals and axes, for figures and for people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+AXIS_WORDS = {
+    "CX": "axial force",
+    "CY": "side force",
+    "CZ": "normal force",
+    "Cl": "rolling moment",
+    "Cm": "pitching moment",
+    "Cn": "yawing moment",
+}
+_DEGREES = 180.0 / np.pi
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A signal for people: what it is called, its unit, and the factor from SI to it."""
+
+    words: str
+    unit: str
+    factor: float = 1.0
+
+    @property
+    def title(self) -> str:
+        """Name with unit."""
+        return f"{self.words} [{self.unit}]"
+
+
+SIGNAL_WORDS = {
+    "alpha": Quantity("angle of attack α", "deg", _DEGREES),
+    "beta": Quantity("sideslip β", "deg", _DEGREES),
+    "p": Quantity("roll rate p b/2V", "-"),
+    "q": Quantity("pitch rate q c/V", "-"),
+    "r": Quantity("yaw rate r b/2V", "-"),
+    "de": Quantity("elevator", "deg", _DEGREES),
+    "da": Quantity("aileron", "deg", _DEGREES),
+    "dr": Quantity("rudder", "deg", _DEGREES),
+    "flaps": Quantity("flaps", "deg", _DEGREES),
+    "Tc": Quantity("thrust coefficient T_c", "-"),
+    "throttle": Quantity("throttle", "-"),
+    "propeller_speed": Quantity("propeller speed", "rad/s"),
+    "V": Quantity("airspeed", "m/s"),
+    "qbar": Quantity("dynamic pressure", "Pa"),
+    "mach": Quantity("Mach number", "-"),
+    "height": Quantity("height", "m"),
+    "alpha_dot": Quantity("rate of α, α̇ c/V", "-"),
+    "beta_dot": Quantity("rate of β, β̇ b/2V", "-"),
+    "time": Quantity("time of the recording", "s"),
+}
+
+
+def symbol(axis: str) -> str:
+    """C with its index, for HTML and plotly."""
+    return f"C<sub>{axis[1]}</sub>"
+
+
+def percent(share: float) -> str:
+    """A share as a number of %, as the command line prints it."""
+    return f"{100.0 * share:.1f}"
+
+
+def chance(p_value: float) -> str:
+    """How likely the evidence is where nothing is missing, in words."""
+    if p_value < 1e-6:
+        return "less than 1 in 1 000 000"
+    if p_value >= 0.5:
+        return "as likely as not"
+    least = 10.0 ** np.floor(-np.log10(p_value))
+    count = np.floor(1.0 / p_value / least) * least
+    return f"1 in {count:,.0f}".replace(",", " ")

@@ -1,0 +1,136 @@
+"""Long work on a run, in a process of its own: reading, diagnosing, adding, taking away.
+
+The process answers one job after another through a pipe, and ends when the other end of the pipe does. A change of
+the run is made by the functions of the command line, which leave the run as it was when they are killed.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.errors import InputError
+
+LOAD, RECORD, DIAGNOSE, ADD, REMOVE = "load", "record", "diagnose", "add", "remove"
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be done; ``text`` is what is added or taken away."""
+
+    kind: str
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Told:
+    """How far a job is, from 0 to 1."""
+
+    what: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Done:
+    """A job is done: a new RunView where the run was read, what is to be said, or a FlightRecord."""
+
+    job: Job
+    view: Any = None
+    record: Any = None
+    sentence: str = ""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A job was not done, in one sentence."""
+
+    job: Job
+    sentence: str
+
+
+def start_worker(path: str | Path) -> tuple[Any, Connection]:
+    """The process and the pipe to it."""
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs, str(path)), daemon=False)
+    process.start()
+    theirs.close()
+    return process, ours
+
+
+def _serve(pipe: Connection, path: str) -> None:
+    """Do jobs until the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server
+    desk = Desk(path, lambda what, share: pipe.send(Told(what, share)))
+    while True:
+        try:
+            job = pipe.recv()
+            try:
+                answer: Done | Failed = desk.do(job)
+            except InputError as error:
+                answer = Failed(job, " ".join(str(error).split()))
+            except OSError as error:
+                if isinstance(error, BrokenPipeError):
+                    return
+                answer = Failed(job, f"the system refused {error.filename or path}: {error.strerror or error}")
+            except Exception as error:  # said on the page as the command line says it
+                answer = Failed(job, f"failed, {type(error).__name__}: {' '.join(str(error).split())}")
+            pipe.send(answer)
+        except (EOFError, BrokenPipeError):
+            return
+
+
+class Desk:
+    """Does jobs on one run; comparisons of versions that it has made are kept."""
+
+    def __init__(self, path: str, progress: Callable[[str, float], None]) -> None:
+        self.path, self.progress = path, progress
+        self._view: Any = None
+
+    def do(self, job: Job) -> Done:
+        """One job. Raises InputError where it cannot be done."""
+        from aircraft_sysid_ros.workbench.run_view import load_flight_record
+
+        if job.kind == RECORD:
+            return Done(job, record=load_flight_record(self.path, self._view.zero))
+        sentence = {DIAGNOSE: self._diagnose, ADD: self._add, REMOVE: self._remove}.get(job.kind, self._nothing)(job)
+        return Done(job, view=self._read(), sentence=sentence)
+
+    def _read(self) -> Any:
+        from aircraft_sysid_ros.workbench.run_view import load_run_view
+
+        self._view = load_run_view(self.path, self._view, self.progress)
+        return self._view
+
+    def _nothing(self, job: Job) -> str:
+        return ""
+
+    def _diagnose(self, job: Job) -> str:
+        from aircraft_sysid_ros.commands.diagnose import RESULT
+        from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+        from aircraft_sysid_ros.diagnosis.versions import open_run
+        from aircraft_sysid_ros.run_folder import write_json
+
+        run = open_run(self.path)
+        if run.samples is None:
+            raise InputError(f"{self.path} holds no samples to diagnose from: replay the recording again")
+        found = diagnose_flight(run.current.aircraft, run.samples, progress=self.progress).json
+        result = {"model": run.current.identifier, **found, "file": str(run.path / RESULT)}
+        write_json(run.path / RESULT, result)
+        return str(found["advice"])
+
+    def _add(self, job: Job) -> str:
+        from aircraft_sysid_ros.diagnosis.additions import add
+
+        return add(self.path, job.text, lambda share: self.progress(f"add {job.text}", share)).verdict
+
+    def _remove(self, job: Job) -> str:
+        from aircraft_sysid_ros.diagnosis.additions import remove
+
+        self.progress(f"remove {job.text}", 0.2)
+        return remove(self.path, job.text).verdict

@@ -1,0 +1,148 @@
+"""Pictures of every view of the workbench, into docs/figures: a simulated flight with a hidden effect, in Chromium.
+
+    python docs/workbench_figures.py [--run RUN --truth BAG]
+
+Without --run the flight is simulated, replayed and diagnosed first. Look at the pictures before they are committed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+
+FIGURES = Path(__file__).with_name("figures")
+FLIGHT = ("--effect", "dihedral_alpha", "--manoeuvres", "standard", "--seed", "1")
+_TIMEOUT = 120_000.0
+
+
+def command(*arguments: Any) -> list[str]:
+    """A command of ours."""
+    return [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, arguments)]
+
+
+def fly(folder: Path) -> tuple[Path, Path]:
+    """A run with its diagnosis, and its recording."""
+    bag, run = folder / "flight", folder / "runs" / "flight"
+    for arguments in (
+        ("simulate", "--out", bag, *FLIGHT),
+        ("replay", bag, "--aircraft", config_path(DEFAULT_AIRCRAFT), "--out", run),
+        ("diagnose", run),
+    ):
+        subprocess.run(command(*arguments), check=True, stdout=subprocess.DEVNULL)
+    return run, bag
+
+
+@contextmanager
+def served(run: Path, *options: Any) -> Iterator[str]:
+    """The address of the page of a run."""
+    arguments = command("workbench", Path(*run.parts[-2:]), "--port", 0, "--no-browser", *options)
+    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=run.parents[1]) as server:
+        try:
+            assert server.stderr is not None
+            found = re.search(r"http://\S+", server.stderr.readline())
+            if not found:
+                raise SystemExit(server.stderr.read())
+            yield found[0]
+        finally:
+            server.send_signal(signal.SIGINT)
+            server.wait(30.0)
+
+
+@contextmanager
+def browser() -> Iterator[Any]:
+    """Debian's Chromium without a screen."""
+    from playwright.sync_api import sync_playwright
+
+    place = shutil.which("chromium") or shutil.which("chromium-browser")
+    if place is None:
+        raise SystemExit("no chromium on this machine: apt-get install chromium")
+    with sync_playwright() as driver:
+        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        found = driver.chromium.launch(executable_path=place, args=arguments)
+        yield found
+        found.close()
+
+
+def open_page(found: Any, address: str, width: int = 1440, height: int = 900, **options: Any) -> Any:
+    """The page, drawn."""
+    page = found.new_context(viewport={"width": width, "height": height}, **options).new_page()
+    page.set_default_timeout(_TIMEOUT)
+    page.goto(address)
+    page.wait_for_function("document.querySelectorAll('.grid2 .main-svg').length >= 12")
+    page.mouse.move(5, 5)
+    return page
+
+
+def keep(page: Any, name: str, whole: bool = False) -> None:
+    """Write one picture, when all is quiet."""
+    page.wait_for_timeout(1500)
+    page.screenshot(path=FIGURES / f"workbench_{name}.png", full_page=whole)
+    print(f"workbench_{name}.png", flush=True)
+
+
+def scroll_to(page: Any, selector: str) -> None:
+    """Bring something in the side panel to its top."""
+    page.locator(selector).first.evaluate("(e) => e.scrollIntoView({block: 'start'})")
+    page.evaluate("window.scrollTo(0, 0)")
+
+
+def pictures(run: Path, bag: Path) -> None:
+    """All views, one after another, as a user would go through them."""
+    with browser() as found, served(run, "--truth", bag.absolute()) as address:
+        page = open_page(found, address)
+        keep(page, "model")
+        page.click(".place:has-text(' to ')")
+        scroll_to(page, "[data-testid=places]")
+        keep(page, "where")
+        page.click("text=Whole flight")
+        page.click("[data-testid=side-why]")
+        page.click("[data-testid=card-0] .q-item")
+        page.wait_for_selector("[data-testid=card-0] .main-svg")
+        scroll_to(page, "[data-testid=verdict]")
+        keep(page, "why")
+        page.click("[data-testid=add-0]")
+        page.wait_for_selector("[data-testid=notice]:has-text('falls from')")
+        page.click("[data-testid=side-add]")
+        page.fill("[data-testid=term]", "CZ: alhpa**3")
+        page.locator(".side").evaluate("(e) => { e.scrollTop = 0 }")
+        keep(page, "added")
+        for view in ("versions", "parameters", "state"):
+            page.click(f"[data-testid=tab-{view}]")
+            keep(page, view, whole=view == "state")
+        page.click("[data-testid=tab-versions]")
+        page.click("text=draw the first one")
+        page.click("[data-testid=tab-model]")
+        keep(page, "beside")
+        page = open_page(found, address, color_scheme="dark")
+        keep(page, "dark")
+        keep(open_page(found, address, 820, 1180), "tablet")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--run", type=Path, help="a run that is diagnosed already; it is copied")
+    parser.add_argument("--truth", type=Path, help="the recording of that run")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        if arguments.run:
+            run = Path(folder) / "runs" / "flight"
+            shutil.copytree(arguments.run, run)
+            pictures(run, arguments.truth)
+        else:
+            pictures(*fly(Path(folder)))
+
+
+if __name__ == "__main__":
+    main()

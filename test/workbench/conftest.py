@@ -1,0 +1,107 @@
+"""A run with a hidden effect, its page on a server of its own, and Debian's Chromium to look at it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import pytest
+
+from aircraft_sysid_ros.commands.main import main
+
+HIDDEN = "dihedral_alpha"
+
+
+def pytest_collection_modifyitems(items):
+    """The page's tests share one worker: they share servers and a browser."""
+    for item in items:
+        if "workbench" in item.path.parts:
+            item.add_marker(pytest.mark.xdist_group("workbench"))
+
+
+@pytest.fixture(scope="session")
+def hidden_effect(tmp_path_factory, aircraft_file):
+    """The folder of a run whose aeroplane has an effect that its model lacks; tests that change it copy it."""
+    folder = tmp_path_factory.mktemp("workbench")
+    flight = ["--effect", HIDDEN, "--manoeuvres", "standard", "--duration", "60", "--seed", "1"]
+    assert main(["simulate", "--out", str(folder / "flight"), "--aircraft", str(aircraft_file), *flight]) == 0
+    assert main(["replay", str(folder / "flight"), "--aircraft", str(aircraft_file), "--out", str(folder / "run")]) == 0
+    return folder / "run"
+
+
+@pytest.fixture
+def run(hidden_effect, tmp_path):
+    """A copy of the run that a test may change."""
+    shutil.copytree(hidden_effect, tmp_path / "run")
+    return tmp_path / "run"
+
+
+@pytest.fixture(scope="session")
+def served():
+    """A context manager: the page of a run on a server of its own."""
+    return _served
+
+
+@contextmanager
+def _served(run):
+    """The address of the page of a run."""
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "workbench", str(run)]
+    with subprocess.Popen([*command, "--port", "0", "--no-browser"], stderr=subprocess.PIPE, text=True) as server:
+        try:
+            line = server.stderr.readline()
+            found = re.search(r"http://\S+", line)
+            assert found, line + server.stderr.read()
+            yield found[0]
+        finally:
+            server.send_signal(signal.SIGINT)
+            try:
+                rest = server.communicate(timeout=15)[1]
+            finally:
+                server.kill()
+    assert "Traceback" not in rest, rest
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """A headless browser; skipped where the machine has none, since none is downloaded."""
+    place = shutil.which("chromium") or shutil.which("chromium-browser")
+    if place is None:
+        pytest.skip("no chromium on this machine: apt-get install chromium")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        browser = driver.chromium.launch(executable_path=place, args=arguments)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(chromium):
+    """A function that opens an address in a browser of its own; what goes wrong in it fails the test."""
+    contexts, wrong, asked = [], [], []
+
+    def opened(address, **options):
+        context = chromium.new_context(viewport={"width": 1440, "height": 900}, **options)
+        context.set_default_timeout(60_000)  # the machine may be busy
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(address)
+        page.wait_for_function("document.querySelectorAll('.grid2 .main-svg').length >= 12")
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert not wrong
+    elsewhere = [
+        url for url in asked if not url.startswith(("http://127.0.0.1", "ws://127.0.0.1", "file:", "data:", "blob:"))
+    ]
+    assert not elsewhere

@@ -1,0 +1,223 @@
+"""The page as a user sees it, in a browser."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+import urllib.parse
+
+import pytest
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.commands.main import main
+
+
+@pytest.fixture(scope="module")
+def server(hidden_effect, tmp_path_factory, served):
+    """One server for all tests that leave the run as it was: its folder and its address."""
+    run = tmp_path_factory.mktemp("served") / "run"
+    shutil.copytree(hidden_effect, run)
+    with served(run) as address:
+        yield run, address
+
+
+def test_id(name: str) -> str:
+    return f"[data-testid={name}]"
+
+
+test_id.__test__ = False  # it is a selector and no test
+
+
+def compared(run, capsys) -> dict:
+    capsys.readouterr()
+    assert main(["compare", str(run), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def shown(errors: dict, axis: str) -> str:
+    return f"{100 * errors['axes'][axis]['nrmse_held_out']:.1f} %"
+
+
+def wait_for_text(page, name: str, text: str, timeout: float = 60_000) -> None:
+    page.wait_for_function(
+        "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[test_id(name), text], timeout=timeout
+    )
+
+
+def window_of(page) -> list[list[float]]:
+    """The range of time of all six axes."""
+    return page.evaluate(
+        "[...document.querySelectorAll('[data-testid^=plot-]')].map((p) => [...p._fullLayout.xaxis.range])"
+    )
+
+
+def test_a_hidden_effect_is_seen_named_added_and_taken_back(server, open_page, capsys) -> None:
+    run, address = server
+    before = compared(run, capsys)
+    page = open_page(address)
+    for axis in AXES:
+        assert page.inner_text(test_id(f"held-out-{axis}")) == shown(before, axis)
+        assert page.inner_text(test_id(f"error-{axis}")) == shown(before, axis)
+        assert page.locator(test_id(f"fails-{axis}")).count() == (axis == "Cl")
+    page.click(test_id("side-why"))
+    page.click(test_id("diagnose"))
+    page.wait_for_selector(".notice .bar:visible")  # progress
+    page.click(test_id("plot-CX"))  # and the page answers meanwhile
+    page.wait_for_selector(test_id("card-0"), timeout=180_000)
+    assert page.inner_text(test_id("verdict")) == "An effect is missing"
+    page.click(test_id("card-0") + " .q-item")
+    page.wait_for_selector(test_id("card-0") + " .main-svg")
+    card = page.inner_text(test_id("card-0"))
+    assert "Dihedral effect that depends on lift" in card and "By chance" in card and "Shown by" in card
+    width = page.locator(test_id("bar-Cl")).bounding_box()["width"]
+    page.click(test_id("add-0"))
+    wait_for_text(page, "notice", "the held-out error falls from".capitalize())
+    after = compared(run, capsys)
+    assert after["axes"]["Cl"]["nrmse_held_out"] < 0.5 * before["axes"]["Cl"]["nrmse_held_out"]
+    wait_for_text(page, "held-out-Cl", shown(after, "Cl"))
+    assert page.inner_text(test_id("error-Cl")) == shown(after, "Cl")
+    assert page.inner_text(test_id("model")) == after["model"] != before["model"]
+    page.wait_for_function(
+        "(w) => document.querySelector('[data-testid=bar-Cl]').getBoundingClientRect().width < w", arg=0.6 * width
+    )
+    page.click(test_id("tab-versions"))
+    assert "dihedral_alpha" in page.inner_text(test_id("history"))
+    page.click(test_id("tab-model"))
+    page.click(test_id("side-add"))
+    page.click(test_id("undo"))
+    wait_for_text(page, "held-out-Cl", shown(before, "Cl"))
+    assert compared(run, capsys)["model"] == before["model"]
+
+
+def test_a_zoom_moves_all_plots_and_shows_every_point(server, open_page) -> None:
+    page = open_page(server[1])
+    box = page.locator(test_id("plot-CX") + " .nsewdrag").first.bounding_box()
+    y = box["y"] + 0.4 * box["height"]
+    page.mouse.move(box["x"] + 0.5 * box["width"], y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], y, steps=3)
+    page.mouse.up()
+    page.wait_for_function(
+        "[...document.querySelectorAll('[data-testid^=plot-]')].every((p) => p._fullLayout.xaxis.range[1] < 45)"
+    )
+    ranges = window_of(page)
+    assert len(ranges) == 6 and all(r == pytest.approx(ranges[0], abs=1e-6) for r in ranges)
+    begin, end = ranges[0]
+    assert 4.0 < end - begin < 7.0
+    points = page.evaluate("document.querySelector('[data-testid=plot-CX]').calcdata[0].length")
+    assert points >= 25 * (end - begin)  # all points of the flight, 25 per second
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function(
+        "(b) => [...document.querySelectorAll('[data-testid^=plot-]')].every((p) => p._fullLayout.xaxis.range[0] > b)",
+        arg=begin + 0.5,
+    )
+    page.keyboard.press("0")
+    page.wait_for_function(
+        "[...document.querySelectorAll('[data-testid^=plot-]')].every((p) => p._fullLayout.xaxis.range[1] > 55)"
+    )
+
+
+def test_places_and_cells_show_themselves_in_the_time_plots(server, open_page) -> None:
+    page = open_page(server[1])
+    shapes = "document.querySelector('[data-testid=plot-Cl]').layout.shapes"
+    marks = f"{shapes}.filter((s) => s.fillcolor.includes('230,159')).length"
+    page.click(".place >> nth=0")
+    page.wait_for_function(f"{marks} > 0")
+
+
+def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> None:
+    run, address = server
+    page = open_page(address)
+    before = sorted(run.rglob("*"))
+    page.click(test_id("side-add"))
+    for text, complaint in (
+        ("CZ: __import__('os')", "is not allowed"),
+        ("CQ: beta", "is no axis"),
+        ("alhpa", "no effect"),
+    ):
+        page.fill(test_id("term"), text)
+        wait_for_text(page, "complaint", complaint)
+        page.click(test_id("add-term"))
+    page.fill(test_id("term"), "CZ: alpha")  # parses, but the model has it
+    page.wait_for_function("document.querySelector('[data-testid=complaint]').innerText === ''")
+    page.click(test_id("add-term"))
+    wait_for_text(page, "notice", "has the term 'alpha' in CZ already")
+    assert sorted(run.rglob("*")) == before
+
+
+def test_two_browsers_see_the_same_run(server, open_page, capsys) -> None:
+    run, address = server
+    one, other = open_page(address), open_page(address)
+    first = one.inner_text(test_id("model"))
+    one.click(test_id("side-add"))
+    other.click(test_id("side-add"))
+    one.fill(test_id("term"), "Cl: alpha*beta")
+    one.wait_for_timeout(300)  # typing is heard after a pause
+    one.click(test_id("add-term"))
+    other.wait_for_selector(test_id("stop") + ":visible")  # the other one sees the work too
+    assert other.locator(test_id("add-term")).is_disabled()
+    for page in (one, other):
+        page.wait_for_function("(m) => document.querySelector('[data-testid=model]').innerText !== m", arg=first)
+    after = compared(run, capsys)
+    for page in (one, other):
+        wait_for_text(page, "held-out-Cl", shown(after, "Cl"))
+        assert page.inner_text(test_id("model")) == after["model"]
+    other.click(test_id("undo"))
+    for page in (one, other):
+        wait_for_text(page, "model", first)
+
+
+def test_the_other_views_and_the_dark_page(server, open_page) -> None:
+    page = open_page(server[1], color_scheme="dark")
+    page.wait_for_selector("body.body--dark")
+    page.click(test_id("tab-parameters"))
+    page.click("button[data-name=Cl_beta]")
+    wait_for_text(page, "parameter-title", "Cl_beta")
+    page.click(test_id("tab-state"))
+    wait_for_text(page, "consistency", "angle of attack")
+    page.wait_for_function("document.querySelectorAll('.wide .main-svg').length >= 8")
+    page.set_viewport_size({"width": 820, "height": 1180})
+    page.click(test_id("tab-model"))
+    page.wait_for_selector(test_id("plot-Cn") + " .main-svg")
+    page.wait_for_function("document.documentElement.scrollWidth <= 820")
+
+
+def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_page, capsys) -> None:
+    with served(run) as address:
+        page = open_page(address)
+        (run / "samples.npz").write_bytes(b"not a zip")
+        wait_for_text(page, "notice", "damaged")
+        text = page.inner_text(test_id("notice"))
+        assert len(text.splitlines()) == 1 and "replay the recording again" in text and "Traceback" not in text
+        page.click(test_id("side-why"))
+        assert page.locator(test_id("diagnose")).is_disabled()
+        page.context.close()
+    assert main(["workbench", str(run), "--no-browser", "--port", "0"]) == 2
+    said = capsys.readouterr().err.strip()
+    assert len(said.splitlines()) == 1 and "damaged" in said
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 200),
+        ({"Host": "evil.example"}, 403),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Upgrade": "websocket", "Origin": "http://evil.example"}, 403),
+        ({"Upgrade": "websocket"}, 403),
+        ({"Upgrade": "websocket", "Origin": "ours"}, 101),
+    ],
+)
+def test_other_sites_are_refused(server, headers, status) -> None:
+    place = urllib.parse.urlparse(server[1])
+    headers = {name: value.replace("ours", f"http://{place.netloc}") for name, value in headers.items()}
+    path = "/"
+    if "Upgrade" in headers:
+        path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+        key = {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version": "13", "Connection": "Upgrade"}
+        headers |= key
+    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=10)
+    connection.request("GET", path, headers=headers)
+    assert connection.getresponse().status == status
+    connection.close()

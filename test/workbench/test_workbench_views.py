@@ -1,0 +1,226 @@
+"""Views of a run: numbers of the command line, points that nothing hides, text that cannot be markup."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.tables import read_table
+from aircraft_sysid_ros.workbench.guard import SameOrigin
+from aircraft_sysid_ros.workbench.report import report_html
+from aircraft_sysid_ros.workbench.run_view import load_flight_record, load_run_view, load_truth_view
+from aircraft_sysid_ros.workbench.views import candidates, coefficients, figure, parameters, places, words
+
+
+@pytest.fixture(scope="module")
+def view(hidden_effect):
+    """The run as the page holds it."""
+    return load_run_view(hidden_effect)
+
+
+def numbers(coded: dict) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(coded["bdata"]), "<f4")
+
+
+def test_a_thinned_line_keeps_every_peak_and_every_gap() -> None:
+    rng = np.random.default_rng(1)
+    time = np.sort(rng.uniform(0.0, 600.0, 60_000))
+    values = rng.normal(size=60_000)
+    values[31_234], values[77] = 50.0, -50.0
+    values[20_000:23_000] = np.nan
+    x, y = figure.thinned(time, values, (100.0, 500.0))
+    inside = (time >= 100.0) & (time <= 500.0)
+    assert len(x) <= figure.MOST_POINTS + 4 and np.all(np.diff(x) >= 0.0)
+    assert np.nanmax(y) == 50.0 and np.nanmin(y) == np.nanmin(values[inside])
+    assert np.isnan(y[(x > time[20_100]) & (x < time[22_900])]).all()
+    few = figure.thinned(time, values, (300.0, 302.0))
+    begin, end = np.flatnonzero((time >= 300.0) & (time <= 302.0))[[0, -1]]
+    assert np.array_equal(few[0], time[begin - 1 : end + 2])
+
+
+def test_rows_have_the_numbers_of_compare(view, hidden_effect, capsys) -> None:
+    capsys.readouterr()
+    assert main(["compare", str(hidden_effect), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    rows = coefficients.axis_rows(view.comparison)
+    assert [row.axis for row in rows] == list(AXES) and [row.axis for row in rows if row.fails] == ["Cl"]
+    for row in rows:
+        found = said["axes"][row.axis]
+        assert (row.held_out, row.floor, row.fit) == (found["nrmse_held_out"], found["noise_floor"], found["nrmse_fit"])
+
+
+def test_an_axis_without_data_says_why(view) -> None:
+    axes = {name: axis for name, axis in view.comparison.axes.items() if name != "CZ"}
+    without = replace(view.comparison, axes=axes, reasons={"CZ": "it is not measured"})
+    row = coefficients.axis_rows(without)[AXES.index("CZ")]
+    assert (row.held_out, row.state, row.reason) == (None, coefficients.NO_DATA, "it is not measured")
+    assert len(coefficients.coefficient_figure(without, "CZ", figure.LIGHT)["data"]) == 1
+
+
+def test_a_cell_of_the_map_holds_the_points_that_it_is_made_of(view) -> None:
+    found = places.residual_map(view.comparison, "Cl", "alpha", "beta")
+    row, column = np.unravel_index(np.nanargmax(found.times_noise), found.times_noise.shape)
+    at = [
+        0.5 * (e[k] + e[k + 1]) * words.SIGNAL_WORDS[n].factor
+        for e, k, n in zip(found.edges, (column, row), found.signals, strict=True)
+    ]
+    inside = places.mask_of_cell(view.flight, found, *at)
+    axis = view.comparison.axes["Cl"]
+    z = (axis.fit.held_out / axis.floor.std)[inside]
+    assert found.times_noise[row, column] == pytest.approx(np.sqrt(np.nanmean(z**2)), rel=1e-9)
+    assert found.times_noise[row, column] > 5.0
+
+
+def test_spans_of_places_hold_the_places(view) -> None:
+    time = coefficients.time_of(view.flight)
+    for place in view.comparison.worst:
+        spans = places.spans_of_place(view.comparison, place)
+        assert spans and all(time[0] - 1.0 < b < e < time[-1] + 1.0 for b, e in spans)
+        if place.is_cell:
+            mask = places.mask_of_place(view.comparison, place)
+            assert mask is not None and spans[0][0] < time[mask][0] + 0.5 * (time[mask][-1] - time[mask][0])
+
+
+def test_the_curve_is_the_regression_of_what_is_left_over(view) -> None:
+    """With e orthogonal to all terms, e + Z phi on Z phi has slope one: the printed curve fits its own dots."""
+    found = candidates.evidence(view.flight, "Cl", ["alpha*beta"])
+    slope = float(found.left @ found.curve / (found.curve @ found.curve))
+    assert slope == pytest.approx(1.0, abs=1e-6)
+    assert np.polyfit(found.x, found.curve, 1)[0] == pytest.approx(-0.7, rel=0.05)  # the hidden value
+    assert np.std(found.left - found.curve) < 0.3 * np.std(found.left)
+    one = candidates.evidence(view.flight, "CZ", ["max(alpha-0.05,0)", "max(alpha-0.05,0)**2"])
+    assert one.quantity is words.SIGNAL_WORDS["alpha"] and np.all(np.diff(one.x) >= 0.0)
+
+
+@pytest.mark.parametrize(("p", "said"), [(0.0, "less than 1 in 1 000 000"), (0.003, "1 in 300"), (0.04, "1 in 20")])
+def test_chances_in_words(p, said) -> None:
+    assert words.chance(p) == said
+
+
+def test_history_and_truth_of_parameters(view, hidden_effect) -> None:
+    record = load_flight_record(hidden_effect, view.zero)
+    truth = load_truth_view(hidden_effect.parent / "flight")
+    rows = parameters.parameter_rows(view.parameters[view.current], truth.parameters)
+    by_name = {row.name: row for row in rows}
+    row = by_name["CZ_alpha"]
+    assert row.interval[0] < row.truth < row.interval[1]
+    last = record.parameters.value[-1, record.parameters.names.index("CZ_alpha")]
+    assert last == pytest.approx(row.value, rel=1e-6)
+    made = parameters.history_figure(record.parameters, "CZ_alpha", figure.DARK, row.truth)
+    low, high = made["layout"]["yaxis"]["range"]
+    assert low < row.truth < high
+    assert record.state.time[-1] == pytest.approx(coefficients.time_of(view.flight)[-1], abs=1.0)
+    assert truth.parameters["Cl_alpha*beta"] == -0.7
+    with pytest.raises(InputError, match="no truth"):
+        load_truth_view(hidden_effect)
+
+
+def test_a_file_needs_nothing_else_and_escapes_what_it_is_given(view, hidden_effect) -> None:
+    hostile = replace(view, aircraft="<script>alert(1)</script>", notes=("<img src=x onerror=alert(1)>",))
+    record = load_flight_record(hidden_effect, view.zero)
+    text = report_html(hostile, record, load_truth_view(hidden_effect.parent / "flight"))
+    assert len(text.encode()) < 10e6
+    assert "<script>alert" not in text and "<img src=x" not in text and "&lt;img src=x" in text
+    own = text[: text.index("<script>")] + text[text.index('id="figures"') :]
+    assert "http://" not in own and "https://" not in own and "src=" not in own.replace("&lt;img src=x", "")
+    begin = text.index('id="figures">') + len('id="figures">')
+    figures = json.loads(text[begin : text.index("</script>", begin)])
+    drawn = figures["figure-0"]["data"][0]
+    assert len(numbers(drawn["x"])) == len(numbers(drawn["y"])) > 500
+    assert all("#" not in str(trace.get("line", {}).get("color", "")) for trace in figures["figure-0"]["data"])
+
+
+def test_the_command_writes_a_file_or_says_why_not(hidden_effect, tmp_path, capsys) -> None:
+    out = tmp_path / "a.html"
+    assert main(["report", str(hidden_effect), "--out", str(out)]) == 0
+    assert "MB" in capsys.readouterr().out and [path.name for path in tmp_path.iterdir()] == ["a.html"]
+    for arguments in (["--out", str(tmp_path / "a.pdf")], ["--out", str(tmp_path / "no" / "a.html")]):
+        assert main(["report", str(hidden_effect), *arguments]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert main(["report", str(tmp_path), "--out", str(tmp_path / "b.html")]) == 2
+
+
+def test_the_file_opens_in_a_browser_and_moves_together(hidden_effect, tmp_path, open_page) -> None:
+    assert main(["report", str(hidden_effect), "--out", str(tmp_path / "a.html")]) == 0
+    page = open_page((tmp_path / "a.html").as_uri())
+    page.evaluate("Plotly.relayout(document.querySelector('.linked'), {'xaxis.range[0]': 20, 'xaxis.range[1]': 25})")
+    page.wait_for_function(
+        "[...document.querySelectorAll('.linked')].every((p) => Math.abs(p._fullLayout.xaxis.range[0] - 20) < 1e-6)"
+    )
+    page.click("button.theme")
+    page.wait_for_selector("body.body--dark")
+
+
+@pytest.mark.parametrize(
+    ("kind", "method", "host", "origin", "allowed"),
+    [
+        ("http", "GET", "127.0.0.1:8350", None, True),
+        ("http", "GET", "[::1]:8350", None, True),
+        ("http", "GET", "localhost", None, True),
+        ("http", "GET", "rebound.example:8350", None, False),
+        ("http", "POST", "127.0.0.1:8350", None, False),
+        ("http", "POST", "127.0.0.1:8350", "null", False),
+        ("http", "POST", "127.0.0.1:8350", "http://127.0.0.1:8351", False),
+        ("http", "POST", "127.0.0.1:8350", "http://127.0.0.1:8350", True),
+        ("websocket", "", "127.0.0.1:8350", None, False),
+        ("websocket", "", "127.0.0.1:8350", "http://127.0.0.1:8350.evil.example", False),
+        ("websocket", "", "127.0.0.1:8350", "http://127.0.0.1:8350", True),
+    ],
+)
+def test_who_may_write(kind, method, host, origin, allowed) -> None:
+    headers = [(b"host", host.encode()), *([(b"origin", origin.encode())] if origin is not None else [])]
+    guard = SameOrigin(lambda *_: None, "127.0.0.1")
+    assert guard.allows({"type": kind, "method": method, "headers": headers}) is allowed
+
+
+def names_in(layout: str) -> list[tuple[str, str]]:
+    """Topic and field of everything that a layout file draws."""
+    pattern = r"(/\w+/\w+)[./](\w+(?:\[[:\d]*\](?:\{axis==\W*\w+\W*\})?[./]\w+)?)"
+    return [(topic, re.sub(r"\[.*[./]", ".", field)) for topic, field in re.findall(pattern, layout)]
+
+
+@pytest.mark.parametrize("name", ["foxglove_layout.json", "plotjuggler_layout.xml"])
+def test_layouts_of_other_tools_draw_what_a_run_holds(name, hidden_effect) -> None:
+    text = (Path(__file__).parents[2] / "config" / name).read_text(encoding="utf8")
+    json.loads(text) if name.endswith("json") else ElementTree.fromstring(text)
+    drawn = names_in(text)
+    assert len(drawn) > 25
+    for topic in {topic for topic, _ in drawn}:
+        fields = read_table(hidden_effect / "estimates.mcap", topic).fields
+        inner = {
+            f"{key}.{part}" for key, column in fields.items() if column.dtype == object for part in dir(column[0][0])
+        }
+        wanted = {field.split("[")[0] for t, field in drawn if t == topic}
+        assert wanted <= set(fields) | inner, wanted - set(fields) - inner
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", "{}", '{"model": "a", "verdict": "missing", "advice": "", "candidates": [{}]}']
+)
+def test_a_diagnosis_that_cannot_be_read_is_a_note(view, run, content) -> None:
+    (run / "diagnosis.json").write_text(content, encoding="utf8")
+    damaged = load_run_view(run, view)
+    assert damaged.diagnosis is None and "diagnosis.json of the run cannot be read: diagnose again" in damaged.notes
+
+
+def test_a_version_that_cannot_be_read_is_left_out_with_a_note(run) -> None:
+    assert main(["add", str(run), "Cl: alpha*beta"]) == 0
+    assert main(["remove", str(run), "Cl: alpha*beta"]) == 0
+    (other,) = (path for path in (run / "models").iterdir() if "alpha*beta" in (path / "version.json").read_text())
+    both = load_run_view(run)
+    assert [version.identifier for version in both.versions] == [both.current, other.name]
+    assert both.comparisons[other.name].axes["Cl"].fit.nrmse_held_out < 0.1
+    (other / "version.json").write_text("{", encoding="utf8")
+    one = load_run_view(run, both)
+    assert [version.identifier for version in one.versions] == [one.current]
+    assert any("damaged" in note for note in one.notes)
