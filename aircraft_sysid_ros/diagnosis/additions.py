@@ -22,15 +22,14 @@ from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.measurement import (
     Job,
     Setting,
-    is_calm,
     jobs_of,
     stretch_of,
     try_setting,
 )
 from aircraft_sysid_ros.diagnosis.reconstruction import (
     Reconstruction,
-    as_gusty_as,
     as_noisy_as,
+    in_its_gusts,
     log_likelihood,
     reconstruct,
 )
@@ -198,18 +197,14 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
     if run.samples is None:
         raise InputError(f"{run.path} holds no samples to reconstruct from: replay the recording again")
     samples = run.samples
-    flight = reconstruct(as_noisy_as(run.current.aircraft, samples), samples, with_covariance=False)
-    calm = is_calm(flight)
+    as_filed = reconstruct(as_noisy_as(run.current.aircraft, samples), samples, with_covariance=False)
+    flight, calm = in_its_gusts(as_filed)
     if not calm and all(variant.setting[-1] == "scale" for variant in effect.variants):
         raise InputError(
             f"in these gusts '{effect.identifier}' cannot be told from gusts: fly in calm air, or set "
             f"{'.'.join(effect.variants[0].setting)} in the aircraft file"
         )
-    jobs = list(_gust_jobs(flight, effect))
-    if not jobs:
-        if not calm:
-            flight = reconstruct(as_gusty_as(flight), samples, with_covariance=False)
-        jobs = list(jobs_of(flight, [effect], calm))
+    jobs = list(_gust_jobs(as_filed, effect)) or list(jobs_of(flight, [effect], calm))
     tried: list[Setting] = []
     with worker_pool(min(max(len(jobs), 1), len(os.sched_getaffinity(0)))) as pool:
         for setting in pool.map(try_setting, jobs):

@@ -25,8 +25,8 @@ from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect, with_settin
 from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
-from aircraft_sysid_ros.diagnosis.measurement import Setting, is_calm, measurement_faults
-from aircraft_sysid_ros.diagnosis.reconstruction import as_gusty_as, as_noisy_as, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
+from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, in_its_gusts, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.replicas import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.search import Bench
 from aircraft_sysid_ros.diagnosis.where import unusual
@@ -173,10 +173,7 @@ def diagnose_flight(
     ``progress`` hears what is being done and its share from 0 to 1.
     """
     progress("reconstruct the flight", 0.0)
-    flight = reconstruct(as_noisy_as(aircraft, samples), samples, with_covariance=False)
-    calm = is_calm(flight)
-    if not calm:
-        flight = reconstruct(as_gusty_as(flight), samples, with_covariance=False)
+    flight, calm = in_its_gusts(reconstruct(as_noisy_as(aircraft, samples), samples, with_covariance=False))
     data = settled_flight(flight)
     check_length("the flight", data.time, data.step)
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]

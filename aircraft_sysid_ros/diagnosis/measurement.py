@@ -38,9 +38,6 @@ LEAST_GAIN = 0.02
 LEAST_TOTAL, LEAST_OF_IMU = 20.0, 40.0
 #: Lag [s] of the air data for which LEAST_GAIN holds: gusts of another spectrum feign short ones, which need more.
 GUST_LAG = 0.05
-#: In air with a larger random walk of the wind [m/s per sqrt(s)] a scale of the air data cannot be told from gusts
-#: that are stronger in one direction than in another: it is not tried.
-CALM = 0.15
 #: Least gain of ln(error variance), over all axes, for the delay of the controls.
 LEAST_CONTROL_GAIN = 0.25
 #: Steps towards the best value after the first look to both sides.
@@ -64,11 +61,6 @@ class Setting:
     def label(self) -> str:
         """Id and variant."""
         return self.effect.identifier + (f" ({self.variant.name})" if self.variant.name else "")
-
-
-def is_calm(flight: Reconstruction) -> bool:
-    """Whether scales of the air data can be told: no gusts beyond what the flight's aircraft file says of the wind."""
-    return flight.gusts <= max(CALM, 1.01 * flight.aircraft.process_noise["wind"])
 
 
 def measurement_faults(

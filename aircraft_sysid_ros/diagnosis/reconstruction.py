@@ -33,6 +33,9 @@ NOISE_RANGE = (0.5, 4.0)
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
 _LEAST_FOR_NOISE = 200
+#: Random walk of the wind [m/s per sqrt(s)] above which a scale of the air data cannot be told from gusts that are
+#: stronger in one direction than in another.
+CALM = 0.15
 #: Factor between the random walks of the wind that are tried, and the largest [m/s per sqrt(s)].
 WALK_STEP, LARGEST_WALK = 1.25, 3.0
 AIR_DATA = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
@@ -118,21 +121,24 @@ def log_likelihood(aircraft: Aircraft, samples: Samples) -> float:
     return total
 
 
-def as_gusty_as(flight: Reconstruction) -> Aircraft:
-    """The aircraft with the random walk of the wind under which the first step's innovations are likeliest.
+def in_its_gusts(flight: Reconstruction) -> tuple[Reconstruction, bool]:
+    """The flight with the random walk of the wind under which its innovations are likeliest, and whether it is calm.
 
-    The filter in flight follows gusts cautiously and from one side; what it takes for noise then stands as an error in
-    the flow angles, larger than any replica would show.
+    Calm: no gusts beyond CALM and beyond what the aircraft file says of the wind. The filter in flight follows gusts
+    cautiously and from one side; what it takes for noise then stands as an error in the flow angles, larger than any
+    replica would show.
     """
-    aircraft, walk = flight.aircraft, max(flight.gusts, flight.aircraft.process_noise["wind"])
-    best = -np.inf
+    given = flight.aircraft.process_noise["wind"]
+    best, likeliest, walk = -np.inf, flight.aircraft, max(flight.gusts, given)
     while walk <= LARGEST_WALK:
         gustier = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
         likelihood = log_likelihood(gustier, flight.samples)
         if likelihood <= best:
             break
-        aircraft, best, walk = gustier, likelihood, WALK_STEP * walk
-    return aircraft
+        best, likeliest, walk = likelihood, gustier, WALK_STEP * walk
+    if likeliest.process_noise["wind"] <= max(CALM, 1.01 * given):
+        return flight, True
+    return reconstruct(likeliest, flight.samples, with_covariance=False), False
 
 
 def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:

@@ -95,10 +95,10 @@ def failing_places(flight: FlightData, axis: str, residual: Array, std: Array, s
         return []
     share = independent_share(z, flight.step)
     stretches, tried = _stretches(flight.time, z)
-    cells = list(_cells(flight, judged))
-    tried += len(cells)
+    envelope = list(cells(flight, judged))
+    tried += len(envelope)
     found: list[tuple[str, Place]] = []  # with the signal of a cell
-    for signal, inside, words in [*(("", mask, "") for mask in stretches), *cells]:
+    for signal, inside, words in [*(("", mask, "") for mask in stretches), *envelope]:
         square = float(np.mean(z[inside] ** 2))
         freedom = max(int(inside.sum()) * share, 1.0)
         p_value = min(1.0, tried * float(gammaincc(0.5 * freedom, 0.5 * freedom * square)))
@@ -114,11 +114,11 @@ def _listed(found: list[tuple[str, Place]]) -> list[Place]:
     """The worst stretches of time and the worst cell of each of the worst signals, worst first."""
     found.sort(key=lambda item: -item[1].nrmse)
     stretches = [place for signal, place in found if not signal]
-    cells: dict[str, Place] = {}
+    by_signal: dict[str, Place] = {}
     for signal, place in found:
         if signal:
-            cells.setdefault(signal, place)
-    listed = [*stretches[:_MOST_STRETCHES], *list(cells.values())[:_MOST_CELLS]]
+            by_signal.setdefault(signal, place)
+    listed = [*stretches[:_MOST_STRETCHES], *list(by_signal.values())[:_MOST_CELLS]]
     return sorted(listed, key=lambda place: -place.nrmse)
 
 
@@ -157,7 +157,7 @@ def _largest_sum(score: Array) -> tuple[float, int, int]:
     return best, first, end
 
 
-def _cells(flight: FlightData, judged: Mask) -> Iterator[tuple[str, Mask, str]]:
+def cells(flight: FlightData, judged: Mask) -> Iterator[tuple[str, Mask, str]]:
     """Cells of the envelope: what lies beyond a quantile of one signal."""
     for name in _SIGNALS:
         values = flight.signal(name)
