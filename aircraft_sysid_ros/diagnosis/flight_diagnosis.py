@@ -26,7 +26,13 @@ from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
 from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
-from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, in_its_gusts, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.reconstruction import (
+    Reconstruction,
+    as_noisy_as,
+    in_its_gusts,
+    reconstruct,
+    settled_flight,
+)
 from aircraft_sysid_ros.diagnosis.replicas import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.search import Bench
 from aircraft_sysid_ros.diagnosis.where import unusual
@@ -182,17 +188,33 @@ def diagnose_flight(
     for _ in range(_MOST_SETTINGS):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
         faults = [f for f in faults if all(f.effect is not s.setting.effect for s in settings)]
-        if not faults:
+        mended = _mended(faults, flight, data, calm, len(measuring))
+        if mended is None:
             break
-        better = with_setting(flight.aircraft, faults[0].variant.setting, faults[0].value)
-        mended = reconstruct(better, samples, with_covariance=False)
-        settings.append(_judged(faults, data, settled_flight(mended), len(measuring)))
-        flight, data = mended, settled_flight(mended)
+        flight, finding = mended
+        data = settled_flight(flight)
+        settings.append(finding)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
     if len(repeated) < 2:
         raise InputError("no stretch of this flight is long enough to be diagnosed: 20 s in flight without a gap are")
     result = diagnose(Bench(data), repeated, others, lambda share: progress("try the library", share))
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
+
+
+def _mended(
+    faults: Sequence[Setting], flight: Reconstruction, data: FlightData, calm: bool, tried: int
+) -> tuple[Reconstruction, MeasurementFinding] | None:
+    """The flight with the best of some settings, and what that says; None where there is none.
+
+    In gusts a setting may make likelier what is only a gust: there it must lower the error of an axis by SIZE, too.
+    """
+    for number, fault in enumerate(faults):
+        better = with_setting(flight.aircraft, fault.variant.setting, fault.value)
+        mended = reconstruct(better, flight.samples, with_covariance=False)
+        finding = _judged(faults[number:], data, settled_flight(mended), tried)
+        if calm or any(after <= (1.0 - SIZE) * before for before, after in finding.errors.values()):
+            return mended, finding
+    return None
 
 
 def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tried: int) -> MeasurementFinding:

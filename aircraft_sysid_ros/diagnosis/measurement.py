@@ -34,8 +34,8 @@ LONGEST = 120.0
 #: Gain of the log-likelihood, per sample of air data, below which a setting is as good as that of the file. Gusts are
 #: no random walk, and the random walk that the filter takes for them leaves it some tenths of this to gain.
 LEAST_GAIN = 0.02
-#: And at least this much in all: in calm air, and in gusts for the place of the IMU, which they hardly touch.
-LEAST_TOTAL, LEAST_OF_IMU = 20.0, 40.0
+#: And at least this much in all, which is enough in calm air.
+LEAST_TOTAL = 20.0
 #: Lag [s] of the air data for which LEAST_GAIN holds: gusts of another spectrum feign short ones, which need more.
 GUST_LAG = 0.05
 #: Least gain of ln(error variance), over all axes, for the delay of the controls.
@@ -125,9 +125,8 @@ def try_setting(job: Job) -> Setting:
     start = nominal(flight.aircraft, variant.setting)
     of_controls = _CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
-    of_imu = variant.setting[0] == "imu_position"
-    in_gusts = LEAST_OF_IMU if of_imu else max(LEAST_TOTAL, LEAST_GAIN * air)
-    needed = LEAST_CONTROL_GAIN if of_controls else LEAST_TOTAL if calm else in_gusts
+    of_sensors = LEAST_TOTAL if calm else max(LEAST_TOTAL, LEAST_GAIN * air)
+    needed = LEAST_CONTROL_GAIN if of_controls else of_sensors
 
     def gain(value: float) -> float:
         if value == start:
