@@ -10,6 +10,8 @@ import tempfile
 from pathlib import Path
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.calibration.calibration_file import Calibration
+from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.modelling.parameter_estimator import LEARNERS, ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -28,6 +30,7 @@ def main() -> None:
         samples = read_recording(Path(folder) / "flight").samples
     for estimator in LEARNERS:
         Pipeline(aircraft, parameter_options=ParameterOptions(estimator=estimator)).warm_up()
+    Correction(Calibration()).warm_up()
     pipeline = Pipeline(aircraft)
     warm_up(aircraft, smoother=True)
     pipeline.push(samples)

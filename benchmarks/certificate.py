@@ -39,7 +39,8 @@ RESULTS = Path(__file__).parent / "results"
 LIVE = ("rls", "fourier", "rml")
 REFINED = ("output-error", "filter-error")
 RESET = "+reset"  # forget all when the loss is noticed
-LOSS = tuple(f"{estimator}{option}" for estimator in LIVE for option in ("", "@20", RESET))
+KEEP = "+keep"  # without relearning
+LOSS = (*LIVE, f"rls{KEEP}", f"rls{RESET}")
 METHODS = {"flights": LIVE, "loss": LOSS, "refined": REFINED}
 SEEDS = {"flights": 100, "loss": 20, "refined": 100}
 

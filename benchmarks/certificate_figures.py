@@ -127,11 +127,11 @@ def _convergence(records: list[Record]) -> Any:
 def _loss(records: list[Record]) -> Any:
     """C_m,de after the loss, over its old value: median of the flights."""
     figure, grid = _axes(1, 2, (8.0, 3.2), sharey=True)
-    styles = {"": "-", "@20": "--", "+reset": ":"}
+    styles = {"": "-", "+keep": "--", "+reset": ":"}
     grid_time = np.arange(-10.0, 40.0, 0.5)
     for axis, air in zip(grid[0], AIR_TITLES, strict=True):
         for method in dict.fromkeys(r["method"] for r in records):
-            estimator = method.split("@")[0].split("+")[0]
+            estimator = method.split("+")[0]
             paths = [(r["at"], r["path"]) for r in select(records, method, air) if "path" in r]
             if not paths:
                 continue

@@ -18,7 +18,6 @@ from aircraft_sysid_ros.aircraft.rigid_body import body_velocity_derivative
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
-from aircraft_sysid_ros.modelling.error_window import ErrorWindow
 from aircraft_sysid_ros.modelling.model_file import parameters_json
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
 from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
@@ -42,11 +41,9 @@ LOSS_DURATION = 120.0  # [s] of flights that lose, or keep, their elevator
 LOSS_BETWEEN = (40.0, 80.0)  # [s] a random time in these
 REMAINING = 0.5  # share of C_m,de and C_Z,de after the loss
 STEP, LOSS_STEP = 0.2, 0.25  # [s] between looks at a live estimator
-CLOSE = 0.10  # relative error that counts as near the truth
+CLOSE, WRONG = 0.10, 0.25  # relative errors that count as near the truth, and as wrong
 PATH_NAMES, PATH_STEP, PATH_SEEDS = ("Cm_alpha", "Cm_de", "Cl_p", "Cn_beta"), 1.0, 20
-ALARM = 3.0  # standard errors before the loss
-ERROR_ALARM = 2.0  # times the largest model error of the seconds before
-BEFORE = 20.0  # [s]
+ALARM = 3.0  # standard errors before the loss: "+reset" resets beyond it
 
 
 @cache
@@ -142,18 +139,20 @@ class LiveRun:
         self.step, self.time = step, np.arange(step, seconds, step)
         edges = np.searchsorted(samples.stamp, begin + (self.time * 1e9).astype(np.int64))
         self.cpu, self.points = 0.0, []
-        published = []
+        published, alarms = [], []
         for now, low, high in zip(self.time, [0, *edges[:-1]], edges, strict=True):
             self._push(samples[low:high])
             estimates = self.pipeline.parameters.snapshot()
-            published.append([[p.value, p.std] for p in estimates.parameters])
+            alarms.append(int(self.pipeline.parameters.changes.counts.sum()))
+            published.append([[p.value, p.std, p.status] for p in estimates.parameters])
             if alarm is not None and alarm(now, estimates):
                 self.pipeline.parameters.reset()
         self._push(samples[edges[-1] :])
         started = time.process_time()
         self.points.append(self.pipeline.flush()[1])
         self.cpu += time.process_time() - started
-        self.value, self.std = np.moveaxis(np.array(published), 2, 0)  # (steps, parameters) each
+        self.value, self.std, status = np.moveaxis(np.array(published), 2, 0)  # (steps, parameters) each
+        self.use, self.alarms = status == Trust.USE, np.array(alarms)
         self.final: ParameterSet = self.pipeline.parameters.snapshot()
 
     def _push(self, samples: Any) -> None:
@@ -161,22 +160,11 @@ class LiveRun:
         self.points.append(self.pipeline.push(samples)[1])
         self.cpu += time.process_time() - started
 
-    def pitch_errors(self) -> Array:
-        """Model error of C_m as published at each step, (steps, 2): rms in its sliding window, and whether white."""
-        options = self.pipeline.parameters.options
-        window, found = ErrorWindow(options.error_window, options.step), np.full((len(self.time), 2), np.nan)
-        for row, points in zip(found, self.points, strict=False):
-            window.add(points)
-            for error in window.summary():
-                if error.axis == "Cm":
-                    row[:] = error.residual_rms, error.white
-        return found
-
 
 def options_of(method: str) -> ParameterOptions:
-    """Options of "rls", with a forgetting time [s] of "rls@20"; "rls+reset" are those of "rls"."""
-    estimator, _, forgetting = method.removesuffix("+reset").partition("@")
-    return ParameterOptions(estimator=estimator, **({"forgetting_time": float(forgetting)} if forgetting else {}))
+    """Options of "rls"; "rls+keep" and "rls+reset" do not relearn by themselves."""
+    estimator, _, other = method.partition("+")
+    return ParameterOptions(estimator=estimator, relearn=not other)
 
 
 def stays_close(time: Array, value: Array, truth: float) -> float | None:
@@ -303,20 +291,20 @@ def loss_record(flight: SimulatedFlight, air: str, method: str, at: float, lost:
     alarm = ElevatorAlarm(names.index("Cm_de"), at) if method.endswith("+reset") else None
     run = LiveRun(flight, options_of(method), LOSS_STEP, alarm)
     truth, k = flight.aircraft.coefficients["Cm_de"], names.index("Cm_de")
-    before, after = (run.time <= at) & (run.time > at - BEFORE), run.time > at
+    after = run.time > at
     value, std = run.value[:, k], run.std[:, k]
-    rms, white = run.pitch_errors().T
-    last = int(np.flatnonzero(before)[-1])
-    interval = np.abs(value - value[last]) > ALARM * std[last]
-    error = rms > ERROR_ALARM * np.nanmax(rms[before])
     now = REMAINING * truth if lost else truth
     close = stays_close(run.time[after], value[after], now)
+    use = run.use[:, k] & after
+    alarms = np.diff(run.alarms, prepend=0)
     record = {
         "seed": flight.seed, "air": air, "method": method, "lost": lost, "at": at,
         "moves": elevator_moves_after(at) - at,
-        "interval": _delay(run.time, after & interval, at), "error": _delay(run.time, after & error, at),
-        "white_before": float(np.nanmean(white[before])),
-        "white_after": float(np.nanmean(white[after])),
+        "alarm": _delay(run.time, after & (alarms > 0), at), "alarms": int(run.alarms[-1]),
+        "false_alarms": int(alarms[~after].sum() if lost else run.alarms[-1]),
+        "wrong_use": float(LOSS_STEP * np.sum(use & ~(np.abs(value / now - 1.0) <= WRONG))),
+        "wrong_sign": bool(np.any(use & (value / now < 0.0))),
+        "in_use": _delay(run.time, use & (run.time > at + 2.0) & ~(np.abs(value / now - 1.0) > CLOSE), at),
         "close": None if close is None else close - at,
         "end": value[-1] / now, "end_z": (value[-1] - now) / std[-1],
     }  # fmt: skip

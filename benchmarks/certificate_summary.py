@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from accuracy import MAIN_DERIVATIVES
-from certificate_flights import AIRS, Record, first_moves, mode_periods, prepare, the_aircraft
+from certificate_flights import AIRS, LOSS_DURATION, Record, first_moves, mode_periods, prepare, the_aircraft
 
 Array = npt.NDArray[np.float64]
 
@@ -205,11 +205,13 @@ def losses(records: list[Record], method: str, air: str) -> dict[str, Any]:
     return {
         "lost": len(lost),
         "sound": len(sound),
-        "interval": _delays([r["interval"] for r in lost]),
-        "error": _delays([r["error"] for r in lost]),
-        "false_interval": _share(sound, lambda r: r["interval"] is not None),
-        "false_error": _share(sound, lambda r: r["error"] is not None),
-        "white_sound": _mean([r["white_after"] for r in sound]),
+        "alarm": _delays([r["alarm"] for r in lost]),
+        "alarms": _mean([r["alarms"] for r in lost]),
+        "false_alarms": sum(r["false_alarms"] for r in rows),
+        "minutes": (len(sound) * LOSS_DURATION + sum(r["at"] for r in lost)) / 60.0,
+        "wrong_use": _delays([r["wrong_use"] for r in lost]),
+        "wrong_sign": _share(lost, lambda r: r["wrong_sign"]),
+        "in_use": _delays([r["in_use"] for r in lost]),
         "close": _delays([r["close"] for r in lost]),
         "close_after_moves": _delays([None if r["close"] is None else max(r["close"] - r["moves"], 0) for r in lost]),
         "end": _middle([r["end"] for r in lost]),

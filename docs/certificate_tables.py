@@ -118,13 +118,14 @@ def loss(summary: Summary) -> Table:
         if not c["lost"]:
             continue
         rows.append(
-            [AIRS[air], method, str(c["lost"]), _delay(c["interval"]), percent(c["false_interval"]),
-             _delay(c["error"]), percent(c["false_error"]), _delay(c["close"]), _delay(c["close_after_moves"]),
-             "" if c["end"] is None else f"{c['end']:.2f}", percent(c["end_z_within_95"]), percent(c["nothing_known"])]
+            [AIRS[air], method, str(c["lost"]), _delay(c["alarm"]),
+             f"{c['false_alarms']} in {c['minutes']:.0f} min", _seconds(c["wrong_use"]), percent(c["wrong_sign"]),
+             _delay(c["in_use"]), _delay(c["close"]), _delay(c["close_after_moves"]),
+             "" if c["end"] is None else f"{c['end']:.2f}", percent(c["end_z_within_95"])]
         )  # fmt: skip
-    header = ["air", "method", "flights", "C_m,de leaves its interval", "falsely", "model error doubles", "falsely",
-              "within 10 % again", "the same, since the elevator moves", "at the end, over the truth",
-              "interval holds it", "nothing known at the end"]  # fmt: skip
+    header = ["air", "method", "flights", "alarm", "false alarms", "USE and more than 25 % wrong",
+              "USE with wrong sign", "first USE within 10 %", "within 10 % for good", "the same, since the elevator moves",
+              "at the end, over the truth", "interval holds it"]  # fmt: skip
     return header, rows
 
 
@@ -134,6 +135,12 @@ def _delay(found: dict[str, float | None]) -> str:
         return "never"
     late = "" if found["p90"] is None else f" / {found['p90']:.1f} s"
     return f"{percent(found['share'])}: {seconds(found['median'])}{late}"
+
+
+def _seconds(found: dict[str, float | None]) -> str:
+    """Median and 90 % of cases of a duration that all flights have."""
+    late = "" if found["p90"] is None else f" / {found['p90']:.1f} s"
+    return f"{seconds(found['median'])}{late}"
 
 
 TABLES: dict[str, Callable[[Summary], Table]] = {

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.commands.replay import render as render_run
@@ -26,6 +27,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--aircraft", required=True, metavar="FILE", help="aircraft file (YAML)")
     parser.add_argument("--out", metavar="RUN", help="folder to write at the end")
+    parser.add_argument("--calibration", metavar="FILE", help="calibration file of `calibrate`: sensors are corrected")
     parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
     parser.add_argument(
         "--namespace", default="", metavar="NS", help="namespace of the nodes and their topics"
@@ -52,6 +54,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.until_idle is not None and not 0.0 < args.until_idle < 1e6:
         raise InputError(f"--until-idle must be a positive time in s, not {args.until_idle:g}")
     aircraft = load_aircraft(args.aircraft)
+    if args.calibration:
+        load_calibration(args.calibration)
     writer = RunWriter(args.out, aircraft, overwrite=args.overwrite) if args.out else None
     try:
         import rclpy
@@ -114,6 +118,7 @@ def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> di
 
     values = {
         "aircraft_file": str(args.aircraft),
+        "calibration_file": str(args.calibration or ""),
         "input_reliability": "reliable" if args.reliable else "best_effort",
         "input_depth": 5000 if args.reliable else 100,
         "horizon": float(state.horizon),
@@ -121,6 +126,7 @@ def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> di
         "estimator": parameters.estimator,
         "lowest_frequency": float(parameters.lowest_frequency),
         "highest_frequency": float(parameters.highest_frequency),
+        "relearn": parameters.relearn,
     }
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     namespace = args.namespace.strip("/")

@@ -43,6 +43,11 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
         metavar=("LOW", "HIGH"),
         help=f"band [Hz] of the estimator fourier (default: {band[0]:g} {band[1]:g})",
     )
+    parser.add_argument(
+        "--no-relearn",
+        action="store_true",
+        help="after a sudden change of the aeroplane keep what was known, instead of learning the changed axis anew",
+    )
 
 
 def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, ParameterOptions]:
@@ -59,6 +64,7 @@ def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, Parameter
         estimator=args.estimator,
         lowest_frequency=low,
         highest_frequency=high,
+        relearn=not args.no_relearn,
     )
     return StateOptions(horizon=args.horizon), parameters
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.calibration.calibration_file import load_calibration
+from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.commands.options import (
     add_estimator_options,
     estimator_options,
@@ -31,6 +34,8 @@ from aircraft_sysid_ros.samples import Kind, Samples
 Array = npt.NDArray[np.float64]
 
 NEEDED = ("imu/data", "gps/fix", "gps/vel", "air_data")
+#: With a calibrated probe its pressures take the place of the air data.
+NEEDED_WITH_PROBE = ("imu/data", "gps/fix", "gps/vel", "five_hole_probe")
 #: Time of flight [s] between parameter sets in the run.
 PARAMETERS_PERIOD = 1.0
 #: A silence [s] of a sensor that is worth a note.
@@ -48,6 +53,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("--aircraft", required=True, metavar="FILE", help="aircraft file (YAML)")
     parser.add_argument("--out", required=True, metavar="RUN", help="folder to write")
     parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
+    parser.add_argument("--calibration", metavar="FILE", help="calibration file of `calibrate`: sensors are corrected")
     parser.add_argument(
         "--smooth",
         action="store_true",
@@ -61,6 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Replay and write; returns state, parameters and notes. Raises InputError."""
     options = estimator_options(args)
     aircraft = load_aircraft(args.aircraft)
+    correction = Correction(load_calibration(args.calibration)) if args.calibration else None
     pipeline = Pipeline(aircraft, *options)
     with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer, FlightTape() as tape:
         pipeline.warm_up()
@@ -69,7 +76,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             pipeline.state.tape = tape
         started = time.perf_counter()
         recording = read_recording(args.bag)
-        recording.require(NEEDED)
+        recording.require(NEEDED_WITH_PROBE if correction is not None and correction.uses_probe else NEEDED)
+        if correction is not None:
+            recording = replace(recording, samples=correction.apply(recording.samples))
         feed(pipeline, recording, writer)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline)}")
@@ -136,6 +145,8 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
     if pipeline.state.order.counts.restarts:
         found.append(f"the clock of the recording leapt {pipeline.state.order.counts.restarts} times")
+    for axis, time, count in pipeline.parameters.changes.alarms():
+        found.append(f"{axis} changed at {time:.1f} s of flight and was learnt anew" + f" ({count} times)" * (count > 1))
     if pipeline.state.realignments:
         times = pipeline.state.realignments
         found.append(f"the filter aligned anew {times} times after gaps or contradictions")
@@ -157,7 +168,8 @@ def gap_notes(samples: Samples) -> list[str]:
 
 def air_data_notes(recording: Recording) -> list[str]:
     """Parts of the air data that are not measured, always or at times."""
-    messages, found = recording.topics.get("air_data", 0), []
+    probe = Kind.FIVE_HOLE not in recording.samples.kind and recording.topics.get("five_hole_probe", 0)
+    messages, found = probe or recording.topics.get("air_data", 0), []
     for kind in (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP):
         missing = 1.0 - np.sum(recording.samples.kind == kind) / max(messages, 1)
         if missing > 0.01:

@@ -19,6 +19,9 @@ accelerometer bias added.
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -34,19 +37,33 @@ from aircraft_sysid_ros.estimation.recursive_fourier import (
     spectral_least_squares,
 )
 from aircraft_sysid_ros.modelling.body import body_of
+from aircraft_sysid_ros.modelling.fourier_change import (
+    Before,
+    Prior,
+    covariance_with_prior,
+    fit_with_prior,
+    forget_old,
+    information_scale,
+    newest_before,
+    prior_of,
+)
 from aircraft_sysid_ros.modelling.fourier_transforms import (
     MOMENTUM,
     STATIC,
     TERMS,
     Setting,
+    clear_axis,
     close_axis,
     follow,
     new_bank,
+    transform_again,
     transform_rows,
     weigh,
 )
-from aircraft_sysid_ros.modelling.learner import AxisEstimate, ParameterOptions
+from aircraft_sysid_ros.modelling.learner import AxisEstimate, Opening, ParameterOptions
+from aircraft_sysid_ros.modelling.parameter_set import within_prior
 from aircraft_sysid_ros.modelling.regression import TERM, TIME, Body
+from aircraft_sysid_ros.modelling.relearning import MEMORY
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -57,6 +74,8 @@ _SPACING = 0.02
 _MOST_FREQUENCIES = 200
 #: Time [s] between solutions with which the model is predicted.
 _REFRESH = 1.0
+#: Fits from this long [s] before a change are not touched by it, nor rows from this long after it.
+_MARGIN = 0.1
 #: A constant term is compared with this where others are compared with their noise.
 _NOISE_OF_ONE = 0.01
 _SURFACES = ("de", "da", "dr", "flaps")
@@ -76,11 +95,17 @@ class FourierLearner:
 
     def reset(self) -> None:
         """Forget all that was learnt."""
+        self._fits: tuple[deque[Before], ...] = tuple(deque() for _ in AXES)
+        self._rows: deque[Array] = deque()
+        self._priors: list[Prior | None] = [None] * len(AXES)
         self._bank = new_bank(self._model.offsets, len(self._setting.frequencies))
 
     def restart_time(self) -> None:
         """The clock began anew: what was learnt stays, the stretches end."""
         self._close()
+        self._rows.clear()
+        for fits in self._fits:
+            fits.clear()
         self._bank.clock[:2] = -np.inf
         self._bank.last_motion[:] = -np.inf
 
@@ -91,6 +116,7 @@ class FourierLearner:
         for _ in range(2):
             follow(0, np.zeros(TERMS + int(self._model.offsets[1])), row, 0.01, bank, self._setting)
         weigh(0, 1.0, 0.0, bank, self._setting)
+        transform_again(0, row[None], self._body, bank, self._setting)
 
     def push_samples(self, samples: Samples, epoch: int) -> None:
         """Raw samples are not needed: states and controls come with the history."""
@@ -108,7 +134,34 @@ class FourierLearner:
                 times.append(newest)
                 solutions.append(self._theta())
             transform_rows(part, self._body, *self._code, self._bank, self._setting)
+            self._remember(part)
         return np.array(times), np.array(solutions).reshape(len(times), int(self._model.offsets[-1]))
+
+    def relearn(self, openings: Sequence[Opening]) -> Array:
+        """See ``Learner``."""
+        for axis, since, spread in openings:
+            before = newest_before(self._fits[axis], since - _MARGIN)
+            self._priors[axis] = None if before is None else prior_of(before, spread)
+            clear_axis(axis, self._bank)
+            rows = [row for row in self._rows if row[TIME] >= since + _MARGIN]
+            if rows:
+                transform_again(axis, np.array(rows), self._body, self._bank, self._setting)
+            self._fits[axis].clear()
+        return self._theta()
+
+    def waits(self, axis: int) -> bool:
+        """See ``Learner``: it learns at once."""
+        return False
+
+    def take_over(self, axis: int, known: AxisEstimate) -> Array:
+        """See ``Learner``: never asked for."""
+        return self._theta()
+
+    def _remember(self, history: Array) -> None:
+        if self._options.relearn:
+            self._rows.extend(history.copy())
+            while self._rows[0][TIME] < self._rows[-1][TIME] - MEMORY:
+                self._rows.popleft()
 
     def axis(self, axis: int) -> AxisEstimate:
         """Parameters of one axis now, with standard errors and how much each term was excited in the band.
@@ -121,14 +174,17 @@ class FourierLearner:
         learnt, window = bank.last_learnt[part].copy(), self._window(axis)
         if not self._has_enough(axis):
             return AxisEstimate(np.full(n, np.nan), np.full((n, n), np.nan), samples, learnt, np.zeros(n))
-        regressors, response = self._equations(axis)
-        fit = spectral_least_squares(regressors, response, window)
+        regressors, fit, prior = *self._fit(axis, window), self._prior(axis)
         theta = np.where(fit.solution.determined, fit.solution.estimate, np.nan)
         noise, unit = bank.noise_square[part], self._unit(axis, fit)
         pull = fit.solution.inverse @ (unit * noise * fit.solution.estimate)
         constant = self._constant(axis)
         of_bias = bank.doubt[axis] * np.outer(constant, constant)
-        covariance = spectral_covariance(fit, regressors, window) + np.outer(pull, pull) + of_bias
+        systematic = np.outer(pull, pull) + of_bias
+        if prior is not None:
+            covariance = covariance_with_prior(fit, regressors, window, prior) + systematic
+            return AxisEstimate(theta, within_prior(covariance, prior.information), samples, learnt)
+        covariance = spectral_covariance(fit, regressors, window) + systematic
         variance = np.where(fit.solution.determined, np.diag(fit.solution.inverse) * unit, np.inf)
         alone = 1.0 / np.sqrt(variance)  # rms of what no other term explains, in the band
         excitation = alone / np.where(noise > 0.0, np.sqrt(noise), _NOISE_OF_ONE)
@@ -136,14 +192,35 @@ class FourierLearner:
 
     def _has_enough(self, axis: int) -> bool:
         n = int(np.diff(self._model.offsets)[axis])
-        return n > 0 and self._bank.length[axis] > 0.0 and self._window(axis).freedom > n + 1.0
+        least = n + 1.0 if self._priors[axis] is None else 0.0
+        return n > 0 and self._bank.length[axis] > 0.0 and self._window(axis).freedom > least
+
+    def _prior(self, axis: int) -> Prior | None:
+        """What an axis that has changed knew before, faded as data of that time are."""
+        prior = self._priors[axis]
+        if prior is None:
+            return None
+        fade = float(np.exp(-2.0 * self._bank.length[axis] / self._setting.memory))
+        return prior._replace(information=fade * prior.information)
+
+    def _fit(self, axis: int, window: Window) -> tuple[ComplexArray, SpectralFit]:
+        """Regressors (m, n) of one axis and its solution."""
+        regressors, response = self._equations(axis)
+        prior = self._prior(axis)
+        if prior is not None:
+            return regressors, fit_with_prior(regressors, response, window, prior)
+        return regressors, spectral_least_squares(regressors, response, window)
 
     def _theta(self) -> Array:
         """All parameters (n,), 0 where nothing is known."""
         theta = np.zeros(int(self._model.offsets[-1]))
         for axis, name in enumerate(AXES):
             if self._has_enough(axis):
-                fit = spectral_least_squares(*self._equations(axis), self._window(axis))
+                window = self._window(axis)
+                fit = self._fit(axis, window)[1]
+                if self._options.relearn:
+                    self._fits[axis].append(Before(float(self._bank.clock[0]), fit, information_scale(window)))
+                    forget_old(self._fits[axis], self._fits[axis][-1].time)
                 theta[self._model.axis_slice(name)] = fit.solution.estimate
         return theta
 

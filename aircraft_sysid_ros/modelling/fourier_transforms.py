@@ -159,6 +159,35 @@ def close_axis(axis: int, bank: Bank) -> None:
         bank.open[axis] = False
 
 
+def clear_axis(axis: int, bank: Bank) -> None:
+    """Forget what one axis has learnt; how its terms move and what their noise is stays."""
+    for array in (bank.transforms, bank.boundary, bank.before, bank.length, bank.dynamic_pressure):
+        array[axis] = 0.0
+    bank.open[axis] = False
+
+
+@njit(cache=True)
+def transform_again(axis: int, history: Array, body: Body, bank: Bank, setting: Setting) -> None:
+    """Take rows (n, TERM + terms) that were taken before once more, for one axis that was cleared since."""
+    sides = np.empty((6, 2))
+    first, last = TERM + bank.offsets[axis], TERM + bank.offsets[axis + 1]
+    factor = np.empty_like(bank.factor)
+    for i in range(len(history)):
+        h = history[i]
+        step = h[TIME] - history[max(i - 1, 0), TIME]
+        fill_axes(h, body, sides)
+        now = np.empty(TERMS + last - first)
+        now[:TERMS], now[TERMS:] = sides[axis], h[first:last]
+        usable = h[FLYING] > 0.0 and np.all(np.isfinite(now))
+        if step > setting.largest_gap or not usable:
+            close_axis(axis, bank)
+        if usable:
+            factor[:] = bank.factor
+            step_factor(setting.frequencies, setting.memory, step, bank.factor)
+            follow(axis, now, h, step, bank, setting)
+            bank.factor[:] = factor
+
+
 @njit(cache=True)
 def weigh(axis: int, dynamic_force: float, doubt: float, bank: Bank, setting: Setting) -> None:
     """Make what a force axis learnt with a less known accelerometer bias count less, as if it were shorter.

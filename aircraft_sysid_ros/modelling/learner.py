@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -29,6 +30,7 @@ class ParameterOptions:
     estimator: str = "rls"  # which estimator's parameters are published: a name of LEARNERS
     lowest_frequency: float = 0.1  # [Hz] band of the estimator "fourier"
     highest_frequency: float = 2.0  # [Hz]
+    relearn: bool = True  # after a sudden change of the aeroplane learn the changed axis anew
     rml_rate: float = 100.0  # [Hz] at which the estimator "rml" takes the IMU; faster samples are averaged
 
 
@@ -40,6 +42,14 @@ class AxisEstimate(NamedTuple):
     samples: int  # evaluations that it rests on, comparable with those of recursive least squares (25 Hz)
     last_learnt: Array  # (n,) time [s] when each term last moved and was learnt from; NaN: never
     excitation: Array | None = None  # (n,) as in ParameterEstimate; None: as recursive least squares sees it
+
+
+class Opening(NamedTuple):
+    """An axis that has changed: what was known of it is a prior now, see ``relearning``."""
+
+    axis: int
+    since: float  # [s] when it changed
+    spread: Array  # (n,) value of each parameter that would spread the coefficient as the flight did
 
 
 class Learner(Protocol):
@@ -65,6 +75,18 @@ class Learner(Protocol):
 
     def axis(self, axis: int) -> AxisEstimate:
         """Parameters of one axis now, in the order of the model's terms."""
+
+    def relearn(self, openings: Sequence[Opening]) -> Array:
+        """Make what was known of axes a prior, open to change, and learn them again from what was since.
+
+        Returns all parameters (parameters,) as they are then, 0 where nothing is known.
+        """
+
+    def waits(self, axis: int) -> bool:
+        """Whether it has nothing of its own on an axis that changed until it is given what least squares learnt."""
+
+    def take_over(self, axis: int, known: AxisEstimate) -> Array:
+        """Begin an axis that waits anew with what recursive least squares knows; returns all parameters then."""
 
     def reset(self) -> None:
         """Forget all that was learnt."""

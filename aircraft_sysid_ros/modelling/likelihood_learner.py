@@ -9,7 +9,7 @@ then do not end up in constant terms, nor the noise of air data in derivatives.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -46,17 +46,15 @@ from aircraft_sysid_ros.flight_model.layout import (
 from aircraft_sysid_ros.modelling import likelihood_state as loop
 from aircraft_sysid_ros.modelling import regression
 from aircraft_sysid_ros.modelling.body import body_of
-from aircraft_sysid_ros.modelling.learner import AxisEstimate, ParameterOptions
+from aircraft_sysid_ros.modelling.learner import AxisEstimate, Opening, ParameterOptions
+from aircraft_sysid_ros.modelling.likelihood_change import Past, take_axis
 from aircraft_sysid_ros.modelling.likelihood_recursion import run
 from aircraft_sysid_ros.modelling.regression import Body
-from aircraft_sysid_ros.modelling.trust import physical_bounds
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
 Array = npt.NDArray[np.float64]
-
-_ACCELEROMETER, _GYRO = regression.LARGEST_ACCELEROMETER_BIAS, regression.LARGEST_GYRO_BIAS
 
 #: Which outputs a kind of sample gives: first of them, how many values.
 _OUTPUTS = {
@@ -68,8 +66,6 @@ _OUTPUTS = {
 }
 #: Levels at the start: gusts [m/s per sqrt(s)] horizontal and vertical, rates [rad/s per sqrt(s)].
 _PROCESS_START = (0.3, 0.3, 0.5)
-#: Of a coefficient without physical bounds.
-_UNKNOWN_RANGE = 40.0
 #: Outputs rest on so many rows per second of each knot that forgetting counts in rows (see ``learn_rows``).
 _ROWS_PER_KNOT = 3.0
 _EARLY_FORGETTING, _EARLY_TIME = 0.998, 10.0  # per row; [s]
@@ -77,6 +73,8 @@ _START_TIME, _LONGEST_START = 20.0, 90.0  # [s] of equation error before the fil
 _FORCE_DOUBT, _MOMENT_DOUBT = 0.02, 0.002  # of the constant terms after it
 _ATTITUDE_STEP = 1.0  # [s]
 _SCORE_BLOCK, _SCORE_START = 0.2, 10.0  # [s]
+#: What was learnt this long [s] before a change is not touched by it.
+_MARGIN = 0.1
 #: Published samples are counted at this rate [Hz], that of recursive least squares.
 _SAMPLE_RATE = 25.0
 #: Inputs that a signal of the model needs, with what stands there where the model does not read it.
@@ -100,6 +98,7 @@ class LikelihoodLearner:
         self._body: Body | None = None
         self._origin: Array | None = None
         self._covariance: tuple[float, Array] = (-1.0, np.empty((0, 0)))
+        self._past = Past()
         self.late = 0
         self.reset()
         self.restart_time()
@@ -109,9 +108,13 @@ class LikelihoodLearner:
     def reset(self) -> None:
         """Forget all that was learnt."""
         self.recursion = self._new_recursion()
+        self._past.clear()
+        self._waiting: set[int] = set()
+        self._changed = np.full(len(AXES), -np.inf)
 
     def restart_time(self) -> None:
         """The clock began anew: drop what refers to old times, keep what was learnt."""
+        self._past.clear()
         self._open = (np.empty((0, Column.WIDTH)), np.empty((0, regression.TERM + len(self._names))))
         self._times, self._samples = np.empty(0), np.empty((0, OUTPUT_SIZE))
         self._used_until = -np.inf
@@ -148,7 +151,7 @@ class LikelihoodLearner:
         )
 
     def _new_recursion(self) -> loop.Recursion:
-        known = _prior(self._names)
+        known = loop.prior_of(self._names)
         n, q = len(self._names), len(known.std)
         theta = make_theta(self._model, np.zeros(n), process=_PROCESS_START)
         clock = np.zeros(loop.CLOCK_SIZE)
@@ -212,6 +215,10 @@ class LikelihoodLearner:
         if not len(knots.time):
             return known_times, known
         self._set_body(body, knots.rows[0])
+        if self._waiting:
+            knots = knots._replace(usable=np.zeros_like(knots.usable))
+        elif self.options.relearn:
+            self._past.keep(float(knots.time[0]), self.recursion)
         used, count = run(
             knots, self._times, self._ned_samples(), body, self._model, self.aircraft.model.offsets,
             self.recursion, self._tuning, known_times, known,
@@ -219,6 +226,27 @@ class LikelihoodLearner:
         self._times, self._samples = self._times[used:], self._samples[used:]
         self._used_until = float(knots.time[-1])
         return known_times[:count], known[:count]
+
+    def relearn(self, openings: Sequence[Opening]) -> Array:
+        """See ``Learner`` and ``likelihood_change``: the axes wait."""
+        if not self._waiting:
+            self._past.restore(min(o.since for o in openings) - _MARGIN, self.recursion)
+        self._waiting |= {o.axis for o in openings}
+        return self.recursion.theta[: len(self._names)].copy()
+
+    def waits(self, axis: int) -> bool:
+        """See ``Learner``."""
+        return axis in self._waiting
+
+    def take_over(self, axis: int, known: AxisEstimate) -> Array:
+        """See ``Learner``."""
+        part = self.aircraft.model.axis_slice(AXES[axis])
+        take_axis(self.recursion, part, known.theta, known.covariance)
+        self._changed[axis] = self.recursion.clock[loop.LEARNT]
+        self._waiting.discard(axis)
+        self._covariance = (-1.0, self._covariance[1])
+        self._past.clear()
+        return self.recursion.theta[: len(self._names)].copy()
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, what two seconds of level flight do not reach: the filters."""
@@ -233,7 +261,9 @@ class LikelihoodLearner:
         history[:, regression.TIME] = rows[:, Column.TIME]
         history[:, [regression.FLYING, regression.QBAR, _column("V"), _column("mach")]] = 1.0
         other.push(rows, history, body_of(self.aircraft))
-        other.axis(0)
+        n = len(other.axis(0).theta)
+        other.relearn([Opening(0, 0.0, np.zeros(n))])
+        other.take_over(0, AxisEstimate(np.zeros(n), np.eye(n), 0, np.zeros(n)))
 
     # -- rows to knots ----------------------------------------------------------------------------------------------
 
@@ -294,19 +324,24 @@ class LikelihoodLearner:
             self._origin = origin.copy()
             self.recursion.clock[loop.RUNNING] = 0.0
             self._body = None
+            self._past.clear()
         if self._body is None or not _same_body(body, self._body):
             self._body = body
             self._model = _model_with(self._model, self.aircraft, body, self._origin)
 
     # -- what was learnt --------------------------------------------------------------------------------------------
 
+    def _samples_since(self, axis: int) -> int:
+        """Of what was learnt from since the axis changed, if it did."""
+        learnt = float(self.recursion.clock[loop.LEARNT])
+        return max(int(min(learnt - _SCORE_START, learnt - self._changed[axis]) * _SAMPLE_RATE), 0)
+
     def axis(self, axis: int) -> AxisEstimate:
         """Parameters of one axis now, with the covariance corrected for coloured innovations."""
         part = self.aircraft.model.axis_slice(AXES[axis])
-        n, learnt = part.stop - part.start, float(self.recursion.clock[loop.LEARNT]) - _SCORE_START
-        samples = int(learnt * _SAMPLE_RATE)
+        n, samples = part.stop - part.start, self._samples_since(axis)
         last = self.recursion.last_learnt[part].copy()
-        if samples <= n:
+        if samples <= n and not self._changed[axis] < self.recursion.clock[loop.LEARNT]:
             return AxisEstimate(np.full(n, np.nan), np.full((n, n), np.nan), 0, last)
         covariance = self._whole_covariance()[part, part].copy()
         return AxisEstimate(self.recursion.theta[part].copy(), covariance, samples, last)
@@ -317,32 +352,6 @@ class LikelihoodLearner:
         if self._covariance[0] != learnt:
             self._covariance = (learnt, coloured_covariance(self.recursion.root, self.recursion.scores))
         return self._covariance[1]
-
-
-class _Prior(NamedTuple):
-    """What is known of the q free parameters before any data; see Recursion."""
-
-    low: Array
-    high: Array
-    std: Array
-    move: Array
-    largest_step: Array
-
-
-def _prior(names: tuple[str, ...]) -> _Prior:
-    """Coefficients within half their physical range beyond it, IMU biases, logarithms of the noise levels."""
-    bounds = np.array([physical_bounds(name) for name in names]).reshape(-1, 2)
-    bounds = np.where(np.isfinite(bounds), bounds, [-_UNKNOWN_RANGE, _UNKNOWN_RANGE])
-    span = bounds[:, 1] - bounds[:, 0]
-    blocks = [np.stack([bounds[:, 0] - 0.5 * span, bounds[:, 1] + 0.5 * span, 0.25 * span, 1e-5 * span, 0.1 * span])]
-    for count, column in (
-        (3, (-_ACCELEROMETER, _ACCELEROMETER, 1.0, 1e-5, 0.1)),
-        (3, (-_GYRO, _GYRO, 0.1, 1e-6, 0.01)),
-        (len(PROCESS_GROUPS), (np.log(0.001), np.log(10.0), 1.0, 1e-4, 0.2)),
-        (len(OUTPUT_GROUPS), (np.log(0.2), np.log(10.0), 0.3, 1e-4, 0.2)),
-    ):
-        blocks.append(np.tile(np.array(column)[:, None], count))
-    return _Prior(*np.hstack(blocks))
 
 
 def _sums(values: Array, starts: npt.NDArray[np.int64]) -> Array:

@@ -8,9 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.estimation.recursive_maximum_likelihood import Scores
+from aircraft_sysid_ros.flight_model.layout import OUTPUT_GROUPS, PROCESS_GROUPS
+from aircraft_sysid_ros.modelling.regression import LARGEST_ACCELEROMETER_BIAS, LARGEST_GYRO_BIAS
+from aircraft_sysid_ros.modelling.trust import physical_bounds
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+
+#: Of a coefficient without physical bounds.
+_UNKNOWN_RANGE = 40.0
 
 # Numbers of Recursion.clock: time of the filters [s], 1 while they run, flight spent in the start [s], 1 when it is
 # over, flight learnt from [s], when an attitude output and the end of a block of scores are due [s], losses of the
@@ -71,3 +77,29 @@ class Tuning(NamedTuple):
     score_forgetting: float  # per block
     score_start: float  # [s] of learning before scores count
     gyro_std: float  # [rad/s] of one knot
+
+
+class Prior(NamedTuple):
+    """What is known of the q free parameters before any data; see Recursion."""
+
+    low: Array
+    high: Array
+    std: Array
+    move: Array
+    largest_step: Array
+
+
+def prior_of(names: tuple[str, ...]) -> Prior:
+    """Coefficients within half their physical range beyond it, IMU biases, logarithms of the noise levels."""
+    bounds = np.array([physical_bounds(name) for name in names]).reshape(-1, 2)
+    bounds = np.where(np.isfinite(bounds), bounds, [-_UNKNOWN_RANGE, _UNKNOWN_RANGE])
+    span = bounds[:, 1] - bounds[:, 0]
+    blocks = [np.stack([bounds[:, 0] - 0.5 * span, bounds[:, 1] + 0.5 * span, 0.25 * span, 1e-5 * span, 0.1 * span])]
+    for count, column in (
+        (3, (-LARGEST_ACCELEROMETER_BIAS, LARGEST_ACCELEROMETER_BIAS, 1.0, 1e-5, 0.1)),
+        (3, (-LARGEST_GYRO_BIAS, LARGEST_GYRO_BIAS, 0.1, 1e-6, 0.01)),
+        (len(PROCESS_GROUPS), (np.log(0.001), np.log(10.0), 1.0, 1e-4, 0.2)),
+        (len(OUTPUT_GROUPS), (np.log(0.2), np.log(10.0), 0.3, 1e-4, 0.2)),
+    ):
+        blocks.append(np.tile(np.array(column)[:, None], count))
+    return Prior(*np.hstack(blocks))

@@ -118,7 +118,7 @@ class _Moments:
 
 
 def _weighted(estimator: ParameterEstimator, model: AerodynamicModel, axis: int, past: Kept) -> _Moments:
-    used = past.learnt[:, axis] > 0.0
+    used = (past.learnt[:, axis] > 0.0) & (past.time >= estimator.changes.since[axis])
     time, signals = past.time[used], past.signals[used]
     code, offsets = link(model.programs[axis])
     x = np.empty((len(time), len(offsets) - 1))
@@ -191,7 +191,7 @@ def _changed_learning(estimator: ParameterEstimator, new: AerodynamicModel, past
     """Learning of the new model."""
     old, was = estimator.model, estimator.learning
     learning = estimator.empty_learning(new)
-    for array in ("updates", "last_valid", "doubt"):
+    for array in ("updates", "last_valid", "doubt", "prior_variance"):
         getattr(learning, array)[:] = getattr(was, array)
     for i, axis in enumerate(AXES):
         before, after = old.terms[axis], new.terms[axis]
@@ -213,6 +213,8 @@ def _changed_learning(estimator: ParameterEstimator, new: AerodynamicModel, past
             _follow_new_terms(estimator, learning, new, i, n, past)
         m = len(after)
         learning.theta[i, :m], learning.p[i, :m, :m] = theta, p
+        if before == after:
+            learning.prior[i, :m, :m] = was.prior[i, :m, :m]
         learning.sums[i, :, : m + 2, : m + 2], learning.recent[i, :, : m + 2] = sums, recent
     return learning
 

@@ -88,6 +88,7 @@ def parameters_json(estimator: ParameterEstimator) -> dict[str, Any]:
             }
             for p in estimates.parameters
         ],
+        "changes": [{"axis": axis, "time": t, "count": count} for axis, t, count in estimator.changes.alarms()],
     }
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
@@ -17,6 +16,7 @@ from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
 from aircraft_sysid_ros.modelling.body import body_of, body_with
 from aircraft_sysid_ros.modelling.error_window import AxisError, ErrorWindow
 from aircraft_sysid_ros.modelling.fourier_learner import FourierLearner
+from aircraft_sysid_ros.modelling.inferred_angles import InferredAngles
 from aircraft_sysid_ros.modelling.learner import Learner, ParameterOptions
 from aircraft_sysid_ros.modelling.likelihood_learner import LikelihoodLearner
 from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
@@ -29,11 +29,13 @@ from aircraft_sysid_ros.modelling.regression import (
     fill_history,
     learn,
 )
+from aircraft_sysid_ros.modelling.relearning import Changes, learn_again
+from aircraft_sysid_ros.modelling.signals import interpolate
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
-__all__ = ["LEARNERS", "ParameterEstimator", "ParameterOptions", "make_learner"]
+__all__ = ["LEARNERS", "ParameterEstimator", "ParameterOptions", "interpolate", "make_learner"]
 
 Array = npt.NDArray[np.float64]
 
@@ -73,6 +75,7 @@ class ParameterEstimator:
         self.options = options or ParameterOptions()
         self.model: AerodynamicModel = aircraft.model
         self.late = 0
+        self.inferred = InferredAngles()
         self._early: deque[Samples] = deque(maxlen=_MOST_EARLY)
         self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
@@ -101,6 +104,7 @@ class ParameterEstimator:
             excitation=options.excitation,
             force_noise=self.aircraft.mass * accelerometer.noise[0] / np.sqrt(window),
         )
+        self.changes = Changes()
         self.newest_point: Array | None = None
         self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
         self._ranges = np.full((3, 2), np.nan)
@@ -124,6 +128,8 @@ class ParameterEstimator:
             last_learnt=np.full(total, np.nan),
             last_valid=np.full(6, -np.inf),
             doubt=np.zeros(6),
+            prior=np.zeros((6, n, n)),
+            prior_variance=np.zeros(6),
         )
 
     def adopt(self, aircraft: Aircraft, learning: Learning, history: Array, learner: Learner | None) -> None:
@@ -133,6 +139,7 @@ class ParameterEstimator:
             self._predictions = [(-np.inf, np.concatenate(theta))]  # until the new learner knows better
         self.aircraft, self.model, self._code = aircraft, aircraft.model, aircraft.model.linked
         self.learning, self.history, self.learner = learning, history, learner
+        self.changes.restart()
 
     def _restart_time(self) -> None:
         self._waiting: list[Array] = []
@@ -146,6 +153,8 @@ class ParameterEstimator:
         self._start_time: float | None = None
         self._next_index = 0
         self.learning.last_valid[:] = -np.inf
+        self.changes.restart()
+        self.changes.since[:] = -np.inf
         if self.learner is not None:
             self.learner.restart_time()
             self._predictions = [(-np.inf, theta) for _, theta in self._predictions[-1:]]
@@ -181,6 +190,7 @@ class ParameterEstimator:
             self.push_samples(self._early.popleft(), epoch)
         if self._newest_time is not None and rows[0, Column.TIME] <= self._newest_time:
             self._restart_time()  # the clock began anew: what was learnt stays
+        self.inferred.note(rows)
         self._waiting.append(rows)
         self._newest_time = float(rows[-1, Column.TIME])
         return self._process_until(self._newest_time - self.options.settle)
@@ -198,6 +208,7 @@ class ParameterEstimator:
         other.snapshot()
         n = len(other.learning.theta[0])
         coloured_covariance(np.zeros((2, n + 2, n + 2)), np.zeros(n))
+        learn_again(0, other._no_points(), 1.0, other.learning, other.tuning)
         if other.learner is not None:
             other.learner.warm_up()
 
@@ -239,6 +250,31 @@ class ParameterEstimator:
         )
         fill_history(rows, controls, heights, self.body, sensors, *self._code, self._start_time, history)
         self._prune(float(times[-1]))
+        if not self.options.relearn:
+            return self._take(rows, history)
+        points = []
+        for part in self.changes.parts(times):
+            if self.changes.is_due(float(times[part.start])):
+                self._look_for_changes()
+            self.changes.take_rows(rows[part])
+            points.append(self._take(rows[part], history[part]))
+        return np.vstack(points)
+
+    def _look_for_changes(self) -> None:
+        area = float(self.body.geometry[0])
+        openings = self.changes.look(self.model, self.learning, self.tuning, area)
+        for opening in openings:
+            self.changes.times[opening.axis] = opening.since - (self._start_time or 0.0)
+        if self.learner is None:
+            return
+        if openings:
+            self._predictions = [(-np.inf, self.learner.relearn(openings))]
+        for axis in range(6):
+            known = self.changes.relearnt(axis, self.model, self.learning) if self.learner.waits(axis) else None
+            if known is not None:
+                self._predictions = [(-np.inf, self.learner.take_over(axis, known))]
+
+    def _take(self, rows: Array, history: Array) -> Array:
         self.history = np.vstack([self.history, history])
         if self.learner is not None:
             self._predictions.extend(zip(*self.learner.push(rows, history, self.body), strict=True))
@@ -255,6 +291,8 @@ class ParameterEstimator:
         self.history = self.history[int(np.searchsorted(self.history[:, TIME], oldest)) :]
         points = points[:count]
         if count:
+            if self.options.relearn:
+                self.changes.take(points)
             if self.learner is not None:
                 self._predict(points)
             self._signals_seen |= np.any(np.isfinite(points[:, Point.SIGNALS]), axis=0)
@@ -273,6 +311,8 @@ class ParameterEstimator:
             theta = self._predictions[0][1] if known else np.zeros(len(self.model.parameter_names))
             each = point[Point.TERMS :] * theta
             for axis, name in enumerate(AXES):
+                if self.learner is not None and self.learner.waits(axis):
+                    continue  # the prediction of least squares stands there
                 point[Point.PREDICTED.start + axis] = each[self.model.axis_slice(name)].sum()
 
     def _height_from_gps(self, rows: Array) -> Array:
@@ -320,15 +360,15 @@ class ParameterEstimator:
         time = np.nan if self.newest_point is None else float(self.newest_point[Point.TIME])
         for axis, name in enumerate(AXES):
             part = self.model.axis_slice(name)
-            own = None if self.learner is None else self.learner.axis(axis)
-            block = axis_estimates(self.model, axis, self.learning, time, self._missing_signals(axis), own)
+            own = None if self.learner is None or self.learner.waits(axis) else self.learner.axis(axis)
+            changed = float(self.changes.times[axis])
+            block = axis_estimates(self.model, axis, self.learning, time, self._missing_signals(axis), own, changed)
             estimates.extend(block[0])
             covariance[part, :] = covariance[:, part] = 0.0
             covariance[part, part] = block[1]
         ranges = [(float(low), float(high)) for low, high in self._ranges]
-        return ParameterSet(
-            time, self.model.identifier, tuple(estimates), covariance, ranges[0], ranges[1], ranges[2]
-        )
+        found = ParameterSet(time, self.model.identifier, tuple(estimates), covariance, ranges[0], ranges[1], ranges[2])
+        return self.inferred.widened(found, self.model, self.newest_point)
 
     def model_error(self) -> list[AxisError]:
         """Measured against predicted coefficients over the sliding window."""
@@ -350,26 +390,3 @@ class ParameterEstimator:
 
     def _no_points(self) -> Array:
         return np.empty((0, Point.TERMS + len(self.model.parameter_names)))
-
-
-@njit(cache=True)
-def interpolate(times: Array, values: Array, at: Array, longest: float, held: float = np.inf) -> Array:
-    """Series (n, k) at ascending times ``at`` (m,), linear between samples at most ``longest`` [s] away.
-
-    Where only an earlier sample is near, at most ``held`` [s], it is held; where none is near, NaN.
-    """
-    out = np.full((len(at), values.shape[1]), np.nan)
-    j = 0
-    for i in range(len(at)):
-        while j < len(times) and times[j] <= at[i]:
-            j += 1
-        before, after = j - 1, j
-        has_before = before >= 0 and at[i] - times[before] <= longest
-        has_after = after < len(times) and times[after] - at[i] <= longest
-        if has_before and has_after:
-            weight = (at[i] - times[before]) / (times[after] - times[before])
-            for k in range(values.shape[1]):
-                out[i, k] = values[before, k] + weight * (values[after, k] - values[before, k])
-        elif has_before and at[i] - times[before] <= held:
-            out[i] = values[before]
-    return out

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
+from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance, residual_autocovariance
 from aircraft_sysid_ros.modelling.learner import AxisEstimate
 from aircraft_sysid_ros.modelling.regression import Learning
 from aircraft_sysid_ros.modelling.trust import Evidence, Trust, TrustRules, judge
@@ -17,6 +17,8 @@ Array = npt.NDArray[np.float64]
 
 #: A constant term is compared with this where others are compared with their noise.
 _NOISE_OF_ONE = 0.01
+#: After a change the variance of the noise from before it counts as so many evaluations.
+_PRIOR_WORTH = 50.0
 
 
 @dataclass(frozen=True)
@@ -52,15 +54,17 @@ def axis_estimates(
     now: float,
     missing: tuple[str, ...],
     own: AxisEstimate | None = None,
+    changed: float = np.nan,
 ) -> tuple[list[ParameterEstimate], Array]:
     """Parameters of one axis at the time ``now`` [s] and their covariance (n, n).
 
     ``missing`` are the signals that the axis needs and that are not measured; ``own`` what another learner
     knows of the axis: the parameters are then its, and recursive least squares only says how the terms moved.
+    ``changed`` is the time of flight [s] of the newest change of the axis, NaN if it never did.
     """
     names = model.parameter_names[model.axis_slice(AXES[axis])]
     n, first = len(names), int(model.offsets[axis])
-    known, sums = _least_squares(model, axis, learning)
+    known, sums = least_squares(model, axis, learning)
     excitation, effect = np.zeros(n), np.full(n, np.inf)
     estimate = known if own is None else own
     if known.samples > n:
@@ -75,18 +79,21 @@ def axis_estimates(
         excited = float(excitation[j])
         evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing)
         verdict = judge(evidence, TrustRules())
+        reason = verdict.reason
+        if verdict.status == Trust.HOLD and np.isfinite(changed):
+            reason = f"relearning since a change at {changed:.1f} s: {reason}"
         age = float(now - estimate.last_learnt[j])
-        estimates.append(ParameterEstimate(name, value, std, verdict.status, verdict.reason, age, excited))
+        estimates.append(ParameterEstimate(name, value, std, verdict.status, reason, age, excited))
     return estimates, estimate.covariance
 
 
-def _least_squares(model: AerodynamicModel, axis: int, learning: Learning) -> tuple[AxisEstimate, Array]:
+def least_squares(model: AerodynamicModel, axis: int, learning: Learning) -> tuple[AxisEstimate, Array]:
     """What recursive least squares knows of one axis, and its lagged sums (lags, n + 2, n + 2)."""
     part = model.axis_slice(AXES[axis])
     n, samples = part.stop - part.start, int(learning.updates[axis])
     sums = np.ascontiguousarray(learning.sums[axis, :, : n + 2, : n + 2])
     theta, covariance = np.full(n, np.nan), np.full((n, n), np.nan)
-    if samples > n:
+    if samples > n or learning.prior[axis].any():
         theta = learning.theta[axis, :n].copy()
         covariance = _covariance(model, axis, learning, theta, sums)
     return AxisEstimate(theta, covariance, samples, learning.last_learnt[part]), sums
@@ -99,17 +106,48 @@ def _covariance(model: AerodynamicModel, axis: int, learning: Learning, theta: A
     accelerometer as far as it is not known, which stands in the constant term.
     """
     n, first = len(theta), int(model.offsets[axis])
-    p = learning.p[axis, :n, :n]
-    coloured, white, autocovariance = coloured_covariance(sums, theta)
+    p, prior = learning.p[axis, :n, :n], learning.prior[axis, :n, :n]
     effective = min(int(learning.updates[axis]), sums[0, n + 1, n + 1])
-    variance = autocovariance[0] * effective / max(effective - n, 1.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        widening = np.sqrt(np.maximum(np.diag(coloured) / np.diag(white), 1.0))
+    if prior.any():
+        variance, widening = _with_prior(sums, theta, prior, float(learning.prior_variance[axis]))
+    else:
+        coloured, white, autocovariance = coloured_covariance(sums, theta)
+        variance = autocovariance[0] * effective / max(effective - n, 1.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            widening = np.sqrt(np.maximum(np.diag(coloured) / np.diag(white), 1.0))
     covariance = variance * p * np.outer(widening, widening)
     pull = p @ (effective * learning.noise_square[first : first + n] * theta)
     constant = np.array([program.text == "1" for program in model.programs[axis]], dtype=np.float64)
     of_bias = learning.doubt[axis] * np.outer(constant, constant)
-    return np.asarray(covariance + np.outer(pull, pull) + of_bias)
+    covariance = covariance + np.outer(pull, pull) + of_bias
+    return within_prior(covariance, prior / learning.prior_variance[axis]) if prior.any() else np.asarray(covariance)
+
+
+def within_prior(covariance: Array, information: Array) -> Array:
+    """A covariance (n, n) with standard errors that are at most those of the prior: systematic parts know no bound."""
+    root = np.linalg.cholesky(information)
+    most = np.sqrt(np.sum(np.linalg.solve(root, np.eye(len(root))) ** 2, axis=0))
+    factor = np.minimum(most / np.sqrt(np.diag(covariance)), 1.0)
+    return np.asarray(covariance * np.outer(factor, factor))
+
+
+def _with_prior(sums: Array, theta: Array, prior: Array, variance: float) -> tuple[float, Array]:
+    """Variance of the noise, and by what coloured residuals widen the standard errors (n,), see ``relearning``.
+
+    The variance is that from before the change until as many evaluations as it is worth say otherwise.
+    """
+    n = len(theta)
+    autocovariance, weight = residual_autocovariance(sums, theta), float(sums[0, n + 1, n + 1])
+    variance = (_PRIOR_WORTH * variance + weight * autocovariance[0]) / (_PRIOR_WORTH + weight)
+    taper = 0.5 * (1.0 + np.cos(np.pi * np.arange(len(sums)) / len(sums)))
+    taper[0] = 0.5
+    middle = np.einsum("l,lij->ij", taper * autocovariance, sums[:, :n, :n])
+    both = sums[0, :n, :n] + prior
+    scale = 1.0 / np.sqrt(np.diag(both))
+    half = np.linalg.solve(np.linalg.cholesky(scale[:, None] * both * scale), np.diag(scale))
+    white = half.T @ half
+    coloured = white @ (middle + middle.T + variance * prior) @ white
+    return variance, np.sqrt(np.maximum(np.diag(coloured) / (variance * np.diag(white)), 1.0))
 
 
 def _excitation(moments: Array, noise_square: Array) -> Array:

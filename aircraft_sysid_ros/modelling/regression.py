@@ -79,6 +79,8 @@ class Learning(NamedTuple):
     last_learnt: Array  # (parameters,) time [s]
     last_valid: Array  # (6,) time [s] of the newest sample in the lagged sums
     doubt: Array  # (6,) newest variance of the measured coefficient from the accelerometer bias
+    prior: Array  # (6, n, n) information of what was known before the axis changed, over the noise; 0: it never did
+    prior_variance: Array  # (6,) of the noise before the change
 
 
 class Tuning(NamedTuple):
@@ -235,11 +237,11 @@ def _learn_axis(
         forgetting = 1.0
     rls_update(learning.theta[axis, :n], p, x, y, forgetting)
     learning.doubt[axis] = doubt
-    _accumulate(axis, point[0], x, y, root_weight, noise, learning, tuning)
+    accumulate(axis, point[0], x, y, root_weight, noise, learning, tuning)
 
 
 @njit(cache=True)
-def _accumulate(
+def accumulate(
     axis: int,
     time: float,
     x: Array,
@@ -259,6 +261,7 @@ def _accumulate(
     row[:n], row[n], row[n + 1] = x, y, root_weight
     sums = learning.sums[axis, :, : n + 2, : n + 2]
     add_sample(sums, recent[:, : n + 2], row, tuning.forgetting)
+    learning.prior[axis] *= tuning.forgetting
     learning.last_valid[axis] = time
     learning.updates[axis] += 1
     for j in range(first, last):

@@ -93,3 +93,26 @@ def signal_noise(signals: Array, row: Array, sensors: Array, geometry: Array, ou
     out[_HEIGHT] = 0.3
     out[_ALPHA_DOT] = flow * chord / speed
     out[_BETA_DOT] = flow * span / speed
+
+
+@njit(cache=True)
+def interpolate(times: Array, values: Array, at: Array, longest: float, held: float = np.inf) -> Array:
+    """Series (n, k) at ascending times ``at`` (m,), linear between samples at most ``longest`` [s] away.
+
+    Where only an earlier sample is near, at most ``held`` [s], it is held; where none is near, NaN.
+    """
+    out = np.full((len(at), values.shape[1]), np.nan)
+    j = 0
+    for i in range(len(at)):
+        while j < len(times) and times[j] <= at[i]:
+            j += 1
+        before, after = j - 1, j
+        has_before = before >= 0 and at[i] - times[before] <= longest
+        has_after = after < len(times) and times[after] - at[i] <= longest
+        if has_before and has_after:
+            weight = (at[i] - times[before]) / (times[after] - times[before])
+            for k in range(values.shape[1]):
+                out[i, k] = values[before, k] + weight * (values[after, k] - values[before, k])
+        elif has_before and at[i] - times[before] <= held:
+            out[i] = values[before]
+    return out

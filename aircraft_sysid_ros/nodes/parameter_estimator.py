@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from aircraft_sysid_msgs.msg import AircraftState, AxisError, ModelError, Parameter, Parameters
 from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -19,6 +21,7 @@ from aircraft_sysid_ros.modelling.parameter_estimator import LEARNERS, Parameter
 from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes.calibration import PROBE_TOPIC, configured_correction, declare_calibration
 from aircraft_sysid_ros.nodes.common import Choice, Option
 from aircraft_sysid_ros.nodes.estimator_node import EstimatorNode
 from aircraft_sysid_ros.nodes.model_services import ModelServices
@@ -57,6 +60,9 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("parameter_estimator", INPUTS, ParameterOptions(), OPTIONS, **arguments)
+        declare_calibration(self)
+        text = "After a sudden change of the aeroplane learn the changed axis anew."
+        self.declare_parameter("relearn", ParameterOptions().relearn, ParameterDescriptor(description=text))
         self.states_received = 0
         self.on_points: Callable[[Any], None] | None = None  # `live --out` keeps both for the run folder
         self.on_parameters: Callable[[Any, Any], None] | None = None
@@ -68,7 +74,12 @@ class ParameterEstimatorNode(EstimatorNode):
     def make_estimator(self, aircraft: Aircraft, options: ParameterOptions) -> ParameterEstimator:
         """The estimator, compiled."""
         self._epoch, self._due = None, -np.inf
-        self.received = dict.fromkeys(INPUTS + MORE_INPUTS.get(options.estimator, ()), 0)
+        options = replace(options, relearn=bool(self.get_parameter("relearn").value))
+        self._correction = configured_correction(self)
+        more = MORE_INPUTS.get(options.estimator, ())
+        if "air_data" in more and self._correction is not None and self._correction.uses_probe:
+            more = (*more, PROBE_TOPIC)
+        self.received = dict.fromkeys(INPUTS + more, 0)
         estimator = ParameterEstimator(aircraft, options)
         estimator.warm_up()
         self.model_services.configure()
@@ -102,6 +113,8 @@ class ParameterEstimatorNode(EstimatorNode):
     def take(self, topic: str, message: Any) -> None:
         """One message of controls, height or mass, or of what the chosen estimator hears besides."""
         for samples in to_samples(topic, *message_fields(topic, message)):
+            if self._correction is not None:
+                samples = self._correction.apply(samples)
             if self.on_samples is not None and topic in INPUTS:
                 self.on_samples(samples)
             self.estimator.push_samples(samples, self._epoch)
@@ -121,6 +134,7 @@ class ParameterEstimatorNode(EstimatorNode):
             "controls_received": self.received["control_surfaces"],
             "controls_late": self.estimator.late,
             **{trust.name: statuses.count(trust) for trust in Trust},
+            **self.estimator.changes.summary(),
         }
         if self.count_publishers(STATES) > 1:
             return f"{self.count_publishers(STATES)} nodes publish {STATES}: give each aircraft a namespace", values

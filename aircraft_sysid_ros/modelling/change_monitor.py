@@ -1,0 +1,138 @@
+"""Has the aeroplane changed? The model error of a second, against what it was since the parameters were known.
+
+Per axis: e = measured - predicted before the sample, where the axis learns. The mean square over the newest WINDOW of
+these is compared with those of earlier blocks of the same length, of which the newest GUARD evaluations are left out:
+a change is not to be in what it is measured by. The alarm wants both, RATIO times the rms of all blocks and WORST
+times the largest of them, over PATIENCE looks. Errors of a model that is always wrong somewhere raise the bar by
+themselves.
+
+When the change was: with n errors of variance s^2 before it and RATIO^2 s^2 since, the sum of
+
+    e^2 / s^2 - ln(RATIO^2) RATIO^2 / (RATIO^2 - 1)
+
+from a time on is largest from the most likely one on (Page 1954, cumulative sums of log likelihoods).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.modelling.regression import Point
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+#: Evaluations (25 per second) of the window and of a block; those between the window and the blocks, the window too.
+WINDOW, GUARD = 25, 50
+#: Blocks that are remembered, and how many there must be.
+MOST_BLOCKS, LEAST_BLOCKS = 60, 8
+#: Rms of the window over that of all blocks, and over that of the largest.
+RATIO, WORST = 5.0, 3.0
+#: Looks in a row.
+PATIENCE = 2
+
+_MEASURED, _PREDICTED, _LEARNT = Point.MEASURED.start, Point.PREDICTED.start, Point.LEARNT.start
+
+
+class Errors(NamedTuple):
+    """Squared model errors of six axes."""
+
+    newest: Array  # (6, GUARD) newest first
+    time: Array  # (6, GUARD) [s] of them
+    filled: Integers  # (6,) how many there are
+    block: Array  # (6, 2) sum and count of the block that is being filled
+    blocks: Array  # (6, MOST_BLOCKS) mean squares, newest first
+    block_count: Integers  # (6,)
+
+
+@njit(cache=True)
+def add_errors(points: Array, known: npt.NDArray[np.bool_], errors: Errors) -> None:
+    """Take points (m, …) of the axes (6,) whose parameters are known, in place."""
+    for point in points:
+        for axis in range(6):
+            e = point[_MEASURED + axis] - point[_PREDICTED + axis]
+            if not (known[axis] and point[_LEARNT + axis] > 0.0 and np.isfinite(e)):
+                continue
+            if errors.filled[axis] == GUARD:
+                _add_to_block(axis, errors.newest[axis, GUARD - 1], errors)
+            errors.newest[axis, 1:] = errors.newest[axis, : GUARD - 1].copy()
+            errors.time[axis, 1:] = errors.time[axis, : GUARD - 1].copy()
+            errors.newest[axis, 0], errors.time[axis, 0] = e * e, point[0]
+            errors.filled[axis] = min(errors.filled[axis] + 1, GUARD)
+
+
+@njit(cache=True)
+def _add_to_block(axis: int, square: float, errors: Errors) -> None:
+    errors.block[axis, 0] += square
+    errors.block[axis, 1] += 1.0
+    if errors.block[axis, 1] == WINDOW:
+        errors.blocks[axis, 1:] = errors.blocks[axis, : MOST_BLOCKS - 1].copy()
+        errors.blocks[axis, 0] = errors.block[axis, 0] / WINDOW
+        errors.block_count[axis] = min(errors.block_count[axis] + 1, MOST_BLOCKS)
+        errors.block[axis] = 0.0
+
+
+class ChangeMonitor:
+    """Looks at the model errors of all axes."""
+
+    def __init__(self) -> None:
+        self._errors = Errors(
+            newest=np.zeros((6, GUARD)),
+            time=np.zeros((6, GUARD)),
+            filled=np.zeros(6, np.int64),
+            block=np.zeros((6, 2)),
+            blocks=np.zeros((6, MOST_BLOCKS)),
+            block_count=np.zeros(6, np.int64),
+        )
+        self._raised = np.zeros(6, np.int64)  # looks in a row at which the error was too large
+
+    def add(self, points: Array, known: npt.NDArray[np.bool_]) -> None:
+        """Take points (m, …) of ``Point``; only axes (6,) whose parameters are known count."""
+        add_errors(points, known, self._errors)
+
+    def forget(self, axis: int) -> None:
+        """The parameters of an axis are others now: what its errors are is still to be seen."""
+        for array in self._errors:
+            array[axis] = 0
+        self._raised[axis] = 0
+
+    def skip(self) -> None:
+        """What was in the windows is not to be looked at, of any axis: the first step was at odds with its sensors."""
+        self._errors.filled[:] = 0
+        self._raised[:] = 0
+
+    def variance(self, axis: int) -> float:
+        """Mean square of the error of an axis in the blocks; 0 without any."""
+        return float(self._blocks(axis).mean()) if self._errors.block_count[axis] else 0.0
+
+    def excess(self, axis: int) -> float:
+        """Least variance that would explain the window beside that of the blocks; negative while there is no alarm."""
+        if self._errors.block_count[axis] < LEAST_BLOCKS or self._errors.filled[axis] < WINDOW:
+            return -np.inf
+        blocks, now = self._blocks(axis), float(self._errors.newest[axis, :WINDOW].mean())
+        if not blocks.max() > 0.0:
+            return -np.inf  # a model without any error has no measure of one
+        return min(now / RATIO**2 - float(blocks.mean()), now / WORST**2 - float(blocks.max()))
+
+    def look(self, axis: int, uncertainty: float) -> bool:
+        """Whether the axis has changed, at a time at which the parameters make predictions uncertain by a variance."""
+        self._raised[axis] = self._raised[axis] + 1 if self.excess(axis) > uncertainty else 0
+        return bool(self._raised[axis] >= PATIENCE)
+
+    def window_begin(self, axis: int) -> float:
+        """Time [s] of the oldest error in the window."""
+        return float(self._errors.time[axis, WINDOW - 1])
+
+    def change_time(self, axis: int) -> float:
+        """Most likely time [s] of the first error after the change."""
+        count = int(self._errors.filled[axis])
+        level = np.log(RATIO**2) * RATIO**2 / (RATIO**2 - 1.0)
+        gain = np.cumsum(self._errors.newest[axis, :count] / max(self.variance(axis), 1e-300) - level)
+        return float(self._errors.time[axis, int(np.argmax(gain))])
+
+    def _blocks(self, axis: int) -> Array:
+        return self._errors.blocks[axis, : self._errors.block_count[axis]]
