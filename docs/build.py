@@ -17,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import calibration_tables
 import certificate_tables
 import diagnosis_tables
 import mavlink_tables
@@ -367,7 +368,13 @@ def workbench() -> str:
     )  # fmt: skip
 
 
+def calibration(name: str) -> Callable[[], str]:
+    """A table of docs/calibration.md."""
+    return lambda: table(*calibration_tables.TABLES[name](load("calibration")))
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    **{f"calibration_{name}": calibration(name) for name in calibration_tables.TABLES},
     "workbench": workbench,
     **{f"mavlink_{name}": mavlink(name) for name in mavlink_tables.TABLES},
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},

@@ -13,6 +13,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes.calibration import PROBE_TOPIC, configured_correction, declare_calibration
 from aircraft_sysid_ros.nodes.common import Option
 from aircraft_sysid_ros.nodes.estimator_node import EstimatorNode
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
@@ -48,6 +49,7 @@ class StateEstimatorNode(EstimatorNode):
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("state_estimator", INPUTS, StateOptions(), OPTIONS, **arguments)
+        declare_calibration(self)
         self.rows_published = 0
         self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
         self.on_samples: Callable[[Any], None] | None = None  # and the samples
@@ -55,7 +57,10 @@ class StateEstimatorNode(EstimatorNode):
         self._pushed_until = 0  # newest IMU stamp [ns] at the last push
 
     def make_estimator(self, aircraft: Aircraft, options: StateOptions) -> StateEstimator:
-        """The filter, compiled."""
+        """The filter, compiled, and the correction of its samples."""
+        self._correction = configured_correction(self)
+        probe = (PROBE_TOPIC,) if self._correction is not None and self._correction.uses_probe else ()
+        self.received = dict.fromkeys(INPUTS + probe, 0)
         warm_up(aircraft)
         return StateEstimator(aircraft, options)
 
@@ -68,6 +73,8 @@ class StateEstimatorNode(EstimatorNode):
     def take(self, topic: str, message: Any) -> None:
         """One sensor message: convert and, when it is time, push and publish the states that are complete."""
         samples = to_samples(topic, *message_fields(topic, message))
+        if self._correction is not None:
+            samples = [left for part in samples if len(left := self._correction.apply(part))]
         self._waiting.extend(samples)
         newest = int(samples[0].stamp[0]) if samples and samples[0].kind[0] == Kind.IMU else self._pushed_until
         period = TOGETHER * self.estimator.options.horizon * common.NANOSECONDS

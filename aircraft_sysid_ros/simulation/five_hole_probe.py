@@ -25,9 +25,12 @@ class ProbeCalibration:
     alpha_offset: float = 0.0  # [rad]
     beta_scale: float = 0.0
     beta_offset: float = 0.0  # [rad]
+    mount_roll: float = 0.0  # [rad] eps_phi: v_body = C(eps_phi) v_probe, (37), (38)
 
     def pressures(self, airspeed: Array, alpha: Array, beta: Array, density: Array) -> Array:
-        """Dynamic, alpha and beta pressure [Pa] (n, 3) at true airspeed [m/s] and angles [rad], each (n,)."""
+        """Dynamic, alpha and beta pressure [Pa] (n, 3) at true airspeed [m/s] and angles [rad] in body axes, (n,)."""
+        if self.mount_roll != 0.0:
+            alpha, beta = self._in_probe_axes(alpha, beta)
         indicated = (airspeed - self.airspeed_offset) / (1.0 + self.airspeed_scale)
         impact = 0.5 * density * indicated**2
         alpha_pressure = (
@@ -35,3 +38,10 @@ class ProbeCalibration:
         )
         beta_pressure = (beta - self.beta_offset) / (1.0 + self.beta_scale) * self.beta_sensitivity * impact
         return np.stack([impact, alpha_pressure, beta_pressure], axis=1)
+
+    def _in_probe_axes(self, alpha: Array, beta: Array) -> tuple[Array, Array]:
+        """Angles of the flow in axes of the probe, from those in body axes."""
+        u, v, w = np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)
+        c, s = np.cos(self.mount_roll), np.sin(self.mount_roll)
+        across, down = c * v - s * w, s * v + c * w
+        return np.arctan2(down, u), np.arcsin(across)

@@ -22,6 +22,7 @@ from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_produc
 from aircraft_sysid_ros.recordings import ros_conversion
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
 from aircraft_sysid_ros.simulation.five_hole_probe import ProbeCalibration
+from aircraft_sysid_ros.simulation.instrument_errors import AIR_DATA, MagneticErrors, OutputErrors
 from aircraft_sysid_ros.simulation.truth import FLAPS, Truth
 
 Array = npt.NDArray[np.float64]
@@ -61,6 +62,8 @@ class SensorOptions:
     command_lag: float = 0.0  # [s] commands are recorded, and what they move follows with this time constant
     command_dead_time: float = 0.0  # [s] and so much later
     probe: ProbeCalibration = field(default_factory=ProbeCalibration)
+    magnetic: MagneticErrors = field(default_factory=MagneticErrors)
+    outputs: OutputErrors = field(default_factory=OutputErrors)
 
 
 @dataclass(frozen=True)
@@ -182,7 +185,7 @@ class _Suite:
     def _attitude(self, time: Array) -> Array:
         """Quaternions (n, 4) turned by the noise, a rotation vector in body axes."""
         errors = self.noise("attitude", (len(time), 3))
-        true = self.seen("attitude", time).quaternion
+        true = self.options.outputs.attitude(self.seen("attitude", time).quaternion)
         return np.array([quaternion_product(q, quaternion_exp(e)) for q, e in zip(true, errors, strict=True)])
 
     def gps_fix(self) -> Stream:
@@ -210,7 +213,7 @@ class _Suite:
         fields = {"air_density": density, "static_pressure": pressure}
         names = {"airspeed": "true_airspeed", "angle_of_attack": "angle_of_attack", "sideslip": "sideslip"}
         for column, (sensor, field_name) in enumerate(names.items()):
-            shown = self._flow(sensor, time, place)[:, column]
+            shown = self.options.outputs.shown(AIR_DATA[column], self._flow(sensor, time, place)[:, column])
             fields[field_name] = self.aircraft.sensors[sensor].scale * shown + self.noise(sensor, (n,))
         return self.stream("air_data", time, fields)
 
@@ -259,7 +262,7 @@ class _Suite:
         north, east = _FIELD_NORTH * np.cos(declination), _FIELD_NORTH * np.sin(declination)
         quaternions = self.seen("magnetometer", time).quaternion
         field_b = np.array([rotation_matrix(q).T @ np.array([north, east, _FIELD_DOWN]) for q in quaternions])
-        field_b += _FIELD_NORTH * self.noise("magnetometer", field_b.shape)
+        field_b = self.options.magnetic.shown(field_b) + _FIELD_NORTH * self.noise("magnetometer", field_b.shape)
         return self.stream("imu/mag", time, {"magnetic_field": ros_conversion.flu_from_frd(field_b)})
 
     def height(self) -> Stream:

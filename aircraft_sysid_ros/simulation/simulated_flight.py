@@ -63,6 +63,8 @@ class SimulatedFlight:
     #: True coefficients of the model without what is hidden, by name; empty where nobody knows.
     coefficients: dict[str, float] = field(default_factory=dict)
     manoeuvres: str = STANDARD
+    #: True errors of the instruments by calibration and parameter; empty where they were not drawn.
+    calibration: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def oracle(self) -> Aircraft:
@@ -137,11 +139,12 @@ def textbook_effects(
     )
 
 
-def chosen_plan(identifiers: Sequence[str], seed: int) -> str:
-    """Kind of a flight that shows the first of some effects; the standard one when there is none."""
+def chosen_plan(identifiers: Sequence[str], seed: int, avoided: Sequence[str] = ()) -> str:
+    """Kind of a flight that shows the first of some effects, not one of those avoided if another does."""
     if not identifiers:
         return STANDARD
-    return str(generator(seed, "manoeuvres").choice(list(plans_of(identifiers[0]))))
+    plans = list(plans_of(identifiers[0]))
+    return str(generator(seed, "manoeuvres").choice([plan for plan in plans if plan not in avoided] or plans))
 
 
 def really(
@@ -182,7 +185,8 @@ def simulate_jsbsim_samples(
     walk = setup.aircraft.process_noise["wind"] if wind_walk is None else wind_walk
     count = round(duration * JSBSIM_RATE) + 1
     air = _wind(seed, count, JSBSIM_RATE, wind, walk, setup.trim.airspeed, turbulence)
-    chosen = manoeuvres or chosen_plan([identifier for identifier, _ in hidden], seed)
+    # at high angles of attack the wing of the aeroplane itself has more than its file says
+    chosen = manoeuvres or chosen_plan([identifier for identifier, _ in hidden], seed, avoided=("high_alpha",))
     truth, ground = fly_jsbsim_plan(name, there, chosen, seed, air)
     aircraft = users_aircraft(name, there, plain=not fitted)
     aircraft = aircraft_from_dict({**aircraft.source, "ground_altitude": ground})

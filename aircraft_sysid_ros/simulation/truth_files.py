@@ -73,6 +73,7 @@ def truth_document(flight: SimulatedFlight) -> dict[str, Any]:
         "effects": [{"axis": e.axis, "expression": e.expression, "value": e.value} for e in flight.effects],
         "hidden": [effect.document() for effect in flight.hidden],
         "manoeuvres": flight.manoeuvres,
+        "calibration": flight.calibration,
         "accelerometer_bias": biases.accelerometer[-1].tolist(),
         "gyro_bias": biases.gyro[-1].tolist(),
         "accelerometer_bias_start": biases.accelerometer[0].tolist(),

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.calibration_plan import CALIBRATION, calibration_plan
 from aircraft_sysid_ros.simulation.manoeuvres import (
     AILERON,
     ELEVATOR,
@@ -64,6 +65,8 @@ def plan_of(name: str, time: Array, excitation: Excitation, seed: int) -> Plan:
     """Plan of a kind of PLANS at n times [s] (n,) from 0, drawn from a seed; InputError for another name."""
     if name == STANDARD:
         return flight_plan(time, excitation)
+    if name == CALIBRATION:
+        return calibration_plan(time, excitation)
     if name not in _KINDS:
         raise InputError(f"unknown manoeuvres '{name}': use one of {' '.join(PLANS)}")
     kind, rng = _KINDS[name], np.random.default_rng([seed, 0x91A7])

@@ -1,0 +1,131 @@
+"""The calibration file: what was found, by sensor, checked once when it is loaded. YAML, SI units and radians.
+
+    five_hole_probe:  alpha_sensitivity, beta_sensitivity [1/rad], pressure_zeros (3) [Pa], and the parameters of (36)
+    magnetometer:     the parameters of (B1); hard iron in the unit of the sensor
+    compatibility:    the parameters of (B8); IMU biases measured minus true
+    source:           what it was made from; not used
+
+Each section may hold ``std`` with standard errors; parameters that are left out are zero.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from aircraft_sysid_ros.calibration import compatibility, five_hole_probe, magnetometer
+from aircraft_sysid_ros.errors import InputError
+
+FIVE_HOLE, MAGNETOMETER, COMPATIBILITY = "five_hole_probe", "magnetometer", "compatibility"
+#: Parameters that a sensor is corrected with, by section.
+PARAMETERS = {
+    FIVE_HOLE: (*five_hole_probe.NAMES1[:2], *five_hole_probe.NAMES2),
+    MAGNETOMETER: (*magnetometer.NAMES1, *magnetometer.NAMES2),
+    COMPATIBILITY: (*compatibility.NAMES1, *compatibility.NAMES2),
+}
+_SENSITIVITIES, _ZEROS = ("alpha_sensitivity", "beta_sensitivity"), "pressure_zeros"
+#: 1 + lambda below this is no scale of a sensor.
+_LEAST_SCALE = 0.1
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Parameters by section; a section that is not there is empty."""
+
+    five_hole_probe: dict[str, float] = field(default_factory=dict)
+    magnetometer: dict[str, float] = field(default_factory=dict)
+    compatibility: dict[str, float] = field(default_factory=dict)
+    pressure_zeros: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
+
+
+def load_calibration(path: str | Path) -> Calibration:
+    """Read and check a calibration file; raises InputError naming the file, the key and what to mend."""
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise InputError(f"cannot read the calibration file {path}: {reason}") from None
+    except (yaml.YAMLError, ValueError, RecursionError):
+        raise InputError(f"calibration file {path}: it is not valid YAML") from None
+    try:
+        return calibration_from_dict(content)
+    except InputError as error:
+        raise InputError(f"calibration file {path}: {error}") from None
+
+
+def calibration_from_dict(content: Any) -> Calibration:
+    """Check the content of a calibration file; raises InputError."""
+    if not isinstance(content, Mapping) or not set(content) & set(PARAMETERS):
+        raise InputError(f"it must be a YAML mapping with one of {', '.join(PARAMETERS)}")
+    _check_keys(content, (*PARAMETERS, "source"), "section")
+    zeros = (0.0, 0.0, 0.0)
+    sections: dict[str, dict[str, float]] = {}
+    for name, known in PARAMETERS.items():
+        given = content.get(name)
+        if given is None:
+            continue
+        if not isinstance(given, Mapping):
+            raise InputError(f"the section {name} must be a mapping of parameters")
+        more = (*_SENSITIVITIES, _ZEROS) if name == FIVE_HOLE else ()
+        _check_keys(given, (*known, "std", *more), f"parameter of {name}:")
+        sections[name] = {key: _number(given.get(key, 0.0), key) for key in known}
+        if name == FIVE_HOLE:
+            sections[name].update({key: _positive(given, key) for key in _SENSITIVITIES})
+            zeros = _zeros(given.get(_ZEROS, zeros))
+        _check_scales(sections[name])
+    if MAGNETOMETER in sections and abs(np.linalg.det(magnetic_matrix(sections[MAGNETOMETER]))) < _LEAST_SCALE**3:
+        raise InputError("the parameters of the magnetometer turn different fields into one: it cannot be corrected")
+    return Calibration(**sections, pressure_zeros=zeros, source=dict(content))
+
+
+def magnetic_matrix(parameters: Mapping[str, float]) -> Any:
+    """C_alpha C_eta C_lambda (3, 3) of (B1)."""
+    xi2 = np.array([parameters[name] for name in magnetometer.NAMES2])
+    return magnetometer.sensor_matrix(np.array([parameters[name] for name in magnetometer.NAMES1[:3]]), xi2)
+
+
+def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], kind: str) -> None:
+    for key in data:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, 1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+            raise InputError(f"unknown {kind} '{str(key)[:60]}': {hint}")
+
+
+def _number(value: Any, what: str) -> float:
+    try:
+        number = np.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise InputError(f"{what} must be a finite number")
+    return number
+
+
+def _positive(section: Mapping[str, Any], key: str) -> float:
+    if key not in section:
+        raise InputError(f"{FIVE_HOLE} needs {key} [1/rad]")
+    number = _number(section[key], key)
+    if number <= 0.0:
+        raise InputError(f"{key} must be positive, not {number:g}")
+    return number
+
+
+def _zeros(value: Any) -> tuple[float, float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise InputError(f"{_ZEROS} must be three numbers: dynamic, alpha and beta pressure in Pa")
+    dynamic, alpha, beta = (_number(v, _ZEROS) for v in value)
+    return dynamic, alpha, beta
+
+
+def _check_scales(section: Mapping[str, float]) -> None:
+    for key, value in section.items():
+        if key.startswith("lambda_") and 1.0 + value < _LEAST_SCALE:
+            raise InputError(f"{key} must be more than {_LEAST_SCALE - 1.0:g}, not {value:g}")

@@ -1,0 +1,71 @@
+"""Pictures of a calibration: Tr R over the samples, as figures 2, 4 and 6 of the two-stage paper, and residuals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from aircraft_sysid_ros.calibration.report import Report
+from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR
+
+
+def trace_figure(report: Report, path: str | Path) -> Path:
+    """Write Tr R of every sample of stage 1 over each sampled parameter, and where the estimate is, to a PNG file."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    answer = report.answer
+    names2 = answer.problem.names2
+    free = np.flatnonzero(answer.determined[answer.problem.n1 :])
+    columns = min(len(free), 3)
+    rows = -(-len(free) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(4.2 * columns, 3.0 * rows), sharey=True, layout="constrained", squeeze=False
+    )
+    trace = answer.samples.trace
+    there = np.isfinite(trace)
+    estimate = answer.xi[answer.problem.n1 :]
+    for column, (number, plot) in enumerate(zip(free, axes.flat, strict=False)):
+        plot.semilogy(answer.samples.xi2[there, column], trace[there], ".", ms=3, color=RESIDUAL_COLOUR)
+        plot.axvline(estimate[number], color=PREDICTED_COLOUR, lw=1.2, label="estimate")
+        plot.set_xlabel(names2[number])
+        plot.grid(alpha=0.3)
+    for plot in axes.flat[len(free) :]:
+        plot.set_visible(False)
+    for plot in axes[:, 0]:
+        plot.set_ylabel("Tr R")
+    axes[0, 0].legend(loc="upper right", fontsize=8)
+    figure.suptitle(f"{report.title}: {answer.decision.reason}", fontsize=10)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return Path(path)
+
+
+def before_after_figure(report: Report, path: str | Path) -> Path:
+    """Write the residuals of every output, uncalibrated and calibrated, over time to a PNG file."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    count = len(report.outputs)
+    figure, axes = plt.subplots(
+        count, 1, figsize=(11, 1.9 * count + 1.0), sharex=True, layout="constrained", squeeze=False
+    )
+    for i, (name, plot) in enumerate(zip(report.outputs, axes[:, 0], strict=True)):
+        plot.plot(report.time, report.before[:, i], ".", ms=1.5, color=MEASURED_COLOUR, label="uncalibrated")
+        plot.plot(report.time, report.after[:, i], ".", ms=1.5, color=PREDICTED_COLOUR, label="calibrated")
+        for segment in report.segments.found:
+            begin = report.navigation.time[0]
+            plot.axvspan(segment.begin - begin, segment.end - begin, color=RESIDUAL_COLOUR, alpha=0.07, lw=0)
+        plot.set_ylabel(f"{name} [{report.unit}]" if count < 2 else name)
+        plot.grid(alpha=0.3)
+    axes[0, 0].legend(loc="upper right", ncols=2, fontsize=8, markerscale=6)
+    axes[-1, 0].set_xlabel("time used [s]; shaded: circles and pushover-pullups")
+    figure.suptitle(f"{report.title}: residuals [{report.unit}]")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return Path(path)

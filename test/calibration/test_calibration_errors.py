@@ -1,0 +1,100 @@
+"""Standard errors with residuals that are correlated, and parameters that a flight does not excite."""
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.calibration.procedure import Task, reduced_problem, solve
+from aircraft_sysid_ros.calibration.standard_errors import (
+    AttitudeErrors,
+    jackknife,
+    separated,
+    standard_errors,
+    window_length,
+)
+from aircraft_sysid_ros.estimation.two_stage.problem import Problem
+
+N = 600
+
+
+def straight_line(noise):
+    """z = xi1 x + xi2 + v, x slow: the plainest problem with an answer by hand."""
+    x = np.sin(np.linspace(0.0, 6.0, N))
+    model = lambda xi2: (x[:, None, None], np.full((N, 1), xi2[0]))  # noqa: E731
+    return Problem((0.5 * x + 0.2 + noise)[:, None], model, ("a",), ("b",), np.array([[-2.0, 2.0]]),
+                   np.array([[-2.0, 2.0]]))  # fmt: skip
+
+
+def coloured(rng, r=0.9):
+    out = np.zeros(N)
+    for i in range(1, N):
+        out[i] = r * out[i - 1] + 0.1 * rng.standard_normal()
+    return out
+
+
+@pytest.mark.parametrize("by_piece", [False, True])
+def test_coloured_residuals_are_counted(by_piece):
+    """300 seeds: the spread of the estimates is that which the standard errors say, and white ones are far below."""
+    rng, piece = np.random.default_rng(0), np.arange(N) // 50
+    found = []
+    for _ in range(300):
+        problem = straight_line(coloured(rng))
+        x = problem.evaluate(np.zeros(1))[0][:, 0, 0]
+        a, b = np.linalg.lstsq(np.column_stack([x, np.ones(N)]), problem.measured[:, 0])[0]
+        noise = np.array([np.mean((problem.measured[:, 0] - a * x - b) ** 2)])
+        every, zero = np.ones(2, dtype=bool), np.zeros(N, dtype=np.int64)
+        made = (
+            jackknife(problem, np.array([a]), np.array([b]), noise, piece, every)
+            if by_piece
+            else standard_errors(problem, np.array([a]), np.array([b]), noise, zero, every)
+        )
+        found.append([a - 0.5, b - 0.2, *made.std, *np.sqrt(np.diag(made.white))])
+    rows = np.array(found)
+    ratio = rows[:, :2].std(axis=0) / np.sqrt(np.mean(rows[:, 2:4] ** 2, axis=0))
+    assert np.all(ratio > 0.75) and np.all(ratio < 1.25)
+    assert np.all(rows[:, :2].std(axis=0) > 2.0 * np.median(rows[:, 4:], axis=0))
+
+
+def test_window_grows_with_the_correlation_and_stays_in_its_piece():
+    rng = np.random.default_rng(1)
+    piece = np.zeros(N, dtype=np.int64)
+    assert window_length(rng.standard_normal((N, 1)), piece) < 8 < window_length(coloured(rng)[:, None], piece)
+    rows = separated(np.ones((4, 1)), np.array([0, 0, 1, 1]), 3)
+    np.testing.assert_array_equal(rows[:, 0], [1, 1, 0, 0, 0, 1, 1])
+
+
+def test_a_constant_error_of_the_attitude_is_not_averaged_away():
+    """An error that lasts longer than the flight moves b by its own size, whatever the number of samples."""
+    time = np.linspace(0.0, 1e-3, N)
+    errors = AttitudeErrors(time, np.full((N, 3), [0.01, 0.0, 0.0]), np.ones((N, 1, 3)))
+    covariance = errors.covariance(np.ones((N, 1, 1)), np.ones(1), np.array([[1.0 / N]]))
+    np.testing.assert_allclose(np.sqrt(covariance[0, 0]), 0.01, rtol=1e-3)
+
+
+def test_what_is_not_excited_is_nominal_and_the_rest_is_found():
+    answer = solve(Task(two_biases(), np.zeros(N, dtype=np.int64), np.zeros(3)), 64)
+    assert answer.determined.tolist() == [True, True, False]
+    assert answer.values["c"] == 0.0 and np.isinf(answer.std[2])
+    assert abs(answer.values["b"] - 0.2) < 4.0 * answer.std[1]
+    (row,) = answer.parameters(("c",), {}, {"c": "circles"})
+    assert "not excited" in row["reason"] and "circles" in row["reason"]
+
+
+def two_biases():
+    """Two parameters, b and c, that do almost the same."""
+    x = np.linspace(-1.0, 1.0, N)
+    noise = 0.05 * np.random.default_rng(3).standard_normal(N)
+    model = lambda xi2: (x[:, None, None], (xi2[0] + (1.0 + 1e-3 * x**2) * xi2[1])[:, None])  # noqa: E731
+    return Problem((0.5 * x + 0.2 + noise)[:, None], model, ("a",), ("b", "c"), np.array([[-2.0, 2.0]]),
+                   np.array([[-2.0, 2.0], [-0.5, 0.5]]))  # fmt: skip
+
+
+def test_the_reduced_problem_is_the_same_at_the_nominal_values(probe_made):
+    problem = probe_made.data.problem()
+    free = np.ones(10, dtype=bool)
+    free[[1, 8]] = False
+    xi = np.array([0.1, -0.7, 3.0, 1.0, 0.2, 0.05, 0.01, -0.1, 0.02, 0.1])
+    reduced = reduced_problem(problem, xi, free)
+    a, b = problem.evaluate(xi[5:])
+    c, d = reduced.evaluate(xi[5:][free[5:]])
+    np.testing.assert_allclose(a @ xi[:5] + b, c @ xi[:5][free[:5]] + d, atol=1e-12)
+    reduced.check_gradient(xi[5:][free[5:]])

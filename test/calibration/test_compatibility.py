@@ -1,0 +1,72 @@
+"""Data compatibility: kinematics against a simulated flight, derivatives, and the answer against the truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product
+from aircraft_sysid_ros.calibration.compatibility import NAMES1, compatibility_flight
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Kind
+
+
+@pytest.fixture(scope="module")
+def made(calibration_flown):
+    return compatibility_flight(calibration_flown.samples, calibration_flown.aircraft, (5.0, 105.0))
+
+
+def true_biases(flight):
+    return np.concatenate([flight.biases.accelerometer[0], flight.biases.gyro[0]])
+
+
+def test_outputs_follow_the_flight(made, calibration_flown):
+    """With the true biases and the answer's starts, V, alpha, beta and angles are those of the simulator."""
+    answer, data = made.solve(8)
+    truth = calibration_flown.calibration["compatibility"]
+    values = np.array([truth[name] for name in NAMES1])
+    biases = true_biases(calibration_flown)
+    refined = data.refined(np.concatenate([values, biases]))
+    shown = refined.outputs(biases) * (1.0 + values[:6]) + np.append(values[6:], 0.0)
+    left = np.sqrt(np.mean((refined.there * (refined.measured - shown)) ** 2, axis=0))
+    assert np.all(left < [0.25, 0.01, 0.01, 0.006, 0.006, 0.006])
+    errors = answer.xi - np.concatenate([values, biases])
+    assert np.all(np.abs(errors) < 7.0 * answer.std)  # five pieces: few degrees of freedom
+    assert np.all(np.abs(errors[len(NAMES1) :]) < [0.06] * 3 + [0.002] * 3)
+    assert np.all(answer.std[len(NAMES1) :] < [0.1] * 3 + [0.003] * 3)
+
+
+def test_derivatives(made, calibration_flown):
+    biases = true_biases(calibration_flown)
+    data = made.data
+    slopes = data.slopes(biases)
+    for j, step in enumerate([1e-4] * 3 + [1e-6] * 3):
+        move = step * np.eye(6)[j]
+        change = (data.outputs(biases + move) - data.outputs(biases - move)) / (2.0 * step)
+        assert np.max(np.abs(slopes[:, :, 6 + j] - change)) < 2e-4 * max(np.max(np.abs(change)), 1.0)
+    for j in range(6):
+        move = 1e-5 * np.eye(6)[j]
+
+        def moved(by):
+            turned = np.array([quaternion_product(quaternion_exp(by[3:]), q) for q in data.attitude0])
+            return replace(data, velocity0=data.velocity0 + by[:3], attitude0=turned).outputs(biases)
+
+        change = (moved(move) - moved(-move)) / 2e-5
+        assert np.max(np.abs(slopes[:, :, j] - change)) < 1e-5 * max(np.max(np.abs(change)), 1.0)
+
+
+def test_no_start_is_left_in_what_is_projected(made, calibration_flown):
+    """A change of the start of a piece changes the projected measurements by second order only."""
+    biases = true_biases(calibration_flown)
+    data = made.data.refined(None).refined(np.concatenate([np.zeros(len(NAMES1)), biases]))
+    moved = replace(data, velocity0=data.velocity0 + 0.05)
+    change = (moved.outputs(biases) - data.outputs(biases)) / data.scale
+    assert np.linalg.norm(data.projected(change)) < 0.02 * np.linalg.norm(change * data.there)
+
+
+def test_missing_topics(calibration_flown):
+    samples, aircraft = calibration_flown.samples, calibration_flown.aircraft
+    with pytest.raises(InputError, match="needs /air_data"):
+        compatibility_flight(samples[samples.kind != Kind.SIDESLIP], aircraft)
+    without = compatibility_flight(samples[samples.kind != Kind.ATTITUDE], aircraft, (5.0, 45.0))
+    assert not without.attitude_is_measured  # those of the navigation take their place

@@ -1,0 +1,107 @@
+"""Calibration files and what they do to samples: the inverse of what the simulator does, one sample or many."""
+
+import numpy as np
+import pytest
+import yaml
+
+from aircraft_sysid_ros.calibration.calibration_file import calibration_from_dict, load_calibration
+from aircraft_sysid_ros.calibration.correction import Correction
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Kind, concatenate
+from aircraft_sysid_ros.simulation.sensors import EPOCH, air_data_at
+
+
+def content_of(flight):
+    """A calibration file that knows the truth."""
+    truth = flight.calibration
+    return {
+        "five_hole_probe": {"alpha_sensitivity": 3.9, "beta_sensitivity": 3.9, **truth["five_hole_probe"]},
+        "magnetometer": truth["magnetometer"],
+    }
+
+
+def test_true_calibration_gives_the_true_flow(calibration_flown):
+    samples = calibration_flown.samples
+    corrected = Correction(calibration_from_dict(content_of(calibration_flown))).apply(samples)
+    place = calibration_flown.aircraft.air_data_position
+    for column, kind, most in ((0, Kind.AIRSPEED, 0.5), (1, Kind.ANGLE_OF_ATTACK, 0.03), (2, Kind.SIDESLIP, 0.03)):
+        mine = corrected[corrected.kind == kind]
+        true = air_data_at(calibration_flown.truth.at((mine.stamp - EPOCH) * 1e-9), place)[:, column]
+        error = mine.values[:, 0] - true
+        assert np.sqrt(np.mean(error**2)) < most and abs(np.mean(error)) < 0.05 * most
+    assert not np.any(corrected.kind == Kind.FIVE_HOLE)
+    field = corrected.values[corrected.kind == Kind.MAGNETIC_FIELD, :3]
+    spread = np.linalg.norm(field, axis=1)
+    assert np.std(spread) / np.mean(spread) < 0.02
+
+
+def test_compatibility_takes_out_what_was_put_in(calibration_flown):
+    truth = calibration_flown.calibration["compatibility"]
+    biases = np.concatenate([calibration_flown.biases.accelerometer[0], calibration_flown.biases.gyro[0]])
+    section = {**truth, **dict(zip(("b_ax", "b_ay", "b_az", "b_p", "b_q", "b_r"), map(float, biases), strict=True))}
+    samples = calibration_flown.samples
+    corrected = Correction(calibration_from_dict({"compatibility": section})).apply(samples)
+    seen = calibration_flown.truth.at((samples.stamp - EPOCH) * 1e-9)
+    imu = samples.kind == Kind.IMU
+    np.testing.assert_allclose(np.mean(corrected.values[imu, 3:6] - seen.rates[imu], axis=0), 0.0, atol=2e-4)
+    angles = samples.kind == Kind.ATTITUDE
+    along = np.abs(np.sum(corrected.values[angles, :4] * seen.quaternion[angles], axis=1))
+    assert np.median(2.0 * np.arccos(np.minimum(along, 1.0))) < 0.03
+
+
+def test_one_by_one_gives_the_same_bits(calibration_flown):
+    """A live node has one sample at a time."""
+    content = {**content_of(calibration_flown), "compatibility": calibration_flown.calibration["compatibility"]}
+    correction = Correction(calibration_from_dict(content))
+    some = calibration_flown.samples[5000:6500]
+    together = correction.apply(some)
+    single = concatenate([correction.apply(some[i : i + 1]) for i in range(len(some))])
+    np.testing.assert_array_equal(single.stamp, together.stamp)
+    np.testing.assert_array_equal(single.kind, together.kind)
+    np.testing.assert_array_equal(single.values, together.values)
+
+
+def test_no_flow_gives_no_angles(calibration_flown):
+    correction = Correction(calibration_from_dict(content_of(calibration_flown)))
+    pressures = calibration_flown.samples[calibration_flown.samples.kind == Kind.FIVE_HOLE][:3]
+    pressures.values[0, 1], pressures.values[1, 0], pressures.values[2, 2] = -4.0, np.nan, 1e5
+    kinds = correction.apply(pressures).kind.tolist()
+    assert kinds == [Kind.AIR, Kind.AIRSPEED, Kind.AIR, Kind.AIR, Kind.AIRSPEED]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[1, 2]", "mapping with one of"),
+        ("magnetometer: {lamda_x: 0.1}", "did you mean 'lambda_x'"),
+        ("magnetometer: {lambda_x: .nan}", "lambda_x must be a finite number"),
+        ("magnetometer: {lambda_x: yes}", "lambda_x must be a finite number"),
+        ("magnetometer: 3", "must be a mapping"),
+        ("compatibility: {lambda_V: -1.2}", "more than -0.9"),
+        ("five_hole_probe: {lambda_V: 0.1}", "needs alpha_sensitivity"),
+        ("five_hole_probe: {alpha_sensitivity: -1, beta_sensitivity: 3}", "must be positive"),
+        ("five_hole_probe: {alpha_sensitivity: 3, beta_sensitivity: 3, pressure_zeros: 1}", "three numbers"),
+        ("magnetometer: {alpha_xy: 1.0}", "cannot be corrected"),
+        ("probe: {}", "mapping with one of"),
+        ("{magnetometer: {}, probe: {}}", "unknown section 'probe'"),
+        ("magnetometer: [", "not valid YAML"),
+    ],
+)
+def test_bad_files_are_one_sentence(tmp_path, content, message):
+    path = tmp_path / "calibration.yaml"
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"calibration file .*calibration.yaml") as error:
+        load_calibration(path)
+    assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(InputError, match="cannot read the calibration file"):
+        load_calibration(tmp_path / "none.yaml")
+
+
+def test_what_is_left_out_is_zero(tmp_path):
+    path = tmp_path / "calibration.yaml"
+    path.write_text(yaml.safe_dump({"magnetometer": {"n_x": 1.0, "std": {"n_x": None}}, "source": {"recording": "a"}}))
+    calibration = load_calibration(path)
+    assert calibration.magnetometer["lambda_x"] == 0.0 and not calibration.five_hole_probe

@@ -1,0 +1,153 @@
+"""Five-hole probe: the model against its equations, the answer against the truth, and flights that cannot tell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix, velocity_from_air_data
+from aircraft_sysid_ros.calibration import five_hole_probe as probe
+from aircraft_sysid_ros.calibration.five_hole_probe import NAMES1, NAMES2, ProbeData
+from aircraft_sysid_ros.calibration.navigation import Navigation
+from aircraft_sysid_ros.calibration.procedure import Task, residuals, solve
+from aircraft_sysid_ros.calibration.report import calibrate_probe
+from aircraft_sysid_ros.calibration.segments import find_segments
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.least_squares import central_differences
+from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.simulation.five_hole_probe import ProbeCalibration
+from aircraft_sysid_ros.simulation.sensors import SensorOptions
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+
+@pytest.fixture
+def data():
+    """Random flow without noise: what (36), (37) say of a wind and errors, and the unknowns."""
+    rng, n = np.random.default_rng(0), 40
+    xi = np.array([0.2, -1.5, 4.0, -3.0, 0.5, -0.3, 0.03, 0.25, -0.04, 0.15])
+    speed, alpha, beta = rng.uniform(15, 25, n), rng.uniform(-0.1, 0.2, n), rng.uniform(-0.15, 0.15, n)
+    rotation = np.array([rotation_matrix(quaternion_from_euler(*rng.uniform(-1.0, 1.0, 3))) for _ in range(n)])
+    arm = rng.normal(0.0, 0.3, (n, 3))
+    truth = ProbeCalibration(
+        airspeed_scale=xi[0], airspeed_offset=xi[1], alpha_scale=xi[5], alpha_offset=xi[6], beta_scale=xi[7],
+        beta_offset=xi[8], mount_roll=xi[9],
+    )  # fmt: skip
+    density = rng.uniform(1.0, 1.2, n)
+    impact, of_alpha, of_beta = truth.pressures(speed, alpha, beta, density).T
+    flow = np.array([velocity_from_air_data(*row) for row in zip(speed, alpha, beta, strict=True)])
+    velocity = np.einsum("nij,nj->ni", rotation, flow - arm) + xi[2:5]
+    indicated = np.sqrt(2.0 * impact / density)
+    return ProbeData(velocity, rotation, arm, indicated, of_alpha / (3.9 * impact), of_beta / (3.9 * impact)), xi
+
+
+def test_the_model_is_the_wind_triangle(data):
+    """Pressures of an independent simulator, V_NED put together by hand: no residual at the truth."""
+    made, xi = data
+    np.testing.assert_allclose(residuals(made.problem(), xi), 0.0, atol=1e-10)
+
+
+def test_gradient_and_instruments_are_derivatives(data):
+    made, xi = data
+    made.problem().check_gradient(xi[5:])
+    whole = lambda at: np.einsum("nij,j->ni", made.model(at[5:])[0], at[:5]) + made.model(at[5:])[1]  # noqa: E731
+    np.testing.assert_allclose(made.instruments(xi), central_differences(whole, xi), atol=1e-6)
+
+
+def test_derivative_by_the_attitude(data):
+    made, xi = data
+    step = 1e-6
+    for axis in range(3):
+        turn = rotation_matrix(np.array([1.0, *(0.5 * step * np.eye(3)[axis])]))
+        moved = replace(made, rotation=made.rotation @ turn)
+        change = (residuals(made.problem(), xi) - residuals(moved.problem(), xi)) / step
+        np.testing.assert_allclose(made.by_attitude(xi)[:, :, axis], change, atol=1e-3)
+
+
+def test_the_mount_turns_as_in_equation_38():
+    """A probe that is rolled to the right by eps sees flow from below as flow from the right side."""
+    turned = probe.mount_matrix(0.1) @ np.array([20.0, 0.0, 1.0])
+    np.testing.assert_allclose(turned, [20.0, np.sin(0.1), np.cos(0.1)], atol=1e-12)
+
+
+def test_all_ten_parameters_are_found(probe_answer, calibration_flown):
+    answer, steady = probe_answer
+    truth = {**calibration_flown.calibration["five_hole_probe"], "W_N": 4.0, "W_E": -5.0, "W_D": 0.3}
+    errors = np.array([answer.values[name] - truth[name] for name in (*NAMES1, *NAMES2)])
+    assert steady and answer.determined.all() and answer.converged
+    assert np.all(np.abs(errors) < 4.0 * answer.std), dict(zip(answer.problem.names, errors / answer.std, strict=True))
+    assert np.all(np.abs(errors) < [0.01, 0.2, 0.1, 0.1, 0.1, 0.02, 0.005, 0.02, 0.005, 0.01])
+    assert np.all(answer.errors.std >= np.sqrt(np.diag(answer.errors.white)))  # coloured residuals know less
+
+
+def test_circles_and_pushovers_are_found(probe_made):
+    names = [segment.name for segment in probe_made.segments.found]
+    assert names.count("wind circle") >= 2 and "pushover-pullup" in names
+    assert 0.2 < probe_made.segments.first.sum() / probe_made.segments.used.sum() < 0.9
+
+
+def test_instruments_undo_the_shrinking_of_scales(data):
+    """Noise in the pressures makes least squares too small in lambda_alpha; the instrumental form is right."""
+    made, xi = data
+    rng = np.random.default_rng(1)
+    many = ProbeData(*(np.repeat(getattr(made, name), 60, axis=0) for name in made.__dataclass_fields__))
+    noisy = replace(many, alpha_ratio=many.alpha_ratio + rng.normal(0.0, 0.06, len(many.alpha_ratio)))
+    task = Task(noisy.problem(), np.zeros(len(noisy.indicated), int), np.zeros(10))
+    shrunk = solve(task, 32).values["lambda_alpha"]
+    right = solve(replace(task, instruments=noisy.instruments), 32)
+    error = right.values["lambda_alpha"] - xi[5]
+    assert shrunk < xi[5] - 0.05
+    assert abs(error) < 3.5 * right.std[5] and abs(error) < 0.04
+
+
+def until(samples, seconds):
+    """The recording up to a time [s]."""
+    return samples[samples.stamp < samples.stamp.min() + int(seconds * 1e9)]
+
+
+def test_straight_flight_says_so(calibration_aircraft):
+    """The standard plan turns after a minute: before, wind along the track and airspeed error are one number."""
+    sensors = SensorOptions(five_hole_probe=True)
+    flight = simulate_samples(calibration_aircraft, 1, 120.0, manoeuvres="standard", wind_walk=0.0, sensors=sensors)
+    with pytest.raises(InputError, match="wind and airspeed error cannot be told apart"):
+        calibrate_probe(until(flight.samples, 60.0), calibration_aircraft)
+
+
+def test_bad_recordings_are_one_sentence(calibration_flown):
+    samples, aircraft = calibration_flown.samples, calibration_flown.aircraft
+    with pytest.raises(InputError, match="needs /five_hole_probe"):
+        probe.probe_flight(samples[samples.kind != Kind.FIVE_HOLE], aircraft)
+    with pytest.raises(InputError, match="gps/vel"):
+        probe.probe_flight(samples[samples.kind != Kind.GPS_VELOCITY], aircraft)
+    with pytest.raises(InputError, match="only 10 s of flight"):
+        probe.probe_flight(samples, aircraft, (50.0, 60.0))
+    nothing = samples.values.copy()
+    nothing[samples.kind == Kind.FIVE_HOLE] = np.nan
+    with pytest.raises(InputError, match="no usable probe pressures"):
+        probe.probe_flight(Samples(samples.stamp, samples.kind, nothing), aircraft)
+
+
+def test_nan_samples_are_left_out(calibration_flown, probe_made):
+    samples = until(calibration_flown.samples, 80.0)
+    values = samples.values.copy()
+    rows = np.flatnonzero(samples.kind == Kind.FIVE_HOLE)[500:600]
+    values[rows, 2] = np.nan
+    made = probe.probe_flight(Samples(samples.stamp, samples.kind, values), calibration_flown.aircraft)
+    assert np.all(np.isfinite(made.data.alpha_ratio))
+    assert made.grid.piece[-1] == 1  # two pieces, cut by 2 s without pressures
+
+
+def test_zeros_come_from_where_it_stands():
+    stamp = (np.arange(1000) * 20_000_000).astype(np.int64)
+    speed = np.where(np.arange(1000) < 500, 0.0, 20.0)
+    velocity = np.outer(speed, [1.0, 0.0, 0.0])
+    samples = samples_of(Kind.GPS_VELOCITY, stamp[::10], velocity[::10])
+    pressures = np.column_stack([np.full(1000, 1e5), speed**2 * 0.6 - 20.0, np.full(1000, 3.0), np.full(1000, -2.0)])
+    np.testing.assert_allclose(probe.pressure_zeros(samples, 0, stamp * 1e-9, pressures), [-20.0, 3.0, -2.0])
+
+
+def test_segments_need_flight():
+    n = 100
+    still = Navigation(0, np.arange(n) * 0.04, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)),
+                       np.zeros(n), np.zeros((n, 3)), np.zeros(3))  # fmt: skip
+    with pytest.raises(InputError, match="a calibration needs 30 s"):
+        find_segments(still, np.ones(n, dtype=bool), 0.04)

@@ -1,0 +1,69 @@
+"""With a calibration file live and replay correct the same samples in the same way, to the last bit."""
+
+import json
+
+import pytest
+import yaml
+from test_live_equals_replay import check_same, domain, live, play  # noqa: F401
+
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.config_files import config_path
+from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, calibration_flight
+from aircraft_sysid_ros.simulation.truth_files import write_flight
+
+HORIZON = 4.0
+AIRCRAFT = config_path(CALIBRATION_AIRCRAFT)
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """A recording whose air data, pressures and field are all wrong, and the file that says how."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    flight = calibration_flight(4, 60.0)
+    write_flight(flight, folder / "flight")
+    content = {
+        "five_hole_probe": {"alpha_sensitivity": 3.9, "beta_sensitivity": 3.9, **flight.calibration["five_hole_probe"]},
+        "magnetometer": flight.calibration["magnetometer"],
+    }
+    (folder / "calibration.yaml").write_text(yaml.safe_dump(content))
+    return folder, flight
+
+
+def replayed(flown, out, *more):
+    folder, _ = flown
+    arguments = ["replay", folder / "flight", "--aircraft", AIRCRAFT, "--out", out, "--horizon", HORIZON, *more]
+    assert main([*map(str, arguments)]) == 0
+    return json.loads((out / "state.json").read_text())
+
+
+def test_the_first_step_is_right_with_a_calibration_and_wrong_without(flown, tmp_path):
+    wind = flown[1].truth.wind[-1]
+    right = replayed(flown, tmp_path / "right", "--calibration", flown[0] / "calibration.yaml")["wind_ned"]
+    wrong = replayed(flown, tmp_path / "wrong")["wind_ned"]
+    assert max(abs(a - b) for a, b in zip(right, wind, strict=True)) < 0.4
+    assert max(abs(a - b) for a, b in zip(wrong, wind, strict=True)) > 0.8
+
+
+def test_live_is_replay_with_a_calibration(domain, flown, tmp_path):  # noqa: F811
+    calibration = flown[0] / "calibration.yaml"
+    replayed(flown, tmp_path / "replayed", "--calibration", calibration)
+    options = ("--until-idle", 1.5, "--horizon", HORIZON, "--calibration", calibration)
+    with live(tmp_path / "run", AIRCRAFT, *options) as process:
+        sent = play(flown[0] / "flight", 8)
+        check_same(process, tmp_path / "run", tmp_path / "replayed", heard(sent["messages"]))
+
+
+def heard(messages):
+    """Topics that some node listens to."""
+    return {topic: count for topic, count in messages.items() if topic != "/height_above_ground"}
+
+
+def test_a_bad_file_stops_both_with_one_sentence(flown, tmp_path, capsys):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("magnetometer: {lambda_x: -2}")
+    for command in (["replay", str(flown[0] / "flight")], ["live"]):
+        capsys.readouterr()
+        arguments = [*command, "--aircraft", str(AIRCRAFT), "--out", str(tmp_path / "no"), "--calibration", str(bad)]
+        assert main(arguments) == 2
+        assert "lambda_x must be more than" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
