@@ -66,7 +66,8 @@ def jobs(which: str, seeds: int, clean: int) -> list[dict[str, Any]]:
                 ]
     for number in range(clean):
         simulator = SIMULATORS[1 + number // 2 % 2] if number % 2 else SIMULATORS[0]
-        flights.append({"simulator": simulator, "effect": None, "seed": first + 5000 + 3 * number})
+        seed = first + 5000 + number // 2 + 4096 * (number % 2)  # either simulator in all conditions
+        flights.append({"simulator": simulator, "effect": None, "seed": seed})
     return [flights[i] for i in np.random.default_rng(first).permutation(len(flights))]
 
 
