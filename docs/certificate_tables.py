@@ -124,8 +124,8 @@ def loss(summary: Summary) -> Table:
              "" if c["end"] is None else f"{c['end']:.2f}", percent(c["end_z_within_95"])]
         )  # fmt: skip
     header = ["air", "method", "flights", "alarm", "false alarms", "USE and more than 25 % wrong",
-              "USE with wrong sign", "first USE within 10 %", "within 10 % for good", "the same, since the elevator moves",
-              "at the end, over the truth", "interval holds it"]  # fmt: skip
+              "USE with wrong sign", "first USE within 10 %", "within 10 % for good",
+              "the same, since the elevator moves", "at the end, over the truth", "interval holds it"]  # fmt: skip
     return header, rows
 
 

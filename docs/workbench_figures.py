@@ -1,8 +1,9 @@
 """Pictures of every view of the workbench, into docs/figures: a simulated flight with a hidden effect, in Chromium.
 
-    python docs/workbench_figures.py [--run RUN --truth BAG]
+    python docs/workbench_figures.py [--run RUN --truth BAG] [--live]
 
-Without --run the flight is simulated, replayed and diagnosed first. Look at the pictures before they are committed.
+Without --run the flight is simulated, replayed and diagnosed first; --live makes only the picture of a flight in
+progress, of which the recording (--truth) is played. Look at the pictures before they are committed.
 """
 
 from __future__ import annotations
@@ -32,11 +33,17 @@ def command(*arguments: Any) -> list[str]:
     return [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, arguments)]
 
 
+def simulate(folder: Path) -> Path:
+    """A recording of a flight with a hidden effect."""
+    bag = folder / "flight"
+    subprocess.run(command("simulate", "--out", bag, *FLIGHT), check=True, stdout=subprocess.DEVNULL)
+    return bag
+
+
 def fly(folder: Path) -> tuple[Path, Path]:
     """A run with its diagnosis, and its recording."""
-    bag, run = folder / "flight", folder / "runs" / "flight"
+    bag, run = simulate(folder), folder / "runs" / "flight"
     for arguments in (
-        ("simulate", "--out", bag, *FLIGHT),
         ("replay", bag, "--aircraft", config_path(DEFAULT_AIRCRAFT), "--out", run),
         ("diagnose", run),
     ):
@@ -48,7 +55,14 @@ def fly(folder: Path) -> tuple[Path, Path]:
 def served(run: Path, *options: Any) -> Iterator[str]:
     """The address of the page of a run."""
     arguments = command("workbench", Path(*run.parts[-2:]), "--port", 0, "--no-browser", *options)
-    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=run.parents[1]) as server:
+    with serving(arguments, run.parents[1]) as address:
+        yield address
+
+
+@contextmanager
+def serving(arguments: list[str], folder: Path | None = None) -> Iterator[str]:
+    """The address that a command serves."""
+    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder) as server:
         try:
             assert server.stderr is not None
             found = re.search(r"http://\S+", server.stderr.readline())
@@ -130,18 +144,51 @@ def pictures(run: Path, bag: Path) -> None:
         keep(open_page(found, address, 820, 1180), "tablet")
 
 
+def live_picture(bag: Path) -> None:
+    """A node that hears the recording at twice real time; what it finds missing is added on the page."""
+    address = command("workbench", "--live", "--port", 0, "--no-browser")
+    node = command("live", "--aircraft", config_path(DEFAULT_AIRCRAFT), "--reliable")
+    with browser() as found, serving(address) as url, running(node):
+        page = open_page(found, url)
+        page.wait_for_selector("[data-testid=notice]:has-text('is there')")
+        with running(command("play", bag, "--rate", 2)):
+            page.click("[data-testid=card-0] .q-item")
+            page.click("[data-testid=add-0]")
+            page.wait_for_selector("[data-testid=notice]:has-text('Added')")
+            page.wait_for_timeout(6000)
+            keep(page, "live")
+        page.context.close()
+
+
+@contextmanager
+def running(arguments: list[str]) -> Iterator[None]:
+    """A command of ours until the end of the block."""
+    with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(60.0)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", type=Path, help="a run that is diagnosed already; it is copied")
     parser.add_argument("--truth", type=Path, help="the recording of that run")
+    parser.add_argument("--live", action="store_true", help="only the picture of a flight in progress")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        if arguments.run:
-            run = Path(folder) / "runs" / "flight"
+        place = Path(folder)
+        if arguments.live:
+            bag = arguments.truth or simulate(place)
+        elif arguments.run:
+            run, bag = place / "runs" / "flight", arguments.truth
             shutil.copytree(arguments.run, run)
-            pictures(run, arguments.truth)
+            pictures(run, bag)
         else:
-            pictures(*fly(Path(folder)))
+            run, bag = fly(place)
+            pictures(run, bag)
+        live_picture(bag)
 
 
 if __name__ == "__main__":

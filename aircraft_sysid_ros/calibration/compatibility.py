@@ -75,6 +75,8 @@ _PRIOR = Prior("normal", np.zeros(6), np.array([0.2] * 3 + [0.01] * 3))
 _STEP = 0.2
 #: Samples of stage 1: where it begins hardly matters here.
 FEW_SAMPLES = 32
+#: Residuals of the air data larger than so many times their noise are the wind's; means of bins have less noise.
+STEADY = 1.0
 #: Heading is left out so near [rad] to where it jumps.
 _NEAR_SOUTH = 0.35
 #: Linearisations about the starts of the pieces.

@@ -153,6 +153,12 @@ def calibrate_compatibility(
     notes = [] if flight.attitude_is_measured else [
         "the recording has no attitude: that of the navigation from IMU and GPS takes its place"
     ]  # fmt: skip
+    left = np.sqrt(answer.noise[:3])
+    if np.any(left > compatibility.STEADY):
+        notes.append(
+            f"the wind was not steady: residuals of V, alpha, beta are {', '.join(f'{x:.1f}' for x in left)} times the "
+            f"noise of the aircraft file over pieces of {compatibility.PIECE:g} s: do not use what is said of air data"
+        )
     return _report(
         "data compatibility", answer, parameters, section, compatibility.OUTPUT_NAMES, "sigma of the aircraft file",
         before, answer.residuals(), flight.segments, flight.navigation, flight.grid.step, notes,

@@ -145,8 +145,9 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
     if pipeline.state.order.counts.restarts:
         found.append(f"the clock of the recording leapt {pipeline.state.order.counts.restarts} times")
-    for axis, time, count in pipeline.parameters.changes.alarms():
-        found.append(f"{axis} changed at {time:.1f} s of flight and was learnt anew" + f" ({count} times)" * (count > 1))
+    for axis, when, count in pipeline.parameters.changes.alarms():
+        again = f" ({count} times)" * (count > 1)
+        found.append(f"{axis} changed at {when:.1f} s of flight and was learnt anew{again}")
     if pipeline.state.realignments:
         times = pipeline.state.realignments
         found.append(f"the filter aligned anew {times} times after gaps or contradictions")

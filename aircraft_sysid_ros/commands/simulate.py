@@ -14,6 +14,8 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, DURATION, calibration_flight
+from aircraft_sysid_ros.simulation.calibration_plan import CALIBRATION
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden
 from aircraft_sysid_ros.simulation.jsbsim_flight import DEFAULT_MODEL, MODELS
@@ -47,10 +49,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add("--effect", action="append", default=[], metavar="ID[:STRENGTH]",
         help="hide an effect of the library, at a strength (default 1), or one more term of the true aerodynamics, "
         "such as 'CZ: alpha**3 = -5'; may be repeated")  # fmt: skip
-    add("--manoeuvres", choices=PLANS, metavar="KIND",
-        help=f"kind of flight: {' '.join(PLANS)} (default: {STANDARD}, or one that shows the effect)")  # fmt: skip
+    add("--manoeuvres", choices=(*PLANS, CALIBRATION), metavar="KIND",
+        help=f"kind of flight: {' '.join(PLANS)} (default: {STANDARD}, or one that shows the effect); {CALIBRATION}: "
+        f"what calibrate needs, instruments with errors (default aircraft: {CALIBRATION_AIRCRAFT})")  # fmt: skip
     add("--seed", type=int, default=0, help="of all random numbers (default: 0)")
-    add("--duration", type=float, default=120.0, help=f"{SHORTEST:g} to {LONGEST:g} s (default: 120)")
+    add("--duration", type=float, help=f"{SHORTEST:g} to {LONGEST:g} s (default: 120; {CALIBRATION}: {DURATION:g})")
     add("--wind", type=float, nargs=3, default=list(DEFAULT_WIND), metavar=("N", "E", "D"),
         help="mean wind, the direction the air moves to [m/s] (default: 3 -2 0)")  # fmt: skip
     add("--wind-walk", type=float, metavar="SIGMA",
@@ -174,6 +177,8 @@ def _check(args: argparse.Namespace) -> None:
             raise InputError(f"--{name.replace('_', '-')} must be zero or more, not {value:g}")
     if Path(args.out).exists() and not args.overwrite:
         raise InputError(f"{args.out} is already there: give another name or --overwrite")
+    if args.manoeuvres == CALIBRATION and (args.simulator == "jsbsim" or args.effect):
+        raise InputError(f"--manoeuvres {CALIBRATION} goes with the textbook simulator and without effects")
     if args.simulator == "jsbsim" and args.aircraft:
         raise InputError("--aircraft does not go with --simulator jsbsim: choose with --jsbsim-aircraft")
     if args.simulator == "jsbsim" and not all(parse_hidden(text) for text in args.effect):
@@ -192,22 +197,43 @@ def _simulate(args: argparse.Namespace) -> SimulatedFlight:
     )
     named = [(text, parse_hidden(text)) for text in args.effect]
     hidden = [pair for _, pair in named if pair is not None]
+    if args.manoeuvres == CALIBRATION:
+        return _calibration(args, sensors)
+    duration = 120.0 if args.duration is None else args.duration
     common: dict[str, Any] = {
         "wind": args.wind, "wind_walk": args.wind_walk, "turbulence": args.turbulence, "hidden": hidden,
         "manoeuvres": args.manoeuvres, "sensors": sensors,
     }  # fmt: skip
     if args.simulator == "jsbsim":
         name = args.jsbsim_aircraft or DEFAULT_MODEL
-        return simulate_jsbsim_samples(name, args.seed, args.duration, **common, fitted=bool(hidden))
+        return simulate_jsbsim_samples(name, args.seed, duration, **common, fitted=bool(hidden))
     aircraft = load_aircraft(args.aircraft or config_path(DEFAULT_AIRCRAFT))
     effects = [parse_effect(text) for text, pair in named if pair is None]
-    return simulate_samples(aircraft, args.seed, args.duration, **common, effects=effects)
+    return simulate_samples(aircraft, args.seed, duration, **common, effects=effects)
+
+
+def _calibration(args: argparse.Namespace, sensors: SensorOptions) -> SimulatedFlight:
+    """A calibration flight; its wind is steady unless --wind-walk says otherwise."""
+    return calibration_flight(
+        args.seed,
+        DURATION if args.duration is None else args.duration,
+        aircraft=load_aircraft(_default_aircraft(args)),
+        wind=args.wind,
+        wind_walk=args.wind_walk or 0.0,
+        turbulence=args.turbulence,
+        sensors=sensors,
+    )
+
+
+def _default_aircraft(args: argparse.Namespace) -> str:
+    name = CALIBRATION_AIRCRAFT if args.manoeuvres == CALIBRATION else DEFAULT_AIRCRAFT
+    return str(args.aircraft or config_path(name))
 
 
 def _aircraft_file(args: argparse.Namespace, flight: SimulatedFlight) -> str:
     """Where the aircraft file of the flight is; that of a JSBSim aeroplane is written beside the truth."""
     if flight.simulator != "jsbsim":
-        return str(args.aircraft or config_path(DEFAULT_AIRCRAFT))
+        return _default_aircraft(args)
     path = truth_path(args.out, ".json")
     path = path.with_name(path.name.replace("truth.json", "aircraft.yaml"))
     path.write_text(yaml.safe_dump(flight.aircraft.source, sort_keys=False), encoding="utf8")

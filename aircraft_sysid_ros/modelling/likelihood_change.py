@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 #: Time [s] between states of the recursion that are kept.
 _SPACING = 0.5
 #: Standard errors of least squares are taken so many times larger: gusts bias it.
-WIDENING = 5.0
+WIDENING = 2.0
 _KEPT = ("theta", "root", "last_learnt", "clock")
 
 

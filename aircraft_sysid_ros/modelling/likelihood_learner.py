@@ -341,7 +341,7 @@ class LikelihoodLearner:
         part = self.aircraft.model.axis_slice(AXES[axis])
         n, samples = part.stop - part.start, self._samples_since(axis)
         last = self.recursion.last_learnt[part].copy()
-        if samples <= n and not self._changed[axis] < self.recursion.clock[loop.LEARNT]:
+        if samples <= n and not 0.0 < self._changed[axis] <= self.recursion.clock[loop.LEARNT]:
             return AxisEstimate(np.full(n, np.nan), np.full((n, n), np.nan), 0, last)
         covariance = self._whole_covariance()[part, part].copy()
         return AxisEstimate(self.recursion.theta[part].copy(), covariance, samples, last)

@@ -21,6 +21,12 @@ LEGEND = (
     '<span class="key dots" style="color:var(--noise)"><span>noise, two sigma</span></span>'
     '<span class="key shaded"><span>held out together</span></span>'
 )
+LIVE_LEGEND = (
+    '<span class="key" style="color:var(--measured)"><span>measured</span></span>'
+    '<span class="key" style="color:var(--predicted)"><span>predicted before it was learnt from</span></span>'
+    '<span class="key" style="color:var(--residual)"><span>left over</span></span>'
+    '<span class="key dashes" style="color:var(--second)"><span>the model was changed</span></span>'
+)
 SECOND_KEY = '<span class="key" style="color:var(--second)"><span>version {}</span></span>'
 
 
@@ -193,6 +199,21 @@ def consistency_table(rows: Sequence[Consistency]) -> str:
         ]
         body.append(element("tr", "".join(cells)))
     return _table(body)
+
+
+def state_table(state: Mapping[str, Any]) -> str:
+    """Wind and biases of the content of one AircraftState with two standard errors."""
+    heads = ("", "x, north", "y, east", "z, down")
+    body = [element("tr", "".join(element("th", h, class_="n" if i else "") for i, h in enumerate(heads)))]
+    listed = (("wind [m/s]", "wind_ned", 15), ("accelerometer bias [m/s²]", "accelerometer_bias", 9),
+              ("gyro bias [rad/s]", "gyro_bias", 12))  # fmt: skip
+    for title, name, first in listed:
+        cells = [element("td", title)]
+        for k, value in enumerate(state[name]):
+            sigma = _number(2.0 * state["standard_deviations"][first + k], 2)
+            cells.append(element("td", f'{_number(value, 3)} <span class="soft">± {sigma}</span>', class_="n"))
+        body.append(element("tr", "".join(cells)))
+    return element("p", escape(state["status_text"]), class_="soft small") + _table(body)
 
 
 def _number(value: float | None, digits: int = 4) -> str:

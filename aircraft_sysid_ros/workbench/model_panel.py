@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import events, ui
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.workbench.markup import LEGEND, SECOND_KEY, axis_head, errors_scale, state_words
-from aircraft_sysid_ros.workbench.panel import Panel, card, plot
+from aircraft_sysid_ros.workbench.errors_panel import Errors
+from aircraft_sysid_ros.workbench.markup import LEGEND, SECOND_KEY, axis_head
+from aircraft_sysid_ros.workbench.panel import Panel, card, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, WherePanel, WhyPanel
-from aircraft_sysid_ros.workbench.views.coefficients import ORDER, AxisRow, Span, axis_rows, coefficient_figure, whole
+from aircraft_sysid_ros.workbench.views.coefficients import ORDER, Span, axis_rows, coefficient_figure, whole
 from aircraft_sysid_ros.workbench.views.figure import Figure
-from aircraft_sysid_ros.workbench.views.words import percent, symbol
 
 if TYPE_CHECKING:
     from aircraft_sysid_ros.workbench.page import Page
+    from aircraft_sysid_ros.workbench.run_view import RunView
 
 #: Window [s] below which nothing is zoomed.
 _SHORTEST = 0.2
@@ -43,13 +43,17 @@ class ModelPanel(Panel):
                         self._axis(name)
                 self._describe()
             with ui.element("aside").classes("side"):
-                self._errors = Errors(self.page)
-                self._tabs()
+                self._errors = Errors(
+                    "Error on flight that was not seen",
+                    "in % of the spread of each coefficient; line: noise of the sensors, pale: before the change",
+                )
+                side_tabs(dict(zip(("Where", "Why", "Add"), self.side, strict=True)))
+                self._show_errors()
 
     def update(self) -> None:
         """After a change of the run, of the theme or of the version beside."""
         self.draw()
-        self._errors.update()
+        self._show_errors()
         for panel in self.side:
             panel.refresh()
 
@@ -58,18 +62,9 @@ class ModelPanel(Panel):
         for panel in self.side:
             panel.allow(allowed)
 
-    def _tabs(self) -> None:
-        names = ("Where", "Why", "Add")
-        with card():
-            with ui.tabs().props("no-caps dense align=justify").classes("side-tabs") as tabs:
-                for name in names:
-                    ui.tab(name).props(f"data-testid=side-{name.lower()}")
-            with ui.tab_panels(tabs, value="Where", animated=False):
-                for name, panel in zip(names, self.side, strict=True):
-                    with ui.tab_panel(name) as panel.place:
-                        pass
-        tabs.on_value_change(lambda event: self.side[names.index(event.value)].show())
-        self.side[0].show()
+    def _show_errors(self) -> None:
+        view = self.page.view
+        self._errors.show(axis_rows(view.comparison), errors_before(view), view.notes)
 
     # -- time plots ------------------------------------------------------------------------------------------
 
@@ -155,69 +150,10 @@ class ModelPanel(Panel):
             self.look_at((middle - 0.5 * factor * size, middle + 0.5 * factor * size))
 
 
-class Errors:
-    """Held-out errors of all axes as bars that move when the model changes."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        self._rows: dict[str, dict[str, Any]] = {}
-        with card("Error on flight that was not seen"):
-            ui.label(
-                "in % of the spread of each coefficient; line: noise of the sensors, pale: before the change"
-            ).classes("soft small")
-            with ui.element("div").classes("errors"):
-                for text in ("", "", "error", "noise", ""):
-                    ui.label(text).classes("head")
-                for name in AXES:
-                    self._row(name)
-            self._notes = ui.element("div").classes("notes soft small")
-        self.update()
-
-    def _row(self, name: str) -> None:
-        ui.html(symbol(name), sanitize=False).classes("sym")
-        with ui.element("div").classes("track"):
-            was = ui.element("div").classes("was")
-            fill = ui.element("div").classes("fill").props(f"data-testid=bar-{name}")
-            tick = ui.element("div").classes("tick")
-        error = ui.label("").classes("num").props(f"data-testid=held-out-{name}")
-        noise = ui.label("").classes("num soft")
-        words = ui.html("", sanitize=False)
-        self._rows[name] = {"fill": fill, "was": was, "tick": tick, "error": error, "noise": noise, "words": words}
-
-    def update(self) -> None:
-        """Set lengths and numbers; the style moves them."""
-        view = self._page.view
-        self._notes.clear()
-        self._notes.set_visibility(bool(view.notes))
-        with self._notes:
-            for note in view.notes:
-                ui.label(note)
-        before = self._before()
-        rows = axis_rows(view.comparison)
-        top = errors_scale([*rows, *before.values()])
-        for row in rows:
-            parts, known = self._rows[row.axis], row.held_out is not None and row.floor is not None
-            for part in ("fill", "tick"):
-                parts[part].set_visibility(known)
-            parts["words"].content = (
-                state_words(row) if known else f'<span class="soft small">{escape(row.reason)}</span>'
-            )
-            parts["was"].set_visibility(False)
-            if row.held_out is None or row.floor is None:
-                parts["error"].text = parts["noise"].text = "–"
-                continue
-            parts["fill"].style(f"width:{100.0 * row.held_out / top:.2f}%")
-            parts["fill"].classes(add="fails" if row.fails else "", remove="" if row.fails else "fails")
-            parts["tick"].style(f"left:{100.0 * row.floor / top:.2f}%")
-            parts["error"].text, parts["noise"].text = f"{percent(row.held_out)} %", f"{percent(row.floor)} %"
-            was = before[row.axis].held_out if row.axis in before else None
-            if was is not None and abs(was - row.held_out) > 0.002:
-                parts["was"].set_visibility(True)
-                parts["was"].style(f"width:{100.0 * was / top:.2f}%")
-
-    def _before(self) -> dict[str, AxisRow]:
-        """Errors of the version that the current one was made from."""
-        view = self._page.view
-        current = next(v for v in view.versions if v.identifier == view.current)
-        made_from = next((parent for parent in current.parents if parent in view.comparisons), None)
-        return {row.axis: row for row in axis_rows(view.comparisons[made_from])} if made_from else {}
+def errors_before(view: RunView) -> dict[str, float]:
+    """Errors by axis of the version that the current one was made from."""
+    current = next(v for v in view.versions if v.identifier == view.current)
+    made_from = next((parent for parent in current.parents if parent in view.comparisons), None)
+    rows = axis_rows(view.comparisons[made_from]) if made_from else []
+    return {row.axis: row.held_out for row in rows if row.held_out is not None}

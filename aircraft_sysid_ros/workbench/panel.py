@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from nicegui import ui
 
 from aircraft_sysid_ros.workbench.views.figure import Figure
 
-if TYPE_CHECKING:
-    from aircraft_sysid_ros.workbench.page import Page
-
 
 class Panel:
     """One view: built when it is first shown, then brought up to date."""
 
-    def __init__(self, page: Page) -> None:
-        self.page = page
+    def __init__(self, page: Any) -> None:
+        self.page = page  # a Frame, with what the view shows
         self.place: Any = None
         self._built = False
         self._changing: list[Any] = []  # elements that change the run
@@ -63,6 +60,21 @@ def card(title: str = "") -> ui.element:
         with box:
             ui.html(title, sanitize=False, tag="h2")
     return box
+
+
+def side_tabs(panels: Mapping[str, Panel]) -> None:
+    """Panels behind tabs of which the first is shown."""
+    first = next(iter(panels))
+    with card():
+        with ui.tabs().props("no-caps dense align=justify").classes("side-tabs") as tabs:
+            for name in panels:
+                ui.tab(name).props(f"data-testid=side-{name.lower()}")
+        with ui.tab_panels(tabs, value=first, animated=False):
+            for name, panel in panels.items():
+                with ui.tab_panel(name) as panel.place:
+                    pass
+    tabs.on_value_change(lambda event: panels[event.value].show())
+    panels[first].show()
 
 
 def plot(made: Figure, words: str) -> ui.plotly:

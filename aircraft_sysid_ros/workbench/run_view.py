@@ -271,10 +271,11 @@ def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
         stamps, values = run.samples.stamp[chosen], run.samples.values[chosen, 0]  # type: ignore[union-attr]
         if len(stamps):
             measured[name] = ((stamps - zero) * 1e-9 - run.root.sensors[name].delay, values)
+    biases: dict[str, Any] = {name: fields["wind_ned" if name == "wind" else name] for name in _BIASES}
+    biases |= {f"{name}_std": sigma[:, part] for name, part in _BIASES.items()}
     state = StateHistory(
         time=time,
-        **{name: fields["wind_ned" if name == "wind" else name] for name in _BIASES},
-        **{f"{name}_std": sigma[:, part] for name, part in _BIASES.items()},
+        **biases,
         position=fields["position_ned"],
         air=np.column_stack([fields["true_airspeed"], fields["angle_of_attack"], fields["sideslip"]]),
         consistency=fields["innovation_consistency"],

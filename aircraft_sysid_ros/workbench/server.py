@@ -12,21 +12,23 @@ from nicegui import ui
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.guard import SameOrigin
-from aircraft_sysid_ros.workbench.page import Page
-from aircraft_sysid_ros.workbench.session import Session
 
 
-def serve(session: Session, host: str, port: int, ready: Callable[[str], None]) -> None:
-    """Serve the page of a session until Ctrl-C; ``ready`` hears its address. Port 0 is any that is free.
+def serve(
+    make: Callable[[str | None], object], title: str, host: str, port: int, ready: Callable[[str], None]
+) -> None:
+    """Serve a page until Ctrl-C; ``ready`` hears its address. Port 0 is any that is free.
+
+    ``make`` builds the page of one browser, which remembers "light", "dark" or nothing.
 
     Raises InputError where host and port cannot be used.
     """
     listener = listen(host, port)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
-    @ui.page("/", title=f"{session.path.name} · workbench", response_timeout=30.0)
+    @ui.page("/", title=f"{title} · workbench", response_timeout=30.0)
     def _page(request: Request) -> None:
-        Page(session, request.cookies.get("theme"))
+        make(request.cookies.get("theme"))
 
     ui.run_with(
         app,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -25,21 +26,20 @@ from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 if TYPE_CHECKING:
     from aircraft_sysid_ros.workbench.model_panel import ModelPanel
-    from aircraft_sysid_ros.workbench.page import Page
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")
 
 
 class SidePanel(Panel):
-    """A panel that can move the time plots."""
+    """A panel that can move the time plots, where there are any that move."""
 
-    def __init__(self, page: Page, plots: ModelPanel) -> None:
+    def __init__(self, page: Any, plots: ModelPanel | None) -> None:
         super().__init__(page)
         self.plots = plots
 
     def mark(self, spans: list[Span]) -> None:
         """Show spans of time in the time plots, or nothing."""
-        if spans:
+        if spans and self.plots is not None:
             self.plots.look_at(places.window_around(spans, whole(self.page.view.comparison)), spans)
 
     def do(self, kind: str, text: str = "") -> None:
@@ -193,17 +193,23 @@ class WhyPanel(SidePanel):
 class AddPanel(SidePanel):
     """Own terms, effects of the library, and the way back."""
 
+    nothing = "Nothing: this is the model of the run."
+    library = LIBRARY
+
     def build(self) -> None:
         """Make both inputs and the list of what was added."""
         ui.label("A term of your own").classes("heading")
         self._term = ui.input(placeholder="CZ: alpha**3", on_change=self._check).props(
             'outlined dense debounce=200 aria-label="axis and term" data-testid=term'
         )
-        self._term.style("width:100%").on("keydown.enter", self._add_term)
+        self._term.style("width:100%").on("keydown.enter", self._do_term(ADD))
         self._complaint = (
             ui.label("").classes("flag").props("role=alert data-testid=complaint").style("white-space:normal")
         )
-        self.changing(ui.button("Add the term", on_click=self._add_term).props("unelevated data-testid=add-term"))
+        with ui.row().style("gap:10px"):
+            button = ui.button("Add the term", on_click=self._do_term(ADD))
+            self.changing(button.props("unelevated data-testid=add-term"))
+            self.more_buttons()
         ui.html(
             f'Signals: <span class="mono">{" ".join(SIGNALS)}</span>. '
             'Functions: <span class="mono">abs sin cos exp sqrt tanh sign max min</span>. '
@@ -211,7 +217,7 @@ class AddPanel(SidePanel):
             sanitize=False,
         ).classes("soft small").style("margin-bottom:12px")
         ui.label("An effect of the library").classes("heading")
-        options = {effect.identifier: f"{effect.name} ({effect.identifier})" for effect in LIBRARY}
+        options = {effect.identifier: f"{effect.name} ({effect.identifier})" for effect in self.library}
         self._effect = ui.select(options, with_input=True, label="effect").props("outlined dense options-dense")
         self._effect.style("width:100%")
         self.changing(ui.button("Add the effect", on_click=self._add_effect).props("flat"))
@@ -222,20 +228,24 @@ class AddPanel(SidePanel):
     def update(self) -> None:
         """After a change of the run."""
         self._added.clear()
-        changes = self.page.view.changes
+        changes = self.changes()
         with self._added:
             if not changes:
-                ui.label("Nothing: this is the model of the run.").classes("soft")
+                ui.label(self.nothing).classes("soft")
             for number, label in enumerate(changes):
                 with ui.row().style("align-items:center; width:100%; flex-wrap:nowrap; gap:10px"):
                     ui.label(effect_name(label)).style("flex:1 1 auto")
                     last = number == len(changes) - 1
                     button = ui.button(
-                        "Undo" if last else "Take out", on_click=lambda _, t=label: self.do(*self._back(t))
+                        "Undo" if last else "Take out", on_click=lambda _, t=label: self.do(*self.back(t))
                     )
                     self.changing(button.props("flat dense" + (" data-testid=undo" if last else "")))
 
-    def _back(self, label: str) -> tuple[str, str]:
+    def changes(self) -> Sequence[str]:
+        """What was added, in order."""
+        return list(self.page.view.changes)
+
+    def back(self, label: str) -> tuple[str, str]:
         """The job that undoes a change: what was taken out is added again."""
         view = self.page.view
         current = next(v for v in view.versions if v.identifier == view.current)
@@ -255,10 +265,16 @@ class AddPanel(SidePanel):
             self._complaint.text = f"{error}"
         return not self._complaint.text
 
-    def _add_term(self) -> None:
-        text = str(self._term.value or "")
-        if text.strip() and self._complain(text):
-            self.do(ADD, text)
+    def _do_term(self, kind: str) -> Callable[[], None]:
+        def do() -> None:
+            text = str(self._term.value or "")
+            if text.strip() and self._complain(text):
+                self.do(kind, text)
+
+        return do
+
+    def more_buttons(self) -> None:
+        """What else can be done with a term."""
 
     def _add_effect(self) -> None:
         if self._effect.value:

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.calibration.segments import find_segments
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.least_squares import central_differences
 from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
 from aircraft_sysid_ros.simulation.five_hole_probe import ProbeCalibration
 from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -110,6 +111,17 @@ def test_straight_flight_says_so(calibration_aircraft):
     flight = simulate_samples(calibration_aircraft, 1, 120.0, manoeuvres="standard", wind_walk=0.0, sensors=sensors)
     with pytest.raises(InputError, match="wind and airspeed error cannot be told apart"):
         calibrate_probe(until(flight.samples, 60.0), calibration_aircraft)
+
+
+def test_gusts_are_noticed(calibration_aircraft):
+    """In turbulence the answer rests on averages, says so, and scales are too small but within their errors' reach."""
+    wind = np.array([5.0, 2.0, 0.0])
+    flight = calibration_flight(6, 150.0, aircraft=calibration_aircraft, wind=wind, turbulence="light")
+    report = calibrate_probe(flight.samples, calibration_aircraft, samples=32)
+    assert any("the wind was not steady" in note for note in report.notes)
+    found = {p["name"]: p for p in report.parameters}
+    for name, value in (("W_N", 5.0), ("W_E", 2.0)):
+        assert abs(found[name]["value"] - value) < max(4.0 * found[name]["std"], 0.5)
 
 
 def test_bad_recordings_are_one_sentence(calibration_flown):

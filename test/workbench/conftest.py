@@ -21,7 +21,8 @@ def pytest_collection_modifyitems(items):
     """The page's tests share one worker: they share servers and a browser."""
     for item in items:
         if "workbench" in item.path.parts:
-            item.add_marker(pytest.mark.xdist_group("workbench"))
+            group = "nodes" if "live" in item.path.name else "workbench"  # ROS: one test at a time
+            item.add_marker(pytest.mark.xdist_group(group))
 
 
 @pytest.fixture(scope="session")
@@ -48,9 +49,9 @@ def served():
 
 
 @contextmanager
-def _served(run):
-    """The address of the page of a run."""
-    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "workbench", str(run)]
+def _served(*arguments):
+    """The address of the page of a run, or of what else the command is told."""
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "workbench", *map(str, arguments)]
     with subprocess.Popen([*command, "--port", "0", "--no-browser"], stderr=subprocess.PIPE, text=True) as server:
         try:
             line = server.stderr.readline()

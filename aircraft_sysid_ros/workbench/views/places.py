@@ -11,7 +11,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.where import Place
+from aircraft_sysid_ros.diagnosis.where import Place, cells
 from aircraft_sysid_ros.workbench.views.coefficients import time_of
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure
 from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS
@@ -113,12 +113,9 @@ def spans_of_place(comparison: Comparison, place: Place) -> list[Span]:
 
 def mask_of_place(comparison: Comparison, place: Place) -> Mask | None:
     """Points (n,) of a cell of the flight envelope, found again by its words; None where it is not."""
-    from aircraft_sysid_ros.diagnosis.where import _cells
-
     found = comparison.axes[place.axis]
     judged = np.isfinite(found.fit.held_out / found.floor.std)
-    cells = _cells(comparison.flight, judged)
-    return next((mask for _, mask, words in cells if words == place.conditions), None)
+    return next((mask for _, mask, words in cells(comparison.flight, judged) if words == place.conditions), None)
 
 
 def spans_of(time: Array, mask: Mask) -> list[Span]:

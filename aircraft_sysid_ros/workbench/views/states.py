@@ -46,6 +46,7 @@ class StateHistory:
     consistency: Array  # (n,)
     measured_time: Mapping[str, Array]  # by "airspeed", "angle_of_attack", "sideslip"
     measured: Mapping[str, Array]
+    time_title: str = TIME_TITLE
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def bias_figure(
         data.append(line(ends, np.full(2, true), theme.ink, "truth at the end", **style))
     return figure(
         theme, data, height,
-        xaxis=axis(theme, TIME_TITLE),
+        xaxis=axis(theme, state.time_title),
         yaxis=axis(theme, words[0], fixedrange=True, range=_settled_range(values, std)),
         showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip
@@ -125,7 +126,7 @@ def air_figure(state: StateHistory, which: str, theme: Theme, height: int = 250)
     data.append(line(*thinned(state.time, values), theme.residual, "reconstructed", width=1.4))
     return figure(
         theme, data, height,
-        xaxis=axis(theme, TIME_TITLE), yaxis=axis(theme, title, fixedrange=True),
+        xaxis=axis(theme, state.time_title), yaxis=axis(theme, title, fixedrange=True),
         showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip
 
@@ -139,7 +140,7 @@ def consistency_figure(state: StateHistory, theme: Theme, height: int = 250) -> 
     top = float(np.nanquantile(state.consistency, 0.98))
     return figure(
         theme, data, height,
-        xaxis=axis(theme, TIME_TITLE),
+        xaxis=axis(theme, state.time_title),
         yaxis=axis(theme, "innovations over expected [-]", fixedrange=True, range=[0.0, max(1.3 * top, 2.0)]),
         showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip

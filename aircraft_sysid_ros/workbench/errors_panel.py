@@ -1,0 +1,70 @@
+"""Errors of all axes as bars that move when the model changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from nicegui import ui
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.workbench.markup import errors_scale, state_words
+from aircraft_sysid_ros.workbench.panel import card
+from aircraft_sysid_ros.workbench.views.coefficients import AxisRow
+from aircraft_sysid_ros.workbench.views.words import percent, symbol
+
+
+class Errors:
+    """Bars with numbers, in a box of their own."""
+
+    def __init__(self, title: str, words: str) -> None:
+        self._rows: dict[str, dict[str, Any]] = {}
+        with card(title):
+            ui.label(words).classes("soft small")
+            with ui.element("div").classes("errors"):
+                for text in ("", "", "error", "noise", ""):
+                    ui.label(text).classes("head")
+                for name in AXES:
+                    self._row(name)
+            self._notes = ui.element("div").classes("notes soft small")
+
+    def _row(self, name: str) -> None:
+        ui.html(symbol(name), sanitize=False).classes("sym")
+        with ui.element("div").classes("track"):
+            was = ui.element("div").classes("was")
+            fill = ui.element("div").classes("fill").props(f"data-testid=bar-{name}")
+            tick = ui.element("div").classes("tick")
+        error = ui.label("").classes("num").props(f"data-testid=held-out-{name}")
+        noise = ui.label("").classes("num soft").props(f"data-testid=noise-{name}")
+        words = ui.html("", sanitize=False)
+        self._rows[name] = {"fill": fill, "was": was, "tick": tick, "error": error, "noise": noise, "words": words}
+
+    def show(self, rows: Sequence[AxisRow], before: Mapping[str, float], notes: Sequence[str] = ()) -> None:
+        """Set lengths and numbers, the style moves them; ``before`` are errors of the model before the change."""
+        self._notes.clear()
+        self._notes.set_visibility(bool(notes))
+        with self._notes:
+            for note in notes:
+                ui.label(note)
+        top = max(errors_scale(rows), *before.values(), 0.0)
+        for row in rows:
+            self._show(row, top, before.get(row.axis))
+
+    def _show(self, row: AxisRow, top: float, was: float | None) -> None:
+        parts, known = self._rows[row.axis], row.held_out is not None and row.floor is not None
+        for part in ("fill", "tick"):
+            parts[part].set_visibility(known)
+        reason = f'<span class="soft small">{escape(row.reason)}</span>'
+        parts["words"].content = state_words(row) if known else reason
+        parts["was"].set_visibility(False)
+        if row.held_out is None or row.floor is None:
+            parts["error"].text = parts["noise"].text = "–"
+            return
+        parts["fill"].style(f"width:{100.0 * row.held_out / top:.2f}%")
+        parts["fill"].classes(add="fails" if row.fails else "", remove="" if row.fails else "fails")
+        parts["tick"].style(f"left:{100.0 * row.floor / top:.2f}%")
+        parts["error"].text, parts["noise"].text = f"{percent(row.held_out)} %", f"{percent(row.floor)} %"
+        if was is not None and abs(was - row.held_out) > 0.002:
+            parts["was"].set_visibility(True)
+            parts["was"].style(f"width:{100.0 * was / top:.2f}%")

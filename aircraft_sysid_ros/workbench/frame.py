@@ -1,0 +1,128 @@
+"""What the page of a run and the page of a flight in progress have in common: header, notice, views, light or dark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from aircraft_sysid_ros.workbench.panel import Panel
+from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Theme
+
+STYLE = Path(__file__).with_name("style.css")
+#: Time [s] between looks at the session.
+POLL = 0.25
+_REMEMBER_THEME = "document.cookie = 'theme={}; path=/; max-age=31536000; samesite=strict'"
+#: A figure whose view is left is told of its new size when it is gone already, which plotly.js calls an error.
+_QUIET = """<script>
+  addEventListener("unhandledrejection", (e) => {
+    if (String(e.reason?.message ?? e.reason).includes("displayed plot div")) e.preventDefault();
+  });
+</script>"""
+_ASK_THEME = "matchMedia('(prefers-color-scheme: dark)').matches"
+
+
+@dataclass
+class Look:
+    """What one browser looks at: others may look at something else of the same run."""
+
+    theme: Theme = LIGHT
+    window: tuple[float, float] | None = None  # [s]; None is the whole flight
+    marks: list[tuple[float, float]] = field(default_factory=list)
+    beside: str | None = None  # version that is drawn as well
+
+
+class Frame:
+    """One browser's page: a header with a notice under it, and views of which the first is shown."""
+
+    def __init__(self, session: Any, theme: str | None) -> None:
+        self.session, self.look = session, Look(DARK if theme == "dark" else LIGHT)
+        ui.add_css(STYLE)
+        ui.add_head_html(_QUIET)
+        self._dark = ui.dark_mode(self.look.theme is DARK)
+        self.panels = self.views()
+        first = next(iter(self.panels))
+        self._header()
+        with ui.tab_panels(self.tabs, value=first, animated=False):
+            for name, panel in self.panels.items():
+                with ui.tab_panel(name) as panel.place:
+                    pass
+        self.panels[first].show()
+        self.tabs.on_value_change(lambda event: self.panels[event.value].show())
+        self.follow()
+        ui.timer(POLL, self.follow)
+        if theme is None:
+            ui.timer(0.1, self._adopt_theme, once=True)
+
+    # -- what a page adds ------------------------------------------------------------------------------------
+
+    @property
+    def name(self) -> str:
+        """Heading of the page."""
+        raise NotImplementedError
+
+    def views(self) -> dict[str, Panel]:
+        """The views by name."""
+        raise NotImplementedError
+
+    def follow(self) -> None:
+        """Show what the session holds now; called every POLL seconds."""
+        raise NotImplementedError
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the model may be changed now."""
+        raise NotImplementedError
+
+    # -- frame -----------------------------------------------------------------------------------------------
+
+    def _header(self) -> None:
+        with ui.element("header").classes("top"):
+            with ui.element("div").classes("top-inner"):
+                with ui.element("div").classes("who"):
+                    ui.label(self.name).classes("name")
+                    self.facts = ui.html("", sanitize=False).classes("facts").props("data-testid=facts")
+                ui.element("div").classes("spring")
+                with ui.tabs().props("no-caps inline-label aria-label=Views") as self.tabs:
+                    for name in self.panels:
+                        ui.tab(name).props(f"data-testid=tab-{name.lower()}")
+                ui.button(icon="contrast", on_click=self._toggle_theme).props(
+                    'flat round dense color=grey-7 aria-label="Light or dark" data-testid=theme'
+                )
+            with ui.element("div").classes("notice").props("role=status aria-live=polite data-testid=notice") as box:
+                self._notice_box = box
+                self._notice_text = ui.label("").classes("text")
+                self.notice_extras()
+
+    def notice_extras(self) -> None:
+        """More elements of the notice."""
+
+    def notice(self, text: str, is_bad: bool, is_shown: bool = False) -> None:
+        """Say one sentence under the header; nothing where it is empty, unless the notice is shown anyway."""
+        self._notice_text.text = text[:1].upper() + text[1:]
+        self._notice_box.set_visibility(bool(text) or is_shown)
+        self._notice_box.classes(add="bad" if is_bad else "", remove="" if is_bad else "bad")
+
+    def allow(self) -> None:
+        """Enable or disable what changes the model."""
+        for panel in self.panels.values():
+            panel.allow(self.allowed)
+
+    # -- theme -----------------------------------------------------------------------------------------------
+
+    async def _adopt_theme(self) -> None:
+        """Light or dark as the browser asks, at the first visit."""
+        if await ui.run_javascript(_ASK_THEME, timeout=5.0):
+            self._set_theme(DARK)
+
+    def _toggle_theme(self) -> None:
+        self._set_theme(LIGHT if self.look.theme is DARK else DARK)
+        ui.run_javascript(_REMEMBER_THEME.format(self.look.theme.name))
+
+    def _set_theme(self, theme: Theme) -> None:
+        self.look.theme = theme
+        self._dark.value = theme is DARK
+        for panel in self.panels.values():
+            panel.refresh()

@@ -1,0 +1,165 @@
+"""A flight in progress: sliding time plots, errors with their noise, candidates, state, and what the node is doing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.workbench.views.candidates import Card
+from aircraft_sysid_ros.workbench.views.coefficients import FAILS, MORE, NO_DATA, NOISE, AxisRow
+from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, figure, line
+from aircraft_sysid_ros.workbench.views.states import StateHistory
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, symbol
+
+Array = npt.NDArray[np.float64]
+
+#: Flight [s] that the time plots show.
+WINDOW = 120.0
+TIME_TITLE = "time since first heard [s]"
+#: Share of the power of what is left over from which it is called noise.
+_ONLY_NOISE = 0.75
+#: Silence [s] of the node from which the page says so.
+SILENCE = 5.0
+_RESIDUAL = 0.36
+Rows = Sequence[Mapping[str, Any]]
+
+
+def noise_share(name: str, correlation: float, options: ParameterOptions | None = None) -> float:
+    """Share (0 to 1) of the power of a residual that is noise, from its lag-one correlation r.
+
+    Successive windows of half-width w overlap, so that white noise of the sensors has the correlation
+    r_n = 1 - d/2 in their mean (forces), and r_n = [F(1 - d) - F(-1)] / (2/3), F(t) = t^3/3 + d t^2/2, in their
+    slope (moments), d = step / w. What a model lacks moves slowly against the step, r = 1. A mixture with the share
+    s of noise has r = 1 - s (1 - r_n). What moves fast is taken for noise too: the share is an upper one.
+    ``options`` are those of the node, by default as they are unless they are set.
+    """
+    if not np.isfinite(correlation):
+        return np.nan
+    options = options or ParameterOptions()
+    d = min(options.step / options.half_width, 2.0)
+    end = 1.0 - d
+    slope = 1.5 * ((end**3 + 1.0) / 3.0 + 0.5 * d * (end**2 - 1.0))
+    of_noise = slope if name in ("Cl", "Cm", "Cn") else 1.0 - 0.5 * d
+    return float(np.clip((1.0 - correlation) / (1.0 - of_noise), 0.0, 1.0))
+
+
+def axis_rows(newest: Mapping[str, Any] | None, failing: Collection[str] = ()) -> list[AxisRow]:
+    """Errors of all axes from the newest content of ModelError; ``failing`` are those in which something is missing."""
+    axes = newest["axes"] if newest else {}
+    return [_row(name, axes.get(name), name in failing) for name in AXES]
+
+
+def _row(name: str, values: Mapping[str, float] | None, fails: bool) -> AxisRow:
+    if values is None or not np.isfinite(values["nrmse"]):
+        return AxisRow(name, AXIS_WORDS[name], None, None, None, NO_DATA, "nothing yet")
+    share = noise_share(name, values["lag_one_correlation"])
+    noise = values["nrmse"] * np.sqrt(share) if np.isfinite(share) else 0.0
+    state = FAILS if fails else NOISE if share >= _ONLY_NOISE else MORE
+    return AxisRow(name, AXIS_WORDS[name], values["nrmse"], None, float(noise), state)
+
+
+def failing_axes(missing: Mapping[str, Any] | None, model: str) -> set[str]:
+    """Axes that the best candidate of the newest search is about, where that was of this model."""
+    if missing is None or missing["model"] != model or missing["verdict"] == "none" or not missing["candidates"]:
+        return set()
+    return set(missing["candidates"][0]["axes"])
+
+
+def coefficient_figure(
+    rows: Rows, name: str, theme: Theme, changes: Sequence[float] = (), height: int = 226
+) -> Figure:
+    """One axis over the newest WINDOW seconds: measured, predicted, what is left over, ``changes`` of the model."""
+    end = float(rows[-1]["time"]) if rows else WINDOW
+    window = [max(end, WINDOW) - WINDOW, max(end, WINDOW)]
+    shown = [row for row in rows if row["time"] >= window[0] and name in row["axes"]]
+    time = np.array([row["time"] for row in shown])
+    measured, predicted = (np.array([row["axes"][name][key] for row in shown]) for key in ("measured", "predicted"))
+    style = {"mode": "lines+markers", "marker": {"size": 3}}
+    data = [
+        line(time, measured, theme.ink, "measured", width=2.0, **style),
+        line(time, predicted, theme.predicted, "predicted", width=1.1, **style),
+        line(time, measured - predicted, theme.residual, "left over", yaxis="y2", width=1.0, **style),
+    ]
+    shapes = [
+        {
+            "type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1,
+            "line": {"color": theme.second, "width": 1.5, "dash": "dash"},
+        }
+        for t in changes if t >= window[0]
+    ]  # fmt: skip
+    return figure(
+        theme, data, height,
+        xaxis=axis(theme, TIME_TITLE, range=window, anchor="y2", nticks=9, fixedrange=True),
+        yaxis=axis(theme, f"{symbol(name)} [-]", domain=[_RESIDUAL + 0.05, 1.0], fixedrange=True, nticks=5),
+        yaxis2=axis(theme, "left over", domain=[0.0, _RESIDUAL], fixedrange=True, nticks=5),
+        shapes=shapes,
+    )  # fmt: skip
+
+
+def cards(missing: Mapping[str, Any] | None) -> list[Card]:
+    """The candidates of MissingEffects in plain words, best first."""
+    return [_card(candidate) for candidate in (missing or {}).get("candidates", ())]
+
+
+def _card(candidate: Mapping[str, Any]) -> Card:
+    effect, expression = BY_ID.get(candidate["effect"]), candidate["expression"]
+    return Card(
+        key=candidate["effect"] or expression,
+        title=effect.name if effect else f"A term that no effect of the library has: {expression}",
+        label=candidate["effect"] or expression,
+        physics=effect.physics if effect else "",
+        found=True,
+        main_axis=candidate["axes"][0],
+        before=candidate["error_before"],
+        after=candidate["error_after"],
+        p_value=candidate["p_value"],
+        where=candidate["where"],
+        confounded_with=tuple((i, BY_ID[i].name if i in BY_ID else i) for i in candidate["confounded_with"]),
+        manoeuvre=effect.manoeuvre if effect else "",
+        numbers=(expression,),
+        evidence=None,
+    )
+
+
+def state_history(rows: Rows) -> StateHistory:
+    """The contents of AircraftState that are kept, two at least, as the figures of the state take them."""
+
+    def column(name: str) -> Array:
+        return np.array([row[name] for row in rows], dtype=np.float64)
+
+    sigma = column("standard_deviations")
+    return StateHistory(
+        time=column("time"),
+        accelerometer_bias=column("accelerometer_bias"),
+        accelerometer_bias_std=sigma[:, 9:12],
+        gyro_bias=column("gyro_bias"),
+        gyro_bias_std=sigma[:, 12:15],
+        wind=column("wind_ned"),
+        wind_std=sigma[:, 15:18],
+        position=column("position_ned"),
+        air=np.column_stack([column(name) for name in ("true_airspeed", "angle_of_attack", "sideslip")]),
+        consistency=column("innovation_consistency"),
+        measured_time={},
+        measured={},
+        time_title=TIME_TITLE,
+    )
+
+
+def presence_sentence(node: str, is_there: bool, was_there: bool, silent: float | None) -> str:
+    """What keeps the page from being up to date, in one sentence; empty where nothing does."""
+    if not is_there and not was_there:
+        return f"no {node} yet: start `aircraft-sysid live` or the nodes; this page connects by itself"
+    if not is_there:
+        ago = "" if silent is None else f", of {silent:.0f} s ago"
+        return f"{node} is gone: what stands here is the last that it said{ago}; this page connects again by itself"
+    if silent is None:
+        return f"{node} is there and has said nothing yet: it waits for states in flight"
+    if silent > SILENCE:
+        return f"{node} has said nothing for {silent:.0f} s: no new states in flight reach it"
+    return ""

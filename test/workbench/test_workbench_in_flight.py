@@ -1,0 +1,195 @@
+"""The live page without ROS and browser: bounded memory, noise by its correlation, sentences, a link that ends."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.workbench import live_session
+from aircraft_sysid_ros.workbench.live_flight import MOST_ERRORS, MOST_STATES, LiveFlight
+from aircraft_sysid_ros.workbench.live_link import ANSWER, NO_ROS, PRESENCE, READY
+from aircraft_sysid_ros.workbench.views import live
+from aircraft_sysid_ros.workbench.views.coefficients import FAILS, NO_DATA
+from aircraft_sysid_ros.workbench.views.figure import LIGHT
+from aircraft_sysid_ros.workbench.worker import ADD, REMOVE, Job
+
+SECOND = 1_000_000_000
+
+
+def errors(second: float, model: str = "a", nrmse: float = 0.3, correlation: float = 0.9) -> dict:
+    values = {"measured": 1.0, "predicted": 0.9, "nrmse": nrmse, "residual_rms": 0.1}
+    axis = {**values, "lag_one_correlation": correlation}
+    return {"stamp": int((1000 + second) * SECOND), "model": model, "window": 10.0, "axes": {"Cl": axis}}
+
+
+def parameters(second: float, model: str, *names: str) -> dict:
+    return {"stamp": int((1000 + second) * SECOND), "model": model, "parameters": [{"name": name} for name in names]}
+
+
+def candidate(**changes) -> dict:
+    content = {
+        "effect": "dihedral_alpha", "expression": "Cl: alpha*beta", "axes": ["Cl"], "p_value": 1e-9,
+        "error_before": 0.36, "error_after": 0.04, "confounded_with": [], "where": "40 to 60 s",
+    }  # fmt: skip
+    return {**content, **changes}
+
+
+def test_memory_is_bounded_and_another_flight_begins_anew() -> None:
+    flight = LiveFlight()
+    for second in range(3 * MOST_STATES):
+        flight.take("errors", errors(second, str(second)))  # the model changes with every message
+        flight.take("state", {"stamp": int((1000 + second) * SECOND)})
+    assert (len(flight.errors), len(flight.states), len(flight.changes)) == (MOST_ERRORS, MOST_STATES, MOST_ERRORS)
+    for number in range(1000):
+        flight.granted(ADD, str(number), "b")
+    assert len(flight.added) <= 100
+    flight.take("errors", errors(5.0))
+    assert len(flight.errors) == 1 and not flight.states and not flight.added
+    assert flight.errors[0]["time"] == 0.0
+
+
+def test_what_was_added_is_known_until_its_terms_are_gone() -> None:
+    flight = LiveFlight()
+    flight.take("errors", errors(0.0, "a", 0.3))
+    flight.take("parameters", parameters(0.0, "a", "Cl_beta"))
+    flight.granted(ADD, "dihedral_alpha", "b")
+    flight.take("parameters", parameters(0.5, "a", "Cl_beta"))  # was on its way
+    assert [item.text for item in flight.added] == ["dihedral_alpha"]
+    flight.take("errors", errors(1.0, "b", 0.05))
+    flight.take("parameters", parameters(1.0, "b", "Cl_beta", "Cl_alpha*beta"))
+    assert flight.added[0].names == {"Cl_alpha*beta"}
+    assert flight.before == {"Cl": 0.3} and list(flight.changes) == [1.0]
+    flight.take("parameters", parameters(2.0, "a", "Cl_beta"))  # somebody else took it out
+    assert not flight.added
+    flight.granted(ADD, "Cl: beta**3", "c")
+    flight.granted(REMOVE, "Cl: beta**3", "a")
+    assert not flight.added
+
+
+@pytest.mark.parametrize(("name", "is_slope"), [("CZ", False), ("Cm", True)])
+def test_noise_is_told_from_slow_error_by_its_correlation(name, is_slope) -> None:
+    rng, options, rate = np.random.default_rng(4), ParameterOptions(), 1000
+    half, step = round(options.half_width * rate), round(options.step * rate)
+    at = np.arange(-half, half + 1)
+    kernel = (at / (at @ at) if is_slope else np.full(len(at), 1.0 / len(at)))[::-1]
+    noise = np.convolve(rng.normal(size=400 * rate), kernel, "valid")[::step]
+    noise /= noise.std()
+    slow = np.sqrt(2.0) * np.sin(2.0 * np.pi * 0.1 * options.step * np.arange(len(noise)))
+    for size, share in ((0.0, 1.0), (1.0, 0.5), (3.0, 0.1)):
+        residual = noise + size * slow
+        correlation = (residual[1:] @ residual[:-1]) / (residual @ residual)
+        assert live.noise_share(name, correlation) == pytest.approx(share, abs=0.06)
+    assert np.isnan(live.noise_share(name, np.nan))
+
+
+def test_rows_cards_and_figures() -> None:
+    assert {row.state for row in live.axis_rows(None)} == {NO_DATA}
+    missing = {"model": "a", "verdict": "missing", "advice": "", "candidates": [candidate()]}
+    assert live.failing_axes(missing, "a") == {"Cl"} and not live.failing_axes(missing, "b")
+    row = next(row for row in live.axis_rows(errors(0.0), {"Cl"}) if row.axis == "Cl")
+    assert (row.held_out, row.state) == (0.3, FAILS) and 0.0 < row.floor < 0.3
+    card, other = live.cards({**missing, "candidates": [candidate(), candidate(effect="", expression="Cm: q**2")]})
+    assert (card.key, card.title) == ("dihedral_alpha", "Dihedral effect that depends on lift")
+    assert card.physics and card.manoeuvre and card.gain == "36.0 % → 4.0 %"
+    assert other.key == "Cm: q**2" and "Cm: q**2" in other.title
+    rows = [{**errors(t), "time": float(t)} for t in range(300)]
+    figure = live.coefficient_figure(rows, "Cl", LIGHT, [100.0, 250.0])
+    assert figure["layout"]["xaxis"]["range"] == [299.0 - live.WINDOW, 299.0]
+    assert [shape["x0"] for shape in figure["layout"]["shapes"]] == [250.0]
+    assert live.coefficient_figure([], "Cl", LIGHT)["layout"]["xaxis"]["range"] == [0.0, live.WINDOW]
+
+
+@pytest.mark.parametrize(
+    ("is_there", "was_there", "silent", "words"),
+    [
+        (False, False, None, "no /node yet"),
+        (False, True, 12.0, "/node is gone"),
+        (True, True, None, "has said nothing yet"),
+        (True, True, 12.0, "has said nothing for 12 s"),
+        (True, True, 0.5, ""),
+    ],
+)
+def test_one_sentence_says_what_keeps_the_page_back(is_there, was_there, silent, words) -> None:
+    said = live.presence_sentence("/node", is_there, was_there, silent)
+    assert words in said and bool(said) == bool(words) and "\n" not in said
+
+
+class FakeLink:
+    """Links that a test speaks for."""
+
+    def __init__(self) -> None:
+        self.ends: list = []
+
+    def start(self, namespace: str):
+        ours, theirs = multiprocessing.Pipe()
+        self.ends.append(theirs)
+        return self, ours
+
+    def kill(self) -> None:
+        self.ends[-1].close()
+
+    def join(self) -> None:
+        pass
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """A session on a link that does what the test says."""
+    link = FakeLink()
+    monkeypatch.setattr(live_session, "start_link", link.start)
+    monkeypatch.setattr(live_session, "_REST", 0.01)
+    session = live_session.LiveSession("plane/one/")
+    yield session, link
+    session.close()
+
+
+def until(true) -> None:
+    deadline = time.monotonic() + 20.0
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_link_that_ends_is_started_again_and_its_request_is_not_lost_silently(fake) -> None:
+    session, link = fake
+    link.ends[0].send((READY, None))
+    session.wait(10.0)
+    assert session.node == "/plane/one/parameter_estimator"
+    link.ends[0].send((PRESENCE, True))
+    until(lambda: session.flight.is_there)
+    assert session.start(Job(ADD, "stall")) and not session.start(Job(ADD, "stall"))
+    assert link.ends[0].recv() == (ADD, "stall")
+    link.ends[0].close()
+    until(lambda: len(link.ends) == 2)
+    assert session.job is None and session.is_bad and "ask again" in session.sentence
+    assert session.flight.was_there and not session.flight.is_there
+    link.ends[1].send((PRESENCE, True))
+    link.ends[1].send(("errors", errors(0.0)))
+    until(lambda: session.flight.model == "a")
+    assert session.start(Job(ADD, "CZ: alpha**3"))
+    answer = {"kind": ADD, "text": "CZ: alpha**3", "success": True, "message": "added: CZ_alpha3", "model": "b"}
+    link.ends[1].send((ANSWER, answer))
+    until(lambda: session.job is None)
+    assert session.sentence == "added: CZ_alpha3" and not session.is_bad
+    assert [item.text for item in session.flight.added] == ["CZ: alpha**3"]
+
+
+def test_no_ros_is_one_sentence(fake) -> None:
+    session, link = fake
+    link.ends[0].send((NO_ROS, "ROS 2 is not in this environment"))
+    with pytest.raises(InputError, match="not in this environment"):
+        session.wait(10.0)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--live", "run"], ["--live", "--truth", "bag"], [], ["run", "--namespace", "plane"]]
+)
+def test_arguments_that_do_not_go_together(arguments, capsys) -> None:
+    assert main(["workbench", *arguments, "--no-browser", "--port", "0"]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -1,0 +1,162 @@
+"""The page of a running parameter node over real ROS 2, and what it is made of."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+from aircraft_sysid_ros.simulation.truth_files import write_flight
+
+pytest.importorskip("rclpy")
+pytest.importorskip("aircraft_sysid_msgs.msg")
+
+PATIENCE = 90.0
+PIECE = 10.0  # [s]
+NODE = "/parameter_estimator"
+
+
+def test_id(name: str) -> str:
+    return f"[data-testid={name}]"
+
+
+test_id.__test__ = False  # it is a selector and no test
+
+
+def wait_for_text(page, name: str, text: str) -> None:
+    page.wait_for_function(
+        "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[test_id(name), text],
+        timeout=1e3 * PATIENCE,
+    )
+
+
+class Player:
+    """Messages of a recording onto their topics, as fast as the nodes take them."""
+
+    TOPICS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data", "control_surfaces")
+
+    def __init__(self, raw) -> None:
+        import rclpy
+        from aircraft_sysid_msgs.msg import ModelError
+        from rclpy.qos import QoSProfile
+
+        from aircraft_sysid_ros.nodes.common import message_class
+
+        rclpy.init()
+        self.raw, self.node, self.reached = raw, rclpy.create_node("player"), -1.0  # [s] of flight, of the nodes
+        self.node.create_subscription(ModelError, f"{NODE}/model_error", self._hear, 10)
+        chosen = {key: c for key, c in raw.channels.items() if c.topic.strip("/") in self.TOPICS}
+        self.publishers = {
+            key: self.node.create_publisher(message_class(c.type), c.topic.strip("/"), QoSProfile(depth=5000))
+            for key, c in chosen.items()
+        }
+
+    def play(self, begin: float, end: float) -> None:
+        """What was flown between two times of flight [s], no more at once than the queues of the nodes hold."""
+        self.until(lambda: all(p.get_subscription_count() for p in self.publishers.values()))
+        at = (self.raw.log_time - self.raw.log_time[0]) * 1e-9
+        for piece in np.arange(begin, end, PIECE):
+            last = min(piece + PIECE, end)
+            for n, i in enumerate(np.flatnonzero((at >= piece) & (at < last))):
+                if n % 50 == 0:
+                    time.sleep(0.02)  # a burst overflows the sockets
+                if int(self.raw.channel[i]) in self.publishers:
+                    self.publishers[int(self.raw.channel[i])].publish(self.raw[i])
+            self.until(lambda: self.reached > last - 4.0 or last < 15.0)  # noqa: B023
+
+    def until(self, done) -> None:
+        import rclpy
+
+        deadline = time.monotonic() + PATIENCE
+        while not done():
+            assert time.monotonic() < deadline
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+
+    def _hear(self, message) -> None:
+        stamp = message.header.stamp
+        self.reached = stamp.sec - self.raw.log_time[0] * 1e-9 + stamp.nanosec * 1e-9
+
+
+@pytest.fixture(scope="module")
+def player(aircraft, tmp_path_factory):
+    """A flight of two minutes whose aeroplane has an effect that its model lacks."""
+    import rclpy
+
+    flight = simulate_samples(aircraft, 11, 112.0, rate=100.0, hidden=[("dihedral_alpha", 1.0)], manoeuvres="standard")
+    path = tmp_path_factory.mktemp("live") / "flight"
+    write_flight(flight, path)
+    yield Player(read_raw(path))
+    rclpy.try_shutdown()
+
+
+@contextmanager
+def nodes(aircraft_file, tmp_path):
+    """`live` until the end of the block."""
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "live", "--aircraft", str(aircraft_file)]
+    with subprocess.Popen([*command, "--reliable"], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as live:
+        try:
+            yield
+        finally:
+            live.send_signal(signal.SIGINT)
+            try:
+                live.wait(60)
+            finally:
+                live.kill()
+
+
+def error_of(page, axis: str) -> float:
+    return float(page.inner_text(test_id(f"held-out-{axis}")).split()[0])
+
+
+def test_a_hidden_effect_is_named_and_added_in_flight(
+    player, aircraft_file, tmp_path, served, open_page
+) -> None:
+    with served("--live") as address:
+        page = open_page(address)
+        wait_for_text(page, "notice", f"No {NODE} yet")
+        with nodes(aircraft_file, tmp_path):
+            wait_for_text(page, "notice", f"{NODE} is there")  # it connected by itself
+            player.play(0.0, 90.0)
+            page.wait_for_selector(test_id("card-0"), timeout=1e3 * PATIENCE)
+            assert page.inner_text(test_id("verdict")) == "An effect is missing"
+            assert "Dihedral effect that depends on lift" in page.inner_text(test_id("card-0"))
+            first, before = page.inner_text(test_id("model")), error_of(page, "Cl")
+            page.wait_for_selector(test_id("fails-Cl"))
+            page.click(test_id("card-0") + " .q-item")
+            page.click(test_id("add-0"))
+            wait_for_text(page, "notice", "Added: Cl_alpha*beta")
+            player.play(90.0, 105.0)
+            page.wait_for_function(
+                "([s, e]) => parseFloat(document.querySelector(s).innerText) < e",
+                arg=[test_id("held-out-Cl"), 0.5 * before], timeout=1e3 * PATIENCE,
+            )  # fmt: skip
+            assert page.inner_text(test_id("model")) != first
+            page.click(test_id("tab-parameters"))
+            wait_for_text(page, "parameters", "Cl_alpha*beta")
+            page.click(test_id("tab-state"))
+            wait_for_text(page, "state", "wind [m/s]")
+            page.click(test_id("tab-model"))
+            page.click(test_id("side-add"))
+            page.fill(test_id("term"), "CZ: __import__('os')")
+            wait_for_text(page, "complaint", "is not allowed")
+            page.click(test_id("undo"))
+            wait_for_text(page, "notice", "Removed: Cl_alpha*beta")
+            player.play(105.0, 110.0)
+            wait_for_text(page, "model", first)
+        wait_for_text(page, "notice", f"{NODE} is gone")
+        assert page.locator(test_id("add-term")).is_disabled()
+        page.context.close()  # before the server goes
+
+
+def test_a_namespace_that_is_none_is_one_sentence(capsys) -> None:
+    assert main(["workbench", "--live", "--namespace", "9 lives", "--no-browser", "--port", "0"]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "--namespace" in said and "is no namespace" in said and len(said.splitlines()) == 1, said
