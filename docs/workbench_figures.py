@@ -3,7 +3,7 @@
     python docs/workbench_figures.py [--run RUN --truth BAG] [--live]
 
 Without --run the flight is simulated, replayed and diagnosed first; --live makes only the picture of a flight in
-progress, of which the recording (--truth) is played. Look at the pictures before they are committed.
+progress. Look at the pictures before they are committed.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ def command(*arguments: Any) -> list[str]:
     return [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, arguments)]
 
 
-def simulate(folder: Path) -> Path:
+def simulate(folder: Path, *options: Any) -> Path:
     """A recording of a flight with a hidden effect."""
     bag = folder / "flight"
-    subprocess.run(command("simulate", "--out", bag, *FLIGHT), check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(command("simulate", "--out", bag, *FLIGHT, *options), check=True, stdout=subprocess.DEVNULL)
     return bag
 
 
@@ -179,16 +179,13 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        if arguments.live:
-            bag = arguments.truth or simulate(place)
-        elif arguments.run:
-            run, bag = place / "runs" / "flight", arguments.truth
+        if arguments.run:
+            run = place / "runs" / "flight"
             shutil.copytree(arguments.run, run)
-            pictures(run, bag)
-        else:
-            run, bag = fly(place)
-            pictures(run, bag)
-        live_picture(bag)
+            pictures(run, arguments.truth)
+        elif not arguments.live:
+            pictures(*fly(place))
+        live_picture(simulate(place / "live", "--duration", 180))
 
 
 if __name__ == "__main__":

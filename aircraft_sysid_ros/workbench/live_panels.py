@@ -43,8 +43,8 @@ class LivePanel(Panel):
         return found
 
     def follow(self) -> None:
-        """Draw where there is something new."""
-        seen = tuple(self.flight.heard[kind] for kind in self.kinds)
+        """Draw where there is something new: messages, or what came of a request."""
+        seen = (self.page.session.revision, *(self.flight.heard[kind] for kind in self.kinds))
         if self._built and seen != self._seen and time.monotonic() - self._drawn > _DRAW:
             self._seen, self._drawn = seen, time.monotonic()
             self.update()
