@@ -4,7 +4,9 @@ Per axis: e = measured - predicted before the sample, where the axis learns. The
 these is compared with those of earlier blocks of the same length, of which the newest GUARD evaluations are left out:
 a change is not to be in what it is measured by. The alarm wants both, RATIO times the rms of all blocks and WORST
 times the largest of them, over PATIENCE looks. Errors of a model that is always wrong somewhere raise the bar by
-themselves.
+themselves. Gusts that set in, or a noisier sensor, raise the errors of most axes, a change of the aeroplane those of
+some: by what the errors have grown in all but the quietest two axes is not counted. Nor is a window that is spread over
+SPREAD times its length: in cruise an axis learns now and then, from what is not motion.
 
 When the change was: with n errors of variance s^2 before it and RATIO^2 s^2 since, the sum of
 
@@ -34,6 +36,10 @@ MOST_BLOCKS, LEAST_BLOCKS = 60, 8
 RATIO, WORST = 5.0, 3.0
 #: Looks in a row.
 PATIENCE = 2
+
+SPREAD = 2.0
+#: How many axes are quieter than the one that tells by what the errors of all have grown.
+_QUIETEST = 2
 
 _MEASURED, _PREDICTED, _LEARNT = Point.MEASURED.start, Point.PREDICTED.start, Point.LEARNT.start
 
@@ -79,7 +85,9 @@ def _add_to_block(axis: int, square: float, errors: Errors) -> None:
 class ChangeMonitor:
     """Looks at the model errors of all axes."""
 
-    def __init__(self) -> None:
+    def __init__(self, step: float) -> None:
+        """``step`` [s] between evaluations."""
+        self._longest = SPREAD * WINDOW * step
         self._errors = Errors(
             newest=np.zeros((6, GUARD)),
             time=np.zeros((6, GUARD)),
@@ -89,10 +97,14 @@ class ChangeMonitor:
             block_count=np.zeros(6, np.int64),
         )
         self._raised = np.zeros(6, np.int64)  # looks in a row at which the error was too large
+        self._common = 1.0  # by what the mean square error has grown in most axes
 
     def add(self, points: Array, known: npt.NDArray[np.bool_]) -> None:
         """Take points (m, …) of ``Point``; only axes (6,) whose parameters are known count."""
         add_errors(points, known, self._errors)
+        ready = [axis for axis in range(6) if self._is_ready(axis)]
+        grown = sorted(float(self._errors.newest[a, :WINDOW].mean()) / self.variance(a) for a in ready)
+        self._common = max(grown[_QUIETEST], 1.0) if len(grown) > _QUIETEST + 1 else 1.0
 
     def forget(self, axis: int) -> None:
         """The parameters of an axis are others now: what its errors are is still to be seen."""
@@ -111,12 +123,16 @@ class ChangeMonitor:
 
     def excess(self, axis: int) -> float:
         """Least variance that would explain the window beside that of the blocks; negative while there is no alarm."""
-        if self._errors.block_count[axis] < LEAST_BLOCKS or self._errors.filled[axis] < WINDOW:
+        if not self._is_ready(axis):
             return -np.inf
-        blocks, now = self._blocks(axis), float(self._errors.newest[axis, :WINDOW].mean())
-        if not blocks.max() > 0.0:
-            return -np.inf  # a model without any error has no measure of one
+        blocks, now = self._common * self._blocks(axis), float(self._errors.newest[axis, :WINDOW].mean())
         return min(now / RATIO**2 - float(blocks.mean()), now / WORST**2 - float(blocks.max()))
+
+    def _is_ready(self, axis: int) -> bool:
+        """There is enough to compare; a model without any error has no measure of one."""
+        enough = self._errors.block_count[axis] >= LEAST_BLOCKS and self._errors.filled[axis] >= WINDOW
+        dense = self._errors.time[axis, 0] - self.window_begin(axis) <= self._longest
+        return bool(enough and dense and self._blocks(axis).max() > 0.0)
 
     def look(self, axis: int, uncertainty: float) -> bool:
         """Whether the axis has changed, at a time at which the parameters make predictions uncertain by a variance."""

@@ -104,7 +104,7 @@ class ParameterEstimator:
             excitation=options.excitation,
             force_noise=self.aircraft.mass * accelerometer.noise[0] / np.sqrt(window),
         )
-        self.changes = Changes()
+        self.changes = Changes(options.step)
         self.newest_point: Array | None = None
         self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
         self._ranges = np.full((3, 2), np.nan)

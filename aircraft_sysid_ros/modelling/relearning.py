@@ -29,7 +29,7 @@ from numba import njit
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
-from aircraft_sysid_ros.modelling.change_monitor import ChangeMonitor
+from aircraft_sysid_ros.modelling.change_monitor import RATIO, ChangeMonitor
 from aircraft_sysid_ros.modelling.learner import AxisEstimate, Opening
 from aircraft_sysid_ros.modelling.parameter_set import least_squares
 from aircraft_sysid_ros.modelling.regression import LARGEST_CONSISTENCY, Learning, Point, Tuning, accumulate
@@ -57,8 +57,9 @@ _MEASURED, _LEARNT, _TERMS = Point.MEASURED.start, Point.LEARNT.start, Point.TER
 class Changes:
     """Monitor of all axes with what relearning needs: the points and the parameters of the newest seconds."""
 
-    def __init__(self) -> None:
-        self.monitor = ChangeMonitor()
+    def __init__(self, step: float) -> None:
+        """``step`` [s] between evaluations."""
+        self.monitor = ChangeMonitor(step)
         self.since = np.full(6, -np.inf)  # [s] as in Point.TIME: newest change of each axis
         self.times = np.full(6, np.nan)  # [s] of flight: the same
         self.counts = np.zeros(6, np.int64)  # alarms of each axis
@@ -139,14 +140,18 @@ class Changes:
         return known if n and np.all(std <= small) else None
 
     def _uncertainty(self, axis: int, model: AerodynamicModel, learning: Learning) -> float:
-        """Mean variance of the predictions of the window by the covariance from before it, as for white residuals."""
+        """What explains a window without a change: variance of its predictions, by the covariance from before it.
+
+        A window whose error is no larger than noise of the terms makes is explained, too.
+        """
         if not self.monitor.excess(axis) > 0.0:
             return 0.0
         begin, n = self.monitor.window_begin(axis), len(model.terms[AXES[axis]])
-        p = self._before(begin - _MARGIN, axis, learning)[1][:n, :n]
+        theta, p = self._before(begin - _MARGIN, axis, learning)
+        noise = float(theta[:n] ** 2 @ learning.noise_square[model.axis_slice(AXES[axis])])
         x = self._terms(self._since(begin), axis, model)
-        shares = np.einsum("ki,ij,kj->k", x, p, x)
-        return self.monitor.variance(axis) * float(shares.mean()) if len(x) else np.inf
+        shares = np.einsum("ki,ij,kj->k", x, p[:n, :n], x)
+        return self.monitor.variance(axis) * float(shares.mean()) + noise / RATIO**2 if len(x) else np.inf
 
     def _relearn(self, axis: int, model: AerodynamicModel, learning: Learning, tuning: Tuning, area: float) -> Opening:
         begun = self.monitor.change_time(axis)

@@ -61,40 +61,58 @@ def test_half_an_hour_of_coloured_noise_gives_no_alarm():
     white = rng.standard_normal(45_000 + 4)
     errors = np.convolve(white, np.ones(5) / np.sqrt(5.0), mode="valid")
     minutes = (STEP * np.arange(len(errors)) // 60).astype(int)
-    assert look_through(ChangeMonitor(), points_of(errors * np.where(minutes % 3 == 2, 2.0, 1.0))) is None
+    assert look_through(ChangeMonitor(STEP), points_of(errors * np.where(minutes % 3 == 2, 2.0, 1.0))) is None
 
 
 @pytest.mark.parametrize("size", [10.0, 30.0])
 def test_a_change_is_noticed_within_a_second_and_dated(size):
     errors = np.random.default_rng(2).standard_normal(2000)
     errors[1500:] *= size
-    monitor = ChangeMonitor()
+    monitor = ChangeMonitor(STEP)
     alarm = look_through(monitor, points_of(errors))
     assert 1500 * STEP < alarm < 1500 * STEP + 1.0
     assert monitor.change_time(CM) == pytest.approx(1500 * STEP, abs=0.13)
     assert monitor.variance(CM) == pytest.approx(1.0, abs=0.15)  # without the second of the change
 
 
+def test_gusts_that_set_in_are_no_change_but_three_axes_at_once_are():
+    rng = np.random.default_rng(2)
+    for axes, alarm in ((range(6), False), (range(1, 6), False), (range(3, 6), True)):
+        points = points_of(rng.standard_normal(2000))
+        points[:, Point.MEASURED] = rng.standard_normal((2000, 6))
+        for axis in axes:
+            points[1500:, Point.MEASURED.start + axis] *= 30.0
+        assert (look_through(ChangeMonitor(STEP), points) is not None) == alarm
+
+
+def test_evaluations_that_are_scattered_over_a_cruise_are_no_second_of_motion():
+    errors = np.random.default_rng(2).standard_normal(2000)
+    errors[1500:] *= 30.0
+    points = points_of(errors)
+    points[1500:, Point.TIME] += 3.0 * STEP * np.arange(500)
+    assert look_through(ChangeMonitor(STEP), points) is None
+
+
 def test_what_the_parameters_may_be_wrong_by_is_no_change():
     errors = np.random.default_rng(2).standard_normal(2000)
     errors[1500:] *= 10.0
-    assert look_through(ChangeMonitor(), points_of(errors), uncertainty=100.0 / RATIO**2) is None
+    assert look_through(ChangeMonitor(STEP), points_of(errors), uncertainty=100.0 / RATIO**2) is None
 
 
 def test_there_is_no_alarm_before_the_errors_are_known_nor_where_the_axis_does_not_learn():
     early = LEAST_BLOCKS * WINDOW - 10
     errors = np.random.default_rng(2).standard_normal(2000)
     errors[early:] *= 30.0
-    assert look_through(ChangeMonitor(), points_of(errors)) is None
+    assert look_through(ChangeMonitor(STEP), points_of(errors)) is None
     errors[early:1500] /= 30.0
     points = points_of(errors)
     points[1500:, Point.LEARNT] = 0.0
-    assert look_through(ChangeMonitor(), points) is None
+    assert look_through(ChangeMonitor(STEP), points) is None
 
 
 def test_after_an_alarm_and_after_a_contradiction_of_sensors_errors_are_counted_anew():
     errors = np.random.default_rng(2).standard_normal(2000)
-    monitor = ChangeMonitor()
+    monitor = ChangeMonitor(STEP)
     assert look_through(monitor, points_of(errors)) is None
     monitor.skip()
     monitor.add(points_of(30.0 * errors[: WINDOW - 1]), KNOWN)
