@@ -17,6 +17,7 @@ from a time on is largest from the most likely one on (Page 1954, cumulative sum
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -82,6 +83,20 @@ def _add_to_block(axis: int, square: float, errors: Errors) -> None:
         errors.block[axis] = 0.0
 
 
+@njit(cache=True)
+def summarise(errors: Errors, longest: float, out: Array) -> None:
+    """Mean square of the window, of all blocks, and of the largest, into ``out`` (6, 3); NaN where they do not compare."""
+    out[:] = np.nan
+    for axis in range(6):
+        span = errors.time[axis, 0] - errors.time[axis, WINDOW - 1]
+        count = errors.block_count[axis]
+        if count >= LEAST_BLOCKS and errors.filled[axis] >= WINDOW and span <= longest:
+            blocks = errors.blocks[axis, :count]
+            if blocks.max() > 0.0:  # a model without any error has no measure of one
+                out[axis, 0] = errors.newest[axis, :WINDOW].mean()
+                out[axis, 1], out[axis, 2] = blocks.mean(), blocks.max()
+
+
 class ChangeMonitor:
     """Looks at the model errors of all axes."""
 
@@ -96,47 +111,48 @@ class ChangeMonitor:
             blocks=np.zeros((6, MOST_BLOCKS)),
             block_count=np.zeros(6, np.int64),
         )
-        self._raised = np.zeros(6, np.int64)  # looks in a row at which the error was too large
+        self._summary = np.full((6, 3), np.nan)
         self._common = 1.0  # by what the mean square error has grown in most axes
+        self._raised = np.zeros(6, np.int64)  # looks in a row at which the error was too large
 
     def add(self, points: Array, known: npt.NDArray[np.bool_]) -> None:
         """Take points (m, …) of ``Point``; only axes (6,) whose parameters are known count."""
         add_errors(points, known, self._errors)
-        ready = [axis for axis in range(6) if self._is_ready(axis)]
-        grown = sorted(float(self._errors.newest[a, :WINDOW].mean()) / self.variance(a) for a in ready)
-        self._common = max(grown[_QUIETEST], 1.0) if len(grown) > _QUIETEST + 1 else 1.0
+        self._compare()
 
     def forget(self, axis: int) -> None:
         """The parameters of an axis are others now: what its errors are is still to be seen."""
         for array in self._errors:
             array[axis] = 0
         self._raised[axis] = 0
+        self._compare()
 
     def skip(self) -> None:
         """What was in the windows is not to be looked at, of any axis: the first step was at odds with its sensors."""
         self._errors.filled[:] = 0
         self._raised[:] = 0
+        self._compare()
+
+    def _compare(self) -> None:
+        summarise(self._errors, self._longest, self._summary)
+        grown = np.sort(self._summary[:, 0] / self._summary[:, 1])  # NaN last
+        enough = np.isfinite(grown[_QUIETEST + 1])
+        self._common = max(float(grown[_QUIETEST]), 1.0) if enough else 1.0
 
     def variance(self, axis: int) -> float:
         """Mean square of the error of an axis in the blocks; 0 without any."""
-        return float(self._blocks(axis).mean()) if self._errors.block_count[axis] else 0.0
+        count = self._errors.block_count[axis]
+        return float(self._errors.blocks[axis, :count].mean()) if count else 0.0
 
     def excess(self, axis: int) -> float:
-        """Least variance that would explain the window beside that of the blocks; negative while there is no alarm."""
-        if not self._is_ready(axis):
-            return -np.inf
-        blocks, now = self._common * self._blocks(axis), float(self._errors.newest[axis, :WINDOW].mean())
-        return min(now / RATIO**2 - float(blocks.mean()), now / WORST**2 - float(blocks.max()))
+        """Variance in the window that the blocks do not explain, over RATIO^2; negative or NaN: there is no alarm."""
+        now, mean, largest = self._summary[axis].tolist()
+        return min(now / RATIO**2 - self._common * mean, now / WORST**2 - self._common * largest)
 
-    def _is_ready(self, axis: int) -> bool:
-        """There is enough to compare; a model without any error has no measure of one."""
-        enough = self._errors.block_count[axis] >= LEAST_BLOCKS and self._errors.filled[axis] >= WINDOW
-        dense = self._errors.time[axis, 0] - self.window_begin(axis) <= self._longest
-        return bool(enough and dense and self._blocks(axis).max() > 0.0)
-
-    def look(self, axis: int, uncertainty: float) -> bool:
-        """Whether the axis has changed, at a time at which the parameters make predictions uncertain by a variance."""
-        self._raised[axis] = self._raised[axis] + 1 if self.excess(axis) > uncertainty else 0
+    def look(self, axis: int, explained: Callable[[], float]) -> bool:
+        """Whether the axis has changed; ``explained`` is a variance over RATIO^2 that has other reasons."""
+        excess = self.excess(axis)
+        self._raised[axis] = self._raised[axis] + 1 if excess > 0.0 and excess > explained() else 0
         return bool(self._raised[axis] >= PATIENCE)
 
     def window_begin(self, axis: int) -> float:
@@ -149,6 +165,3 @@ class ChangeMonitor:
         level = np.log(RATIO**2) * RATIO**2 / (RATIO**2 - 1.0)
         gain = np.cumsum(self._errors.newest[axis, :count] / max(self.variance(axis), 1e-300) - level)
         return float(self._errors.time[axis, int(np.argmax(gain))])
-
-    def _blocks(self, axis: int) -> Array:
-        return self._errors.blocks[axis, : self._errors.block_count[axis]]

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -97,7 +98,7 @@ class Changes:
 
     def take(self, points: Array) -> None:
         """New points (m, …) of ``Point``, predicted by recursive least squares."""
-        self._waiting.extend(points.copy())
+        self._waiting.append(points.copy())
 
     def take_rows(self, rows: Array) -> None:
         """Rows (n, Column.WIDTH) of the first step that points come from."""
@@ -110,8 +111,9 @@ class Changes:
             self.monitor.skip()
         if at_odds or not points:
             return
-        self.monitor.add(np.array(points), learning.updates >= KNOWN)
-        self._points.extend(points)
+        table = np.vstack(points)
+        self.monitor.add(table, learning.updates >= KNOWN)
+        self._points.extend(table)
         while self._points[0][Point.TIME] < self._points[-1][Point.TIME] - MEMORY:
             self._points.popleft()
 
@@ -121,7 +123,7 @@ class Changes:
         found = [
             self._relearn(axis, model, learning, tuning, area)
             for axis in range(6)
-            if self.monitor.look(axis, self._uncertainty(axis, model, learning))
+            if self.monitor.look(axis, partial(self._explained, axis, model, learning))
         ]
         if self._points:
             self._snapshots.append((float(self._points[-1][Point.TIME]), learning.theta.copy(), learning.p.copy()))
@@ -139,13 +141,11 @@ class Changes:
         small = np.maximum(rules.relative_error * np.abs(known.theta), rules.negligible * spread_of_terms(sums[0]))
         return known if n and np.all(std <= small) else None
 
-    def _uncertainty(self, axis: int, model: AerodynamicModel, learning: Learning) -> float:
+    def _explained(self, axis: int, model: AerodynamicModel, learning: Learning) -> float:
         """What explains a window without a change: variance of its predictions, by the covariance from before it.
 
         A window whose error is no larger than noise of the terms makes is explained, too.
         """
-        if not self.monitor.excess(axis) > 0.0:
-            return 0.0
         begin, n = self.monitor.window_begin(axis), len(model.terms[AXES[axis]])
         theta, p = self._before(begin - _MARGIN, axis, learning)
         noise = float(theta[:n] ** 2 @ learning.noise_square[model.axis_slice(AXES[axis])])

@@ -47,7 +47,7 @@ def look_through(monitor: ChangeMonitor, points: np.ndarray, block: int = 5, unc
     """Time of the first alarm, looked for after every block."""
     for at in range(0, len(points), block):
         monitor.add(points[at : at + block], KNOWN)
-        if monitor.look(CM, uncertainty):
+        if monitor.look(CM, lambda: uncertainty):
             return float(points[min(at + block, len(points)) - 1, Point.TIME])
     return None
 
@@ -116,7 +116,7 @@ def test_after_an_alarm_and_after_a_contradiction_of_sensors_errors_are_counted_
     assert look_through(monitor, points_of(errors)) is None
     monitor.skip()
     monitor.add(points_of(30.0 * errors[: WINDOW - 1]), KNOWN)
-    assert not monitor.look(CM, 0.0)
+    assert not monitor.look(CM, lambda: 0.0)
     monitor.forget(CM)
     assert look_through(monitor, points_of(30.0 * errors)) is None  # as large as ever since
 
