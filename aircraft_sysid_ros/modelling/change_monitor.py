@@ -85,7 +85,7 @@ def _add_to_block(axis: int, square: float, errors: Errors) -> None:
 
 @njit(cache=True)
 def summarise(errors: Errors, longest: float, out: Array) -> None:
-    """Mean square of the window, of all blocks, and of the largest, into ``out`` (6, 3); NaN where they do not compare."""
+    """Mean square of window, all blocks and largest block into ``out`` (6, 3); NaN where they do not compare."""
     out[:] = np.nan
     for axis in range(6):
         span = errors.time[axis, 0] - errors.time[axis, WINDOW - 1]

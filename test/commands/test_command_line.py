@@ -231,11 +231,11 @@ def test_json_is_one_document(run, bag, cli, tmp_path, aircraft_file):
 
 def test_import_prints_one_document(cli, tmp_path, monkeypatch):
     """The importers have their own tests: here a report with a number that JSON does not have."""
-    from aircraft_sysid_ros.commands import import_log
+    from aircraft_sysid_ros.recordings import mat_import
 
     (tmp_path / "log.mat").write_bytes(b"")
     report = {"rate": float("nan"), "n": [1, 2.5]}
-    monkeypatch.setitem(import_log._IMPORTERS, ".mat", lambda path, out, overwrite: report)
+    monkeypatch.setattr(mat_import, "import_mat", lambda path, out, overwrite: report)
     status, out, _ = cli("import", tmp_path / "log.mat", "--out", tmp_path / "bag", "--json")
     assert status == 0
     assert without_nan(out) == {"rate": None, "n": [1, 2.5]}
