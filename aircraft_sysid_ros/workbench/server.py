@@ -65,5 +65,5 @@ def listen(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         listener.close()
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot listen on {host} port {port}: {reason}; choose others with --host and --port") from None
+        raise InputError(f"cannot listen on {host} port {port}: {reason}; choose other --host, --port") from None
     return listener
