@@ -161,6 +161,18 @@ def _wait_for_last_states(executor: Any, state: Any, parameters: Any, spin_until
     )
 
 
+def _late(state: Any, parameters: Any) -> dict[str, int]:
+    """How many samples of each kind came after their time was used."""
+    counts = {kind: c["late"] for kind, c in state.counts().items()}
+    counts["controls"] = counts.get("controls", 0) + parameters.late
+    return {kind: count for kind, count in counts.items() if count}
+
+
+def _late_note(late: dict[str, int]) -> str:
+    kinds = ", ".join(f"{count} of {kind}" for kind, count in late.items())
+    return f"samples came too late for their own time ({kinds}): a longer --horizon waits for them"
+
+
 def _result(
     args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float
 ) -> dict[str, Any]:
@@ -170,10 +182,12 @@ def _result(
             "check that IMU and GPS are published on imu/data, gps/fix and gps/vel"
         )
     flight_time = state.estimator.flight_time
+    late = _late(state.estimator, parameters.estimator)
     result: dict[str, Any] = {
         "received": {**state.received, **parameters.received},
         "states": [state.rows_published, parameters.states_received],
-        "notes": [],
+        "late": late,
+        "notes": [_late_note(late)] if late else [],
     }
     if writer is None:
         from aircraft_sysid_ros.modelling.model_file import parameters_json

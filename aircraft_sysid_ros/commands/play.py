@@ -24,8 +24,9 @@ from aircraft_sysid_ros.recordings.storage import read_raw
 RELIABLE_DEPTH, BEST_EFFORT_DEPTH = 1000, 100
 #: The middleware asks for acknowledgements every 3 s when nothing more is sent.
 ACKNOWLEDGEMENT_TIMEOUT = 4.0  # [s]
-#: When some topics have listeners and no more appear for this long [s], the rest is taken to have none.
-DISCOVERY_SETTLED = 0.7
+#: Without --wait: as long as this [s], and when some topics have listeners and no more appear for the shorter
+#: time [s], the rest is taken to have none. A busy machine can take longer to find them all.
+LONGEST_WAIT, DISCOVERY_SETTLED = 5.0, 1.5
 LAST_MESSAGES = 0.2  # [s] for the middleware to send what best-effort publishers still hold
 
 
@@ -45,7 +46,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     add("--topic-prefix", default="", metavar="NS", help="namespace to put before every topic")
     add("--topics", nargs="+", metavar="TOPIC", help="play only these, named as recorded (default: all)")
-    add("--wait", type=float, default=5.0, metavar="S", help="longest wait for subscribers (default: 5 s)")
+    add(
+        "--wait",
+        type=float,
+        metavar="S",
+        help="wait up to so long for a subscriber on every topic (default: 5 s, or until no more appear)",
+    )
     reliability = parser.add_mutually_exclusive_group()
     reliability.add_argument(
         "--reliable", action="store_true", help="offer every sample again until received (default)"
@@ -58,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Play; returns the number of messages by topic. Raises InputError."""
     if not 0.0 <= args.rate < np.inf:
         raise InputError(f"--rate must be 0 or more, not {args.rate:g}")
-    if not 0.0 <= args.wait < np.inf:
+    if args.wait is not None and not 0.0 <= args.wait < np.inf:
         raise InputError(f"--wait must be 0 or more, not {args.wait:g}")
     raw = read_raw(args.recording)
     selected = _selected(raw, args)
@@ -137,9 +143,10 @@ def _publishers(
     return publishers, unknown
 
 
-def _wait_for_subscribers(publishers: dict[int, Any], longest: float) -> None:
-    """Until every topic has a subscriber, or some have and no more appear, or the time is over."""
+def _wait_for_subscribers(publishers: dict[int, Any], asked: float | None) -> None:
+    """Until every topic has a subscriber or the time is over; if none was asked for, or no more appear."""
     start = changed = time.perf_counter()
+    longest, settled = (LONGEST_WAIT, DISCOVERY_SETTLED) if asked is None else (asked, asked)
     before = 0
     while (now := time.perf_counter()) - start < longest:
         counts = [publisher.get_subscription_count() for publisher in publishers.values()]
@@ -147,7 +154,7 @@ def _wait_for_subscribers(publishers: dict[int, Any], longest: float) -> None:
             return
         if sum(counts) != before:
             before, changed = sum(counts), now
-        elif before and now - changed > DISCOVERY_SETTLED:
+        elif before and now - changed > settled:
             return
         time.sleep(0.02)
 

@@ -1,7 +1,8 @@
 """Replay and live nodes give the same numbers to the last bit, at any speed, in one process or in two.
 
 Live, a sample may come late by the horizon, in seconds of flight: at 16 times real time the default is 31 ms,
-which a busy machine exceeds. Fast playbacks here have a longer one, and replay the same.
+which a busy machine exceeds. Fast playbacks here have a longer one, and replay the same. Where samples came late
+all the same, `live` says so; such a playback cannot give the same numbers and is played again.
 """
 
 import contextlib
@@ -39,7 +40,7 @@ def stamp(message):
 
 
 def play(recording, rate):
-    command = ours("commands.main", "play", recording, "--rate", rate, "--json")
+    command = ours("commands.main", "play", recording, "--rate", rate, "--wait", 60, "--json")
     done = subprocess.run(command, capture_output=True, text=True, timeout=START, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -85,10 +86,24 @@ def live(folder, aircraft_file, *options):
         process.wait()
 
 
+class LateError(Exception):
+    """The machine was too busy for this playback."""
+
+
+def played_in_time(playback, tries=3):
+    """``playback(attempt)`` until no sample came late."""
+    for attempt in range(tries):
+        with contextlib.suppress(LateError):
+            return playback(attempt)
+    pytest.fail(f"samples came late in each of {tries} playbacks")
+
+
 def check_same(process, folder, replayed, counts):
     output, errors = process.communicate(timeout=60.0)
     assert process.returncode == 0, errors
     result = json.loads(output)
+    if result["late"]:
+        raise LateError
     received = {"/" + topic: count for topic, count in result["received"].items() if count}
     assert received == counts, "samples were lost on the way: the numbers cannot be compared"
     assert result["states"][0] == result["states"][1]
@@ -99,22 +114,32 @@ def check_same(process, folder, replayed, counts):
     assert result["parameters"] == expected_parameters
 
 
-@pytest.mark.parametrize(("rate", "horizon"), [(4, DEFAULT), (16, LONG)])
+@pytest.mark.parametrize(("rate", "horizon"), [(3, DEFAULT), (16, LONG)])
 def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replayed, tmp_path, rate, horizon):
-    with live(tmp_path / "run", aircraft_file, "--until-idle", 1.5, "--horizon", horizon) as process:
-        sent = play(recording, rate)
-        check_same(process, tmp_path / "run", replayed[horizon], sent["messages"])
+    def playback(attempt):
+        run = tmp_path / str(attempt) / "run"
+        run.parent.mkdir()
+        with live(run, aircraft_file, "--until-idle", 1.5, "--horizon", horizon) as process:
+            sent = play(recording, rate)
+            check_same(process, run, replayed[horizon], sent["messages"])
+
+    played_in_time(playback)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "termination"])
 def test_stopped_by_a_signal_the_run_is_written_in_full(
     domain, recording, aircraft_file, replayed, tmp_path, number
 ):
-    with live(tmp_path / "run", aircraft_file, "--horizon", LONG) as process:
-        sent = play(recording, 16)
-        time.sleep(1.0)  # nothing says from outside that the last samples are processed
-        process.send_signal(number)
-        check_same(process, tmp_path / "run", replayed[LONG], sent["messages"])
+    def playback(attempt):
+        run = tmp_path / str(attempt) / "run"
+        run.parent.mkdir()
+        with live(run, aircraft_file, "--horizon", LONG) as process:
+            sent = play(recording, 16)
+            time.sleep(1.0)  # nothing says from outside that the last samples are processed
+            process.send_signal(number)
+            check_same(process, run, replayed[LONG], sent["messages"])
+
+    played_in_time(playback)
 
 
 def test_two_processes_give_the_same(domain, recording, aircraft_file, replayed, tmp_path):
