@@ -155,7 +155,7 @@ def summarise(runs: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument("--estimators", default="rls", help="separated by commas (default: rls)")
+    parser.add_argument("--estimators", default="rls,rml", help="separated by commas (default: %(default)s)")
     parser.add_argument("--aircraft", default=",".join(MODELS), help="separated by commas (default: all)")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "jsbsim_truth.json")
     arguments = parser.parse_args()
