@@ -17,7 +17,7 @@ unexport LD_LIBRARY_PATH
 endif
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test lint types colcon pytest demo bench certificate hidden-effects paper calibration workbench docs clean distclean FORCE
+.PHONY: help env test lint types colcon pytest demo bench certificate hidden-effects paper calibration closed-loop workbench docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -145,6 +145,13 @@ paper: env ## tables 1 to 4 and figures 2 and 4 of the two-stage paper, ours bes
 
 calibration: env ## calibrations against 100 truths and on a real probe; goes on where it was stopped (an hour or two)
 	$(BIN)/python benchmarks/calibration.py
+	$(BIN)/python benchmarks/two_stage_speed.py
+	$(BIN)/python benchmarks/probe_models.py
+	$(BIN)/python benchmarks/filter_start.py
+	@$(MAKE) --no-print-directory docs
+
+closed-loop: env ## a controller on live parameters against fixed and true ones, damage and sensor faults; goes on where it was stopped (an hour)
+	$(BIN)/python benchmarks/closed_loop.py
 	@$(MAKE) --no-print-directory docs
 
 docs: env ## tables and pictures of README and docs/ from the results

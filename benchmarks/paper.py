@@ -24,7 +24,6 @@ import numpy as np
 import numpy.typing as npt
 from paper_examples import CLOSE, EXAMPLES, HAUPT_KASDIN_ROWS, SIGMA, Example, haupt_kasdin_states
 
-from aircraft_sysid_ros.estimation.two_stage.bound import cost_bound, lipschitz_constants
 from aircraft_sysid_ros.estimation.two_stage.comparison import haupt_kasdin, nonlinear_programming
 from aircraft_sysid_ros.estimation.two_stage.estimate import TwoStageEstimate, estimate
 from aircraft_sysid_ros.estimation.two_stage.optimisation import alternate, residual_noise
@@ -117,7 +116,8 @@ def one_record(name: str, seed: int) -> tuple[dict[str, Any], TwoStageEstimate, 
     """The two-stage estimate of one record, and Tr R at the truth."""
     example = EXAMPLES[name]
     problem = example.problem(example.outputs(example.truth) + example.noise(seed))
-    found = estimate(problem, example.samples, example.prior)
+    found = estimate(problem, example.samples, example.prior, lipschitz="from samples")
+    assert found.bound is not None
     at_truth = float(np.sum(residual_noise(problem, example.truth[:2], example.truth[2:])))
     rows = {
         n: {"truth": float(t), "value": float(v), "std": float(s)}
@@ -125,14 +125,9 @@ def one_record(name: str, seed: int) -> tuple[dict[str, Any], TwoStageEstimate, 
     }
     rows["R"] = {"truth": at_truth, "value": float(found.noise[0]), "std": float(found.noise_std[0])}
     expected = {"noise_variance": SIGMA**2, "noise_variance_std": SIGMA**2 * float(np.sqrt(2.0 / len(problem.kept)))}
-    first = int(np.argmin(found.samples.trace))
-    bound = cost_bound(
-        problem, found.xi1, found.xi2, found.samples.xi2[first], found.noise,
-        lipschitz_constants(problem, found.samples.xi2, found.noise),
-    )  # fmt: skip
-    bounds = {**asdict(bound), "lower_by_constants": bound.lower_by_constants}
-    told = {"bound": bounds, "seed": seed, "parameters": rows, "unique": found.decision.unique, "reason": found.reason,
-            "best_sample": found.samples.xi2[first].tolist(), **expected}  # fmt: skip
+    best = found.samples.xi2[int(np.argmin(found.samples.trace))].tolist()
+    told = {"bound": asdict(found.bound), "seed": seed, "parameters": rows, "unique": found.decision.unique,
+            "reason": found.reason, "best_sample": best, **expected}  # fmt: skip
     return told, found, at_truth
 
 

@@ -19,9 +19,11 @@ from typing import Any
 
 import calibration_tables
 import certificate_tables
+import closed_loop_tables
 import diagnosis_tables
 import mavlink_tables
 import paper_tables
+import trust_tables
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -346,6 +348,22 @@ def mavlink(name: str) -> Callable[[], str]:
     return lambda: table(*mavlink_tables.TABLES[name](load("mavlink_bridge")))
 
 
+def trust(name: str) -> Callable[[], str]:
+    """A table of docs/trust.md."""
+    return lambda: table(*trust_tables.TABLES[name](load("bad_minute")))
+
+
+def closed_loop(name: str) -> Callable[[], str]:
+    """A table of docs/closed-loop.md."""
+
+    def made() -> str:
+        if not (RESULTS / "closed_loop.json").exists():
+            return "Not flown yet: `make closed-loop`.\n"
+        return table(*closed_loop_tables.TABLES[name](load("closed_loop")))
+
+    return made
+
+
 def workbench() -> str:
     """The page of a long flight in a browser."""
     w = load("workbench")
@@ -370,15 +388,24 @@ def workbench() -> str:
 
 def calibration(name: str) -> Callable[[], str]:
     """A table of docs/calibration.md."""
-    return lambda: table(*calibration_tables.TABLES[name](load("calibration")))
+    source = calibration_tables.SOURCES.get(name, "calibration")
+
+    def made() -> str:
+        if not (RESULTS / f"{source}.json").exists():
+            return "Not flown yet: `make calibration`.\n"
+        return table(*calibration_tables.TABLES[name](load(source)))
+
+    return made
 
 
 TABLES: dict[str, Callable[[], str]] = {
     **{f"calibration_{name}": calibration(name) for name in calibration_tables.TABLES},
     "workbench": workbench,
     **{f"mavlink_{name}": mavlink(name) for name in mavlink_tables.TABLES},
+    **{f"trust_{name}": trust(name) for name in trust_tables.TABLES},
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
     **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},
+    **{f"closed_loop_{name}": closed_loop(name) for name in closed_loop_tables.TABLES},
     "alias_sets": lambda: table(*diagnosis_tables.alias_sets()),
     "diagnosis_speed": diagnosis_speed,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},

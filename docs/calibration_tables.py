@@ -1,4 +1,4 @@
-"""Tables of docs/calibration.md from benchmarks/results/calibration.json: header and rows of each."""
+"""Tables of docs/calibration.md from results in benchmarks/results: header and rows of each."""
 
 from __future__ import annotations
 
@@ -153,6 +153,73 @@ def thor_motion(result: Result) -> Table:
     return ["output", "rms before, in standard deviations of the aircraft file", "after"], rows
 
 
+def speed(result: Result) -> Table:
+    """Time of 500 samples on the five-hole problem."""
+    times = result["seconds"]
+    row = [f"{result['samples']} samples of {result['rows']} velocities, both stages and the covariance", "< 10 s",
+           f"{times[len(times) // 2]:.1f} s", f"{times[-1]:.1f} s"]  # fmt: skip
+    return [f"on {result['processors']} processors", "asked", "median", f"slowest of {len(times)} flights"], [row]
+
+
+def models(result: Result) -> Table:
+    """The paper's model and the one that is used, where the wind changes or the curve bends."""
+    rows = []
+    for condition, found in result["conditions"].items():
+        for which, words in (("paper", "(36), (37)"), ("used", _used(found["models"]))):
+            r = found[which]
+            told = lambda value, digits: "not told" if value != value else f"{value:.{digits}f}"  # noqa: E731
+            rows.append([
+                condition if which == "paper" else "", words, told(r["lambda_V"]["rms_error"], 4),
+                told(r["lambda_alpha"]["rms_error"], 4), f"{_shown('b_alpha', r['b_alpha']['rms_error']):.2f} °",
+                told(r["lambda_beta"]["rms_error"], 4), told(r["lambda_alpha"]["rms_z"], 1),
+                f"{r['airspeed']:.3f} m/s", f"{r['alpha']:.2f} °",
+            ])  # fmt: skip
+    flights = max((found["flights"] for found in result["conditions"].values()), default=0)
+    header = [f"{flights} flights each", "model", "λ_V, rms error", "λ_α", "b_α", "λ_β",
+              "λ_α, error over standard error", "airspeed, rms", "α, rms"]  # fmt: skip
+    return header, rows
+
+
+def _used(counts: dict[str, int]) -> str:
+    return "found: " + ", ".join(f"{words} ({count})" for words, count in counts.items())
+
+
+def thor_models(result: Result) -> Table:
+    """What the real probe supports."""
+    rows = []
+    for half in result["thor"]:
+        for m in half["judged"]:
+            better = m["better_by_standard_errors"]
+            told = "" if better is None or better != better else f"{better:.1f}"
+            rows.append([half["half"], m["model"], f"{m['held_out_rms']:.3f}", told, "yes" if m["used"] else ""])
+    return ["half of the flight", "model", "rms in left-out blocks [m/s]", "better by standard errors", "used"], rows
+
+
+def filter_start(result: Result) -> Table:
+    """How soon the filter knows wind and scale."""
+    rows = []
+    for name, r in result["starts"].items():
+        cells = []
+        for what in ("wind", "scale", "both"):
+            t = r[what]
+            late = "" if t["late"] is None else f", {t['late']:.0f} s"
+            middle = "never in most" if t["median"] is None else f"{t['median']:.0f} s{late}"
+            cells.append(f"{middle} ({100 * t['reached']:.0f} %)")
+        rows.append([_STARTS[name], *cells, f"{r['wind_error']:.2f} m/s", f"{100 * r['scale_error']:.1f} %"])
+    header = [f"{result['flights']} flights", "wind within 0.5 m/s: median, 90 % (share that ever are)",
+              "scale within 2 %", "both", "wind, rms error at the end", "scale"]  # fmt: skip
+    return header, rows
+
+
+_STARTS = {
+    "no states": "filter without these states", "from zero": "errors as states, started at zero",
+    "from stage 1": "started by stage 1 after 60 s",
+    "from a calibration": "started by the calibration of another flight",
+}  # fmt: skip
+
+#: Results that a table is made of, where they are not those of benchmarks/calibration.py.
+SOURCES = {"speed": "two_stage_speed", "models": "probe_models", "thor_models": "probe_models",
+           "filter_start": "filter_start"}  # fmt: skip
 TABLES: dict[str, Callable[[Result], Table]] = {
     "probe": probe,
     "minima": minima,
@@ -161,4 +228,8 @@ TABLES: dict[str, Callable[[Result], Table]] = {
     "other_figures": other_figures,
     "thor_probe": thor_probe,
     "thor_motion": thor_motion,
+    "speed": speed,
+    "models": models,
+    "thor_models": thor_models,
+    "filter_start": filter_start,
 }

@@ -1,9 +1,9 @@
 """Pictures of every view of the workbench, into docs/figures: a simulated flight with a hidden effect, in Chromium.
 
-    python docs/workbench_figures.py [--run RUN --truth BAG] [--live]
+    python docs/workbench_figures.py [--run RUN --truth BAG] [--only PART]
 
-Without --run the flight is simulated, replayed and diagnosed first; --live makes only the picture of a flight in
-progress. Look at the pictures before they are committed.
+Without --run the flight is simulated, replayed and diagnosed first. Parts are run, calibration and live, which is a
+flight in progress. Look at the pictures before they are committed.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT
 
 FIGURES = Path(__file__).with_name("figures")
 FLIGHT = ("--effect", "dihedral_alpha", "--manoeuvres", "standard", "--seed", "1")
+PARTS = ("run", "calibration", "live")
 _TIMEOUT = 120_000.0
 
 
@@ -65,9 +67,13 @@ def serving(arguments: list[str], folder: Path | None = None) -> Iterator[str]:
     with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder) as server:
         try:
             assert server.stderr is not None
-            found = re.search(r"http://\S+", server.stderr.readline())
+            said, found = "", None
+            for line in server.stderr:
+                said, found = said + line, re.search(r"http://\S+", line)
+                if found:
+                    break
             if not found:
-                raise SystemExit(server.stderr.read())
+                raise SystemExit(said)
             yield found[0]
         finally:
             server.send_signal(signal.SIGINT)
@@ -89,12 +95,14 @@ def browser() -> Iterator[Any]:
         found.close()
 
 
-def open_page(found: Any, address: str, width: int = 1440, height: int = 900, **options: Any) -> Any:
-    """The page, drawn."""
+def open_page(
+    found: Any, address: str, width: int = 1440, height: int = 900, plots: int = 12, **options: Any
+) -> Any:
+    """The page, with so many layers drawn: two for each plot."""
     page = found.new_context(viewport={"width": width, "height": height}, **options).new_page()
     page.set_default_timeout(_TIMEOUT)
     page.goto(address)
-    page.wait_for_function("document.querySelectorAll('.grid2 .main-svg').length >= 12")
+    page.wait_for_function("(n) => document.querySelectorAll('.grid2 .main-svg').length >= n", arg=plots)
     page.mouse.move(5, 5)
     return page
 
@@ -144,6 +152,28 @@ def pictures(run: Path, bag: Path) -> None:
         keep(open_page(found, address, 820, 1180), "tablet")
 
 
+def calibrate(folder: Path) -> Path:
+    """A calibration of a simulated five-hole probe."""
+    bag, out = folder / "probe", folder / "calibration"
+    aircraft = ("--aircraft", config_path(CALIBRATION_AIRCRAFT))
+    for arguments in (
+        ("simulate", "--manoeuvres", "calibration", "--seed", 1, "--out", bag),
+        ("calibrate", "five-hole", "probe", *aircraft, "--out", out),
+    ):
+        subprocess.run(command(*arguments), check=True, stdout=subprocess.DEVNULL, cwd=folder)
+    return out
+
+
+def calibration_pictures(folder: Path) -> None:
+    """The page of a calibration: all of it, and on a tablet in the dark."""
+    arguments = command("workbench", folder.name, "--port", 0, "--no-browser")
+    with browser() as found, serving(arguments, folder.parent) as address:
+        keep(open_page(found, address, plots=20), "calibration", whole=True)
+        page = open_page(found, address, 820, 1180, plots=20, color_scheme="dark")
+        page.locator("[data-testid=trace-0]").evaluate("(e) => window.scrollTo(0, e.offsetTop - 200)")
+        keep(page, "calibration_dark")
+
+
 def live_picture(bag: Path) -> None:
     """A node that hears the recording at twice real time; what it finds missing is added on the page."""
     address = command("workbench", "--live", "--port", 0, "--no-browser")
@@ -175,17 +205,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", type=Path, help="a run that is diagnosed already; it is copied")
     parser.add_argument("--truth", type=Path, help="the recording of that run")
-    parser.add_argument("--live", action="store_true", help="only the picture of a flight in progress")
+    parser.add_argument("--only", choices=PARTS, help="only the pictures of this part")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        if arguments.run:
+        wanted = (arguments.only,) if arguments.only else PARTS
+        if "run" in wanted and arguments.run:
             run = place / "runs" / "flight"
             shutil.copytree(arguments.run, run)
             pictures(run, arguments.truth)
-        elif not arguments.live:
+        elif "run" in wanted:
             pictures(*fly(place))
-        live_picture(simulate(place / "live", "--duration", 180))
+        if "calibration" in wanted:
+            calibration_pictures(calibrate(place))
+        if "live" in wanted:
+            live_picture(simulate(place / "live", "--duration", 180))
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ _REQUIRED = ("name", "mass", "wing_area", "span", "chord", "inertia")
 _OPTIONAL = (
     "imu_position", "air_data_position", "gps_position", "aerodynamic_reference", "sensors", "process_noise",
     "model", "coefficients", "surface_signs", "ground_altitude", "magnetic_declination", "minimum_airspeed",
-    "trim_airspeed",
+    "trim_airspeed", "parameter_bounds",
 )  # fmt: skip
 #: Lift coefficient that few small aircraft exceed: sets the default airspeed below which it cannot be flying.
 _MAXIMUM_LIFT = 1.6
@@ -100,6 +100,7 @@ class Aircraft:
     magnetic_declination: float | None = None  # [rad]; without it a magnetometer only starts the heading
     minimum_airspeed: float = 0.0  # [m/s] below it the aircraft is not flying and air data are not fused
     trim_airspeed: float | None = None  # [m/s] of simulated flights
+    parameter_bounds: dict[str, tuple[float, float]] = field(default_factory=dict)  # outside: never to be used
     source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
 
 
@@ -153,6 +154,7 @@ def aircraft_from_dict(data: Any) -> Aircraft:
     mass, wing_area = _positive(data, "mass"), _positive(data, "wing_area")
     stall = np.sqrt(2.0 * mass * STANDARD_GRAVITY / (1.225 * wing_area * _MAXIMUM_LIFT))
     terms = _mapping(data, "model", "{CZ: [1, alpha, q, de]}")
+    model = model_from_terms({**TEXTBOOK_TERMS, **terms})  # axes that are not named keep their terms
     return Aircraft(
         name=_name(data["name"]),
         mass=mass,
@@ -166,13 +168,14 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         aerodynamic_reference=_position(data, "aerodynamic_reference"),
         sensors=_sensors(_mapping(data, "sensors", "{gyro: {noise: 0.002, rate: 100, delay: 0}}")),
         process_noise=_process_noise(_mapping(data, "process_noise", "{wind: 0.2}")),
-        model=model_from_terms({**TEXTBOOK_TERMS, **terms}),  # axes that are not named keep their terms
+        model=model,
         coefficients=_coefficients(_mapping(data, "coefficients", "{CZ_alpha: -4.5}")),
         surface_signs=_surface_signs(_mapping(data, "surface_signs", "{rudder: -1}")),
         ground_altitude=_optional_number(data, "ground_altitude"),
         magnetic_declination=_declination(data),
         minimum_airspeed=_positive(data, "minimum_airspeed", default=0.8 * float(stall)),
         trim_airspeed=_positive(data, "trim_airspeed") if data.get("trim_airspeed") is not None else None,
+        parameter_bounds=_bounds(_mapping(data, "parameter_bounds", "{CZ_alpha: [-8, -2]}"), model),
         source=dict(data),
     )
 
@@ -355,6 +358,21 @@ def _process_noise(data: Mapping[str, Any]) -> dict[str, float]:
 
 def _coefficients(data: Mapping[str, Any]) -> dict[str, float]:
     return {str(name): _number(value, f"coefficient {name}") for name, value in data.items()}
+
+
+def _bounds(data: Mapping[str, Any], model: AerodynamicModel) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value by parameter name, of the model or of the textbook."""
+    textbook = model_from_terms(TEXTBOOK_TERMS).parameter_names
+    _check_keys(data, (*model.parameter_names, *textbook), "parameter in parameter_bounds:")
+    bounds = {}
+    for name, value in data.items():
+        if not isinstance(value, (list, tuple)) or len(value) != 2:
+            _reject(f"parameter_bounds {name}", "two numbers [lowest, highest]", value)
+        low, high = (_number(v, f"parameter_bounds {name}") for v in value)
+        if low >= high:
+            raise InputError(f"parameter_bounds {name} must rise, not go from {low:g} to {high:g}")
+        bounds[name] = (low, high)
+    return bounds
 
 
 def _surface_signs(data: Mapping[str, Any]) -> dict[str, float]:

@@ -1,11 +1,13 @@
 """The calibration file: what was found, by sensor, checked once when it is loaded. YAML, SI units and radians.
 
-    five_hole_probe:  alpha_sensitivity, beta_sensitivity [1/rad], pressure_zeros (3) [Pa], and the parameters of (36)
+    five_hole_probe:  alpha_sensitivity, beta_sensitivity [1/rad], pressure_zeros (3) [Pa], the parameters of (36), and
+                      kappa_alpha, kappa_beta [1/rad^2] of a curve that bends; covariance (6, 6) of those of (36)
     magnetometer:     the parameters of (B1); hard iron in the unit of the sensor
     compatibility:    the parameters of (B8); IMU biases measured minus true
     source:           what it was made from; not used
 
-Each section may hold ``std`` with standard errors; parameters that are left out are zero.
+Each section may hold ``std`` with standard errors; parameters that are left out are zero. The covariance is in the
+order of AIR_DATA_ERRORS; without it a filter that starts with the calibration takes the squares of ``std``.
 """
 
 from __future__ import annotations
@@ -17,31 +19,39 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import yaml
 
 from aircraft_sysid_ros.calibration import compatibility, five_hole_probe, magnetometer
+from aircraft_sysid_ros.calibration.probe_models import CURVE
 from aircraft_sysid_ros.errors import InputError
+
+Array = npt.NDArray[np.float64]
 
 FIVE_HOLE, MAGNETOMETER, COMPATIBILITY = "five_hole_probe", "magnetometer", "compatibility"
 #: Parameters that a sensor is corrected with, by section.
 PARAMETERS = {
-    FIVE_HOLE: (*five_hole_probe.NAMES1[:2], *five_hole_probe.NAMES2),
+    FIVE_HOLE: (*five_hole_probe.NAMES1[:2], *five_hole_probe.NAMES2, *CURVE),
     MAGNETOMETER: (*magnetometer.NAMES1, *magnetometer.NAMES2),
     COMPATIBILITY: (*compatibility.NAMES1, *compatibility.NAMES2),
 }
-_SENSITIVITIES, _ZEROS = ("alpha_sensitivity", "beta_sensitivity"), "pressure_zeros"
+#: Parameters of a probe, or of compatibility, that a filter may have as states.
+AIR_DATA_ERRORS = ("lambda_V", "b_V", "lambda_alpha", "b_alpha", "lambda_beta", "b_beta")
+_SENSITIVITIES, _ZEROS, _COVARIANCE = ("alpha_sensitivity", "beta_sensitivity"), "pressure_zeros", "covariance"
 #: 1 + lambda below this is no scale of a sensor.
 _LEAST_SCALE = 0.1
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Parameters by section; a section that is not there is empty."""
+    """Parameters by section, and standard errors of those that have one; a section that is not there is empty."""
 
     five_hole_probe: dict[str, float] = field(default_factory=dict)
     magnetometer: dict[str, float] = field(default_factory=dict)
     compatibility: dict[str, float] = field(default_factory=dict)
     pressure_zeros: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    std: dict[str, dict[str, float]] = field(default_factory=dict)
+    probe_covariance: tuple[tuple[float, ...], ...] | None = None  # (6, 6)
     source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
 
 
@@ -65,24 +75,29 @@ def calibration_from_dict(content: Any) -> Calibration:
     if not isinstance(content, Mapping) or not set(content) & set(PARAMETERS):
         raise InputError(f"it must be a YAML mapping with one of {', '.join(PARAMETERS)}")
     _check_keys(content, (*PARAMETERS, "source"), "section")
-    zeros = (0.0, 0.0, 0.0)
+    zeros, covariance = (0.0, 0.0, 0.0), None
     sections: dict[str, dict[str, float]] = {}
+    std: dict[str, dict[str, float]] = {}
     for name, known in PARAMETERS.items():
         given = content.get(name)
         if given is None:
             continue
         if not isinstance(given, Mapping):
             raise InputError(f"the section {name} must be a mapping of parameters")
-        more = (*_SENSITIVITIES, _ZEROS) if name == FIVE_HOLE else ()
+        more = (*_SENSITIVITIES, _ZEROS, _COVARIANCE) if name == FIVE_HOLE else ()
         _check_keys(given, (*known, "std", *more), f"parameter of {name}:")
         sections[name] = {key: _number(given.get(key, 0.0), key) for key in known}
         if name == FIVE_HOLE:
             sections[name].update({key: _positive(given, key) for key in _SENSITIVITIES})
             zeros = _zeros(given.get(_ZEROS, zeros))
+            covariance = _covariance(given.get(_COVARIANCE))
+        std[name] = _stds(given.get("std"), known)
         _check_scales(sections[name])
     if MAGNETOMETER in sections and abs(np.linalg.det(magnetic_matrix(sections[MAGNETOMETER]))) < _LEAST_SCALE**3:
         raise InputError("the parameters of the magnetometer turn different fields into one: it cannot be corrected")
-    return Calibration(**sections, pressure_zeros=zeros, source=dict(content))
+    return Calibration(
+        **sections, pressure_zeros=zeros, std=std, probe_covariance=covariance, source=dict(content)
+    )
 
 
 def magnetic_matrix(parameters: Mapping[str, float]) -> Any:
@@ -123,6 +138,34 @@ def _zeros(value: Any) -> tuple[float, float, float]:
         raise InputError(f"{_ZEROS} must be three numbers: dynamic, alpha and beta pressure in Pa")
     dynamic, alpha, beta = (_number(v, _ZEROS) for v in value)
     return dynamic, alpha, beta
+
+
+def _stds(given: Any, known: tuple[str, ...]) -> dict[str, float]:
+    """Standard errors that are there: null stands for a parameter that was not determined."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise InputError("std must be a mapping of parameters")
+    _check_keys(given, known, "parameter of std:")
+    found = {key: _number(value, f"std of {key}") for key, value in given.items() if value is not None}
+    for key, value in found.items():
+        if value < 0.0:
+            raise InputError(f"std of {key} must not be negative, not {value:g}")
+    return found
+
+
+def _covariance(value: Any) -> tuple[tuple[float, ...], ...] | None:
+    if value is None:
+        return None
+    n = len(AIR_DATA_ERRORS)
+    if not (isinstance(value, list) and len(value) == n and all(isinstance(r, list) and len(r) == n for r in value)):
+        raise InputError(f"{_COVARIANCE} must be {n} rows of {n} numbers, in the order {', '.join(AIR_DATA_ERRORS)}")
+    matrix = np.array([[_number(number, _COVARIANCE) for number in row] for row in value])
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix / np.outer(scale, scale)
+    if not np.allclose(scaled, scaled.T, atol=1e-6) or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-6:
+        raise InputError(f"{_COVARIANCE} is not the covariance of anything: it must be symmetric and positive")
+    return tuple(tuple(float(number) for number in row) for row in matrix)
 
 
 def _check_scales(section: Mapping[str, float]) -> None:

@@ -47,6 +47,8 @@ from aircraft_sysid_ros.calibration.navigation import (
 )
 from aircraft_sysid_ros.calibration.procedure import Answer, Task, solve
 from aircraft_sysid_ros.calibration.segments import Segments, find_segments
+from aircraft_sysid_ros.calibration.standard_errors import FEWEST_PIECES
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.two_stage.conditions import Conditions
 from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import Progress
@@ -237,6 +239,9 @@ def compatibility_flight(
     noise = [aircraft.sensors[name].noise[0] for name in ("airspeed", "angle_of_attack", "sideslip", "attitude")]
     scale = np.array([*noise, noise[3], noise[3]])
     data = _data(grid[used], scale, outputs[used], imu_time, imu, arm, place)
+    if data.pieces < FEWEST_PIECES:
+        raise InputError(f"the flight has {data.pieces} pieces of up to {PIECE:g} s without a gap, and standard errors "
+                         f"need {FEWEST_PIECES}: give a longer recording or a wider span")  # fmt: skip
     measured = bool(np.any(samples.kind == Kind.ATTITUDE))
     return CompatibilityFlight(data, grid[used], segments, navigation[used], measured)
 

@@ -23,6 +23,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import (
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, quaternion_from_euler
 from aircraft_sysid_ros.calibration import compatibility, five_hole_probe
 from aircraft_sysid_ros.calibration.calibration_file import Calibration, magnetic_matrix
+from aircraft_sysid_ros.calibration.probe_models import CURVE
 from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +42,9 @@ class Correction:
         probe, outputs = calibration.five_hole_probe, calibration.compatibility
         self.uses_probe = bool(probe)
         names = (*five_hole_probe.NAMES1[:2], *five_hole_probe.NAMES2, "alpha_sensitivity", "beta_sensitivity")
-        self._probe = np.array([*(probe.get(name, 0.0) for name in names), *calibration.pressure_zeros])
+        given = [probe.get(name, 0.0) for name in names]
+        bend = [probe.get(name, 0.0) for name in CURVE]
+        self._probe = np.array([*given, *calibration.pressure_zeros, *bend])
         self._scale = np.array([1.0 + outputs.get(f"lambda_{y}", 0.0) for y in compatibility.OUTPUT_NAMES])
         self._offset = np.array([outputs.get(f"b_{y}", 0.0) for y in compatibility.OUTPUT_NAMES])
         self._biases = np.array([outputs.get(name, 0.0) for name in compatibility.NAMES2])
@@ -103,7 +106,8 @@ class Correction:
 def flow_of_pressures(pressures: Array, probe: Array) -> Array:
     """V [m/s], alpha, beta [rad] (n, 3) in body axes from static, dynamic, alpha, beta pressure (n, WIDTH): (36), (37).
 
-    probe (12,): lambda_V, b_V, lambda_alpha, b_alpha, lambda_beta, b_beta, eps_phi, K_alpha, K_beta, three zeros.
+    probe (14,): lambda_V, b_V, lambda_alpha, b_alpha, lambda_beta, b_beta, eps_phi, K_alpha, K_beta, three zeros, and
+    kappa_alpha, kappa_beta of a curve that bends.
     NaN without static pressure; angles also without flow, where the law of (36) is beyond 90 deg.
     """
     out = np.full((len(pressures), 3), np.nan)
@@ -118,8 +122,10 @@ def flow_of_pressures(pressures: Array, probe: Array) -> Array:
         out[i, 0] = max(speed, 0.0)
         if not impact > 0.0:
             continue
-        alpha = (1.0 + probe[2]) * (pressures[i, 2] - probe[10]) / (probe[7] * impact) + probe[3]
-        beta = (1.0 + probe[4]) * (pressures[i, 3] - probe[11]) / (probe[8] * impact) + probe[5]
+        of_alpha = (pressures[i, 2] - probe[10]) / (probe[7] * impact)
+        of_beta = (pressures[i, 3] - probe[11]) / (probe[8] * impact)
+        alpha = (1.0 + probe[2]) * (of_alpha + probe[12] * of_alpha**3) + probe[3]
+        beta = (1.0 + probe[4]) * (of_beta + probe[13] * of_beta**3) + probe[5]
         if abs(alpha) < 0.5 * np.pi and abs(beta) < 0.5 * np.pi:
             u, v, w = np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)
             across, down = c * v + s * w, c * w - s * v

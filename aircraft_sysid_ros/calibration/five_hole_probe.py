@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -45,11 +46,14 @@ from aircraft_sysid_ros.calibration.procedure import SAMPLES, Answer, Task, refi
 from aircraft_sysid_ros.calibration.segments import Segments, find_segments
 from aircraft_sysid_ros.calibration.standard_errors import AttitudeErrors
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.two_stage.conditions import Conditions
 from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import Progress
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Integers = npt.NDArray[np.int64]
 
 NAMES1 = ("lambda_V", "b_V", "W_N", "W_E", "W_D")
 NAMES2 = ("lambda_alpha", "b_alpha", "lambda_beta", "b_beta", "eps_phi")
@@ -80,10 +84,29 @@ STEADY = 4.0
 AVERAGE = 2.0
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
-_NOMINAL = np.zeros(len(NAMES1) + len(NAMES2))
+#: A wind is never taken as nominal.
 _WIND = ("W_N", "W_E")
 #: Beyond this [rad] the linear law of (36) describes no probe.
 LARGEST_ANGLE = 1.0
+
+
+class Model(Protocol):
+    """(40), or a richer model of the same data."""
+
+    def problem(self) -> Problem:
+        """Measurement equation."""
+
+    def model(self, xi2: Array) -> tuple[Array, Array]:
+        """A (n, 3, n1) and b (n, 3)."""
+
+    def gradient(self, xi2: Array) -> tuple[Array, Array]:
+        """dA/dxi2 (n, 3, n1, n2) and db/dxi2 (n, 3, n2)."""
+
+    def instruments(self, xi: Array) -> Array:
+        """d(A xi1 + b)/dxi (n, 3, n1 + n2) at pressures without noise."""
+
+    def by_attitude(self, xi: Array) -> Array:
+        """d(A xi1 + b)/de (n, 3, 3) by a small rotation e of the attitude in body axes."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +120,7 @@ class ProbeData:
     alpha_ratio: Array  # (n,) D_alpha / (K_alpha q_c) [rad]
     beta_ratio: Array  # (n,) [rad]
 
-    def __getitem__(self, keep: npt.NDArray[np.bool_]) -> ProbeData:
+    def __getitem__(self, keep: Mask | slice) -> ProbeData:
         columns = (self.velocity, self.rotation, self.arm, self.indicated, self.alpha_ratio, self.beta_ratio)
         return ProbeData(*(column[keep] for column in columns))
 
@@ -215,53 +238,61 @@ class ProbeFlight:
         """What the noise of the pressures makes of a velocity in a bin [m/s]."""
         return float(self.angle_noise * np.sqrt(np.mean(self.data.indicated**2)))
 
-    def task(self) -> Task:
-        """Everything for ``procedure.solve`` in a steady wind, with instruments."""
-        return Task(
-            self.data.problem(), self.grid.piece, _NOMINAL, self._first, keep=_WIND,
-            instruments=self.data.instruments, attitude=self._attitude,
+    def task(self, model: Model | None = None) -> Task:
+        """Everything for ``procedure.solve`` in a steady wind, with instruments; ``model``: of the data, or (40)."""
+        made = model or self.data
+        return self._task(
+            made.problem(), self.grid.piece, self._first, instruments=made.instruments,
+            attitude=lambda xi: AttitudeErrors(self.grid.time, self.navigation.attitude_std, made.by_attitude(xi)),
         )  # fmt: skip
 
-    def gusty_task(self) -> Task:
+    def gusty_task(self, model: Model | None = None) -> Task:
         """The same where the wind is not steady: (40) averaged over AVERAGE seconds, by plain least squares.
 
         A gust is in the pressures and, as residual, in the wind triangle. That makes scales of angles too small, and
         instruments, which hold it too, make them too large. Averages of A, b and z keep manoeuvres and lose gusts.
         """
-        mean = _Averages(self.data, _blocks(self.grid.piece, max(round(AVERAGE / self.grid.step), 1)))
-        problem = Problem(
-            mean.of(self.data.velocity), mean.model, NAMES1, NAMES2, BOUNDS1, BOUNDS2, gradient=mean.gradient
+        made = model or self.data
+        mean = _Averages(made, _blocks(self.grid.piece, max(round(AVERAGE / self.grid.step), 1)))
+        problem = replace(
+            made.problem(), measured=mean.of(self.data.velocity), model=mean.model, gradient=mean.gradient
         )
         first = np.asarray(np.all(self._first[mean.rows], axis=1))
         std, time = mean.of(self.navigation.attitude_std), mean.of(self.grid.time)
 
         def attitude(xi: Array) -> AttitudeErrors:
-            return AttitudeErrors(time, std, mean.of(self.data.by_attitude(xi)))
+            return AttitudeErrors(time, std, mean.of(made.by_attitude(xi)))
 
-        return Task(problem, self.grid.piece[mean.rows[:, 0]], _NOMINAL, first, keep=_WIND, attitude=attitude)
+        return self._task(problem, self.grid.piece[mean.rows[:, 0]], first, attitude=attitude)
+
+    def _task(self, problem: Problem, piece: Integers, first: Mask, **more: Any) -> Task:
+        kept = tuple(name for name in problem.names if name.startswith(_WIND))
+        return Task(problem, piece, np.zeros(len(problem.names)), first, keep=kept, **more)
 
     @property
-    def _first(self) -> npt.NDArray[np.bool_]:
+    def _first(self) -> Mask:
         return self.segments.first[self.segments.used]
 
-    def _attitude(self, xi: Array) -> AttitudeErrors:
-        return AttitudeErrors(self.grid.time, self.navigation.attitude_std, self.data.by_attitude(xi))
-
-    def solve(self, samples: int = SAMPLES, seed: int = 0, progress: Progress | None = None) -> tuple[Answer, bool]:
+    def solve(
+        self, samples: int | Array = SAMPLES, seed: int = 0, progress: Progress | None = None, *,
+        model: Model | None = None, conditions: Conditions | None = None,
+    ) -> tuple[Answer, bool]:  # fmt: skip
         """The answer, and whether the wind was steady: residuals no larger than the probe's noise explains."""
-        steady = self.task()
+        steady, gusty = (
+            replace(task, conditions=conditions or Conditions()) for task in (self.task(model), self.gusty_task(model))
+        )
         answer = solve(replace(steady, instruments=None), samples, seed, progress)
         if np.sqrt(np.mean(answer.noise)) <= STEADY * self.probe_noise:
             return refined(replace(answer, task=steady)), True
-        return solve(self.gusty_task(), samples, seed, progress), False
+        return solve(gusty, samples, seed, progress), False
 
 
 @dataclass(frozen=True)
 class _Averages:
     """Equation (40) averaged over blocks of rows (blocks, width)."""
 
-    data: ProbeData
-    rows: npt.NDArray[np.int64]
+    data: Model
+    rows: Integers
 
     def of(self, values: Array) -> Array:
         """Means (blocks, …)."""
@@ -278,7 +309,7 @@ class _Averages:
         return self.of(da), self.of(db)
 
 
-def _blocks(piece: npt.NDArray[np.int64], width: int) -> npt.NDArray[np.int64]:
+def _blocks(piece: Integers, width: int) -> Integers:
     """Rows (blocks, width) of whole blocks within pieces."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [len(piece)]])
     starts = [np.arange(i, j - width + 1, width) for i, j in itertools.pairwise(edges)]

@@ -31,13 +31,8 @@ from aircraft_sysid_ros.calibration.standard_errors import (
 )
 from aircraft_sysid_ros.estimation.two_stage.conditions import Conditions
 from aircraft_sysid_ros.estimation.two_stage.decision import Decision, decide
-from aircraft_sysid_ros.estimation.two_stage.optimisation import (
-    Optimum,
-    alternate,
-    at_bound,
-    residual_noise,
-    within_bounds,
-)
+from aircraft_sysid_ros.estimation.two_stage.estimate import second_stage
+from aircraft_sysid_ros.estimation.two_stage.optimisation import at_bound, residual_noise
 from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import (
     Progress,
@@ -201,7 +196,8 @@ def _two_stages(
     drawn = _drawn(task, problem, free[task.problem.n1 :], samples, seed)
     judged, chosen = candidates(stage1, sample_residuals(stage1, drawn, progress), task.conditions)
     decision = decide(stage1, judged, chosen)
-    best, alone = second_stage(problem, decision, progress)
+    told = None if progress is None else lambda turn: progress("stage 2", turn, 0)
+    best, alone, _ = second_stage(problem, decision, told)
     xi, bound = task.nominal.copy(), np.zeros(len(free), dtype=bool)
     xi[free] = np.concatenate([best.xi1, best.xi2])
     bound[free] = at_bound(problem, best.xi1, best.xi2)
@@ -219,18 +215,6 @@ def _drawn(task: Task, problem: Problem, free2: Mask, samples: int | Array, seed
     if prior.mean is not None and prior.std is not None:
         prior = replace(prior, mean=prior.mean[free2], std=prior.std[free2])
     return prior.samples(problem.bounds2, samples, seed)
-
-
-def second_stage(problem: Problem, decision: Decision, progress: Progress | None = None) -> tuple[Optimum, bool]:
-    """Step 5 of section II.C on all samples, from what stage 1 found on its own; and whether of xi2 alone."""
-    told = None if progress is None else lambda turn: progress("stage 2", turn, 0)
-    if decision.unique:
-        start = decision.minima[0]
-        found = alternate(problem, start.xi1, start.xi2, alone=True, progress=told)
-        if within_bounds(problem, found):
-            return found, True
-    every = [alternate(problem, m.xi1, m.xi2, alone=False, progress=told) for m in decision.minima]
-    return min(every, key=lambda optimum: optimum.cost), False
 
 
 def reduced_problem(problem: Problem, nominal: Array, free: Mask) -> Problem:

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.calibration import compatibility, five_hole_probe, magnetometer
+from aircraft_sysid_ros.calibration import compatibility, filter_start, five_hole_probe, magnetometer, probe_models
 from aircraft_sysid_ros.calibration.navigation import Navigation
 from aircraft_sysid_ros.calibration.procedure import Answer, residuals, solve
-from aircraft_sysid_ros.calibration.segments import Segments, turned_through
+from aircraft_sysid_ros.calibration.segments import LEAST_TURN, Segments, turned_through
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
 Span = tuple[float, float] | None
 
-#: Less change of heading [rad] than this, and wind and airspeed error are one number.
-LEAST_TURN = np.radians(90.0)
+#: Points of the residuals over time that a result holds, every n-th: enough for a picture.
+MOST_POINTS = 1500
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class Report:
     navigation: Navigation
     step: float
     notes: list[str]
+    models: list[dict[str, Any]] = field(default_factory=list)  # what was tried beside the paper's, and which is used
 
     def json(self) -> dict[str, Any]:
         """Numbers for a file."""
@@ -55,14 +56,42 @@ class Report:
             "decision": self.answer.decision.reason,
             "stage_2": ("xi2 alone, " if self.answer.alone else "all unknowns, ") + self.answer.convergence,
             "converged": self.answer.converged,
-            "stage_1": {"xi2": self.answer.samples.xi2.tolist(), "trace": self.answer.samples.trace.tolist()},
+            "stage_1": self._stage_1(),
+            "series": self._series(),
             "segments": [
                 {"manoeuvre": s.name, "from": round(s.begin - begin, 1), "to": round(s.end - begin, 1)}
                 for s in self.segments.found
             ],
             "seconds_used": len(self.after) * self.step,
+            "models": self.models,
             "notes": self.notes,
         }
+
+    def _stage_1(self) -> dict[str, Any]:
+        """Samples of the sampled parameters ``names`` with Tr R (19), and the minima that were reached from them."""
+        answer = self.answer
+        free = answer.determined[answer.problem.n1 :]
+        return {
+            "names": [name for name, there in zip(answer.problem.names2, free, strict=True) if there],
+            "unique": answer.decision.unique,
+            "minima": [{"xi2": m.xi2.tolist(), "trace": m.trace} for m in answer.decision.minima],
+            "xi2": answer.samples.xi2.tolist(),
+            "trace": answer.samples.trace.tolist(),
+        }
+
+    def _series(self) -> dict[str, Any]:
+        """Residuals over time, thinned."""
+        chosen = slice(None, None, max(-(-len(self.time) // MOST_POINTS), 1))
+        both = (("before", self.before), ("after", self.after))
+        listed = {
+            key: {name: _short(values[chosen, i]) for i, name in enumerate(self.outputs)} for key, values in both
+        }
+        return {"time": _short(self.time[chosen], 6), **listed}
+
+
+def _short(values: Array, digits: int = 4) -> list[float]:
+    """Significant digits that a picture needs."""
+    return [float(f"{value:.{digits}g}") for value in values]
 
 
 def _rms(values: Array) -> float:
@@ -73,7 +102,8 @@ def calibrate_probe(
     recording: Samples, aircraft: Aircraft, span: Span = None,
     sensitivity: tuple[float, float] = (five_hole_probe.SENSITIVITY,) * 2, **options: Any,
 ) -> Report:  # fmt: skip
-    """Five-hole probe, (35)-(42). Raises InputError where the flight cannot tell wind from airspeed."""
+    """Five-hole probe, (35)-(42), or a richer model. Raises InputError where wind and airspeed cannot be told apart."""
+    _check_scales(aircraft)
     flight = five_hole_probe.probe_flight(recording, aircraft, span, sensitivity)
     every = np.ones(len(flight.navigation.time), dtype=bool)
     if turned_through(flight.navigation, every) < LEAST_TURN:
@@ -81,36 +111,60 @@ def calibrate_probe(
             "the flight is straight: wind and airspeed error cannot be told apart, nor wind across and sideslip error. "
             "Fly two full circles at different airspeeds"
         )
-    answer, steady = flight.solve(**options)
+    found = probe_models.solve_probe(flight, **options)
+    answer, model, whole = found.answer, found.model, found.model.problem()
     values, determined = answer.values, dict(zip(answer.problem.names, answer.determined, strict=True))
     if not (determined["lambda_V"] or determined["b_V"]):
         raise InputError(
             "wind and airspeed error cannot be told apart in this flight: fly two full circles at different airspeeds"
         )
-    parameters = answer.parameters(answer.problem.names, five_hole_probe.UNITS, five_hole_probe.EXCITED_BY)
-    names = (*five_hole_probe.NAMES1[:2], *five_hole_probe.NAMES2)
+    parameters = answer.parameters(answer.problem.names, model.units(), model.excited_by())
+    names = (*five_hole_probe.NAMES1[:2], *model.names2)
     section = {
         "alpha_sensitivity": float(sensitivity[0]), "beta_sensitivity": float(sensitivity[1]),
         "pressure_zeros": [float(zero) for zero in flight.zeros],
         **{name: values[name] for name in names}, "std": _stds(parameters, names),
+        "covariance": filter_start.covariance_of(answer).tolist(),
     }  # fmt: skip
-    whole = flight.data.problem()
     wind_only = answer.xi * np.array([name.startswith("W_") for name in answer.problem.names])
-    notes = []
+    return _report(
+        "five-hole probe", answer, parameters, section, ("V_N", "V_E", "V_D"), "m/s", residuals(whole, wind_only),
+        residuals(whole, answer.xi), flight.segments, flight.navigation, flight.grid.step, _probe_notes(flight, found),
+        found.told(),
+    )  # fmt: skip
+
+
+def _probe_notes(flight: five_hole_probe.ProbeFlight, found: probe_models.ProbeAnswer) -> list[str]:
+    notes, paper = [], found.paper
+    if found.answer is not paper:
+        notes.append(f"this is the answer of a model with {found.model.words}: {_difference(found)}")
+    if found.model.knots is not None:
+        times = ", ".join(f"{knot - flight.navigation.time[0]:.0f}" for knot in found.model.knots)
+        notes.append(f"W_N_0, W_N_1 and so on are the wind at {times} s of the flight that is used")
     if not np.any(flight.zeros):
         notes.append("the aircraft never stands in the recording: zeros of the pressures are taken as 0")
-    if not steady:
+    if not found.steady:
         notes.append(
-            f"the wind was not steady, residuals of {np.sqrt(np.mean(answer.noise)):.2g} m/s where the noise of the "
-            f"probe makes {flight.probe_noise:.2g}: estimated from averages over {five_hole_probe.AVERAGE:g} s, and "
-            "the scales of the angles are rather too small than too large"
+            f"the wind was not steady, residuals of {np.sqrt(np.mean(found.answer.noise)):.2g} m/s where the noise of "
+            f"the probe makes {flight.probe_noise:.2g}: estimated from averages over {five_hole_probe.AVERAGE:g} s, "
+            "and the scales of the angles are rather too small than too large"
         )
     if not any(segment.name == "wind circle" for segment in flight.segments.found):
         notes.append("no wind circle was found: stage 1 took the whole flight")
-    return _report(
-        "five-hole probe", answer, parameters, section, ("V_N", "V_E", "V_D"), "m/s", residuals(whole, wind_only),
-        residuals(whole, answer.xi), flight.segments, flight.navigation, flight.grid.step, notes,
-    )  # fmt: skip
+    return notes
+
+
+def _difference(found: probe_models.ProbeAnswer) -> str:
+    """Where the paper's model is farthest off, in standard errors of the answer."""
+    answer, paper = found.answer, found.paper
+    apart = {
+        name: (paper.values[name] - value) / std
+        for name, value, std, there in zip(answer.problem.names, answer.xi, answer.std, answer.determined, strict=True)
+        if there and name in paper.values and not name.startswith("W_")
+    }
+    name = max(apart, key=lambda key: abs(apart[key]))
+    return (f"(36), (37) would say {name} = {paper.values[name]:.4g} instead of {answer.values[name]:.4g}, "
+            f"{abs(apart[name]):.1f} standard errors away")  # fmt: skip
 
 
 def calibrate_magnetometer(
@@ -142,6 +196,7 @@ def calibrate_compatibility(
     recording: Samples, aircraft: Aircraft, span: Span = None, **options: Any
 ) -> Report:
     """Data compatibility, (B4)-(B8). Residuals are in units of the outputs' noise."""
+    _check_scales(aircraft)
     flight = compatibility.compatibility_flight(recording, aircraft, span)
     answer, _ = flight.solve(**options)
     parameters = answer.parameters(answer.problem.names, compatibility.UNITS, compatibility.EXCITED_BY)
@@ -165,6 +220,15 @@ def calibrate_compatibility(
     )  # fmt: skip
 
 
+def _check_scales(aircraft: Aircraft) -> None:
+    """A scale of the aircraft file is applied to what a calibration has corrected: it must not be found twice."""
+    for name in ("airspeed", "angle_of_attack", "sideslip"):
+        scale = aircraft.sensors[name].scale
+        if scale != 1.0:
+            raise InputError(f"the aircraft file has a scale of {scale:g} for {name}, which would come on top of this "
+                             "calibration: take it out of the file")  # fmt: skip
+
+
 def _stds(parameters: list[dict[str, Any]], names: tuple[str, ...]) -> dict[str, float | None]:
     return {p["name"]: p["std"] if p["determined"] else None for p in parameters if p["name"] in names}
 
@@ -172,9 +236,11 @@ def _stds(parameters: list[dict[str, Any]], names: tuple[str, ...]) -> dict[str,
 def _report(
     title: str, answer: Answer, parameters: list[dict[str, Any]], section: dict[str, Any], outputs: tuple[str, ...],
     unit: str, before: Array, after: Array, segments: Segments, navigation: Navigation, step: float, notes: list[str],
+    models: list[dict[str, Any]] | None = None,
 ) -> Report:  # fmt: skip
     time = navigation.time - navigation.time[0]
     return Report(
-        title, answer, parameters, section, time, outputs, unit, before, after, segments, navigation, step, notes
-    )
+        title, answer, parameters, section, time, outputs, unit, before, after, segments, navigation, step, notes,
+        models or [],
+    )  # fmt: skip
 

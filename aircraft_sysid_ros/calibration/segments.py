@@ -20,6 +20,8 @@ Mask = npt.NDArray[np.bool_]
 
 #: Less flight [s] than this says too little.
 SHORTEST = 30.0
+#: Less change of heading [rad] than this, and wind and airspeed error are one number.
+LEAST_TURN = np.radians(90.0)
 #: A wind circle: the heading turns faster than this [rad/s], through at least this much [rad].
 CIRCLE_RATE, CIRCLE_TURN = np.radians(5.0), np.radians(300.0)
 #: A pushover-pullup: pitch and flight path change by more than this [rad] within a window [s], wings level [rad].

@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.estimation.least_squares import coloured_sandwich, solve_factor
+from aircraft_sysid_ros.estimation.two_stage.covariance import separated
 from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 
 Array = npt.NDArray[np.float64]
@@ -32,6 +33,8 @@ Mask = npt.NDArray[np.bool_]
 
 #: How long [s] an error of the attitude lasts: heading is corrected from turn to turn.
 ATTITUDE_TIME = 20.0
+#: A jackknife over fewer pieces says nothing.
+FEWEST_PIECES = 4
 #: A parameter is not determined when its standard error exceeds this share of half the distance of its bounds.
 DETERMINED = 0.5
 _LARGEST_CORRELATION = 0.97
@@ -105,7 +108,8 @@ def jackknife(
     """As ``standard_errors``, for residuals that are correlated over a whole piece in whatever way.
 
     From the answers without one of the G pieces, to first order: d_p = (sum h'h - h_p'h_p)^-1 h_p'r_p and the
-    covariance (G - 1)/G sum d_p d_p' about their mean. Infinite where one piece alone tells an unknown.
+    covariance (G - 1)/G sum d_p d_p' about their mean. G pieces know it badly: it is multiplied by the variance of
+    Student's t, (G - 1)/(G - 3), and no variance is less than that of white residuals. Infinite for G < FEWEST_PIECES.
     """
     a, b = problem.evaluate(xi2)
     left = (problem.kept - b - a @ xi1) / np.sqrt(noise)
@@ -119,7 +123,12 @@ def jackknife(
         without = solve_factor(rest, np.zeros(len(rest))).covariance
         changes.append(without @ np.einsum("kmj,km->j", slopes[own], left[own]))
     moved = np.array(changes) - np.mean(changes, axis=0)
-    covariance = moved.T @ moved * ((len(moved) - 1.0) / len(moved))
+    count = len(moved)
+    if count < FEWEST_PIECES:
+        covariance = np.full((n, n), np.inf)
+    else:
+        covariance = moved.T @ moved * ((count - 1.0) ** 2 / (count * (count - 3.0)))
+        covariance += np.diag(np.maximum(np.diag(white) - np.diag(covariance), 0.0))
     return Errors(_embedded(covariance, free), _embedded(white, free), 0)
 
 
@@ -132,14 +141,6 @@ def window_length(residuals: Array, piece: npt.NDArray[np.int64]) -> int:
     r = float(np.clip(correlation.max(), 0.0, _LARGEST_CORRELATION))
     length = 2.6614 * (4.0 * r**2 / (1.0 - r) ** 4 * len(residuals)) ** 0.2
     return int(np.clip(np.ceil(length), 1, max(1, _LONGEST_WINDOW * len(residuals))))
-
-
-def separated(rows: Array, piece: npt.NDArray[np.int64], lags: int) -> Array:
-    """Rows (K, …) with ``lags`` rows of zeros between the pieces, so that no product spans a gap."""
-    cuts = np.flatnonzero(np.diff(piece)) + 1
-    empty = np.zeros((lags, *rows.shape[1:]))
-    parts = [part for block in np.split(rows, cuts) for part in (block, empty)]
-    return np.concatenate(parts[:-1])
 
 
 def undetermined(problem: Problem, std: Array) -> Mask:

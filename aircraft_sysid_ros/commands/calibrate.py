@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -64,6 +65,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help="of the samples (default: 0)")
     add("--sensitivity", type=float, nargs=2, default=(SENSITIVITY, SENSITIVITY), metavar=("KA", "KB"),
         help=f"five-hole: nominal K_alpha and K_beta [1/rad] (default: {SENSITIVITY:g})")  # fmt: skip
+    add("--curve", choices=("auto", "linear", "cubic"), default="auto",
+        help="five-hole: angles over pressure ratios; auto: what predicts left-out parts of the flight better")
+    add("--wind", choices=("auto", "steady", "varying"), default="auto",
+        help="five-hole: one wind, or linear between knots a minute apart")  # fmt: skip
     add("--field-strength", type=float, metavar="F", help="magnetometer: strength of the earth's field here, in the "
         "unit of the recording (default: that of a dipole, in tesla)")  # fmt: skip
     return parser
@@ -100,12 +105,25 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError(f"--seed must not be negative, not {args.seed}")
     if not all(np.isfinite(k) and k > 0.0 for k in args.sensitivity):
         raise InputError("--sensitivity must be two positive numbers per rad")
+    if args.what != "five-hole" and (args.curve, args.wind) != ("auto", "auto"):
+        raise InputError("--curve and --wind are of the five-hole probe")
     if args.field_strength is not None and not 0.0 < args.field_strength < np.inf:
         raise InputError(f"--field-strength must be positive, not {args.field_strength:g}")
     if args.out and (Path(args.out) / CALIBRATION).exists() and not args.overwrite:
         raise InputError(f"{args.out} holds a calibration already: give another folder or --overwrite")
-    if args.out and Path(args.out).exists() and not Path(args.out).is_dir():
-        raise InputError(f"{args.out} is a file: --out must be a folder")
+    if args.out:
+        _check_target(Path(args.out))
+
+
+def _check_target(folder: Path) -> None:
+    """Said before the work, not after it."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file: --out must be a folder")
+    parents = [folder] if folder.exists() else []
+    parents.append(next(parent for parent in folder.absolute().parents if parent.exists()))
+    for parent in parents:
+        if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
+            raise InputError(f"cannot write {folder}: {parent} is no folder that can be written to")
 
 
 def _aircraft(args: argparse.Namespace) -> Aircraft:
@@ -138,6 +156,7 @@ def _report(
     if args.samples is not None:
         options["samples"] = args.samples
     if args.what == "five-hole":
+        options.update(curve=args.curve, wind=args.wind)
         return calibrate_probe(samples, aircraft, span, tuple(args.sensitivity), **options)
     if args.what == "magnetometer":
         return calibrate_magnetometer(samples, aircraft, span, args.field_strength, **options)
@@ -156,29 +175,25 @@ def _progress(what: str) -> Iterator[Callable[[str, int, int], None]]:
 def _write(
     folder: Path, args: argparse.Namespace, report: Report, before: Calibration | None, result: dict[str, Any]
 ) -> list[str]:
-    """Pictures first, the calibration last: what is there is complete."""
+    """All files at once, the calibration last: what is there is complete."""
     from aircraft_sysid_ros.report.calibration_figures import before_after_figure, trace_figure
 
-    folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"cannot write to {folder}: change its permissions")
-    trace, fit = folder / f"{args.what}-trace.png", folder / f"{args.what}-residuals.png"
-    trace_figure(report, trace)
-    before_after_figure(report, fit)
     found = {} if before is None else before.source
     content = {name: value for name, value in found.items() if name in files.PARAMETERS}
     content[SECTIONS[args.what]] = report.section
     content["source"] = {"recording": str(args.bag), "aircraft": result["aircraft"]}
     files.calibration_from_dict(content)
-    _at_once(folder / RESULT, json_text(result) + "\n")
-    _at_once(folder / CALIBRATION, yaml.safe_dump(content, sort_keys=False))
-    return [str(folder / name) for name in (CALIBRATION, RESULT, trace.name, fit.name)]
-
-
-def _at_once(path: Path, text: str) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text, encoding="utf8")
-    os.replace(part, path)
+    names = [f"{args.what}-trace.png", f"{args.what}-residuals.png", RESULT, CALIBRATION]
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as part:
+        trace_figure(report, Path(part) / names[0])
+        before_after_figure(report, Path(part) / names[1])
+        Path(part, RESULT).write_text(json_text(result) + "\n", encoding="utf8")
+        Path(part, CALIBRATION).write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf8")
+        folder.mkdir(exist_ok=True)
+        for name in names:
+            os.replace(Path(part, name), folder / name)
+    return [str(folder / name) for name in reversed(names)]
 
 
 def render(result: dict[str, Any]) -> str:
@@ -192,7 +207,11 @@ def render(result: dict[str, Any]) -> str:
     lines += ["", f"rms of the residuals [{result['residual_unit']}]: uncalibrated, calibrated"]
     for name, rms in result["residuals"].items():
         lines.append(f"  {name:<10}{rms['before']:>10.4g}{rms['after']:>10.4g}")
-    lines.append(f"stage 1: {result['decision']}")
+    if result["models"]:
+        lines += ["", "rms of the residuals [m/s] in parts of the flight that were left out, by model"]
+    for m in result["models"]:
+        lines.append(f"  {m['model']:<30}{m['held_out_rms']:>8.4g}{'  used' if m['used'] else ''}")
+    lines += ["", f"stage 1: {result['decision']}"]
     lines.append(f"stage 2: {result['stage_2']}")
     lines += [f"note: {note}" for note in result["notes"]]
     lines.append(f"{result['seconds_used']:.0f} s of flight used, {result['elapsed']:.1f} s of work")

@@ -122,6 +122,7 @@ def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> di
         "input_reliability": "reliable" if args.reliable else "best_effort",
         "input_depth": 5000 if args.reliable else 100,
         "horizon": float(state.horizon),
+        "air_data_errors": state.air_data_errors,
         "forgetting_time": float(parameters.forgetting_time),
         "estimator": parameters.estimator,
         "lowest_frequency": float(parameters.lowest_frequency),

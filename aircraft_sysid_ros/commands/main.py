@@ -32,6 +32,7 @@ COMMANDS = {
 }
 BAD_INPUT = 2
 FAILED = 1
+STOPPED = 130
 #: Environment variable that shows the traceback of what should not have happened.
 TRACEBACK = "AIRCRAFT_SYSID_TRACEBACK"
 
@@ -65,7 +66,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     command = next((argument for argument in arguments if not argument.startswith("-")), None)
-    args = build_parser(command).parse_args(arguments)
+    try:
+        args = build_parser(command).parse_args(arguments)
+    except KeyboardInterrupt:  # while modules are imported
+        print("aircraft-sysid: stopped", file=sys.stderr)
+        return STOPPED
     try:
         result = args.module.run(args)
     except InputError as error:
@@ -73,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except KeyboardInterrupt:
         print(f"{args.prog}: stopped", file=sys.stderr)
-        return 130
+        return STOPPED
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
         print(f"{args.prog}: the system refused{where}: {error.strerror or error}", file=sys.stderr)

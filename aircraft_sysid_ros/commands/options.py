@@ -44,6 +44,11 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
         help=f"band [Hz] of the estimator fourier (default: {band[0]:g} {band[1]:g})",
     )
     parser.add_argument(
+        "--air-data-errors",
+        action="store_true",
+        help="scales and offsets of airspeed, alpha and beta are states of the filter too, begun by --calibration",
+    )
+    parser.add_argument(
         "--no-relearn",
         action="store_true",
         help="after a sudden change of the aeroplane keep what was known, instead of learning the changed axis anew",
@@ -66,7 +71,7 @@ def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, Parameter
         highest_frequency=high,
         relearn=not args.no_relearn,
     )
-    return StateOptions(horizon=args.horizon), parameters
+    return StateOptions(horizon=args.horizon, air_data_errors=args.air_data_errors), parameters
 
 
 def parameter_table(parameters: list[dict[str, Any]], truth: dict[str, float] | None = None) -> str:
@@ -96,6 +101,8 @@ def state_table(state: dict[str, Any], truth: dict[str, Any] | None = None) -> s
             title = f"{name.removesuffix('_ned').replace('_', ' ')} {label} [{unit}]"
             line = f"{title:<30}{_number(state[name][i]):>12}{_number(state[name + '_std'][i]):>12}"
             lines.append(line + (f"{_number(truth[name][i]):>12}" if truth else ""))
+    for name, found in state.get("air_data_errors", {}).items():
+        lines.append(f"{'air data ' + name:<30}{_number(found['value']):>12}{_number(found['std']):>12}")
     return "\n".join(lines)
 
 

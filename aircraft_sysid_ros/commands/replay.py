@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -14,6 +15,8 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
+from aircraft_sysid_ros.calibration.filter_start import LONGEST, start_by_stage_1, start_of_calibration
+from aircraft_sysid_ros.calibration.segments import SHORTEST
 from aircraft_sysid_ros.commands.options import (
     add_estimator_options,
     estimator_options,
@@ -24,6 +27,7 @@ from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
 from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
@@ -59,6 +63,13 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         action="store_true",
         help="estimate every state from later measurements too, which live cannot, and learn from those states",
     )
+    parser.add_argument(
+        "--stage-1",
+        type=float,
+        metavar="S",
+        help="with --air-data-errors: stage 1 of the two-stage estimator on the first S seconds of flight starts wind "
+        "and errors; what live cannot",
+    )
     add_estimator_options(parser)
     return parser
 
@@ -66,9 +77,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Replay and write; returns state, parameters and notes. Raises InputError."""
     options = estimator_options(args)
+    _check(args)
     aircraft = load_aircraft(args.aircraft)
     correction = Correction(load_calibration(args.calibration)) if args.calibration else None
     pipeline = Pipeline(aircraft, *options)
+    if correction is not None and args.air_data_errors:
+        pipeline.state.take_start(start_of_calibration(correction.calibration))
     with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer, FlightTape() as tape:
         pipeline.warm_up()
         if args.smooth:
@@ -79,21 +93,39 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         recording.require(NEEDED_WITH_PROBE if correction is not None and correction.uses_probe else NEEDED)
         if correction is not None:
             recording = replace(recording, samples=correction.apply(recording.samples))
-        feed(pipeline, recording, writer)
+        begin = None if args.stage_1 is None else start_by_stage_1(recording.samples, aircraft, args.stage_1)
+        feed(pipeline, recording, writer, begin)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline)}")
         result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started)
     return {"run": str(args.out), "notes": notes(recording, pipeline), **result}
 
 
-def feed(pipeline: Pipeline, recording: Recording, writer: RunWriter) -> None:
-    """Push a recording through the pipeline and keep what comes out; smoothed if the pipeline has a tape."""
+def _check(args: argparse.Namespace) -> None:
+    if args.air_data_errors and args.smooth:
+        raise InputError("--smooth has no place for the errors of --air-data-errors: leave one of them out")
+    if args.stage_1 is not None and not args.air_data_errors:
+        raise InputError("--stage-1 starts the states of --air-data-errors: give that too")
+    if args.stage_1 is not None and not SHORTEST <= args.stage_1 <= LONGEST:
+        raise InputError(f"--stage-1 must be between {SHORTEST:g} and {LONGEST:g} s, not {args.stage_1:g}")
+
+
+def feed(
+    pipeline: Pipeline, recording: Recording, writer: RunWriter, begin: tuple[StartValues, int] | None = None
+) -> None:
+    """Push a recording through the pipeline and keep what comes out; smoothed if the pipeline has a tape.
+
+    ``begin``: what the filter takes as known from a stamp [ns] on.
+    """
     samples, due = recording.samples, -np.inf
     writer.add_samples(samples)
-    blocks = [samples[begin : begin + BLOCK] for begin in range(0, len(samples), BLOCK)]
+    edges = {*range(0, len(samples), BLOCK), len(samples)}
+    known_at = len(samples) if begin is None else int(np.searchsorted(np.maximum.accumulate(samples.stamp), begin[1]))
+    blocks = [samples[i:j] for i, j in itertools.pairwise(sorted(edges | {known_at}))]
     with progress_bar() as progress:
         if pipeline.state.tape is None:
-            results = forward(pipeline, progress.track(blocks, description="replay"))
+            watched = progress.track(blocks, description="replay")
+            results = forward(pipeline, watched, None if begin is None else begin[0], known_at)
         else:
             results = smoothed(pipeline, blocks, progress.track(blocks, description="replay"))
         for rows, points in results:
@@ -105,9 +137,15 @@ def feed(pipeline: Pipeline, recording: Recording, writer: RunWriter) -> None:
     writer.add_parameters(pipeline.parameters.snapshot(), pipeline.parameters.model_error())
 
 
-def forward(pipeline: Pipeline, blocks: Iterable[Samples]) -> Iterator[tuple[Array, Array]]:
-    """New rows and points, as live has them."""
+def forward(
+    pipeline: Pipeline, blocks: Iterable[Samples], start: StartValues | None = None, known_at: int = 0
+) -> Iterator[tuple[Array, Array]]:
+    """New rows and points, as live has them; before sample ``known_at`` the filter is told ``start``."""
+    pushed = 0
     for block in blocks:
+        if start is not None and pushed == known_at:
+            pipeline.state.take_start(start)
+        pushed += len(block)
         yield pipeline.push(block)
     yield pipeline.flush()
 

@@ -1,4 +1,4 @@
-"""``report``: what the workbench shows of a run, as one HTML file that opens without a network."""
+"""``report``: what the workbench shows of a run or of a calibration, as one HTML file that opens without a network."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import argparse
 import os
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
+
+if TYPE_CHECKING:
+    from aircraft_sysid_ros.workbench.run_view import FlightRecord, RunView
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -17,7 +20,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "report", help="the page of a run as one HTML file", description=__doc__
     )
-    parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument("run", metavar="RUN", help="folder written by replay or live, or by calibrate")
+    parser.add_argument("--calibration", metavar="FOLDER", help="folder written by calibrate, to show with the run")
     parser.add_argument(
         "--out", required=True, metavar="FILE.html", help="file to write; one that is there is replaced"
     )
@@ -38,22 +42,34 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(
             f"the file needs more packages ({error}): pip install 'aircraft_sysid_ros[workbench]'"
         ) from None
-    from aircraft_sysid_ros.workbench.report import report_html
-    from aircraft_sysid_ros.workbench.run_view import load_flight_record, load_run_view, load_truth_view
+    from aircraft_sysid_ros.workbench.calibration_view import calibration_folder, is_calibration, load_calibration_view
+    from aircraft_sysid_ros.workbench.report import calibration_html, report_html
+    from aircraft_sysid_ros.workbench.run_view import load_truth_view
 
-    truth, notes, record = load_truth_view(args.truth), [], None
+    if is_calibration(args.run):
+        if args.calibration or args.truth:
+            raise InputError(f"{args.run} is a calibration: --calibration and --truth are for a run")
+        text, said = calibration_html(load_calibration_view(calibration_folder(args.run))), {}
+    else:
+        truth = load_truth_view(args.truth)
+        calibrated = load_calibration_view(calibration_folder(args.calibration)) if args.calibration else None
+        view, record, notes = _read(args.run)
+        text, said = report_html(view, record, truth, calibrated), {"model": view.current, "notes": notes}
+    _write(out, text)
+    return {"run": str(args.run), "file": str(out), "bytes": len(text.encode()), "notes": [], **said}
+
+
+def _read(run: str) -> tuple[RunView, FlightRecord | None, list[str]]:
+    """The run, what was estimated in flight, and notes."""
+    from aircraft_sysid_ros.workbench.run_view import load_flight_record, load_run_view
+
     with progress_bar() as progress:
         task = progress.add_task("read the run", total=1.0)
-        view = load_run_view(
-            args.run, progress=lambda what, share: progress.update(task, description=what, completed=0.9 * share)
-        )
+        view = load_run_view(run, progress=lambda what, share: progress.update(task, description=what, completed=share))
         try:
-            record = load_flight_record(args.run, view.zero)
+            return view, load_flight_record(run, view.zero), []
         except InputError as error:  # the model is worth a file without it
-            notes.append(f"without the state: {error}")
-        text = report_html(view, record, truth)
-    _write(out, text)
-    return {"run": str(args.run), "model": view.current, "file": str(out), "bytes": len(text.encode()), "notes": notes}
+            return view, None, [f"without the state: {error}"]
 
 
 def _write(out: Path, text: str) -> None:
@@ -70,4 +86,5 @@ def _write(out: Path, text: str) -> None:
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
     lines = [f"note: {note}" for note in result["notes"]]
-    return "\n".join([*lines, f"{result['file']}, {result['bytes'] / 1e6:.1f} MB, model {result['model']}"])
+    model = f", model {result['model']}" if "model" in result else ""
+    return "\n".join([*lines, f"{result['file']}, {result['bytes'] / 1e6:.1f} MB{model}"])

@@ -127,10 +127,11 @@ class ChangeMonitor:
         self._raised[axis] = 0
         self._compare()
 
-    def skip(self) -> None:
-        """What was in the windows is not to be looked at, of any axis: the first step was at odds with its sensors."""
-        self._errors.filled[:] = 0
-        self._raised[:] = 0
+    def skip(self, *axes: int) -> None:
+        """What was in the windows is not to be looked at, of some axes or any: sensors were at odds."""
+        chosen = list(axes) or slice(None)
+        self._errors.filled[chosen] = 0
+        self._raised[chosen] = 0
         self._compare()
 
     def _compare(self) -> None:
@@ -138,6 +139,14 @@ class ChangeMonitor:
         grown = np.sort(self._summary[:, 0] / self._summary[:, 1])  # NaN last
         enough = np.isfinite(grown[_QUIETEST + 1])
         self._common = max(float(grown[_QUIETEST]), 1.0) if enough else 1.0
+
+    def usual(self, axis: int) -> tuple[float, float]:
+        """Mean square error and largest block of an axis, grown as in most axes; NaN before there are enough blocks."""
+        count = self._errors.block_count[axis]
+        if count < LEAST_BLOCKS:
+            return np.nan, np.nan
+        blocks = self._errors.blocks[axis, :count]
+        return self._common * float(blocks.mean()), self._common * float(blocks.max())
 
     def variance(self, axis: int) -> float:
         """Mean square of the error of an axis in the blocks; 0 without any."""

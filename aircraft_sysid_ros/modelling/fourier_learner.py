@@ -51,6 +51,7 @@ from aircraft_sysid_ros.modelling.fourier_transforms import (
     MOMENTUM,
     STATIC,
     TERMS,
+    Bank,
     Setting,
     clear_axis,
     close_axis,
@@ -155,6 +156,19 @@ class FourierLearner:
 
     def take_over(self, axis: int, known: AxisEstimate) -> Array:
         """See ``Learner``: never asked for."""
+        return self._theta()
+
+    def remember(self) -> tuple[Bank, list[Prior | None]]:
+        """See ``Learner``."""
+        copies = {name: array.copy() for name, array in self._bank._asdict().items()}
+        return self._bank._replace(**copies), list(self._priors)
+
+    def recall(self, memory: tuple[Bank, list[Prior | None]]) -> Array:
+        """See ``Learner``."""
+        for array, before in zip(self._bank, memory[0], strict=True):
+            array[:] = before
+        self._priors = list(memory[1])
+        self.restart_time()
         return self._theta()
 
     def _remember(self, history: Array) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -87,6 +87,12 @@ class Learner(Protocol):
 
     def take_over(self, axis: int, known: AxisEstimate) -> Array:
         """Begin an axis that waits anew with what recursive least squares knows; returns all parameters then."""
+
+    def remember(self) -> Any:
+        """All that has been learnt, for ``recall``: a copy."""
+
+    def recall(self, memory: Any) -> Array:
+        """Know what ``remember`` gave and nothing of what came since; returns all parameters, 0 where not known."""
 
     def reset(self) -> None:
         """Forget all that was learnt."""

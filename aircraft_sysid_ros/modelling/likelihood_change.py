@@ -54,11 +54,7 @@ class Past:
         """Make of the recursion, in place, what it was at ``time`` [s]; its filters do not run."""
         older = [kept for at, kept in self._kept if at <= time] or [kept for _, kept in self._kept][:1]
         for old in older[-1:]:
-            for name in _KEPT:
-                getattr(recursion, name)[:] = getattr(old, name)
-            for array, before in zip(recursion.scores, old.scores, strict=True):
-                array[:] = before
-            set_theta(recursion.theta[recursion.free], recursion)
+            put_back(old, recursion)
         recursion.clock[RUNNING] = 0.0
 
 
@@ -66,6 +62,16 @@ def copied(recursion: Recursion) -> Recursion:
     """What has been learnt, copied; the rest shared."""
     scores = type(recursion.scores)(*(array.copy() for array in recursion.scores))
     return recursion._replace(**{name: getattr(recursion, name).copy() for name in _KEPT}, scores=scores)
+
+
+def put_back(old: Recursion, recursion: Recursion) -> None:
+    """Make of a recursion, in place, what it was when it was copied; its filters do not run."""
+    for name in _KEPT:
+        getattr(recursion, name)[:] = getattr(old, name)
+    for array, before in zip(recursion.scores, old.scores, strict=True):
+        array[:] = before
+    set_theta(recursion.theta[recursion.free], recursion)
+    recursion.clock[RUNNING] = 0.0
 
 
 def take_axis(recursion: Recursion, part: slice, theta: Array, covariance: Array) -> None:

@@ -47,7 +47,7 @@ from aircraft_sysid_ros.modelling import likelihood_state as loop
 from aircraft_sysid_ros.modelling import regression
 from aircraft_sysid_ros.modelling.body import body_of
 from aircraft_sysid_ros.modelling.learner import AxisEstimate, Opening, ParameterOptions
-from aircraft_sysid_ros.modelling.likelihood_change import Past, take_axis
+from aircraft_sysid_ros.modelling.likelihood_change import Past, copied, put_back, take_axis
 from aircraft_sysid_ros.modelling.likelihood_recursion import run
 from aircraft_sysid_ros.modelling.regression import Body
 from aircraft_sysid_ros.reconstruction.state import Column
@@ -55,6 +55,7 @@ from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_de
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
 Array = npt.NDArray[np.float64]
+Memory = tuple[loop.Recursion, set[int], Array]
 
 #: Which outputs a kind of sample gives: first of them, how many values.
 _OUTPUTS = {
@@ -244,6 +245,18 @@ class LikelihoodLearner:
         take_axis(self.recursion, part, known.theta, known.covariance)
         self._changed[axis] = self.recursion.clock[loop.LEARNT]
         self._waiting.discard(axis)
+        self._covariance = (-1.0, self._covariance[1])
+        self._past.clear()
+        return self.recursion.theta[: len(self._names)].copy()
+
+    def remember(self) -> Memory:
+        """See ``Learner``."""
+        return copied(self.recursion), self._waiting.copy(), self._changed.copy()
+
+    def recall(self, memory: Memory) -> Array:
+        """See ``Learner``: its filters begin anew."""
+        put_back(memory[0], self.recursion)
+        self._waiting, self._changed = memory[1].copy(), memory[2].copy()
         self._covariance = (-1.0, self._covariance[1])
         self._past.clear()
         return self.recursion.theta[: len(self._names)].copy()

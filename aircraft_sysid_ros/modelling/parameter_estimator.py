@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -11,16 +11,17 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
-from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
 from aircraft_sysid_ros.modelling.body import body_of, body_with
 from aircraft_sysid_ros.modelling.error_window import AxisError, ErrorWindow
-from aircraft_sysid_ros.modelling.fourier_learner import FourierLearner
+from aircraft_sysid_ros.modelling.gates import Gates
+from aircraft_sysid_ros.modelling.good_sets import Kept, copied, go_back
 from aircraft_sysid_ros.modelling.inferred_angles import InferredAngles
 from aircraft_sysid_ros.modelling.learner import Learner, ParameterOptions
-from aircraft_sysid_ros.modelling.likelihood_learner import LikelihoodLearner
+from aircraft_sysid_ros.modelling.learners import LEARNERS, make_learner
 from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.modelling.regression import (
+    PRIOR_VARIANCE,
     TERM,
     TIME,
     Learning,
@@ -28,40 +29,26 @@ from aircraft_sysid_ros.modelling.regression import (
     Tuning,
     fill_history,
     learn,
+    new_learning,
 )
-from aircraft_sysid_ros.modelling.relearning import Changes, learn_again
+from aircraft_sysid_ros.modelling.relearning import KNOWN, Changes, learn_again
 from aircraft_sysid_ros.modelling.signals import interpolate
+from aircraft_sysid_ros.modelling.trust import check_bounds
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
-__all__ = ["LEARNERS", "ParameterEstimator", "ParameterOptions", "interpolate", "make_learner"]
+__all__ = [
+    "LEARNERS", "PRIOR_VARIANCE", "ParameterEstimator", "ParameterOptions", "interpolate", "make_learner",
+]  # fmt: skip
 
 Array = npt.NDArray[np.float64]
 
-#: Variance of the parameters before any data, over that of the coefficient noise.
-PRIOR_VARIANCE = 1e8
-
 _OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
+#: Without a point for so long [s] what is published has the time of the newest state.
+STALE = 1.0
 #: Batches that wait for the first state; older ones are from before it.
 _MOST_EARLY = 10_000
-
-
-#: Estimators by name. Recursive least squares always runs, since it also measures the coefficients; the parameters
-#: that are published come from the learner that is chosen.
-LEARNERS: dict[str, Callable[[Aircraft, ParameterOptions], Learner] | None] = {
-    "rls": None,
-    "fourier": FourierLearner,
-    "rml": LikelihoodLearner,
-}
-
-
-def make_learner(aircraft: Aircraft, options: ParameterOptions) -> Learner | None:
-    """The learner of ``options.estimator``; None is recursive least squares. Raises InputError for other names."""
-    if options.estimator not in LEARNERS:
-        raise InputError(f"the estimator must be one of {', '.join(LEARNERS)}, not '{options.estimator}'")
-    make = LEARNERS[options.estimator]
-    return None if make is None else make(aircraft, options)
 
 
 class ParameterEstimator:
@@ -80,6 +67,7 @@ class ParameterEstimator:
         self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
         self._code = self.model.linked
+        check_bounds(aircraft.parameter_bounds)
         self.learner = make_learner(aircraft, self.options)
         self._reset_learning()
         self._restart_time()
@@ -105,6 +93,7 @@ class ParameterEstimator:
             force_noise=self.aircraft.mass * accelerometer.noise[0] / np.sqrt(window),
         )
         self.changes = Changes(options.step)
+        self.gates = Gates(self.aircraft, options.step, self.tuning.forgetting, self.learner is not None)
         self.newest_point: Array | None = None
         self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
         self._ranges = np.full((3, 2), np.nan)
@@ -112,25 +101,7 @@ class ParameterEstimator:
 
     def empty_learning(self, model: AerodynamicModel) -> Learning:
         """Nothing learnt yet of a model."""
-        counts, options = np.diff(model.offsets), self.options
-        n, total = int(counts.max()), int(counts.sum())
-        lags = max(round(options.lag_time / options.step), 1)
-        return Learning(
-            offsets=model.offsets,
-            theta=np.zeros((6, n)),
-            p=np.tile(PRIOR_VARIANCE * np.eye(n), (6, 1, 1)),
-            sums=np.zeros((6, lags, n + 2, n + 2)),
-            recent=np.full((6, lags, n + 2), np.nan),
-            term_mean=np.full(total, np.nan),
-            term_square=np.zeros(total),
-            noise_square=np.zeros(total),
-            updates=np.zeros(6, np.int64),
-            last_learnt=np.full(total, np.nan),
-            last_valid=np.full(6, -np.inf),
-            doubt=np.zeros(6),
-            prior=np.zeros((6, n, n)),
-            prior_variance=np.zeros(6),
-        )
+        return new_learning(model, max(round(self.options.lag_time / self.options.step), 1))
 
     def adopt(self, aircraft: Aircraft, learning: Learning, history: Array, learner: Learner | None) -> None:
         """Go on with another model and what is known of it, see ``model_change``; history (n, TERM + terms)."""
@@ -140,6 +111,7 @@ class ParameterEstimator:
         self.aircraft, self.model, self._code = aircraft, aircraft.model, aircraft.model.linked
         self.learning, self.history, self.learner = learning, history, learner
         self.changes.restart()
+        self.gates.adopt(aircraft)
 
     def _restart_time(self) -> None:
         self._waiting: list[Array] = []
@@ -155,6 +127,7 @@ class ParameterEstimator:
         self.learning.last_valid[:] = -np.inf
         self.changes.restart()
         self.changes.since[:] = -np.inf
+        self.gates.restart()
         if self.learner is not None:
             self.learner.restart_time()
             self._predictions = [(-np.inf, theta) for _, theta in self._predictions[-1:]]
@@ -250,21 +223,23 @@ class ParameterEstimator:
         )
         fill_history(rows, controls, heights, self.body, sensors, *self._code, self._start_time, history)
         self._prune(float(times[-1]))
-        if not self.options.relearn:
-            return self._take(rows, history)
         points = []
         for part in self.changes.parts(times):
             if self.changes.is_due(float(times[part.start])):
-                self._look_for_changes()
+                if self.options.relearn:
+                    self._look_for_changes(float(times[part.start]))
+                self._pass_gates(float(times[part.start]))
             self.changes.take_rows(rows[part])
+            self.gates.signs.take(rows[part])
             points.append(self._take(rows[part], history[part]))
         return np.vstack(points)
 
-    def _look_for_changes(self) -> None:
+    def _look_for_changes(self, time: float) -> None:
         area = float(self.body.geometry[0])
         openings = self.changes.look(self.model, self.learning, self.tuning, area)
         for opening in openings:
             self.changes.times[opening.axis] = opening.since - (self._start_time or 0.0)
+            self.gates.note_change(opening.axis, time)
         if self.learner is None:
             return
         if openings:
@@ -273,6 +248,24 @@ class ParameterEstimator:
             known = self.changes.relearnt(axis, self.model, self.learning) if self.learner.waits(axis) else None
             if known is not None:
                 self._predictions = [(-np.inf, self.learner.take_over(axis, known))]
+
+    def _pass_gates(self, time: float) -> None:
+        """May what is known at ``time`` [s] be used? Where a sensor had been wrong, go back to before it."""
+        releases = self.gates.look(time, self.learning.updates >= KNOWN)
+        for axis, good in releases:
+            go_back(axis, self.model, self.learning, good.learning)
+            self.changes.undo(axis, good.changed[:, axis])
+            self._ranges[:] = good.ranges
+        if releases and self.learner is not None:
+            oldest = min((good for _, good in releases), key=lambda good: good.time)
+            self._predictions = [(-np.inf, self.learner.recall(oldest.learner))]
+        if self.newest_point is not None and self.gates.sets.is_due(time):
+            found = self.estimates()
+            theta = np.nan_to_num(np.array([p.value for p in found.parameters]))
+            learner = None if self.learner is None else self.learner.remember()
+            changed = np.array([self.changes.since, self.changes.times])
+            learning = copied(self.learning)
+            self.gates.keep(Kept(time, found, theta, learning, learner, changed, self._ranges.copy()))
 
     def _take(self, rows: Array, history: Array) -> Array:
         self.history = np.vstack([self.history, history])
@@ -298,6 +291,7 @@ class ParameterEstimator:
             self._signals_seen |= np.any(np.isfinite(points[:, Point.SIGNALS]), axis=0)
             self._widen_ranges(points)
             self.errors.add(points)
+            self.gates.take(points)
             self.newest_point = points[-1]
         return points
 
@@ -353,16 +347,29 @@ class ParameterEstimator:
     # -- what was learnt ------------------------------------------------------------------------------------
 
     def snapshot(self) -> ParameterSet:
+        """What is published now: ``estimates`` that have passed the gates, or what was known before."""
+        return self.gates.gated(self.estimates(), self.changes.since, self._start_time or 0.0)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the newest point, of the newest state where no point came for STALE; NaN before any."""
+        if self.newest_point is None:
+            return np.nan
+        newest = float(self.newest_point[Point.TIME])
+        return self._used_until if self._used_until > newest + STALE else newest
+
+    def estimates(self) -> ParameterSet:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
         names = self.model.parameter_names
         covariance = np.full((len(names), len(names)), np.nan)
         estimates: list[ParameterEstimate] = []
-        time = np.nan if self.newest_point is None else float(self.newest_point[Point.TIME])
+        time, bounds = self.time, self.aircraft.parameter_bounds
         for axis, name in enumerate(AXES):
             part = self.model.axis_slice(name)
             own = None if self.learner is None or self.learner.waits(axis) else self.learner.axis(axis)
             changed = float(self.changes.times[axis])
-            block = axis_estimates(self.model, axis, self.learning, time, self._missing_signals(axis), own, changed)
+            missing = self._missing_signals(axis)
+            block = axis_estimates(self.model, axis, self.learning, time, missing, own, changed, bounds)
             estimates.extend(block[0])
             covariance[part, :] = covariance[:, part] = 0.0
             covariance[part, part] = block[1]

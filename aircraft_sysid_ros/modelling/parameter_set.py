@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,10 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance, residual_autocovariance
+from aircraft_sysid_ros.modelling.consistency import disagree
 from aircraft_sysid_ros.modelling.learner import AxisEstimate
 from aircraft_sysid_ros.modelling.regression import Learning
-from aircraft_sysid_ros.modelling.trust import Evidence, Trust, TrustRules, judge
+from aircraft_sysid_ros.modelling.trust import Evidence, Trust, TrustRules, Verdict, judge
 
 Array = npt.NDArray[np.float64]
 
@@ -55,30 +57,38 @@ def axis_estimates(
     missing: tuple[str, ...],
     own: AxisEstimate | None = None,
     changed: float = np.nan,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[list[ParameterEstimate], Array]:
     """Parameters of one axis at the time ``now`` [s] and their covariance (n, n).
 
     ``missing`` are the signals that the axis needs and that are not measured; ``own`` what another learner
     knows of the axis: the parameters are then its, and recursive least squares only says how the terms moved.
-    ``changed`` is the time of flight [s] of the newest change of the axis, NaN if it never did.
+    ``changed`` is the time of flight [s] of the newest change of the axis, NaN if it never did; ``bounds`` are those
+    of the aircraft file.
     """
     names = model.parameter_names[model.axis_slice(AXES[axis])]
     n, first = len(names), int(model.offsets[axis])
     known, sums = least_squares(model, axis, learning)
-    excitation, effect = np.zeros(n), np.full(n, np.inf)
+    excitation, effect, per_unit = np.zeros(n), np.full(n, np.inf), np.zeros(n)
     estimate = known if own is None else own
     if known.samples > n:
         moments = sums[0] / sums[0, n + 1, n + 1]
         excitation = _excitation(moments, learning.noise_square[first : first + n])
-        effect = _effect_of_std(moments, np.sqrt(np.diag(estimate.covariance)))
+        per_unit = _effect_of_std(moments, np.ones(n))
+        effect = per_unit * np.sqrt(np.diag(estimate.covariance))
     if estimate.excitation is not None:
         excitation = estimate.excitation
+    std_known, std_own = np.sqrt(np.diag(known.covariance)), np.sqrt(np.diag(estimate.covariance))
+    apart = disagree(estimate.theta, known.theta, std_own, std_known, per_unit)
     estimates = []
     for j, name in enumerate(names):
         value, std = float(estimate.theta[j]), float(np.sqrt(estimate.covariance[j, j]))
         excited = float(excitation[j])
-        evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing)
+        limits = (bounds or {}).get(name, (-np.inf, np.inf))
+        evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing, limits)
         verdict = judge(evidence, TrustRules())
+        if verdict.status == Trust.USE and apart[j]:
+            verdict = Verdict(Trust.HOLD, f"recursive least squares says {known.theta[j]:.3g}")
         reason = verdict.reason
         if verdict.status == Trust.HOLD and np.isfinite(changed):
             reason = f"relearning since a change at {changed:.1f} s: {reason}"

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_programs
 from aircraft_sysid_ros.aircraft.rigid_body import coefficients_of, moment_at_reference
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
@@ -28,6 +29,8 @@ LARGEST_CONSISTENCY = 4.0
 #: Nor with biases that no working IMU has: it is mounted or scaled in another way than the recording says.
 LARGEST_ACCELEROMETER_BIAS = 2.0  # [m/s^2]
 LARGEST_GYRO_BIAS = 0.3  # [rad/s]
+#: Variance of the parameters before any data, over that of the coefficient noise.
+PRIOR_VARIANCE = 1e8
 #: Forgetting stops where a parameter makes the prediction this uncertain, over the noise variance.
 LARGEST_PREDICTION_VARIANCE = 10.0
 
@@ -81,6 +84,28 @@ class Learning(NamedTuple):
     doubt: Array  # (6,) newest variance of the measured coefficient from the accelerometer bias
     prior: Array  # (6, n, n) information of what was known before the axis changed, over the noise; 0: it never did
     prior_variance: Array  # (6,) of the noise before the change
+
+
+def new_learning(model: AerodynamicModel, lags: int) -> Learning:
+    """Nothing learnt yet of a model; ``lags`` of the sums, in evaluations."""
+    counts = np.diff(model.offsets)
+    n, total = int(counts.max()), int(counts.sum())
+    return Learning(
+        offsets=model.offsets,
+        theta=np.zeros((6, n)),
+        p=np.tile(PRIOR_VARIANCE * np.eye(n), (6, 1, 1)),
+        sums=np.zeros((6, lags, n + 2, n + 2)),
+        recent=np.full((6, lags, n + 2), np.nan),
+        term_mean=np.full(total, np.nan),
+        term_square=np.zeros(total),
+        noise_square=np.zeros(total),
+        updates=np.zeros(6, np.int64),
+        last_learnt=np.full(total, np.nan),
+        last_valid=np.full(6, -np.inf),
+        doubt=np.zeros(6),
+        prior=np.zeros((6, n, n)),
+        prior_variance=np.zeros(6),
+    )
 
 
 class Tuning(NamedTuple):

@@ -81,7 +81,7 @@ class Changes:
 
     def summary(self) -> dict[str, Any]:
         """Number of alarms, and the newest: time [s] of flight and axes."""
-        newest = np.nanmax(self.times) if self.counts.any() else np.nan
+        newest = np.nanmax(self.times) if np.isfinite(self.times).any() else np.nan
         axes = [AXES[axis] for axis in np.flatnonzero(self.times == newest)]
         return {"changes": int(self.counts.sum()), "last_change": " ".join([f"{newest:.1f} s", *axes] if axes else [])}
 
@@ -95,6 +95,13 @@ class Changes:
         """Whether a look is due before what is at ``time`` [s] is learnt from."""
         before, self._slot = self._slot, float(np.floor(time / LOOK))
         return bool(self._slot != before)
+
+    def undo(self, axis: int, times: Array) -> None:
+        """An axis has gone back to what it knew before; ``times`` (2,) as it then had them: since, times."""
+        self.since[axis], self.times[axis] = times
+        self.monitor.forget(axis)
+        self._points.clear()
+        self._snapshots.clear()
 
     def take(self, points: Array) -> None:
         """New points (m, …) of ``Point``, predicted by recursive least squares."""

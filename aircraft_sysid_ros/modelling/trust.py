@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +44,7 @@ class Evidence:
     effect_of_std: float  # one standard error's share of the coefficient, over the coefficient's spread
     samples: int
     missing: tuple[str, ...]  # signals that its axis needs and that are not measured
+    bounds: tuple[float, float] = (-np.inf, np.inf)  # of the aircraft file
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,15 @@ def physical_bounds(name: str) -> tuple[float, float]:
     return PHYSICAL_BOUNDS.get(name, (-limit, limit))
 
 
+def check_bounds(bounds: Mapping[str, tuple[float, float]]) -> None:
+    """Raises InputError where bounds of the aircraft file leave nothing of what aeroplanes have."""
+    for name, (low, high) in bounds.items():
+        lowest, highest = physical_bounds(name)
+        if low > highest or high < lowest:
+            have, given = f"{lowest:g} to {highest:g}", f"{low:g} to {high:g}"
+            raise InputError(f"parameter_bounds {name} must meet what aeroplanes have, {have}: {given} does not")
+
+
 def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
     """The verdict on one parameter."""
     e = evidence
@@ -83,12 +96,18 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
     if e.value - 2.0 * e.std > high or e.value + 2.0 * e.std < low:
         bounds = f"({low:g} to {high:g})"
         return Verdict(Trust.REJECT, f"{e.value:.3g} is outside of what aeroplanes have {bounds}")
+    lowest, highest = e.bounds
+    outside = f"{e.value:.3g} is outside of the bounds of the aircraft file ({lowest:g} to {highest:g})"
+    if e.value - 2.0 * e.std > highest or e.value + 2.0 * e.std < lowest:
+        return Verdict(Trust.REJECT, outside)
     if e.std > rules.relative_error * abs(e.value) and e.effect_of_std > rules.negligible:
         share = 100 * e.std / max(abs(e.value), 1e-12)
         return Verdict(Trust.HOLD, f"its standard error is {share:.0f} % of its value")
     if not low <= e.value <= high:
         sign = "has the sign that aeroplanes do not have, within its error"
         return Verdict(Trust.HOLD, f"{e.value:.3g} {sign}")
+    if not lowest <= e.value <= highest:
+        return Verdict(Trust.HOLD, f"{outside}, within its error")
     if e.std > rules.relative_error * abs(e.value):
         small = f"{rules.negligible:.0%}"
         return Verdict(Trust.USE, f"small: its standard error moves the coefficient by less than {small}")

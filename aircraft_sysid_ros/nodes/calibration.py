@@ -19,6 +19,12 @@ def declare_calibration(node: Any) -> None:
     node.declare_parameter("calibration_file", "", ParameterDescriptor(description=text))
 
 
+def declare_air_data_errors(node: Any) -> None:
+    """Declare the parameter of the node that has the filter."""
+    text = "Scales and offsets of airspeed, alpha and beta are states of the filter too, begun by calibration_file."
+    node.declare_parameter("air_data_errors", False, ParameterDescriptor(description=text))
+
+
 def configured_correction(node: Any) -> Correction | None:
     """Correction of the parameter ``calibration_file``, compiled; None without one. Raises InputError."""
     path = node.get_parameter("calibration_file").value

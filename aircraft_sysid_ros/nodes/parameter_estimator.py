@@ -17,7 +17,12 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling import error_window as modelling
 from aircraft_sysid_ros.modelling.model_file import load_model, save_model
-from aircraft_sysid_ros.modelling.parameter_estimator import LEARNERS, ParameterEstimator, ParameterOptions
+from aircraft_sysid_ros.modelling.parameter_estimator import (
+    LEARNERS,
+    STALE,
+    ParameterEstimator,
+    ParameterOptions,
+)
 from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.nodes import common
@@ -135,6 +140,7 @@ class ParameterEstimatorNode(EstimatorNode):
             "controls_late": self.estimator.late,
             **{trust.name: statuses.count(trust) for trust in Trust},
             **self.estimator.changes.summary(),
+            **self.estimator.gates.summary(),
         }
         if self.count_publishers(STATES) > 1:
             return f"{self.count_publishers(STATES)} nodes publish {STATES}: give each aircraft a namespace", values
@@ -159,8 +165,8 @@ class ParameterEstimatorNode(EstimatorNode):
         """Publish when the time of flight says so, so that playback at any speed gives the same messages."""
         if self.estimator.newest_point is None:
             return
-        now = float(self.estimator.newest_point[0])
-        if not self._due - PERIOD <= now < self._due:
+        now = self.estimator.time
+        if not self._due - PERIOD - STALE <= now < self._due:
             self._due = now + PERIOD
             estimates, errors = self.estimator.snapshot(), self.estimator.model_error()
             if self.on_parameters is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,14 @@ from aircraft_sysid_msgs.srv import Reset
 from geometry_msgs.msg import TwistWithCovarianceStamped
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.calibration import PROBE_TOPIC, configured_correction, declare_calibration
+from aircraft_sysid_ros.nodes.calibration import (
+    PROBE_TOPIC,
+    configured_correction,
+    declare_air_data_errors,
+    declare_calibration,
+)
 from aircraft_sysid_ros.nodes.common import Option
 from aircraft_sysid_ros.nodes.estimator_node import EstimatorNode
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
@@ -50,6 +57,7 @@ class StateEstimatorNode(EstimatorNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("state_estimator", INPUTS, StateOptions(), OPTIONS, **arguments)
         declare_calibration(self)
+        declare_air_data_errors(self)
         self.rows_published = 0
         self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
         self.on_samples: Callable[[Any], None] | None = None  # and the samples
@@ -62,7 +70,14 @@ class StateEstimatorNode(EstimatorNode):
         probe = (PROBE_TOPIC,) if self._correction is not None and self._correction.uses_probe else ()
         self.received = dict.fromkeys(INPUTS + probe, 0)
         warm_up(aircraft)
-        return StateEstimator(aircraft, options)
+        options = replace(options, air_data_errors=bool(self.get_parameter("air_data_errors").value))
+        return self._started(StateEstimator(aircraft, options))
+
+    def _started(self, estimator: StateEstimator) -> StateEstimator:
+        """The filter, told what the calibration says of the air data."""
+        if self._correction is not None and estimator.options.air_data_errors:
+            estimator.take_start(start_of_calibration(self._correction.calibration))
+        return estimator
 
     def offer(self) -> None:
         """State, wind, reset."""
@@ -131,7 +146,7 @@ class StateEstimatorNode(EstimatorNode):
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self._waiting.clear()
-        self.estimator = StateEstimator(self.estimator.aircraft, self.estimator.options)
+        self.estimator = self._started(StateEstimator(self.estimator.aircraft, self.estimator.options))
         response.success, response.message = True, "the state starts anew"
         return response
 

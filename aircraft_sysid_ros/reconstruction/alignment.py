@@ -130,11 +130,11 @@ class Alignment:
         self, now: float, x: Array, p: Array, rotation: Array, wind: Array, std: Array
     ) -> None:
         """From air data where they are there, whatever the heading; else from velocity, attitude and wind."""
-        airspeed = self._recent(Kind.AIRSPEED, now, 0.5)
-        if airspeed is not None and airspeed[0] > self._flying_speed:
-            x[AIR_VELOCITY] = airspeed[0] * self._motion(now)
+        flow = self.air_data(now)
+        if flow is not None:
+            x[AIR_VELOCITY] = flow[0] * self._motion(now)
             across = AIR_ANGLE_STD if self._has_angles(now) else UNKNOWN_ANGLE_STD
-            _set_block(p, D_AIR_VELOCITY, np.diag([AIRSPEED_STD**2, *[(airspeed[0] * across) ** 2] * 2]))
+            _set_block(p, D_AIR_VELOCITY, np.diag([AIRSPEED_STD**2, *[(flow[0] * across) ** 2] * 2]))
             return
         x[AIR_VELOCITY] = rotation.T @ (x[VELOCITY] - wind)
         p[D_AIR_VELOCITY:, D_AIR_VELOCITY:] = 0.0
@@ -145,6 +145,13 @@ class Alignment:
         p[:, D_AIR_VELOCITY:] = p @ to_air.T
         of_wind = rotation.T @ np.diag(std**2) @ rotation
         p[D_AIR_VELOCITY:, D_AIR_VELOCITY:] = to_air @ p[:, D_AIR_VELOCITY:] + of_wind
+
+    def air_data(self, now: float) -> Array | None:
+        """V, alpha, beta (3,) that the air velocity of a start comes from, NaN where an angle is not there; or None."""
+        airspeed = self._recent(Kind.AIRSPEED, now, 0.5)
+        if airspeed is None or not airspeed[0] > self._flying_speed:
+            return None
+        return np.array([airspeed[0], *self._angles(now)])
 
     def _recent(self, kind: Kind, now: float, age: float) -> Array | None:
         time, values = self._newest.get(kind, (-np.inf, None))
@@ -194,9 +201,13 @@ class Alignment:
 
     def _motion(self, now: float) -> Array:
         """Direction of motion through the air, body axes: from alpha and beta, else straight ahead."""
-        angles = [self._recent(kind, now, 0.5) for kind in (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)]
-        alpha, beta = (0.0 if a is None or abs(a[0]) > 1.0 else float(a[0]) for a in angles)
+        alpha, beta = (0.0 if np.isnan(angle) else angle for angle in self._angles(now))
         return np.asarray(velocity_from_air_data(1.0, alpha, beta))
+
+    def _angles(self, now: float) -> list[float]:
+        """Alpha and beta [rad], NaN where they are not measured or are none."""
+        angles = [self._recent(kind, now, 0.5) for kind in (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)]
+        return [np.nan if a is None or abs(a[0]) > 1.0 else float(a[0]) for a in angles]
 
 
 def triad(first_b: Array, second_b: Array, first_n: Array, second_n: Array) -> Array:

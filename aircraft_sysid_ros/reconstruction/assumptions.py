@@ -29,7 +29,6 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_AIR_VELOCITY,
     D_ATTITUDE,
     D_VELOCITY,
-    ERROR_SIZE,
     Memory,
     Setup,
 )
@@ -74,7 +73,7 @@ def is_inferred(kind: int, time: float, x: Array, p: Array, memory: Memory) -> b
 
 @njit(cache=True)
 def assumption(kind: int, x: Array, h: Array) -> tuple[float, float]:
-    """Residual and variance of a pseudo-measurement, and its row h (1, 18): sideslip, or the vertical wind."""
+    """Residual and variance of a pseudo-measurement, and its row h (1, n): sideslip, or the vertical wind."""
     h[:] = 0.0
     v = x[AIR_VELOCITY]
     if kind == _BETA:
@@ -93,13 +92,13 @@ def assumption(kind: int, x: Array, h: Array) -> tuple[float, float]:
 
 @njit(cache=True)
 def update_by(kind: int, x: Array, p: Array) -> Array:
-    """Error (18,) by which a pseudo-measurement moves the state x (19,); the covariance p (18, 18) is updated."""
-    h = np.empty((1, ERROR_SIZE))
+    """Error (n,) by which a pseudo-measurement moves the state x; the covariance p (n, n), n >= 18, is updated."""
+    h = np.empty((1, len(p)))
     residual, variance = assumption(kind, x, h)
     noise = np.full(1, variance)
     k_gain, _ = gain(p, h, noise)
     if not np.isfinite(k_gain[0, 0]):
-        return np.zeros(ERROR_SIZE)
+        return np.zeros(len(p))
     joseph_update(p, k_gain, h, noise)
     return k_gain[:, 0] * residual
 

@@ -9,11 +9,12 @@ from numba import njit
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, right_jacobian
 from aircraft_sysid_ros.estimation.iterated_ekf import gain, joseph_update, solve_factored, symmetrise
+from aircraft_sysid_ros.reconstruction.air_data_errors import settle
 from aircraft_sysid_ros.reconstruction.assumptions import is_due, update_by
 from aircraft_sysid_ros.reconstruction.flight_tape import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import propagate
-from aircraft_sysid_ros.reconstruction.state import ATTITUDE, D_ATTITUDE, ERROR_SIZE, Memory, Setup
+from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, D_ATTITUDE, ERROR_SIZE, Memory, Setup
 from aircraft_sysid_ros.reconstruction.state_row import write_row
 from aircraft_sysid_ros.samples import Kind
 
@@ -39,7 +40,7 @@ RUNNING, GAP, DIVERGED = 0, 1, 2
 
 @njit(cache=True)
 def retract(x: Array, delta: Array) -> Array:
-    """State x (19,) moved by the error delta (18,): added, and for the attitude turned."""
+    """State x (19,) or (25,) moved by the error delta (18,) or (24,): added, and for the attitude turned."""
     moved = np.empty(len(x))
     turned = quaternion_product(x[ATTITUDE], quaternion_exp(delta[D_ATTITUDE : D_ATTITUDE + 3]))
     norm = np.sqrt(turned[0] ** 2 + turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
@@ -63,13 +64,13 @@ def _turn_attitude_columns(h: Array, jacobian: Array) -> None:
 
 @njit(cache=True)
 def turn_attitude_error(p: Array, jacobian: Array) -> None:
-    """Covariance p (18, 18) after the attitude error is multiplied by ``jacobian`` (3, 3), in place."""
+    """Covariance p (n, n) after the attitude error is multiplied by ``jacobian`` (3, 3), in place."""
     a, b, c = D_ATTITUDE, D_ATTITUDE + 1, D_ATTITUDE + 2
-    for j in range(ERROR_SIZE):
+    for j in range(len(p)):
         v0, v1, v2 = p[a, j], p[b, j], p[c, j]
         for i in range(3):
             p[a + i, j] = jacobian[i, 0] * v0 + jacobian[i, 1] * v1 + jacobian[i, 2] * v2
-    for j in range(ERROR_SIZE):
+    for j in range(len(p)):
         v0, v1, v2 = p[j, a], p[j, b], p[j, c]
         for i in range(3):
             p[j, a + i] = jacobian[i, 0] * v0 + jacobian[i, 1] * v1 + jacobian[i, 2] * v2
@@ -93,12 +94,18 @@ def measurement_variance(kind: int, values: Array, setup: Setup) -> Array:
 def fuse(
     kind: int, values: Array, x: Array, p: Array, rate: Array, time: float, setup: Setup, memory: Memory
 ) -> None:
-    """One measurement update (3.15)-(3.18) on the state x (19,) and p (18, 18), in place, with its gate."""
-    residual, h_full = np.empty(3), np.empty((3, ERROR_SIZE))
+    """One measurement update (3.15)-(3.18) on the state x and p, in place, with its gate.
+
+    x (19,), p (18, 18), or x (25,), p (24, 24) with errors of the air data.
+    """
+    n = len(p)
+    residual, h_full = np.empty(3), np.empty((3, n))
     variance = measurement_variance(kind, values, setup)
-    eta, delta = x, np.zeros(ERROR_SIZE)
+    eta, delta = x, np.zeros(n)
     count = 0
-    for iteration in range(setup.maximum_iterations):
+    # with errors of the air data as states an update is one of what they show, in which they are linear
+    is_linear = n > ERROR_SIZE and (kind == _AIRSPEED or kind == _ALPHA or kind == _BETA)
+    for iteration in range(1 if is_linear else setup.maximum_iterations):
         count = residual_and_jacobian(kind, values, eta, rate, setup, residual, h_full)
         if count == 0 or not np.all(np.isfinite(residual)):
             memory.skipped[kind] += 1
@@ -108,7 +115,7 @@ def fuse(
             _turn_attitude_columns(h, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
         total = residual[:count]
         for i in range(count):
-            for k in range(ERROR_SIZE):
+            for k in range(n):
                 total[i] += h[i, k] * delta[k]
         k_gain, factor = gain(p, h, variance)
         if not np.isfinite(k_gain[0, 0]):
@@ -117,7 +124,7 @@ def fuse(
         if iteration == 0 and not _passes_gate(kind, total, factor, time, setup, memory):
             return
         change = 0.0
-        for k in range(ERROR_SIZE):
+        for k in range(n):
             moved = 0.0
             for i in range(count):
                 moved += k_gain[k, i] * total[i]
@@ -130,6 +137,8 @@ def fuse(
     joseph_update(p, k_gain, h, variance)
     # from the error about the predicted attitude to that about the updated one
     turn_attitude_error(p, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
+    if n > ERROR_SIZE:
+        settle(air_velocity_at(x, rate, setup.probe_from_imu), x, delta, eta, p)
     x[:] = eta
     memory.last_fused[kind] = time
 
@@ -211,7 +220,10 @@ def _assume(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> No
         if is_due(kind, time, setup, x, memory):
             delta = update_by(kind, x, p)
             turn_attitude_error(p, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
-            x[:] = retract(x, delta)
+            moved = retract(x, delta)
+            if len(p) > ERROR_SIZE:
+                settle(x[AIR_VELOCITY].copy(), x, delta, moved, p)
+            x[:] = moved
             memory.assumed[kind] = time
 
 

@@ -24,6 +24,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     rotation_matrix,
     times,
 )
+from aircraft_sysid_ros.reconstruction.air_data_errors import shown
 from aircraft_sysid_ros.reconstruction.state import (
     AIR_VELOCITY,
     ATTITUDE,
@@ -34,6 +35,7 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_VELOCITY,
     GYRO_BIAS,
     POSITION,
+    STATE_SIZE,
     VELOCITY,
     Setup,
 )
@@ -95,17 +97,20 @@ def _air_data(
     v = air_velocity_at(x, rate, place)
     uw = np.sqrt(v[0] * v[0] + v[2] * v[2])
     if kind == _AIRSPEED:
-        residual[0] = value - np.sqrt(uw * uw + v[1] * v[1])
+        predicted = np.sqrt(uw * uw + v[1] * v[1])
     elif kind == _ALPHA:
-        residual[0] = wrap(value - np.arctan2(v[2], v[0]))
+        predicted = np.arctan2(v[2], v[0])
     else:
-        residual[0] = value - np.arctan2(v[1], uw)
+        predicted = np.arctan2(v[1], uw)
     g = air_data_gradient(kind, v)
     for i in range(3):
         h[0, D_AIR_VELOCITY + i] = g[i]
     h[0, D_GYRO_BIAS] = g[1] * place[2] - g[2] * place[1]  # d(omega x r)/d(b_g) = [r x]
     h[0, D_GYRO_BIAS + 1] = g[2] * place[0] - g[0] * place[2]
     h[0, D_GYRO_BIAS + 2] = g[0] * place[1] - g[1] * place[0]
+    if len(x) > STATE_SIZE:
+        predicted = shown(kind, predicted, x, h)
+    residual[0] = wrap(value - predicted) if kind == _ALPHA else value - predicted
     return 1
 
 
@@ -160,6 +165,8 @@ def residual_and_jacobian(
     kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual: Array, h: Array
 ) -> int:
     """Fill residual (3,) = y - h(x) and h (3, 18); returns the number of outputs, 0: nothing to fuse.
+
+    With errors of the air data among the states x is (25,) and h (3, 24).
 
     ``rate`` is the angular rate as measured at that time (3,) [rad/s].
     """

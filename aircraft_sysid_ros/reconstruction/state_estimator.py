@@ -10,12 +10,21 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.earth import gravity
-from aircraft_sysid_ros.reconstruction.alignment import WIND_STD, Alignment, keep_biases
+from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.reconstruction.air_data_errors import (
+    StartValues,
+    error_table,
+    extended,
+    with_start,
+    without_errors,
+)
+from aircraft_sysid_ros.reconstruction.alignment import Alignment, keep_biases
+from aircraft_sysid_ros.reconstruction.filter_setup import SENSOR_OF_KIND, gate_thresholds, new_setup, sensor_scales
 from aircraft_sysid_ros.reconstruction.flight_tape import STEP_WIDTH, FlightTape
 from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.state import (
+    ATTITUDE,
     D_ACCELEROMETER_BIAS,
     D_AIR_VELOCITY,
     D_GYRO_BIAS,
@@ -33,21 +42,6 @@ from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
 
 Array = npt.NDArray[np.float64]
 
-#: Which sensor of the aircraft file a kind of sample comes from.
-SENSOR_OF_KIND = {
-    Kind.IMU: "accelerometer",
-    Kind.ATTITUDE: "attitude",
-    Kind.MAGNETIC_FIELD: "magnetometer",
-    Kind.GPS_POSITION: "gps_position",
-    Kind.GPS_VELOCITY: "gps_velocity",
-    Kind.AIRSPEED: "airspeed",
-    Kind.ANGLE_OF_ATTACK: "angle_of_attack",
-    Kind.SIDESLIP: "sideslip",
-    Kind.AIR: "static_pressure",
-    Kind.CONTROLS: "control_surfaces",
-    Kind.HEIGHT: "height_above_ground",
-    Kind.FIVE_HOLE: "five_hole_probe",
-}
 #: Kinds that the first step uses. Any other would split the integration between two IMU samples, so that the
 #: numbers depended on who else listens.
 _USED = np.isin(
@@ -69,6 +63,7 @@ class StateOptions:
     tolerance: float = 1e-3  # of (3.16), in standard deviations
     maximum_gap: float = 0.5  # [s] between IMU samples; longer, and the filter aligns anew
     divergence_time: float = 5.0  # [s] of GPS position and velocity rejected without a break: align anew
+    air_data_errors: bool = False  # scales and offsets of V, alpha and beta are states too
 
 
 def epoch_of(stamp: int) -> int:
@@ -94,28 +89,12 @@ def sensor_delays(aircraft: Aircraft) -> Array:
     return delays
 
 
-def sensor_scales(aircraft: Aircraft) -> Array:
-    """Scale of the first value by kind, shape (kinds,)."""
-    scales = np.ones(len(Kind))
-    for kind, sensor in SENSOR_OF_KIND.items():
-        scales[kind] = aircraft.sensors[sensor].scale
-    return scales
-
-
-def gate_thresholds(sigma: float) -> Array:
-    """Largest normalised innovation squared for 0 to 3 outputs, as probable as ``sigma`` in one output."""
-    from scipy.special import erf, gammaincinv  # here: 0.3 s that other users of this module do not need
-
-    inside = float(erf(sigma / np.sqrt(2.0)))
-    return np.array([0.0] + [2.0 * float(gammaincinv(0.5 * m, inside)) for m in (1, 2, 3)])
-
-
 class StateEstimator:
     """Iterated extended Kalman filter over (6.24), fed in any order within the horizon.
 
     ``push`` takes samples as they arrive and returns rows of ``state.Column``, one per IMU sample, complete
     up to ``horizon`` plus the longest sensor delay before the newest IMU stamp. With a ``tape`` it records what
-    ``smooth`` needs at the end of the flight.
+    ``smooth`` needs at the end of the flight; errors of the air data have no place on it.
     """
 
     def __init__(self, aircraft: Aircraft, options: StateOptions | None = None, tape: FlightTape | None = None) -> None:
@@ -129,6 +108,7 @@ class StateEstimator:
         self._gate = gate_thresholds(self.options.gate)
         self._scales = sensor_scales(aircraft)
         self._alignment = self._new_alignment(9.80665)
+        self._start = StartValues()
         self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
         self._setup: Setup | None = None  # known once there is an origin
         self._x = np.zeros(STATE_SIZE)
@@ -195,12 +175,27 @@ class StateEstimator:
     @property
     def state_vector(self) -> Array:
         """Copy of the newest nominal state (19,), at the place of the IMU."""
-        return self._x.copy()
+        return self._x[:STATE_SIZE].copy()
 
     @property
     def covariance(self) -> Array:
         """Copy of the covariance of its error (18, 18)."""
-        return self._p.copy()
+        return self._p[:ERROR_SIZE, :ERROR_SIZE].copy()
+
+    @property
+    def air_data_errors(self) -> dict[str, dict[str, float]]:
+        """Newest value and standard deviation of the errors of the air data by name; empty if they are no states."""
+        return error_table(self._x, self._p) if len(self._x) > STATE_SIZE else {}
+
+    def take_start(self, start: StartValues) -> None:
+        """From now on wind and errors of the air data are those of ``start``; what else is known stays.
+
+        Before the first sample it is what the flight begins with. In flight it needs the errors as states.
+        """
+        self._start = start
+        if self._aligned and self.options.air_data_errors:
+            rotation = rotation_matrix(self._x[ATTITUDE])
+            self._x, self._p = with_start(self._x, self._p, rotation, start)
 
     def summary(self) -> dict[str, Any]:
         """The content of state.json without the timing: newest biases and wind, their standard deviations."""
@@ -213,6 +208,8 @@ class StateEstimator:
             "wind_ned": (wind, wind_std),
         }
         result: dict[str, Any] = {"smoothed": self.smoothed}
+        if self.options.air_data_errors:
+            result["air_data_errors"] = self.air_data_errors
         for name, (value, std) in values.items():
             result[name] = [float(v) for v in value] if known else [None] * 3
             result[name + "_std"] = [float(v) for v in std] if known else [None] * 3
@@ -233,9 +230,9 @@ class StateEstimator:
     def _known_wind(self) -> tuple[Array, Array]:
         """Newest wind NED (3,) and its standard deviations (3,)."""
         if not self._has_biases:
-            return np.zeros(3), np.array(WIND_STD)
+            return self._start.wind, self._start.wind_std
         jacobian = wind_jacobian(self._x)
-        return wind_of(self._x), np.sqrt(np.diag(jacobian @ self._p @ jacobian.T))
+        return wind_of(self._x), np.sqrt(np.diag(jacobian @ self._p[:ERROR_SIZE, :ERROR_SIZE] @ jacobian.T))
 
     def counts(self) -> dict[str, dict[str, int]]:
         """What became of the samples, by kind."""
@@ -303,7 +300,10 @@ class StateEstimator:
     def _align(self, times: Array, kinds: npt.NDArray[np.int64], values: Array, at: int) -> int:
         """Feed the alignment until it gives a start; returns the index of the next sample."""
         for i in range(at, len(times)):
-            if not self._alignment.take(float(times[i]), int(kinds[i]), values[i]):
+            shown = values[i]
+            if self.options.air_data_errors:
+                shown = without_errors(int(kinds[i]), shown, self._known_errors()[0])
+            if not self._alignment.take(float(times[i]), int(kinds[i]), shown):
                 continue
             start = self._alignment.start(*self._known_wind())
             if start is not None:
@@ -314,6 +314,8 @@ class StateEstimator:
     def _begin(self, time: float, imu: Array, x: Array, p: Array) -> None:
         if self._has_biases:
             keep_biases(x, p, self._x, self._p)
+        if self.options.air_data_errors:
+            x, p = extended(x, p, *self._known_errors(), self._alignment.air_data(time))
         self._x, self._p = x, p
         if self._setup is None:
             self._setup = self._new_setup(imu)
@@ -323,6 +325,12 @@ class StateEstimator:
         self._aligned = self._has_biases = True
         if self.tape is not None:
             self.tape.begin(self._setup)
+
+    def _known_errors(self) -> tuple[Array, Array]:
+        """Newest errors of the air data (6,) and their covariance (6, 6)."""
+        if not self._has_biases:
+            return self._start.errors, self._start.covariance[3:, 3:]
+        return self._x[STATE_SIZE:], self._p[ERROR_SIZE:, ERROR_SIZE:]
 
     def _lose_alignment(self) -> None:
         if self._aligned:
@@ -341,43 +349,9 @@ class StateEstimator:
     def _new_alignment(self, gravity_here: float) -> Alignment:
         return Alignment(gravity_here, self.aircraft.minimum_airspeed, self.aircraft.magnetic_declination)
 
-    def _imu_variance(self, sensor: str, carried: float) -> float:
-        """From the aircraft file if it says so, else from the message, else the default."""
-        configured = self.aircraft.sensors[sensor]
-        if carried > 0.0 and not configured.noise_is_given:
-            return carried
-        return float(configured.noise[0] ** 2)
-
     def _new_setup(self, imu: Array) -> Setup:
-        aircraft, options = self.aircraft, self.options
-        origin = self._alignment.origin
-        assert origin is not None
-        variance, given = np.ones((len(Kind), 3)), np.zeros(len(Kind), np.bool_)
-        for kind, name in SENSOR_OF_KIND.items():
-            variance[kind] = np.square(aircraft.sensors[name].noise)
-            given[kind] = aircraft.sensors[name].noise_is_given
-        declination = aircraft.magnetic_declination
-        return Setup(
-            gravity=float(gravity(origin[0], origin[2])),
-            origin=origin,
-            imu_position=aircraft.imu_position,
-            gps_from_imu=aircraft.gps_position - aircraft.imu_position,
-            probe_from_imu=aircraft.air_data_position - aircraft.imu_position,
-            declination=np.nan if declination is None else float(declination),
-            minimum_airspeed=float(aircraft.minimum_airspeed),
-            variance=variance,
-            given=given,
-            accelerometer_variance=self._imu_variance("accelerometer", float(imu[6])),
-            gyro_variance=self._imu_variance("gyro", float(imu[7])),
-            accelerometer_walk=float(aircraft.process_noise["accelerometer_bias"]),
-            gyro_walk=float(aircraft.process_noise["gyro_bias"]),
-            wind_walk=float(aircraft.process_noise["wind"]),
-            gate=self._gate,
-            maximum_iterations=int(options.maximum_iterations),
-            tolerance=float(options.tolerance),
-            maximum_gap=float(options.maximum_gap),
-            divergence_time=float(options.divergence_time),
-        )
+        assert self._alignment.origin is not None
+        return new_setup(self.aircraft, self.options, self._gate, self._alignment.origin, imu)
 
 
 def warm_up(aircraft: Aircraft, *, smoother: bool = False) -> None:

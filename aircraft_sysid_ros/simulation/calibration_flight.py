@@ -54,11 +54,12 @@ class InstrumentTruth:
     def document(self) -> dict[str, Any]:
         """For truth.json, by calibration and parameter."""
         p, o = self.probe, self.outputs
+        bend = {"kappa_alpha": p.alpha_cubic, "kappa_beta": p.beta_cubic} if p.alpha_cubic or p.beta_cubic else {}
         return {
             "five_hole_probe": {
                 "lambda_V": p.airspeed_scale, "b_V": p.airspeed_offset, "lambda_alpha": p.alpha_scale,
                 "b_alpha": p.alpha_offset, "lambda_beta": p.beta_scale, "b_beta": p.beta_offset,
-                "eps_phi": p.mount_roll,
+                "eps_phi": p.mount_roll, **bend,
             },
             "magnetometer": self.magnetic,
             "compatibility": {

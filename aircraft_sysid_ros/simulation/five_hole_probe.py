@@ -26,6 +26,8 @@ class ProbeCalibration:
     beta_scale: float = 0.0
     beta_offset: float = 0.0  # [rad]
     mount_roll: float = 0.0  # [rad] eps_phi: v_body = C(eps_phi) v_probe, (37), (38)
+    alpha_cubic: float = 0.0  # [1/rad^2] not in (36): D / (K q_c) is r where r + cubic r^3 is what (36) has there
+    beta_cubic: float = 0.0
 
     def pressures(self, airspeed: Array, alpha: Array, beta: Array, density: Array) -> Array:
         """Dynamic, alpha and beta pressure [Pa] (n, 3) at true airspeed [m/s] and angles [rad] in body axes, (n,)."""
@@ -33,10 +35,10 @@ class ProbeCalibration:
             alpha, beta = self._in_probe_axes(alpha, beta)
         indicated = (airspeed - self.airspeed_offset) / (1.0 + self.airspeed_scale)
         impact = 0.5 * density * indicated**2
-        alpha_pressure = (
-            (alpha - self.alpha_offset) / (1.0 + self.alpha_scale) * self.alpha_sensitivity * impact
-        )
-        beta_pressure = (beta - self.beta_offset) / (1.0 + self.beta_scale) * self.beta_sensitivity * impact
+        alpha_ratio = bent((alpha - self.alpha_offset) / (1.0 + self.alpha_scale), self.alpha_cubic)
+        beta_ratio = bent((beta - self.beta_offset) / (1.0 + self.beta_scale), self.beta_cubic)
+        alpha_pressure = alpha_ratio * self.alpha_sensitivity * impact
+        beta_pressure = beta_ratio * self.beta_sensitivity * impact
         return np.stack([impact, alpha_pressure, beta_pressure], axis=1)
 
     def _in_probe_axes(self, alpha: Array, beta: Array) -> tuple[Array, Array]:
@@ -45,3 +47,11 @@ class ProbeCalibration:
         c, s = np.cos(self.mount_roll), np.sin(self.mount_roll)
         across, down = c * v - s * w, s * v + c * w
         return np.arctan2(down, u), np.arcsin(across)
+
+
+def bent(straight: Array, cubic: float) -> Array:
+    """r with r + cubic r^3 = straight, for cubic >= 0: Cardano's root in hyperbolic form."""
+    if cubic == 0.0:
+        return straight
+    size = 2.0 / np.sqrt(3.0 * cubic)
+    return np.asarray(size * np.sinh(np.arcsinh(3.0 * straight / size) / 3.0))

@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.workbench.markup import errors_scale, state_words
+from aircraft_sysid_ros.workbench.markup import errors_scale, scale_head, state_words
 from aircraft_sysid_ros.workbench.panel import card
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow
 from aircraft_sysid_ros.workbench.views.words import percent, symbol
@@ -23,7 +23,9 @@ class Errors:
         with card(title):
             ui.label(words).classes("soft small")
             with ui.element("div").classes("errors"):
-                for text in ("", "", "error", "noise", ""):
+                ui.label("").classes("head")
+                self._scale = ui.html("", sanitize=False)
+                for text in ("error", "noise", ""):
                     ui.label(text).classes("head")
                 for name in AXES:
                     self._row(name)
@@ -47,7 +49,8 @@ class Errors:
         with self._notes:
             for note in notes:
                 ui.label(note)
-        top = max(errors_scale(rows), *before.values(), 0.0)
+        top = errors_scale([*(row.held_out for row in rows), *before.values()])
+        self._scale.content = scale_head(top)
         for row in rows:
             self._show(row, top, before.get(row.axis))
 

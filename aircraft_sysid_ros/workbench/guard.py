@@ -18,7 +18,7 @@ Send = Callable[[Any], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 _READS = frozenset({"GET", "HEAD", "OPTIONS"})
-REFUSED = b"refused: this request does not come from the page of this program\n"
+REFUSED = b"refused: not from the page of this program; open the address that aircraft-sysid workbench has printed\n"
 
 
 class SameOrigin:
@@ -26,7 +26,8 @@ class SameOrigin:
 
     def __init__(self, app: App, host: str) -> None:
         self.app = app  # NiceGUI looks for its application here
-        self._names = {"localhost", host.lower(), socket.gethostname().lower()}
+        own = socket.gethostname().lower()
+        self._names = {"localhost", host.lower(), own, f"{own}.local"}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request or websocket."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.live_flight import LiveFlight
@@ -57,8 +58,9 @@ class LiveSession:
         self._process.join()
         self._thread.join(timeout=2.0)
 
-    def wait(self, timeout: float) -> None:
-        """Block until the link listens. Raises InputError with the sentence where it cannot."""
+    def wait(self, timeout: float, tell: Callable[[str, float], None] = lambda what, share: None) -> None:
+        """Block until the link listens; ``tell`` hears of it. Raises InputError with the sentence where it cannot."""
+        tell("starting ROS 2", 0.0)
         if not self._ready.wait(timeout):
             raise InputError(f"ROS 2 did not start within {timeout:g} s")
         if self.problem:

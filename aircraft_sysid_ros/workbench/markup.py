@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
 from aircraft_sysid_ros.workbench.views.history import VersionRow
-from aircraft_sysid_ros.workbench.views.parameters import STATUS_WORDS, ParameterRow
+from aircraft_sysid_ros.workbench.views.parameters import INTERVAL, STATUS_WORDS, ParameterRow
 from aircraft_sysid_ros.workbench.views.states import Consistency
 from aircraft_sysid_ros.workbench.views.words import percent, symbol
 
@@ -26,6 +29,17 @@ LIVE_LEGEND = (
     '<span class="key" style="color:var(--predicted)"><span>predicted before it was learnt from</span></span>'
     '<span class="key" style="color:var(--residual)"><span>left over</span></span>'
     '<span class="key dashes" style="color:var(--second)"><span>the model was changed</span></span>'
+)
+TRACE_LEGEND = (
+    '<div class="legend"><span class="key glyph" style="color:var(--residual)" data-glyph="●"><span>samples of stage 1'
+    '</span></span><span class="key glyph" style="color:var(--ink)" data-glyph="◇"><span>minimum that stage 1 reached'
+    '</span></span><span class="key dashes" style="color:var(--predicted)"><span>estimate</span></span>'
+    '<span class="key shaded" style="--shade:var(--mark)"><span>its 95 % interval</span></span></div>'
+)
+RESIDUAL_LEGEND = (
+    '<div class="legend"><span class="key glyph" style="color:var(--noise)" data-glyph="○"><span>before</span></span>'
+    '<span class="key glyph" style="color:var(--residual)" data-glyph="●"><span>after</span></span>'
+    '<span class="key shaded"><span>wind circles and pushover-pullups</span></span></div>'
 )
 SECOND_KEY = '<span class="key" style="color:var(--second)"><span>version {}</span></span>'
 
@@ -50,15 +64,26 @@ def axis_head(row: AxisRow) -> str:
     return element("div", "".join(parts), class_="axis-head")
 
 
-def errors_scale(rows: Iterable[AxisRow]) -> float:
-    """The error that fills a bar: of all versions the largest, or a tenth of the spread."""
-    return max(0.1, *(row.held_out or 0.0 for row in rows))
+def errors_scale(errors: Iterable[float | None]) -> float:
+    """The error that fills a bar: 0.1, 0.2, 0.5, 1, ... of the spread, the least that none of these errors exceeds."""
+    top = max((e for e in errors if e is not None and math.isfinite(e)), default=0.0)
+    scale, steps = 0.1, itertools.cycle((2.0, 2.5, 2.0))
+    while scale < top:
+        scale *= next(steps)
+    return scale
+
+
+def scale_head(top: float) -> str:
+    """Both ends of the bars, as the head of their column."""
+    ends = element("span", "0") + element("span", f"{100 * top:.0f} % of spread")
+    return element("div", ends, class_="scale", data_testid="scale")
 
 
 def errors_table(rows: Sequence[AxisRow]) -> str:
     """Errors of all axes as bars with numbers."""
-    top = errors_scale(rows)
-    cells = [element("span", text, class_="head") for text in ("", "", "error %", "noise %", "")]
+    top = errors_scale(row.held_out for row in rows)
+    cells = [element("span", "", class_="head"), scale_head(top)]
+    cells += [element("span", text, class_="head") for text in ("error %", "noise %", "")]
     for row in rows:
         cells.append(element("span", symbol(row.axis), class_="sym"))
         if row.held_out is None or row.floor is None:
@@ -145,7 +170,7 @@ def parameters_beside(
     for name in dict.fromkeys((*left, *right)):
         cells = [element("td", _value(side.get(name)), class_="n") for side in (left, right)]
         body.append(element("tr", element("td", escape(name), class_="mono") + "".join(cells)))
-    return _table(body)
+    return element("p", "Estimate ± half of its 95 % interval", class_="soft small") + _table(body)
 
 
 def _value(p: Mapping[str, Any] | None) -> str:
@@ -153,7 +178,7 @@ def _value(p: Mapping[str, Any] | None) -> str:
         return '<span class="soft">not in the model</span>'
     if p["value"] is None or p["std"] is None:
         return escape(p["reason"] or "not known")
-    return f'{_number(p["value"])} <span class="soft">± {_number(p["std"], 2)}</span>'
+    return f'{_number(p["value"])} <span class="soft">± {_number(INTERVAL * p["std"], 2)}</span>'
 
 
 def parameter_table(rows: Sequence[ParameterRow], chosen: str = "", linked: bool = True) -> str:
@@ -202,7 +227,7 @@ def consistency_table(rows: Sequence[Consistency]) -> str:
 
 
 def state_table(state: Mapping[str, Any]) -> str:
-    """Wind and biases of the content of one AircraftState with two standard errors."""
+    """Wind and biases of the content of one AircraftState with half of their 95 % intervals."""
     heads = ("", "x, north", "y, east", "z, down")
     body = [element("tr", "".join(element("th", h, class_="n" if i else "") for i, h in enumerate(heads)))]
     listed = (("wind [m/s]", "wind_ned", 15), ("accelerometer bias [m/s²]", "accelerometer_bias", 9),
@@ -210,10 +235,63 @@ def state_table(state: Mapping[str, Any]) -> str:
     for title, name, first in listed:
         cells = [element("td", title)]
         for k, value in enumerate(state[name]):
-            sigma = _number(2.0 * state["standard_deviations"][first + k], 2)
-            cells.append(element("td", f'{_number(value, 3)} <span class="soft">± {sigma}</span>', class_="n"))
+            half = _number(INTERVAL * state["standard_deviations"][first + k], 2)
+            cells.append(element("td", f'{_number(value, 3)} <span class="soft">± {half}</span>', class_="n"))
         body.append(element("tr", "".join(cells)))
-    return element("p", escape(state["status_text"]), class_="soft small") + _table(body)
+    words = f"{state['status_text']}. ± is half of the 95 % interval."
+    return element("p", escape(words), class_="soft small") + _table(body)
+
+
+def calibration_facts(view: CalibrationView) -> str:
+    """What was calibrated from what, for a header."""
+    return f"{escape(view.what)} · {escape(view.recording)} · {view.seconds:.0f} s of flight used"
+
+
+def calibration_words(view: CalibrationView) -> str:
+    """What was calibrated, and what its numbers mean."""
+    text = f"{calibration_facts(view)}. Standard errors allow for residuals that are correlated."
+    return element("p", text, class_="soft small")
+
+
+def calibration_table(view: CalibrationView) -> str:
+    """Estimates with standard errors, and what is wrong with those that should not be used."""
+    heads = ("parameter", "unit", "estimate", "standard error", "95 % interval", "", "why")
+    body = [element("tr", "".join(element("th", h, class_="n" if 1 < i < 5 else "") for i, h in enumerate(heads)))]
+    for p in view.parameters:
+        cells = [element("td", escape(p.name), class_="mono"), element("td", escape(p.unit or "–"), class_="soft")]
+        known = p.determined and p.value is not None and p.std is not None
+        interval = f"{_number(p.value - INTERVAL * p.std)} to {_number(p.value + INTERVAL * p.std)}" if known else "–"  # type: ignore[operator]
+        shown = (_number(p.value), _number(p.std, 3)) if known else ("–", "–")
+        cells += [element("td", text, class_="n") for text in (*shown, interval)]
+        state = "hold" if not p.determined else "reject"
+        cells.append(element("td", element("span", escape(p.state), class_=f"status {state}")))
+        cells.append(element("td", escape(p.reason.removeprefix(p.state).lstrip(" ,:")), class_="soft small"))
+        body.append(element("tr", "".join(cells)))
+    return _table(body)
+
+
+def residuals_table(view: CalibrationView) -> str:
+    """Rms of the residuals of every output, before and after."""
+    heads = ("output", "rms before", "rms after", "after over before")
+    body = [element("tr", "".join(element("th", h, class_="n" if i else "") for i, h in enumerate(heads)))]
+    for output in view.outputs:
+        before, after = output.rms_before, output.rms_after
+        share = f"{percent(after / before)} %" if before and after is not None else "–"
+        cells = [element("td", text, class_="n") for text in (_number(before), _number(after), share)]
+        body.append(element("tr", element("td", escape(output.name), class_="mono") + "".join(cells)))
+    return _table(body)
+
+
+def models_table(view: CalibrationView) -> str:
+    """Models that were tried, with their residuals in parts of the flight that were left out."""
+    heads = ("model", "rms where left out", "better by [standard errors]", "")
+    body = [element("tr", "".join(element("th", h, class_="n" if i in (1, 2) else "") for i, h in enumerate(heads)))]
+    for model in view.models:
+        cells = [element("td", _number(n, d), class_="n") for n, d in ((model.rms, 4), (model.better_by, 2))]
+        cells.append(element("td", "used" if model.is_used else "", class_="soft"))
+        name = element("td", escape(model.words))
+        body.append(element("tr", name + "".join(cells), class_="now" if model.is_used else ""))
+    return _table(body)
 
 
 def _number(value: float | None, digits: int = 4) -> str:

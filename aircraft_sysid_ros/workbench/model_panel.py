@@ -150,7 +150,6 @@ class ModelPanel(Panel):
             self.look_at((middle - 0.5 * factor * size, middle + 0.5 * factor * size))
 
 
-
 def errors_before(view: RunView) -> dict[str, float]:
     """Errors by axis of the version that the current one was made from."""
     current = next(v for v in view.versions if v.identifier == view.current)

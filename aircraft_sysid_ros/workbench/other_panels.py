@@ -11,6 +11,12 @@ from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, history_figure, parameter_rows
 
+#: Where there is nothing to compare with.
+ONE_VERSION = (
+    "There is one version only. Add an effect or a term in the view Model, under Why or Add (or in a terminal: "
+    "aircraft-sysid add {} dihedral_alpha), and the new version stands here beside this one."
+)
+
 
 class VersionsPanel(Panel):
     """The history of the model, and two versions side by side."""
@@ -24,6 +30,9 @@ class VersionsPanel(Panel):
                 )
                 self._table = ui.html("", sanitize=False).props("data-testid=history")
             with card("Two versions side by side"):
+                self._lonely = ui.label("").props("data-testid=one-version")
+                self._pair = ui.element("div").style("width:100%")
+            with self._pair:
                 with ui.row().style("gap:14px; margin:10px 0; align-items:center"):
                     self._one = ui.select([], label="one", on_change=self._beside).props("outlined dense")
                     self._other = ui.select([], label="the other", on_change=self._beside).props("outlined dense")
@@ -39,6 +48,9 @@ class VersionsPanel(Panel):
         self._rows = {row.identifier: row for row in history(view.versions, view.current, view.comparisons)}
         self._table.content = markup.history_table(list(self._rows.values()))
         names = {row.identifier: f"{row.identifier}, {row.words}" for row in self._rows.values() if row.axes}
+        self._lonely.text = ONE_VERSION.format(view.name) if len(names) < 2 else ""
+        self._lonely.set_visibility(len(names) < 2)
+        self._pair.set_visibility(len(names) > 1)
         current = self._rows[view.current]
         first = next(
             (name for name in (*current.parents, *names) if name in names and name != view.current), view.current

@@ -7,7 +7,10 @@ from html import escape
 from nicegui import events, ui
 
 from aircraft_sysid_ros.diagnosis.compare import Comparison
+from aircraft_sysid_ros.workbench.calibration_panel import CalibrationPanel
+from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder
 from aircraft_sysid_ros.workbench.frame import Frame
+from aircraft_sysid_ros.workbench.markup import element
 from aircraft_sysid_ros.workbench.model_panel import ModelPanel
 from aircraft_sysid_ros.workbench.other_panels import ParametersPanel, StatePanel, VersionsPanel
 from aircraft_sysid_ros.workbench.panel import Panel
@@ -15,6 +18,9 @@ from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.session import Session
 from aircraft_sysid_ros.workbench.views.history import effect_name
 from aircraft_sysid_ros.workbench.worker import DIAGNOSE, LOAD, RECORD
+
+#: Why less is compared than was recorded.
+COMPARED = "compared is the longest stretch in flight, from when the filter has settled to its last whole window"
 
 
 class Page(Frame):
@@ -33,12 +39,17 @@ class Page(Frame):
     def views(self) -> dict[str, Panel]:
         """All that is known of a run."""
         self._model = ModelPanel(self)
-        return {
+        found: dict[str, Panel] = {
             "Model": self._model,
             "Versions": VersionsPanel(self),
             "Parameters": ParametersPanel(self),
             "State": StatePanel(self),
         }
+        folder = self.session.calibration
+        if folder is not None:
+            self._calibrated = folder.revision
+            found["Calibration"] = CalibrationPanel(self, folder)
+        return found
 
     @property
     def view(self) -> RunView:
@@ -62,6 +73,8 @@ class Page(Frame):
     def follow(self) -> None:
         """Show what the session holds now."""
         session = self.session
+        if session.calibration is not None:
+            self._follow_calibration(session.calibration)
         if session.busy:
             self._progress()
         if session.revision == self._seen:
@@ -79,6 +92,12 @@ class Page(Frame):
                 panel.refresh()
         self.allow()
 
+    def _follow_calibration(self, folder: CalibrationFolder) -> None:
+        folder.look()
+        if folder.revision != self._calibrated:
+            self._calibrated = folder.revision
+            self.panels["Calibration"].refresh()
+
     def redraw_model(self) -> None:
         """The time plots, after another version was chosen to be drawn as well."""
         self._model.draw()
@@ -92,7 +111,8 @@ class Page(Frame):
         view = self.view
         has = ", ".join(escape(effect_name(label)) for label in view.changes)
         model = f'model <span class="mono" data-testid="model">{escape(view.current)}</span>'
-        return f"{escape(view.name)} · {view.duration:.0f} s of flight · {model}" + (f", with {has}" if has else "")
+        lengths = element("span", view.lengths, title=COMPARED, data_testid="lengths")
+        return f"{escape(view.name)} · {lengths} · {model}" + (f", with {has}" if has else "")
 
     def _say(self) -> None:
         """One line under the header: work under way, what came of the last, or why the run cannot be read."""

@@ -80,7 +80,8 @@ def side_tabs(panels: Mapping[str, Panel]) -> None:
 def plot(made: Figure, words: str) -> ui.plotly:
     """A figure with what it shows, for those who cannot see it."""
     found = ui.plotly(made).classes("plot").style(f"height:{made['layout']['height']}px")
-    return found.props(f'role=img aria-label="{words}"')
+    quoted = words.replace("\\", "").replace('"', "'")
+    return found.props(f'role=img aria-label="{quoted}"')
 
 
 def picked(place: ui.element, choose: Callable[[str], None]) -> None:

@@ -11,8 +11,9 @@ from string import Template
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView
-from aircraft_sysid_ros.workbench.views import candidates, coefficients, places, states
+from aircraft_sysid_ros.workbench.views import calibration, candidates, coefficients, places, states
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
 from aircraft_sysid_ros.workbench.views.history import effect_name, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
@@ -66,10 +67,13 @@ class _File:
         self.boxes.append(markup.element("h2", escape(title), class_="part"))
 
 
-def report_html(view: RunView, record: FlightRecord | None, truth: TruthView = NO_TRUTH) -> str:
-    """The whole file."""
-    from plotly.offline import get_plotlyjs
-
+def report_html(
+    view: RunView,
+    record: FlightRecord | None,
+    truth: TruthView = NO_TRUTH,
+    calibrated: CalibrationView | None = None,
+) -> str:
+    """The whole file of a run."""
     file = _File()
     _model(file, view)
     _where(file, view)
@@ -85,13 +89,30 @@ def report_html(view: RunView, record: FlightRecord | None, truth: TruthView = N
         figures = states.all_figures(record.state, file.theme, truth.content)
         file.pairs(_card(title, file.plot(made, title)) for title, made in figures)
         file.box("", markup.consistency_table(states.consistencies(record.summary)))
+    if calibrated is not None:
+        file.part("Calibration")
+        _calibration(file, calibrated)
     has = ", ".join(escape(effect_name(label)) for label in view.changes)
+    facts = f"{escape(view.name)} · {view.lengths} · model {escape(view.current)}"
+    return _whole(file, view.aircraft, view.name, facts + (f", with {has}" if has else ""))
+
+
+def calibration_html(view: CalibrationView) -> str:
+    """The whole file of a calibration alone."""
+    file = _File()
+    _calibration(file, view)
+    return _whole(file, view.aircraft, f"calibration of {view.what}", markup.calibration_facts(view))
+
+
+def _whole(file: _File, aircraft: str, title: str, facts: str) -> str:
+    """The template with everything; ``facts`` is HTML."""
+    from plotly.offline import get_plotlyjs
+
     return Template(TEMPLATE.read_text(encoding="utf8")).substitute(
-        title=escape(f"{view.aircraft}, {view.name}"),
+        title=escape(f"{aircraft}, {title}"),
         style=STYLE.read_text(encoding="utf8"),
-        aircraft=escape(view.aircraft),
-        facts=f"{escape(view.name)} · {view.duration:.0f} s of flight · model {escape(view.current)}"
-        + (f", with {has}" if has else ""),
+        aircraft=escape(aircraft),
+        facts=facts,
         body="\n".join(file.boxes),
         plotly=get_plotlyjs().replace("</script", "<\\/script"),
         figures=_script_json(file.figures),
@@ -162,6 +183,23 @@ def _candidate(file: _File, card: candidates.Card, known: coefficients.Compariso
         words = f"what is left over against the signal of {card.title}"
         parts.append(file.plot(candidates.evidence_figure(card.evidence, file.theme), words))
     return _card(escape(card.title), *parts)
+
+
+def _calibration(file: _File, view: CalibrationView) -> None:
+    notes = [markup.element("p", f"Note: {escape(note)}", class_="small") for note in view.notes]
+    file.box("What was found", markup.calibration_words(view), markup.calibration_table(view), *notes)
+    why = [markup.element("p", escape(text)) for text in calibration.sentences(view)]
+    file.box(calibration.verdict(view), *why, markup.TRACE_LEGEND)
+    traces = [calibration.trace_figure(view, column, file.theme) for column in range(len(view.sampled))]
+    titles = [f"Tr R over {p.name}" for p in view.sampled]
+    file.pairs(_card(escape(t), file.plot(made, t)) for t, made in zip(titles, traces, strict=True))
+    file.box(f"Residuals before and after [{escape(view.unit)}]", markup.residuals_table(view), markup.RESIDUAL_LEGEND)
+    if view.models:
+        file.box("Models that were tried, in parts of the flight that were left out", markup.models_table(view))
+    file.pairs(
+        _card(escape(o.name), file.plot(calibration.residual_figure(view, o, file.theme), f"residuals of {o.name}"))
+        for o in view.outputs
+    )
 
 
 def _card(title: str, *parts: str) -> str:

@@ -35,6 +35,7 @@ from aircraft_sysid_ros.recordings.tables import Table, read_table
 from aircraft_sysid_ros.run_folder import ESTIMATES, SAMPLES, STATE
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import truth_path
+from aircraft_sysid_ros.workbench.damage import said_of
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 
@@ -69,6 +70,7 @@ class RunView:
     notes: tuple[str, ...]
     can_diagnose: bool
     signature: tuple[int, ...]
+    recorded: float | None = None  # [s] of the recording, of which only settled flight is compared
 
     @property
     def comparison(self) -> Comparison:
@@ -84,6 +86,12 @@ class RunView:
     def duration(self) -> float:
         """Flight [s] that is compared."""
         return float(self.flight.time[-1] - self.flight.time[0])
+
+    @property
+    def lengths(self) -> str:
+        """How much flight is compared, and of what, in words."""
+        of = "" if self.recorded is None else f" of {self.recorded:.0f} s recorded"
+        return f"{self.duration:.0f} s of flight compared{of}"
 
 
 @dataclass(frozen=True)
@@ -125,16 +133,16 @@ def load_run_view(
 ) -> RunView:
     """Read and compare a run. What ``last`` has of the same flight is not made again. Raises InputError."""
     signature = signature_of(path)
-    run = open_run(path)
+    run = _opened(path)
     versions, notes = versions_of(run)
     if last is not None and last.signature[:_OF_FLIGHT] != signature[:_OF_FLIGHT]:
         last = None
-    progress("reconstruct the flight", 0.1)
+    progress("reconstructing the flight", 0.1)
     flights = _Flights(run, last)
     comparisons: dict[str, Comparison] = {}
     for number, version in enumerate(versions):
-        progress("compare", 0.4 + 0.6 * number / len(versions))
         name = version.identifier
+        progress(f"comparing version {name} ({number + 1} of {len(versions)})", 0.4 + 0.6 * number / len(versions))
         try:
             known = last is not None and name in last.comparisons
             comparisons[name] = last.comparisons[name] if last and known else compare(flights.under(version.aircraft))
@@ -157,7 +165,24 @@ def load_run_view(
         notes=(*current.notes, *notes),
         can_diagnose=run.samples is not None,
         signature=signature,
+        recorded=_recorded(run.path),
     )
+
+
+def _opened(path: str | Path) -> Run:
+    """The run, or InputError that names the file which is damaged."""
+    try:
+        return open_run(path)
+    except InputError as error:
+        raise InputError(said_of(path, error)) from None
+
+
+def _recorded(folder: Path) -> float | None:
+    """Length [s] of the recording as replay says it; None where it is not known."""
+    try:
+        return float(json.loads((folder / STATE).read_text(encoding="utf8"))["duration"])
+    except (OSError, KeyError, TypeError, ValueError):
+        return None
 
 
 class _Flights:
@@ -203,7 +228,10 @@ def versions_of(run: Run) -> tuple[list[Version], list[str]]:
             changes = {label: change_from_json(change) for label, change in content["changes"].items()}
             version = Version(folder.name, load_aircraft(folder / AIRCRAFT), changes, tuple(content["parents"]))
         except (OSError, KeyError, TypeError, ValueError, AttributeError):
-            notes.append(f"the model version {folder.name} is damaged and left out")
+            notes.append(
+                f"the model version {folder.name} is left out, {VERSION} or {AIRCRAFT} in {folder} is damaged: "
+                "remove that folder and add the effect again"
+            )
             continue
         found.setdefault(folder.name, version)
     found[run.current.identifier] = run.current
@@ -254,7 +282,7 @@ def load_truth_view(path: str | Path | None) -> TruthView:
 def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
     """What was estimated in flight, times from ``zero`` [ns]. Raises InputError where it is missing or damaged."""
     folder = Path(path)
-    run = open_run(path)
+    run = _opened(path)
     try:
         summary = json.loads((folder / STATE).read_text(encoding="utf8"))
         states = read_table(folder / ESTIMATES, "state_estimator/state")
@@ -262,7 +290,7 @@ def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
     except (OSError, KeyError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"the run {path} is damaged: replay the recording again") from None
+        raise InputError(said_of(path, InputError(f"the run {path} is damaged: replay the recording again"))) from None
     fields, time = states.fields, np.asarray((states.stamp - zero) * 1e-9, dtype=np.float64)
     sigma = np.stack(list(fields["standard_deviations"]))
     measured: dict[str, tuple[Array, Array]] = {}

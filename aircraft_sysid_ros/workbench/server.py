@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import socket
 from collections.abc import Callable
 
@@ -15,15 +16,16 @@ from aircraft_sysid_ros.workbench.guard import SameOrigin
 
 
 def serve(
-    make: Callable[[str | None], object], title: str, host: str, port: int, ready: Callable[[str], None]
+    make: Callable[[str | None], object],
+    title: str,
+    host: str,
+    listener: socket.socket,
+    ready: Callable[[list[str]], None],
 ) -> None:
-    """Serve a page until Ctrl-C; ``ready`` hears its address. Port 0 is any that is free.
+    """Serve a page until Ctrl-C on what ``listen`` gave; ``ready`` hears its addresses, that for this machine first.
 
     ``make`` builds the page of one browser, which remembers "light", "dark" or nothing.
-
-    Raises InputError where host and port cannot be used.
     """
-    listener = listen(host, port)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
     @ui.page("/", title=f"{title} · workbench", response_timeout=30.0)
@@ -41,10 +43,37 @@ def serve(
     config = uvicorn.Config(
         SameOrigin(app, host), log_level="error", ws_per_message_deflate=False, timeout_graceful_shutdown=1
     )
-    name = f"[{host}]" if ":" in host else host
-    ready(f"http://{name}:{listener.getsockname()[1]}/")
+    ready(addresses(host, listener.getsockname()[1]))
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listener])
+
+
+def is_private(host: str) -> bool:
+    """Whether only this machine can reach what listens there."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+def addresses(host: str, port: int) -> list[str]:
+    """What to type into a browser, first on this machine: a wildcard such as 0.0.0.0 is no address to go to."""
+    try:
+        is_wildcard = ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        is_wildcard = False
+    hosts = list(dict.fromkeys(["127.0.0.1", _outward()])) if is_wildcard else [f"[{host}]" if ":" in host else host]
+    return [f"http://{name}:{port}/" for name in hosts]
+
+
+def _outward() -> str:
+    """Address of this machine in its network, without sending anything; that of loopback where it is in none."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # for documentation, RFC 5737: only a route is looked up
+            return str(probe.getsockname()[0])
+        except OSError:
+            return "127.0.0.1"
 
 
 #: A wing with its angle of attack.
@@ -55,7 +84,7 @@ FAVICON = (
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A socket that listens. Raises InputError where it cannot."""
+    """A socket that listens, on any free port for 0. Raises InputError where it cannot."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -65,5 +94,6 @@ def listen(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         listener.close()
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot listen on {host} port {port}: {reason}; choose other --host, --port") from None
+        hint = "choose another --host, or --port (0 takes any that is free)"
+        raise InputError(f"cannot listen on {host} port {port}: {reason}; {hint}") from None
     return listener

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView, signature_of
 from aircraft_sysid_ros.workbench.worker import (
     ADD,
@@ -24,7 +26,7 @@ from aircraft_sysid_ros.workbench.worker import (
 #: Time [s] between looks at the folder: the command line may have changed it.
 _LOOK = 1.0
 WORDS = {
-    LOAD: "reading the run", RECORD: "reading what was estimated in flight", DIAGNOSE: "looking for what is missing",
+    LOAD: "reading {}", RECORD: "reading what was estimated in flight", DIAGNOSE: "looking for what is missing",
     ADD: "adding", REMOVE: "taking away",
 }  # fmt: skip
 
@@ -32,8 +34,10 @@ WORDS = {
 class Session:
     """A worker and the last that it said. ``revision`` rises with everything that a page shows; pages poll it."""
 
-    def __init__(self, path: str | Path, truth: TruthView = NO_TRUTH) -> None:
-        self.path, self.truth = Path(path), truth
+    def __init__(
+        self, path: str | Path, truth: TruthView = NO_TRUTH, calibration: CalibrationFolder | None = None
+    ) -> None:
+        self.path, self.truth, self.calibration = Path(path), truth, calibration
         self.view: RunView | None = None
         self.record: FlightRecord | None = None
         self.record_problem = ""
@@ -65,7 +69,8 @@ class Session:
         with self._lock:
             if self.job is not None or self._closed:
                 return False
-            self.job, self.began, self.told = job, time.monotonic(), Told(WORDS[job.kind], 0.0)
+            self.job, self.began = job, time.monotonic()
+            self.told = Told(WORDS[job.kind].format(self.path), 0.0)
         if job.kind not in (LOAD, RECORD):
             self.sentence, self.is_bad = "", False
         self.revision += 1
@@ -88,10 +93,14 @@ class Session:
         self._process.join()
         self._thread.join(timeout=2.0)
 
-    def wait(self, timeout: float) -> None:
-        """Block until no job is under way. Raises InputError with the sentence where the run cannot be read."""
+    def wait(self, timeout: float, tell: Callable[[str, float], None] = lambda what, share: None) -> None:
+        """Block until no job is under way; ``tell`` hears of it, as of Told.
+
+        Raises InputError with the sentence where the run cannot be read.
+        """
         deadline = time.monotonic() + timeout
         while self.busy:
+            tell(self.told.what, self.told.share)
             if time.monotonic() > deadline:
                 raise InputError(f"{self.path} could not be read within {timeout:g} s")
             time.sleep(0.02)

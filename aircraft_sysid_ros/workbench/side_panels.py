@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Callable, Sequence
 from html import escape
@@ -12,7 +13,7 @@ from nicegui import events, ui
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.diagnosis.additions import parse_request
-from aircraft_sysid_ros.diagnosis.effects import LIBRARY
+from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.diagnosis.where import Place
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.markup import card_facts
@@ -70,7 +71,7 @@ class WherePanel(SidePanel):
             for key, label, choices in (("axis", "axis", axes), ("x", "across", options), ("y", "upwards", options)):
                 picker = ui.select(choices, value=self._choice[key], label=label, on_change=self._choose(key))
                 picker.props("dense options-dense outlined")
-        self._map = plot(self._figure(), "map of what is left over on two signals")
+        self._map = plot(self._figure(), "map of what is left over on two signals").props("data-testid=map")
         self._map.on("plotly_click", self._cell, args=["points"])
         self._fill()
 
@@ -257,12 +258,7 @@ class AddPanel(SidePanel):
 
     def _complain(self, text: str) -> bool:
         """Say what is wrong with a term; nothing while it is empty."""
-        try:
-            if text.strip():
-                parse_request(text)
-            self._complaint.text = ""
-        except InputError as error:
-            self._complaint.text = f"{error}"
+        self._complaint.text = complaint(text) if text.strip() else ""
         return not self._complaint.text
 
     def _do_term(self, kind: str) -> Callable[[], None]:
@@ -279,6 +275,19 @@ class AddPanel(SidePanel):
     def _add_effect(self) -> None:
         if self._effect.value:
             self.do(ADD, str(self._effect.value))
+
+
+def complaint(text: str) -> str:
+    """What is wrong with a term, beginning with what to do; empty where nothing is."""
+    try:
+        parse_request(text)
+    except InputError as error:
+        if ":" in text:
+            return str(error)
+        close = difflib.get_close_matches(text.strip().lower(), BY_ID, 1, 0.6)
+        hint = f"; or did you mean the effect {close[0]}?" if close else ""
+        return f"Write a term with its axis, such as CZ: alpha**3; '{text.strip()[:40]}' alone is no effect{hint}"
+    return ""
 
 
 def _first(signals: list[str], wanted: str) -> str:

@@ -59,6 +59,7 @@ def test_a_full_file_is_read(tmp_path):
     assert aircraft.process_noise["wind"] == 0.0
     assert aircraft.surface_signs == {"elevator": 1.0, "aileron": 1.0, "rudder": -1.0, "flaps": 1.0}
     assert aircraft.coefficients == {"CZ_alpha": -4.5}
+    assert aircraft.parameter_bounds == {"CZ_alpha": (-8.0, -2.0), "Cm_q": (-20.0, -1.0)}
     assert aircraft.model.terms["CZ"] == ("1", "alpha", "alpha**3", "q")
     assert aircraft.model.terms["Cm"] == TEXTBOOK_TERMS["Cm"]  # an axis that is not named keeps its terms
     assert aircraft.source["trim_airspeed"] == 17
@@ -73,6 +74,7 @@ trim_airspeed: 17
 process_noise: {wind: 0}
 surface_signs: {rudder: -1}
 coefficients: {CZ_alpha: -4.5}
+parameter_bounds: {CZ_alpha: [-8, -2], Cm_q: [-20, -1e0]}
 model: {CZ: [1, alpha, alpha**3, q]}
 """
 
@@ -172,6 +174,15 @@ BAD = {
     "surface": (MINIMAL + "surface_signs: {ruder: -1}\n", "unknown surface 'ruder': did you mean 'rudder'?"),
     "sign": (MINIMAL + "surface_signs: {rudder: 0.5}\n", "surface_signs rudder must be 1 or -1"),
     "coefficient": (MINIMAL + "coefficients: {CZ_alpha: high}\n", "coefficient CZ_alpha must be a number"),
+    "bounds of nobody": (MINIMAL + "parameter_bounds: {CZ_alhpa: [-8, -2]}\n",
+                         "unknown parameter in parameter_bounds: 'CZ_alhpa': did you mean 'CZ_alpha'?"),
+    "one bound": (MINIMAL + "parameter_bounds: {CZ_alpha: [-8]}\n",
+                  r"parameter_bounds CZ_alpha must be two numbers \[lowest, highest\], not a list"),
+    "bounds that fall": (MINIMAL + "parameter_bounds: {CZ_alpha: [-2, -8]}\n",
+                         "parameter_bounds CZ_alpha must rise, not go from -2 to -8"),
+    "bound in words": (MINIMAL + "parameter_bounds: {CZ_alpha: [low, -2]}\n",
+                       "parameter_bounds CZ_alpha must be a number"),
+    "bounds as list": (MINIMAL + "parameter_bounds: [-8, -2]\n", "parameter_bounds must be a mapping"),
     "coefficients as list": (MINIMAL + "coefficients: [1]\n", "coefficients must be a mapping"),
     "model as list": (MINIMAL + "model: [alpha]\n", "model must be a mapping"),
     "model axis": (MINIMAL + "model: {CL: [1]}\n", "the model names the axis 'CL'"),

@@ -7,10 +7,10 @@ from aircraft_sysid_ros.calibration.procedure import Task, reduced_problem, solv
 from aircraft_sysid_ros.calibration.standard_errors import (
     AttitudeErrors,
     jackknife,
-    separated,
     standard_errors,
     window_length,
 )
+from aircraft_sysid_ros.estimation.two_stage.covariance import separated
 from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 
 N = 600
@@ -52,6 +52,17 @@ def test_coloured_residuals_are_counted(by_piece):
     ratio = rows[:, :2].std(axis=0) / np.sqrt(np.mean(rows[:, 2:4] ** 2, axis=0))
     assert np.all(ratio > 0.75) and np.all(ratio < 1.25)
     assert np.all(rows[:, :2].std(axis=0) > 2.0 * np.median(rows[:, 4:], axis=0))
+
+
+def test_few_pieces_are_not_believed():
+    """Three say nothing, four whatever they agree on no more than white residuals; the t factor is (G - 1)/(G - 3)."""
+    problem, every = straight_line(0.01 * np.random.default_rng(4).standard_normal(N)), np.ones(2, dtype=bool)
+    of = lambda pieces: jackknife(problem, np.array([0.5]), np.array([0.2]), np.array([1e-4]),  # noqa: E731
+                                  np.arange(N) * pieces // N, every)  # fmt: skip
+    assert np.all(np.isinf(of(3).std))
+    for pieces in (4, 5, 20):
+        made = of(pieces)
+        assert np.all(made.std >= np.sqrt(np.diag(made.white)) * (1.0 - 1e-9)) and np.all(np.isfinite(made.std))
 
 
 def test_window_grows_with_the_correlation_and_stays_in_its_piece():

@@ -68,5 +68,7 @@ def test_missing_topics(calibration_flown):
     samples, aircraft = calibration_flown.samples, calibration_flown.aircraft
     with pytest.raises(InputError, match="needs /air_data"):
         compatibility_flight(samples[samples.kind != Kind.SIDESLIP], aircraft)
-    without = compatibility_flight(samples[samples.kind != Kind.ATTITUDE], aircraft, (5.0, 45.0))
+    with pytest.raises(InputError, match="2 pieces of up to 20 s"):
+        compatibility_flight(samples, aircraft, (5.0, 45.0))
+    without = compatibility_flight(samples[samples.kind != Kind.ATTITUDE], aircraft, (5.0, 90.0))
     assert not without.attitude_is_measured  # those of the navigation take their place

@@ -47,7 +47,9 @@ def test_five_hole_writes_file_result_and_pictures(bag, tmp_path, capsys):
     shown = calibrate.render(printed)
     assert "lambda_alpha" in shown and "calibration.yaml" in shown and "stage 1" in shown
     assert "holds a calibration already" in says(capsys, *arguments[1:])
+    assert [m["used"] for m in printed["models"]] == [True, False, False] and "linear curve, steady wind" in shown
     join(bag, out, tmp_path)
+    replay_with_states(bag, out, truth, tmp_path, capsys)
 
 
 def join(bag, probe, tmp_path):
@@ -57,6 +59,32 @@ def join(bag, probe, tmp_path):
     assert main(["calibrate", "magnetometer", bag, "--aircraft", AIRCRAFT, *more]) == 0
     content = yaml.safe_load((out / "calibration.yaml").read_text())
     assert {"five_hole_probe", "magnetometer", "source"} == set(content)
+
+
+def replay_with_states(bag, probe, truth, tmp_path, capsys):
+    """Errors of the air data as states: started by the calibration they stay near zero; by stage 1 they are found."""
+    started = ["--calibration", str(probe / "calibration.yaml"), "--air-data-errors"]
+    found = replayed(bag, tmp_path / "known", *started)["air_data_errors"]
+    assert set(found) == {"lambda_V", "b_V", "lambda_alpha", "b_alpha", "lambda_beta", "b_beta"}
+    assert abs(found["lambda_V"]["value"]) < 0.01 and found["lambda_V"]["std"] < 0.01
+    nominal = tmp_path / "nominal.yaml"
+    nominal.write_text("five_hole_probe: {alpha_sensitivity: 3.9, beta_sensitivity: 3.9}")
+    options = ["--calibration", str(nominal), "--air-data-errors", "--stage-1", "60"]
+    found = replayed(bag, tmp_path / "stage-1", *options)["air_data_errors"]
+    assert abs(found["lambda_V"]["value"] - truth["lambda_V"]) < max(4.0 * found["lambda_V"]["std"], 0.02)
+    capsys.readouterr()
+    for options, words in (
+        (["--stage-1", "60"], "give that too"), (["--air-data-errors", "--smooth"], "leave one of them out"),
+        (["--air-data-errors", "--stage-1", "5"], "between 30 and 600 s"),
+    ):  # fmt: skip
+        assert main(["replay", bag, "--aircraft", AIRCRAFT, "--out", str(tmp_path / "no"), *options]) == 2
+        assert words in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def replayed(bag, out, *options):
+    assert main(["replay", bag, "--aircraft", AIRCRAFT, "--out", str(out), *options]) == 0
+    return json.loads((out / "state.json").read_text())
 
 
 def says(capsys, *arguments):
@@ -80,6 +108,12 @@ def test_bad_input_is_one_sentence(bag, tmp_path, capsys):
     assert "cannot read the calibration file" in says(capsys, *probe, "--calibration", tmp_path / "none.yaml")
     (tmp_path / "file").write_text("")
     assert "must be a folder" in says(capsys, *probe, "--out", tmp_path / "file")
+    assert "of the five-hole probe" in says(capsys, "magnetometer", bag, "--curve", "cubic")
+    assert "no folder that can be written" in says(capsys, *probe, "--out", tmp_path / "file" / "sub")
+    scaled = yaml.safe_load(config_path(CALIBRATION_AIRCRAFT).read_text())
+    scaled.setdefault("sensors", {})["airspeed"] = {"noise": 0.3, "scale": 1.1}
+    (tmp_path / "scaled.yaml").write_text(yaml.safe_dump(scaled))
+    assert "on top of this calibration" in says(capsys, "five-hole", bag, "--aircraft", tmp_path / "scaled.yaml")
     assert "choose from" in _usage(capsys, "gyro", bag)
 
 
@@ -88,6 +122,19 @@ def _usage(capsys, *arguments):
         main(["calibrate", *arguments])
     assert stop.value.code == 2
     return capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["main.build_parser", "calibrate._report"])
+def test_ctrl_c_leaves_nothing(bag, tmp_path, capsys, monkeypatch, place):
+    """While modules are imported, and in the middle of the work."""
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"aircraft_sysid_ros.commands.{place}", interrupt)
+    arguments = ["calibrate", "five-hole", bag, "--aircraft", AIRCRAFT, "--out", str(tmp_path / "probe")]
+    assert main(arguments) == 130
+    assert capsys.readouterr().err.endswith(": stopped\n") and not list(tmp_path.iterdir())
 
 
 def test_a_recording_without_the_topic(tmp_path, capsys):

@@ -1,5 +1,7 @@
 """Hessian and covariances: derivatives, Monte Carlo, coloured noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from five_hole_like import NOISE, five_hole_like
@@ -92,3 +94,15 @@ def test_correlated_noise_needs_the_coloured_covariance():
     )
     assert np.all(white < 0.6 * spread)
     np.testing.assert_allclose(coloured, spread, rtol=0.25)  # 6 % of Monte Carlo, and the window takes some off
+
+
+def test_lags_are_rows_of_the_record_not_of_what_is_left():
+    """Where every second row is missing, or each is a piece of its own, no product is one row apart."""
+    rng = np.random.default_rng(9)
+    problem, truth = sine(lfilter([0.18], [1.0, -0.8], rng.normal(size=300)))
+    coloured = lambda p, *more: covariances(p, truth[:2], truth[2:], np.ones(1), *more).coloured  # noqa: E731
+    alone = np.arange(300)
+    np.testing.assert_allclose(coloured(problem, 2, alone), coloured(problem, 1), rtol=1e-12)
+    holes = replace(problem, usable=alone % 2 == 0)
+    np.testing.assert_allclose(coloured(holes, 2), coloured(holes, 1), rtol=1e-12)
+    assert np.max(np.abs(coloured(problem, 2) / coloured(problem, 1) - 1.0)) > 0.1

@@ -123,12 +123,31 @@ def test_the_result_can_be_written_to_a_file():
     assert sum(content["stage_1"]["verdicts"].values()) == 40
 
 
+def test_the_bound_of_stage_1_is_told_where_it_is_asked_for():
+    """E of (9) holds by itself, and (13) with constants that are given is a formula."""
+    problem = EXAMPLE_1.problem(EXAMPLE_1.outputs(EXAMPLE_1.truth) + EXAMPLE_1.noise(3))
+    of = lambda lipschitz: estimate(problem, 21, Prior("grid"), lipschitz=lipschitz)  # noqa: E731
+    assert of(None).bound is None and of(None).json()["stage_1"]["bound"] is None
+    found = of("from samples")
+    assert found.bound.lower_by_constants <= found.bound.lower <= found.bound.optimum <= found.bound.stage_1
+    given = of((0.3, 0.2))
+    distance = abs(found.xi2[0] - found.samples.xi2[np.argmin(found.samples.trace), 0]) / 0.1
+    expected = 50.0 * (0.3 * np.linalg.norm(found.xi1) * distance + 0.2 * distance) ** 2
+    assert given.bound.error_bound == pytest.approx(expected)
+    assert given.json()["stage_1"]["bound"]["error"] == given.bound.error
+
+
 @pytest.mark.parametrize(
     ("samples", "words"), [(np.zeros((4, 2)), "shape"), (np.ones((4, 5)), "outside the bounds"), (np.zeros(5), "shape")]
 )
 def test_samples_that_do_not_fit_are_refused(samples, words):
     with pytest.raises(InputError, match=words):
         estimate(five_hole_like(100, TRUTH), samples)
+
+
+def test_pieces_that_do_not_fit_are_refused():
+    with pytest.raises(InputError, match="one number for each of the 100"):
+        estimate(five_hole_like(100, TRUTH), 32, piece=np.zeros(3, np.int64))
 
 
 def test_samples_that_all_fail_are_refused():

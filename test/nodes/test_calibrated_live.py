@@ -45,9 +45,10 @@ def test_the_first_step_is_right_with_a_calibration_and_wrong_without(flown, tmp
 
 
 def test_live_is_replay_with_a_calibration(domain, flown, tmp_path):  # noqa: F811
-    calibration = flown[0] / "calibration.yaml"
-    replayed(flown, tmp_path / "replayed", "--calibration", calibration)
-    options = ("--until-idle", 1.5, "--horizon", HORIZON, "--calibration", calibration)
+    """With errors of the air data as states, too, which the calibration starts."""
+    states = ("--calibration", flown[0] / "calibration.yaml", "--air-data-errors")
+    assert replayed(flown, tmp_path / "replayed", *states)["air_data_errors"]["lambda_V"]["std"] < 0.2
+    options = ("--until-idle", 1.5, "--horizon", HORIZON, *states)
     with live(tmp_path / "run", AIRCRAFT, *options) as process:
         sent = play(flown[0] / "flight", 8)
         check_same(process, tmp_path / "run", tmp_path / "replayed", heard(sent["messages"]))

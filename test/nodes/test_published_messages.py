@@ -144,3 +144,16 @@ def test_a_known_wind_by_hand(bench, aircraft):
     assert (linear.x, linear.y, linear.z) == (-2.0, 3.0, -0.5)
     assert [covariance[0], covariance[7], covariance[14]] == pytest.approx([0.04, 0.01, 0.09])
     assert stamp(heard[0]) == 2_500_000_000
+
+
+def test_parameters_are_published_once_a_second_also_while_nothing_is_learnt(bench):
+    """The time of the estimator is that of the newest point, or of the newest state: it may fall back a little."""
+    node = bench.node(ParameterEstimatorNode)
+    assert start(node)
+    published, clock = [], type("Clock", (), {"newest_point": (), "snapshot": dict, "model_error": list, "time": 0.0})()
+    node.estimator, node._epoch = clock, 0
+    node._publish_parameters = lambda now, estimates: published.append(now)
+    node._publish_model_error = node.model_services.search_if_due = lambda *_: None
+    for clock.time in (10.0, 10.5, 11.1, 12.3, 11.9, 12.9, 13.4, 3.0, 3.5, 4.0):
+        node._publish_due()
+    assert published == [10.0, 11.1, 12.3, 13.4, 3.0, 4.0]

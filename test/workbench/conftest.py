@@ -13,6 +13,8 @@ from contextlib import contextmanager
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.config_files import config_path
+from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT
 
 HIDDEN = "dihedral_alpha"
 
@@ -35,6 +37,18 @@ def hidden_effect(tmp_path_factory, aircraft_file):
     return folder / "run"
 
 
+@pytest.fixture(scope="session")
+def calibration(tmp_path_factory):
+    """The folder of a calibration of a five-hole probe; tests that change it copy it."""
+    folder = tmp_path_factory.mktemp("calibration")
+    flight = ["--manoeuvres", "calibration", "--seed", "5", "--duration", "150"]
+    aircraft = ["--aircraft", str(config_path(CALIBRATION_AIRCRAFT))]
+    assert main(["simulate", *flight, "--out", str(folder / "flight")]) == 0
+    options = [*aircraft, "--samples", "64", "--out", str(folder / "probe")]
+    assert main(["calibrate", "five-hole", str(folder / "flight"), *options]) == 0
+    return folder / "probe"
+
+
 @pytest.fixture
 def run(hidden_effect, tmp_path):
     """A copy of the run that a test may change."""
@@ -54,9 +68,12 @@ def _served(*arguments):
     command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "workbench", *map(str, arguments)]
     with subprocess.Popen([*command, "--port", "0", "--no-browser"], stderr=subprocess.PIPE, text=True) as server:
         try:
-            line = server.stderr.readline()
-            found = re.search(r"http://\S+", line)
-            assert found, line + server.stderr.read()
+            said, found = "", None
+            for line in server.stderr:
+                said, found = said + line, re.search(r"http://\S+", line)
+                if found:
+                    break
+            assert found, said
             yield found[0]
         finally:
             server.send_signal(signal.SIGINT)
@@ -86,8 +103,8 @@ def open_page(chromium):
     """A function that opens an address in a browser of its own; what goes wrong in it fails the test."""
     contexts, wrong, asked = [], [], []
 
-    def opened(address, **options):
-        context = chromium.new_context(viewport={"width": 1440, "height": 900}, **options)
+    def opened(address, plots=12, width=1440, height=900, **options):
+        context = chromium.new_context(viewport={"width": width, "height": height}, **options)
         context.set_default_timeout(60_000)  # the machine may be busy
         contexts.append(context)
         page = context.new_page()
@@ -95,7 +112,7 @@ def open_page(chromium):
         page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
         page.on("request", lambda request: asked.append(request.url))
         page.goto(address)
-        page.wait_for_function("document.querySelectorAll('.grid2 .main-svg').length >= 12")
+        page.wait_for_function("(n) => document.querySelectorAll('.grid2 .main-svg').length >= n", arg=plots)
         return page
 
     yield opened

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
 import shutil
 import urllib.parse
 
+import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.workbench.run_view import load_run_view
+from aircraft_sysid_ros.workbench.views import places
+from aircraft_sysid_ros.workbench.views.coefficients import time_of
 
 
 @pytest.fixture(scope="module")
-def server(hidden_effect, tmp_path_factory, served):
+def server(hidden_effect, calibration, tmp_path_factory, served):
     """One server for all tests that leave the run as it was: its folder and its address."""
     run = tmp_path_factory.mktemp("served") / "run"
     shutil.copytree(hidden_effect, run)
-    with served(run) as address:
+    with served(run, "--calibration", calibration) as address:
         yield run, address
 
 
@@ -55,11 +60,14 @@ def window_of(page) -> list[list[float]]:
 def test_a_hidden_effect_is_seen_named_added_and_taken_back(server, open_page, capsys) -> None:
     run, address = server
     before = compared(run, capsys)
-    page = open_page(address)
+    page = open_page(address, reduced_motion="reduce")
     for axis in AXES:
         assert page.inner_text(test_id(f"held-out-{axis}")) == shown(before, axis)
         assert page.inner_text(test_id(f"error-{axis}")) == shown(before, axis)
         assert page.locator(test_id(f"fails-{axis}")).count() == (axis == "Cl")
+    bars_agree_with_their_numbers(page)
+    assert "s of flight compared of 60 s recorded" in page.inner_text(test_id("lengths"))
+    one_version_says_how_to_make_another(page, run)
     page.click(test_id("side-why"))
     page.click(test_id("diagnose"))
     page.wait_for_selector(".notice .bar:visible")  # progress
@@ -81,13 +89,52 @@ def test_a_hidden_effect_is_seen_named_added_and_taken_back(server, open_page, c
     page.wait_for_function(
         "(w) => document.querySelector('[data-testid=bar-Cl]').getBoundingClientRect().width < w", arg=0.6 * width
     )
-    page.click(test_id("tab-versions"))
-    assert "dihedral_alpha" in page.inner_text(test_id("history"))
-    page.click(test_id("tab-model"))
+    bars_agree_with_their_numbers(page)
+    another_version_is_drawn_beside(page, before["model"])
     page.click(test_id("side-add"))
     page.click(test_id("undo"))
     wait_for_text(page, "held-out-Cl", shown(before, "Cl"))
     assert compared(run, capsys)["model"] == before["model"]
+
+
+def bars_agree_with_their_numbers(page) -> None:
+    """A bar is as long as its number, on the scale that stands above it."""
+    full = float(re.search(r"(\d+) % of spread", page.inner_text(test_id("scale")))[1])
+    for axis in AXES:
+        share = page.locator(test_id(f"bar-{axis}")).evaluate(
+            "(e) => e.getBoundingClientRect().width / e.parentElement.getBoundingClientRect().width"
+        )
+        assert share * full == pytest.approx(float(page.inner_text(test_id(f"held-out-{axis}")).split()[0]), abs=0.6)
+
+
+def one_version_says_how_to_make_another(page, run) -> None:
+    page.click(test_id("tab-versions"))
+    wait_for_text(page, "one-version", "There is one version only")
+    assert f"aircraft-sysid add {run}" in page.inner_text(test_id("one-version"))
+    assert not page.locator(test_id("beside")).is_visible()
+    page.click(test_id("tab-model"))
+
+
+def another_version_is_drawn_beside(page, first: str) -> None:
+    """The first version in the time plots, in another colour, and its name in the legend."""
+    page.click(test_id("tab-versions"))
+    assert "dihedral_alpha" in page.inner_text(test_id("history"))
+    assert "half of its 95 % interval" in page.inner_text(".view.wide")
+    assert not page.locator(test_id("one-version")).is_visible()
+    page.click("text=draw the first one")
+    page.click(test_id("tab-model"))
+    lines = "document.querySelector('[data-testid=plot-Cl]').calcdata.length"
+    page.wait_for_function(f"{lines} === 7")  # measured, noise twice, predicted and left over of both
+    assert f"version {first}" in page.inner_text(".legend-row")
+    left = page.evaluate(
+        "document.querySelector('[data-testid=plot-Cl]').calcdata.filter((c) => c[0].trace.name.startsWith('left'))"
+        ".map((c) => Math.max(...c.map((p) => Math.abs(p.y)).filter(isFinite)))"
+    )
+    assert len(left) == 2 and max(left) > 2.0 * min(left)  # the first one lacks the effect
+    page.click(test_id("tab-versions"))
+    page.click("text=draw the first one")
+    page.click(test_id("tab-model"))
+    page.wait_for_function(f"{lines} === 5")
 
 
 def test_a_zoom_moves_all_plots_and_shows_every_point(server, open_page) -> None:
@@ -118,12 +165,59 @@ def test_a_zoom_moves_all_plots_and_shows_every_point(server, open_page) -> None
     )
 
 
+#: Spans of time that are marked in the plot of C_l, as pairs.
+MARKS = """(document.querySelector('[data-testid=plot-Cl]').layout.shapes.find((s) => s.fillcolor.includes('230,159'))
+  ?.path.match(/[MH][0-9.]+/g) ?? []).map((p) => parseFloat(p.slice(1)))"""
+#: Middle of the cell of the map with the most left over: where it is on the screen and in the units of its axes.
+WORST_CELL = """() => {
+  const plot = document.querySelector('[data-testid=map]'), {xaxis, yaxis} = plot._fullLayout;
+  const {x, y, z} = plot.calcdata[0][0], box = plot.querySelector('.nsewdrag').getBoundingClientRect();
+  const middle = (edges, k) => 0.5 * (edges[k] + edges[k + 1]);
+  let best = [-1, 0, 0];
+  z.forEach((row, j) => row.forEach((value, i) => { if (value > best[0]) best = [value, i, j]; }));
+  const [cx, cy] = [middle(x, best[1]), middle(y, best[2])];
+  return {left: box.left + xaxis.l2p(cx), top: box.top + yaxis.l2p(cy), alpha: cx, beta: cy};
+}"""
+
+
 def test_places_and_cells_show_themselves_in_the_time_plots(server, open_page) -> None:
-    page = open_page(server[1])
-    shapes = "document.querySelector('[data-testid=plot-Cl]').layout.shapes"
-    marks = f"{shapes}.filter((s) => s.fillcolor.includes('230,159')).length"
-    page.click(".place >> nth=0")
-    page.wait_for_function(f"{marks} > 0")
+    """A cell of the map is marked where it was flown: alpha and beta there are within the cell."""
+    run, address = server
+    page = open_page(address)
+    page.focus(".place >> nth=0")
+    page.keyboard.press("Enter")  # without a mouse
+    page.wait_for_function(f"{MARKS}.length > 0")
+    place = page.evaluate(MARKS)
+    page.locator(test_id("map")).scroll_into_view_if_needed()
+    cell = page.evaluate(WORST_CELL)
+    page.mouse.click(cell["left"], cell["top"])
+    page.wait_for_function(f"(place) => JSON.stringify({MARKS}) !== JSON.stringify(place)", arg=place)
+    spans = np.array(page.evaluate(MARKS)).reshape(-1, 2)
+    view = load_run_view(run)
+    time, alpha, beta = time_of(view.flight), *(np.degrees(view.flight.signal(name)) for name in ("alpha", "beta"))
+    inside = np.any([(time > begin) & (time < end) for begin, end in spans], axis=0)
+    found = places.residual_map(view.comparison, "Cl", "alpha", "beta")
+    half = [0.499 * np.degrees(edges[1] - edges[0]) for edges in found.edges]
+    in_cell = (np.abs(alpha - cell["alpha"]) < half[0]) & (np.abs(beta - cell["beta"]) < half[1])
+    assert in_cell.any() and np.all(inside[in_cell]) and inside.sum() < 0.2 * len(time)
+    assert all(np.any(in_cell & (time > begin) & (time < end)) for begin, end in spans)
+    begin, end = window_of(page)[0]
+    assert begin < spans[0, 0] and end > spans[-1, 1]
+
+
+def test_stop_ends_a_job_and_leaves_the_run(server, open_page) -> None:
+    run, address = server
+    page = open_page(address)
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.name != "diagnosis.json"}
+    page.click(test_id("side-why"))
+    page.click(test_id("diagnose"))
+    page.wait_for_selector(test_id("stop") + ":visible")
+    assert page.locator(test_id("diagnose")).is_disabled()
+    page.click(test_id("stop"))
+    wait_for_text(page, "notice", "Stopped: the run is as it was")
+    page.wait_for_function("!document.querySelector('[data-testid=diagnose]').disabled")
+    assert not page.locator(test_id("stop")).is_visible()
+    assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
 def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> None:
@@ -134,7 +228,8 @@ def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> No
     for text, complaint in (
         ("CZ: __import__('os')", "is not allowed"),
         ("CQ: beta", "is no axis"),
-        ("alhpa", "no effect"),
+        ("alhpa", "Write a term with its axis, such as CZ: alpha**3"),
+        ("dihedral_alfa", "did you mean the effect dihedral_alpha?"),
     ):
         page.fill(test_id("term"), text)
         wait_for_text(page, "complaint", complaint)
@@ -177,7 +272,11 @@ def test_the_other_views_and_the_dark_page(server, open_page) -> None:
     page.click(test_id("tab-state"))
     wait_for_text(page, "consistency", "angle of attack")
     page.wait_for_function("document.querySelectorAll('.wide .main-svg').length >= 8")
+    page.click(test_id("tab-calibration"))
+    wait_for_text(page, "calibration-verdict", "One clear minimum")
+    page.wait_for_selector(test_id("residual-2") + " .main-svg")
     page.set_viewport_size({"width": 820, "height": 1180})
+    page.wait_for_function("document.documentElement.scrollWidth <= 820")
     page.click(test_id("tab-model"))
     page.wait_for_selector(test_id("plot-Cn") + " .main-svg")
     page.wait_for_function("document.documentElement.scrollWidth <= 820")
@@ -190,12 +289,13 @@ def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_
         wait_for_text(page, "notice", "damaged")
         text = page.inner_text(test_id("notice"))
         assert len(text.splitlines()) == 1 and "replay the recording again" in text and "Traceback" not in text
+        assert "samples.npz is damaged" in text
         page.click(test_id("side-why"))
         assert page.locator(test_id("diagnose")).is_disabled()
         page.context.close()
     assert main(["workbench", str(run), "--no-browser", "--port", "0"]) == 2
-    said = capsys.readouterr().err.strip()
-    assert len(said.splitlines()) == 1 and "damaged" in said
+    said = capsys.readouterr().err.strip().splitlines()
+    assert said[0] == f"reading {run}" and "samples.npz is damaged" in said[-1] and "Traceback" not in str(said)
 
 
 @pytest.mark.parametrize(

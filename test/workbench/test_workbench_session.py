@@ -9,16 +9,19 @@ import pytest
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.versions import open_run
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.workbench import server
+from aircraft_sysid_ros.workbench.run_view import load_run_view
 from aircraft_sysid_ros.workbench.session import Session
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 
 @pytest.fixture
 def session(run):
-    """An open session on a copy of the run."""
-    opened = Session(run)
+    """An open session on a copy of the run, which has told what it does."""
+    opened, told = Session(run), []
     try:
-        opened.wait(120.0)
+        opened.wait(120.0, lambda what, share: told.append(what))
+        assert told[0] == f"reading {run}" and any(what.startswith("comparing version") for what in told)
         yield opened
     finally:
         opened.close()
@@ -49,6 +52,45 @@ def test_jobs_one_at_a_time_and_the_folder_is_watched(session, run) -> None:
     assert session.view.current == open_run(run).current.identifier and not (run / "diagnosis.json").exists()
     assert main(["remove", str(run), "Cl: alpha*beta"]) == 0  # another program changes the run
     until(lambda: session.view.current == first)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("samples.npz", b"not a zip", "samples.npz is damaged"),
+        ("points.npz", b"", "points.npz is empty"),
+        ("parameters.json", b"{", "parameters.json is damaged"),
+        ("parameters.json", None, "parameters.json is not there"),
+        ("parameters.json", b"[]", "parameters.json is damaged"),
+        ("state.json", None, "state.json is not there"),
+        ("state.json", b"{}", "state.json is damaged"),
+        ("aircraft.yaml", None, "aircraft.yaml is not there"),
+    ],
+)
+def test_a_file_that_is_damaged_is_named_with_what_to_do(run, name, content, said) -> None:
+    (run / name).unlink() if content is None else (run / name).write_bytes(content)
+    with pytest.raises(InputError, match=said) as error:
+        load_run_view(run)
+    assert f"replay the recording again with --out {run} --overwrite" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("host", "is_ours", "first", "count"),
+    [
+        ("127.0.0.1", True, "http://127.0.0.1:1/", 1),
+        ("localhost", True, "http://localhost:1/", 1),
+        ("::1", True, "http://[::1]:1/", 1),
+        ("0.0.0.0", False, "http://127.0.0.1:1/", 2),
+        ("::", False, "http://127.0.0.1:1/", 2),
+        ("192.0.2.7", False, "http://192.0.2.7:1/", 1),
+        ("robot.example", False, "http://robot.example:1/", 1),
+    ],
+)
+def test_addresses_can_be_typed_and_who_can_reach_them_is_known(monkeypatch, host, is_ours, first, count) -> None:
+    monkeypatch.setattr(server, "_outward", lambda: "192.0.2.8")
+    urls = server.addresses(host, 1)
+    assert urls[0] == first and len(urls) == count and not any("0.0.0.0" in url or "[::]" in url for url in urls)
+    assert server.is_private(host) is is_ours
 
 
 def test_a_folder_that_is_no_run_is_one_sentence(tmp_path) -> None:

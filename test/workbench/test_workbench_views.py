@@ -16,10 +16,12 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.tables import read_table
+from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.guard import SameOrigin
 from aircraft_sysid_ros.workbench.report import report_html
 from aircraft_sysid_ros.workbench.run_view import load_flight_record, load_run_view, load_truth_view
-from aircraft_sysid_ros.workbench.views import candidates, coefficients, figure, parameters, places, words
+from aircraft_sysid_ros.workbench.side_panels import complaint
+from aircraft_sysid_ros.workbench.views import candidates, coefficients, figure, parameters, places, states, words
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +125,70 @@ def test_history_and_truth_of_parameters(view, hidden_effect) -> None:
     assert truth.parameters["Cl_alpha*beta"] == -0.7
     with pytest.raises(InputError, match="no truth"):
         load_truth_view(hidden_effect)
+
+
+@pytest.mark.parametrize(
+    ("errors", "top"),
+    [([], 0.1), ([0.03, None], 0.1), ([0.11], 0.2), ([0.2, np.nan], 0.2), ([0.37], 0.5), ([0.7], 1.0), ([23.0], 50.0)],
+)
+def test_the_scale_of_the_bars_holds_every_error_and_is_said(errors, top) -> None:
+    assert markup.errors_scale(errors) == pytest.approx(top)
+    assert f"{100 * top:.0f} % of spread" in markup.scale_head(top)
+
+
+def test_a_curve_that_leaves_its_plot_is_marked_where_it_does() -> None:
+    time = np.linspace(0.0, 100.0, 1001)
+    values = np.column_stack([np.where(time < 30.0, 5.0, 0.0), np.where(time > 90.0, -5.0, 0.0)])
+    values[:200, 1] = np.nan
+    down, up = figure.beyond(time, values, [-1.0, 1.0], figure.LIGHT)
+    assert numbers(down["x"]).min() > 90.0 and -1.0 < numbers(down["y"]).max() < -0.9
+    assert numbers(up["x"]).max() < 30.0 and 0.9 < numbers(up["y"]).min() < 1.0
+    assert len(numbers(up["x"])) > 5 and down["showlegend"] and not up["showlegend"]
+    assert figure.beyond(time, np.clip(np.nan_to_num(values), -1.0, 1.0), [-1.0, 1.0], figure.LIGHT) == []
+
+
+def test_no_curve_of_the_state_or_of_a_parameter_is_cut_off_silently(view, hidden_effect) -> None:
+    record = load_flight_record(hidden_effect, view.zero)
+    made = [found for _, found in states.all_figures(record.state, figure.LIGHT, {})]
+    made += [parameters.history_figure(record.parameters, n, figure.LIGHT) for n in record.parameters.names]
+    cut = 0
+    for found in made:
+        low, high = found["layout"]["yaxis"].get("range", (-np.inf, np.inf))
+        curves = [numbers(t["y"]) for t in found["data"] if t.get("mode") == "lines"]
+        leaves = any(np.nanmin(c) < low or np.nanmax(c) > high for c in curves if np.isfinite(c).any())
+        marked = any(t.get("name") == figure.BEYOND for t in found["data"])
+        assert marked == leaves
+        cut += leaves
+    assert cut > 3  # estimates begin far away
+
+
+def test_intervals_are_the_same_in_all_views() -> None:
+    """Half of an interval of 95 %, 1.96 standard errors, and labelled so."""
+    listed = [{"name": "Cl_beta", "value": -0.1, "std": 0.01, "reason": ""}]
+    beside = markup.parameters_beside(listed, listed, ("one", "other"))
+    assert "± 0.02<" in beside and "half of its 95 % interval" in beside
+    state = {
+        "status_text": "fine", "wind_ned": [1.0, 2.0, 3.0], "accelerometer_bias": [0.0] * 3, "gyro_bias": [0.0] * 3,
+        "standard_deviations": [0.5] * 18,
+    }  # fmt: skip
+    assert "± 0.98<" in markup.state_table(state) and "half of the 95 % interval" in markup.state_table(state)
+    (row,) = parameters.parameter_rows([{**listed[0], "status": "USE"}], {})
+    assert row.interval == pytest.approx((-0.1196, -0.0804))
+
+
+@pytest.mark.parametrize(
+    ("text", "first"),
+    [
+        ("alhpa**3", "Write a term with its axis, such as CZ: alpha**3"),
+        ("CZ: alhpa**3", "'alhpa' in 'alhpa**3' is no signal"),
+        ("CQ: beta", "'CQ' is no axis"),
+        ("CZ: alpha**3", ""),
+        ("stall", ""),
+    ],
+)
+def test_what_is_wrong_with_a_term_begins_with_what_helps(text, first) -> None:
+    said = complaint(text)
+    assert said.startswith(first) and bool(said) == bool(first) and len(said) < 250
 
 
 def test_a_file_needs_nothing_else_and_escapes_what_it_is_given(view, hidden_effect) -> None:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.estimation.least_squares import coloured_sandwich, solve_factor
 from aircraft_sysid_ros.estimation.maximum_likelihood import covariance_of
 from aircraft_sysid_ros.estimation.two_stage.linear import triangle
-from aircraft_sysid_ros.estimation.two_stage.problem import Problem
+from aircraft_sysid_ros.estimation.two_stage.problem import Integers, Problem
 
 Array = npt.NDArray[np.float64]
 
@@ -65,11 +65,13 @@ def cost_hessian(problem: Problem, xi1: Array, xi2: Array, noise: Array) -> Arra
     return out
 
 
-def covariances(problem: Problem, xi1: Array, xi2: Array, noise: Array, lags: int) -> Covariances:
+def covariances(
+    problem: Problem, xi1: Array, xi2: Array, noise: Array, lags: int, piece: Integers | None = None
+) -> Covariances:
     """Covariances at a minimum, all multiplied by Km / (Km - n) for what the fit took from the residuals.
 
-    Residuals may be correlated over fewer than ``lags`` samples. The unknowns are taken as free: at a bound the
-    numbers are those of the minimum without it.
+    Residuals may be correlated over fewer than ``lags`` rows of the record, unless they are of another ``piece`` (N,).
+    The unknowns are taken as free: at a bound the numbers are those of the minimum without it.
     """
     a, b = problem.evaluate(xi2)
     residual = (problem.kept - b - a @ xi1) / np.sqrt(noise)
@@ -81,8 +83,26 @@ def covariances(problem: Problem, xi1: Array, xi2: Array, noise: Array, lags: in
     hessian = cost_hessian(problem, xi1, xi2, noise)
     positive = smallest_scaled_eigenvalue(hessian) > _POSITIVE
     whole = covariance_of(hessian) * (residual.size / freedom) if positive else gauss_newton
-    coloured = coloured_sandwich(h, residual, solution, lags, residual.size)
+    h_in_time, residual_in_time = (in_time(rows, problem, piece, lags) for rows in (h, residual))
+    coloured = coloured_sandwich(h_in_time, residual_in_time, solution, lags, residual.size)
     return Covariances(gauss_newton, whole, coloured, positive)
+
+
+def in_time(rows: Array, problem: Problem, piece: Integers | None, lags: int) -> Array:
+    """Usable rows (K, …) at their places in the record, with zeros where it has gaps: what lags are counted in."""
+    if problem.usable is not None:
+        spread = np.zeros((len(problem.measured), *rows.shape[1:]))
+        spread[problem.usable] = rows
+        rows = spread
+    return rows if piece is None else separated(rows, piece, lags)
+
+
+def separated(rows: Array, piece: Integers, lags: int) -> Array:
+    """Rows (K, …) with ``lags`` rows of zeros between the pieces (K,), so that no product spans a gap."""
+    cuts = np.flatnonzero(np.diff(piece)) + 1
+    empty = np.zeros((lags, *rows.shape[1:]))
+    parts = [part for block in np.split(rows, cuts) for part in (block, empty)]
+    return np.concatenate(parts[:-1])
 
 
 def smallest_scaled_eigenvalue(matrix: Array) -> float:

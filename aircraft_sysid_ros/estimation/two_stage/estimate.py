@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.two_stage.bound import CostBound, cost_bound, lipschitz_constants
 from aircraft_sysid_ros.estimation.two_stage.conditions import Conditions, Verdict
 from aircraft_sysid_ros.estimation.two_stage.covariance import Covariances, covariances
 from aircraft_sysid_ros.estimation.two_stage.decision import Decision, decide
 from aircraft_sysid_ros.estimation.two_stage.optimisation import Optimum, alternate, at_bound, within_bounds
-from aircraft_sysid_ros.estimation.two_stage.problem import Mask, Problem
+from aircraft_sysid_ros.estimation.two_stage.problem import Integers, Mask, Problem
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import (
     Progress,
     ResidualSamples,
@@ -24,6 +25,8 @@ from aircraft_sysid_ros.estimation.two_stage.residual_sampling import (
 from aircraft_sysid_ros.estimation.two_stage.sampling import Prior
 
 Array = npt.NDArray[np.float64]
+#: L_A and L_b of (13) themselves, or that they are taken from the samples.
+Lipschitz = tuple[float, float] | Literal["from samples"]
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class TwoStageEstimate:
     at_bound: Mask  # (n,): such an unknown has no meaningful std
     samples: ResidualSamples
     decision: Decision
+    bound: CostBound | None  # (7), (13) of the lowest sample, where it was asked for
     alone: bool  # stage 2 estimated xi2 alone; else all unknowns
     reason: str  # why
     cost: float  # (6)
@@ -72,6 +76,7 @@ class TwoStageEstimate:
                 "verdicts": {v.name.lower(): self.samples.count(v) for v in Verdict},
                 "unique_minimum": self.decision.unique,
                 "decision": self.decision.reason,
+                "bound": None if self.bound is None else asdict(self.bound),
             },
             "stage_2": {
                 "estimated": "xi2 alone" if self.alone else "all unknowns",
@@ -94,20 +99,33 @@ def estimate(
     progress: Progress | None = None,
     lags: int = 1,
     conditions: Conditions | None = None,
+    piece: Integers | None = None,
+    lipschitz: Lipschitz | None = None,
 ) -> TwoStageEstimate:
     """Both stages.
 
     samples: how many to draw from ``prior`` (Sobol samples within the bounds if None) with ``seed``, or the samples
     (S, n2) themselves. progress(what, done, of) is told how far it is, of = 0 where nobody knows. Residuals of flight
-    data are correlated in time: ``lags`` is over how many samples. Raises InputError where the problem has no answer.
+    data are correlated in time: ``lags`` is over how many rows of the record, those not usable among them, and rows of
+    another ``piece`` (N,) are not correlated. lipschitz: L_A and L_b per ``scale2``, with R as estimated, for the bound
+    of (13). Raises InputError where the problem has no answer.
     """
+    if piece is not None and np.shape(piece) != (len(problem.measured),):
+        raise InputError(f"piece must have one number for each of the {len(problem.measured)} measurements")
     drawn = _drawn(problem, samples, prior or Prior(), seed)
     judged, chosen = candidates(problem, sample_residuals(problem, drawn, progress), conditions or Conditions())
     problem.check_gradient(judged.xi2[chosen[0]])
     decision = decide(problem, judged, chosen)
     told = None if progress is None else lambda turn: progress("stage 2", turn, 0)
-    optimum, alone, reason = _second_stage(problem, decision, told)
-    return _estimate(problem, optimum, judged, decision, alone, reason, lags)
+    found, alone, reason = second_stage(problem, decision, told)
+    by_kind = covariances(problem, found.xi1, found.xi2, found.noise, lags, piece)
+    covariance = _believed(by_kind, lags)
+    return TwoStageEstimate(
+        problem.names, found.xi1, found.xi2, np.sqrt(np.diag(covariance)), covariance, by_kind, found.noise,
+        found.noise * np.sqrt(2.0 / len(problem.kept)), at_bound(problem, found.xi1, found.xi2), judged, decision,
+        _bound(problem, found, judged, lipschitz), alone, reason, found.cost, found.iterations, found.alternations,
+        found.converged, found.reason,
+    )  # fmt: skip
 
 
 def _drawn(problem: Problem, samples: int | Array, prior: Prior, seed: int) -> Array:
@@ -122,10 +140,10 @@ def _drawn(problem: Problem, samples: int | Array, prior: Prior, seed: int) -> A
     return given
 
 
-def _second_stage(
-    problem: Problem, decision: Decision, progress: Callable[[int], None] | None
+def second_stage(
+    problem: Problem, decision: Decision, progress: Callable[[int], None] | None = None
 ) -> tuple[Optimum, bool, str]:
-    """Optimum of least cost from the minima of stage 1, whether of xi2 alone, and why."""
+    """Step 5: optimum of least cost from the minima of stage 1, whether of xi2 alone, and why."""
     reason = decision.reason
     if decision.unique:
         best = decision.minima[0]
@@ -137,17 +155,19 @@ def _second_stage(
     return min(every, key=lambda optimum: optimum.cost), False, reason
 
 
-def _estimate(
-    problem: Problem, found: Optimum, samples: ResidualSamples, decision: Decision, alone: bool, reason: str, lags: int
-) -> TwoStageEstimate:
-    by_kind = covariances(problem, found.xi1, found.xi2, found.noise, lags)
-    covariance = by_kind.hessian
-    if lags > 1:
-        grown = np.sqrt(np.fmax(np.diag(by_kind.coloured) / np.diag(by_kind.hessian), 1.0))
-        covariance = covariance * np.outer(grown, grown)
-    freedom = problem.kept.shape[0]
-    return TwoStageEstimate(
-        problem.names, found.xi1, found.xi2, np.sqrt(np.diag(covariance)), covariance, by_kind, found.noise,
-        found.noise * np.sqrt(2.0 / freedom), at_bound(problem, found.xi1, found.xi2), samples, decision, alone, reason,
-        found.cost, found.iterations, found.alternations, found.converged, found.reason,
-    )  # fmt: skip
+def _believed(by_kind: Covariances, lags: int) -> Array:
+    """H^-1, with the larger variances where residuals are correlated."""
+    if lags <= 1:
+        return by_kind.hessian
+    grown = np.sqrt(np.fmax(np.diag(by_kind.coloured) / np.diag(by_kind.hessian), 1.0))
+    return np.asarray(by_kind.hessian * np.outer(grown, grown))
+
+
+def _bound(problem: Problem, found: Optimum, samples: ResidualSamples, lipschitz: Lipschitz | None) -> CostBound | None:
+    """What the lowest sample said of the least cost."""
+    if lipschitz is None:
+        return None
+    if lipschitz == "from samples":
+        lipschitz = lipschitz_constants(problem, samples.xi2[np.isfinite(samples.trace)], found.noise)
+    lowest = samples.xi2[int(np.argmin(samples.trace))]
+    return cost_bound(problem, found.xi1, found.xi2, lowest, found.noise, lipschitz)

@@ -19,6 +19,7 @@ from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Integers = npt.NDArray[np.int64]
 
 #: Central differences: the cube root of the rounding error, where truncation and rounding balance.
 _STEP = 6e-6

@@ -108,7 +108,7 @@ def coefficient_figure(
         xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
         yaxis=axis(theme, f"{symbol(name)} [-]", domain=[split + 0.05, 1.0], fixedrange=True, nticks=5),
         yaxis2=axis(theme, "left over", domain=[0.0, split], fixedrange=True, nticks=5),
-        shapes=[*_bands(held_out, window, theme.shade), *_bands(marks, window, theme.mark)],
+        shapes=[*bands(held_out, window, theme.shade), *bands(marks, window, theme.mark)],
     )  # fmt: skip
 
 
@@ -141,7 +141,7 @@ def _held_out(window: Span, start: float) -> list[Span]:
     return [(float(begin), float(begin) + BLOCK) for begin in np.arange(first, window[1], period)]
 
 
-def _bands(spans: Sequence[Span], window: Span, colour: str) -> list[dict[str, Any]]:
+def bands(spans: Sequence[Span], window: Span, colour: str) -> list[dict[str, Any]]:
     """Spans of time within a window as one shape: a shape of its own for each would be slow."""
     inside = [(max(b, window[0]), min(e, window[1])) for b, e in spans if e > window[0] and b < window[1]]
     if not inside:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,8 @@ Figure = dict[str, Any]
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 #: Points of a line that are drawn: two per pixel of a narrow plot.
 MOST_POINTS = 1000
+#: What a curve that leaves the range of its plot is called, and most marks of it at one edge.
+BEYOND, _MOST_MARKS = "beyond the plot", 40
 CONFIG = {"displayModeBar": False, "responsive": True, "doubleClick": "autosize", "showTips": False}
 
 
@@ -86,6 +89,33 @@ def line(x: Array, y: Array, colour: str, name: str, **more: Any) -> dict[str, A
     style = {"color": colour, "width": more.pop("width", 1.2), "dash": more.pop("dash", "solid"), "simplify": False}
     base = {"type": "scatter", "mode": "lines", "x": encoded(x), "y": encoded(y), "name": name, "line": style}
     return {**base, **more}
+
+
+def beyond(time: Array, values: Array, limits: Sequence[float] | None, theme: Theme) -> list[dict[str, Any]]:
+    """Triangles at the edge of a plot where curves (n,) or (n, k) leave its range; nothing where none does.
+
+    time rises. Of each slot of time one is drawn.
+    """
+    if limits is None or not len(time):
+        return []
+    columns = values.reshape(len(time), -1)
+    inward = 0.02 * (limits[1] - limits[0])  # plotly hides a mark whose middle is outside
+    slot = np.floor((time - time[0]) / max(float(time[-1] - time[0]), 1e-9) * _MOST_MARKS)
+    found: list[dict[str, Any]] = []
+    for outside, edge, shape in (
+        (columns < limits[0], limits[0] + inward, "triangle-down"),
+        (columns > limits[1], limits[1] - inward, "triangle-up"),
+    ):  # fmt: skip
+        at = np.flatnonzero(outside.any(axis=1))
+        at = at[np.unique(slot[at], return_index=True)[1]]
+        if not len(at):
+            continue
+        found.append({
+            "type": "scatter", "mode": "markers", "x": encoded(time[at]), "y": encoded(np.full(len(at), edge)),
+            "marker": {"size": 6, "symbol": shape, "color": theme.muted}, "cliponaxis": False, "hoverinfo": "skip",
+            "name": BEYOND, "legendgroup": BEYOND, "showlegend": not found,
+        })  # fmt: skip
+    return found
 
 
 def thinned(

@@ -71,9 +71,7 @@ def failing_axes(missing: Mapping[str, Any] | None, model: str) -> set[str]:
     return set(missing["candidates"][0]["axes"])
 
 
-def coefficient_figure(
-    rows: Rows, name: str, theme: Theme, changes: Sequence[float] = (), height: int = 226
-) -> Figure:
+def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[float] = (), height: int = 226) -> Figure:
     """One axis over the newest WINDOW seconds: measured, predicted, what is left over, ``changes`` of the model."""
     end = float(rows[-1]["time"]) if rows else WINDOW
     window = [max(end, WINDOW) - WINDOW, max(end, WINDOW)]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE
-from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
+from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, beyond, encoded, figure, line
 
 Array = npt.NDArray[np.float64]
 
@@ -87,9 +87,10 @@ def history_figure(
         data.append(line(ends, np.full(2, truth), theme.predicted, "truth", dash="dash", width=1.6))
     settled = known & (found.time >= 0.5 * (found.time[0] + found.time[-1]))
     limits = _limits(low[settled], high[settled], truth)
+    data += beyond(found.time, np.column_stack([low, value, high]), limits, theme)
     return figure(
         theme, data, height,
-        xaxis=axis(theme, TIME_TITLE),
+        xaxis=axis(theme, TIME_TITLE, range=ends.tolist()),
         yaxis=axis(theme, name, fixedrange=True, **({"range": limits} if limits else {})),
         showlegend=True,
         margin={"l": 70, "r": 12, "t": 34, "b": 42},

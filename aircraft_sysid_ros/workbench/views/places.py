@@ -74,6 +74,8 @@ def map_figure(found: ResidualMap, theme: Theme, height: int = 330) -> Figure:
     known = found.times_noise[np.isfinite(found.times_noise)]
     scale = [[i / (len(theme.scale) - 1), colour] for i, colour in enumerate(theme.scale)]
     top = max(float(np.quantile(known, _TOP)), 2.0) if len(known) else 2.0
+    ticks = np.linspace(1.0, top, 4)
+    words_of_ticks = [f"≤ {ticks[0]:.0f}", *(f"{tick:.1f}" for tick in ticks[1:-1]), f"≥ {top:.1f}"]
     heat = {
         "type": "heatmap", "x": encoded(x), "y": encoded(y), "z": encoded(found.times_noise),
         "zmin": 1.0, "zmax": top, "colorscale": scale, "xgap": 1, "ygap": 1,
@@ -81,8 +83,8 @@ def map_figure(found: ResidualMap, theme: Theme, height: int = 330) -> Figure:
         "hovertemplate": f"{words[0].words} %{{x:.3g}}<br>{words[1].words} %{{y:.3g}}<br>%{{z:.1f}} times the noise"
         "<extra></extra>",
         "colorbar": {
-            "title": {"text": "times<br>the noise", "side": "top"}, "thickness": 10, "outlinewidth": 0, "len": 0.9,
-            "tickfont": {"color": theme.muted},
+            "title": {"text": "times the noise", "side": "right"}, "thickness": 10, "outlinewidth": 0, "len": 0.9,
+            "tickvals": ticks.tolist(), "ticktext": words_of_ticks, "tickfont": {"color": theme.muted},
         },
     }  # fmt: skip
     return figure(

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE
-from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line, thinned
+from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, beyond, encoded, figure, line, thinned
+from aircraft_sysid_ros.workbench.views.parameters import INTERVAL
 
 Array = npt.NDArray[np.float64]
 
@@ -77,7 +78,7 @@ def consistencies(state: Mapping[str, Any]) -> list[Consistency]:
 def bias_figure(
     state: StateHistory, which: str, theme: Theme, truth: Sequence[float] | None = None, height: int = 250
 ) -> Figure:
-    """Three components with two sigma; ``which`` is accelerometer_bias, gyro_bias or wind."""
+    """Three components with their 95 % intervals; ``which`` is accelerometer_bias, gyro_bias or wind."""
     words = {
         "accelerometer_bias": ("accelerometer bias [m/s²]", "xyz"),
         "gyro_bias": ("gyro bias [rad/s]", "xyz"),
@@ -86,26 +87,36 @@ def bias_figure(
     values, std = getattr(state, which), getattr(state, f"{which}_std")
     data: list[dict[str, Any]] = []
     for k, colour in enumerate((theme.residual, theme.predicted, theme.second)):
-        for sign in (-2.0, 2.0):
+        for sign in (-INTERVAL, INTERVAL):
             edge = thinned(state.time, values[:, k] + sign * std[:, k])
-            data.append(line(*edge, colour, "", dash="dot", width=0.8, hoverinfo="skip", showlegend=False, opacity=0.7))
+            style: dict[str, Any] = {"dash": "dot", "width": 0.8, "hoverinfo": "skip", "opacity": 0.7}
+            data.append(line(*edge, colour, "95 % interval", showlegend=False, **style))
         data.append(line(*thinned(state.time, values[:, k]), colour, words[1][k], width=1.6))
     for k, true in enumerate(truth or ()):
         ends = state.time[[0, -1]]
         style = {"dash": "dash", "width": 1.0, "showlegend": k == 0}
-        data.append(line(ends, np.full(2, true), theme.ink, "truth at the end", **style))
+        data.append(line(ends, np.full(2, true), theme.ink, "truth, at the end", **style))
+    limits = _settled_range(values, std, () if truth is None else truth)
+    half = INTERVAL * std
+    data += beyond(state.time, np.hstack([values - half, values, values + half]), limits, theme)
     return figure(
         theme, data, height,
-        xaxis=axis(theme, state.time_title),
-        yaxis=axis(theme, words[0], fixedrange=True, range=_settled_range(values, std)),
+        xaxis=axis(theme, state.time_title, range=_ends(state.time)),
+        yaxis=axis(theme, words[0], fixedrange=True, range=limits),
         showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip
 
 
-def _settled_range(values: Array, std: Array) -> list[float]:
-    """Limits of the last four fifths of a flight: at its start nothing is known."""
+def _ends(time: Array) -> list[float]:
+    """Marks at the edges would widen the range that plotly finds by itself."""
+    return [float(time[0]), float(time[-1])]
+
+
+def _settled_range(values: Array, std: Array, truth: Sequence[float]) -> list[float]:
+    """Limits of the last four fifths of a flight, and of the truth: at its start nothing is known."""
     late = slice(len(values) // 5, None)
-    low, high = np.nanmin((values - 2.2 * std)[late]), np.nanmax((values + 2.2 * std)[late])
+    low = min(float(np.nanmin((values - 2.2 * std)[late])), *truth, np.inf)
+    high = max(float(np.nanmax((values + 2.2 * std)[late])), *truth, -np.inf)
     room = 0.08 * (high - low) + 1e-9
     return [float(low - room), float(high + room)]
 
@@ -137,11 +148,12 @@ def consistency_figure(state: StateHistory, theme: Theme, height: int = 250) -> 
         line(*thinned(state.time, state.consistency), theme.residual, "all sensors", width=1.4),
         line(state.time[[0, -1]], np.ones(2), theme.ink, "as expected", dash="dash", width=1.0),
     ]
-    top = float(np.nanquantile(state.consistency, 0.98))
+    limits = [0.0, max(1.3 * float(np.nanquantile(state.consistency, 0.98)), 2.0)]
+    data += beyond(state.time, state.consistency, limits, theme)
     return figure(
         theme, data, height,
-        xaxis=axis(theme, state.time_title),
-        yaxis=axis(theme, "innovations over expected [-]", fixedrange=True, range=[0.0, max(1.3 * top, 2.0)]),
+        xaxis=axis(theme, state.time_title, range=_ends(state.time)),
+        yaxis=axis(theme, "innovations over expected [-]", fixedrange=True, range=limits),
         showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip
 
@@ -167,9 +179,11 @@ def track_figure(state: StateHistory, theme: Theme, height: int = 460) -> Figure
 
 def all_figures(state: StateHistory, theme: Theme, truth: Mapping[str, Any]) -> list[tuple[str, Figure]]:
     """Every figure with its title; ``truth`` is the content of truth.json, empty where it is not known."""
+    names = {"Wind": "wind", "Accelerometer bias": "accelerometer_bias", "Gyro bias": "gyro_bias"}
+    true = {**truth, "wind": truth.get("wind_ned")}
     biases = [
-        (title, bias_figure(state, which, theme, truth.get("wind_ned" if which == "wind" else which)))
-        for title, which in (("Wind", "wind"), ("Accelerometer bias", "accelerometer_bias"), ("Gyro bias", "gyro_bias"))
+        (f"{title}, dotted: 95 % interval", bias_figure(state, which, theme, true.get(which)))
+        for title, which in names.items()
     ]
     air = [
         (title, air_figure(state, which, theme))

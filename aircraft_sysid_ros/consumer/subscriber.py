@@ -1,0 +1,46 @@
+"""``~/parameters`` of ROS 2 into a ParameterSource: the only file of the library that knows ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from aircraft_sysid_msgs.msg import Parameters
+
+from aircraft_sysid_ros.consumer.snapshot import Condition
+from aircraft_sysid_ros.consumer.source import NANOSECONDS, ParameterSource
+
+TOPIC = "parameter_estimator/parameters"
+_LIMITS = ("airspeed_min", "airspeed_max", "alpha_min", "alpha_max", "beta_min", "beta_max")
+_FIELDS = ("name", "value", "standard_deviation", "status", "reason", "age")
+
+
+def content_of(message: Any) -> dict[str, Any]:
+    """Content of a message Parameters as ``snapshot_of`` takes it."""
+    return {
+        "model": message.model,
+        "parameters": [{name: getattr(p, name) for name in _FIELDS} for p in message.parameters],
+        "covariance": message.covariance,
+        **{name: getattr(message, name) for name in _LIMITS},
+    }
+
+
+class ParameterSubscriber:
+    """Keeps a source fed while its node spins, in whatever thread; what is refused is logged, at most every 10 s."""
+
+    def __init__(
+        self,
+        node: Any,
+        source: ParameterSource,
+        topic: str = TOPIC,
+        condition: Callable[[], Condition | None] = lambda: None,
+    ) -> None:
+        """``condition`` tells the flight condition now, for a source with a table."""
+        self.source, self._condition, self._logger = source, condition, node.get_logger()
+        self.subscription = node.create_subscription(Parameters, topic, self._on_message, 10)
+
+    def _on_message(self, message: Parameters) -> None:
+        stamp = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+        refusal = self.source.offer(stamp, content_of(message), self._condition())
+        if refusal:
+            self._logger.warning(f"parameters refused: {refusal}", throttle_duration_sec=10.0)

@@ -1,0 +1,115 @@
+"""Do two estimators agree? Another learner with recursive least squares, and that with itself: now with before.
+
+Estimates a and b of one parameter, of which each says its standard error, disagree where
+
+    |a - b| > SIGMA sqrt(s_a^2 + s_b^2),    |a - b| > SHARE |a|,    and |a - b| moves the coefficient by more than a
+    share NEGLIGIBLE of its spread:
+
+surely, and by a size that matters. Correlated errors make the true difference smaller than the first says.
+
+Recursive least squares is compared with itself on disjoint data: least squares over the newest motion, and over all
+before it, which fades as in the recursion. With M = sum x x' of either, and s the published standard error,
+
+    s_a^2 = s^2 (M_a^-1)_jj / ((M_a + M_b)^-1)_jj + [M_a^-1 (n_a v * theta_a)]_j^2,
+
+with what coloured residuals do to the whole, and with the pull that noise of variance v in the terms has on that part
+of the data alone: where a part hardly moves, that is most. It sees what came or went: a change, a poisoned stretch, a
+model that holds in one part of the flight only. It is blind to what both parts share: a scale, a delay, a constant
+bias. Constants are left out: they follow the accelerometer bias while it is being found.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.modelling.regression import Point
+
+Array = npt.NDArray[np.float64]
+
+SIGMA, SHARE, NEGLIGIBLE = 6.0, 0.25, 0.05
+#: Evaluations of a block of motion; blocks of the newest part, and the least number of them before it.
+BLOCK, NEWEST, BEFORE = 125, 3, 3
+
+
+def disagree(a: Array, b: Array, std_a: Array, std_b: Array, effect: Array) -> npt.NDArray[np.bool_]:
+    """Which parameters (n,) two estimators do not agree on; ``effect`` of one unit, over the coefficient's spread."""
+    apart = np.abs(a - b)
+    surely = apart > SIGMA * np.hypot(std_a, std_b)
+    return np.asarray(surely & (apart > SHARE * np.abs(a)) & (apart * effect > NEGLIGIBLE))
+
+
+class NowAndBefore:
+    """Least squares over the newest motion of each axis, and over what was before."""
+
+    def __init__(self, model: AerodynamicModel, forgetting: float) -> None:
+        """``forgetting`` per evaluation."""
+        self._model, self._fade = model, forgetting**BLOCK
+        self._blocks: list[deque[Array]] = [deque() for _ in AXES]
+        self._open = [self._nothing(axis) for axis in range(len(AXES))]
+        self._before = [self._nothing(axis) for axis in range(len(AXES))]
+
+    def _nothing(self, axis: int) -> Array:
+        n = len(self._model.terms[AXES[axis]])
+        return np.zeros((n + 2, n + 2))
+
+    def forget(self, axis: int) -> None:
+        """Begin an axis anew."""
+        self._blocks[axis].clear()
+        self._open[axis], self._before[axis] = self._nothing(axis), self._nothing(axis)
+
+    def take(self, axis: int, points: Array) -> None:
+        """Points (m, …) that the axis learnt from."""
+        part = self._model.axis_slice(AXES[axis])
+        x = points[:, Point.TERMS + part.start : Point.TERMS + part.stop]
+        rows = np.column_stack([x, points[:, Point.MEASURED.start + axis], np.ones(len(points))])
+        self._open[axis] += rows.T @ rows
+        if self._open[axis][-1, -1] < BLOCK:
+            return
+        blocks = self._blocks[axis]
+        blocks.append(self._open[axis])
+        self._open[axis] = self._nothing(axis)
+        if len(blocks) > NEWEST:
+            self._before[axis] = self._fade * self._before[axis] + blocks.popleft()
+
+    def disagreeing(self, axis: int, std: Array, noise: Array) -> dict[int, tuple[float, float]]:
+        """Terms of the axis on which now and before disagree, with both values.
+
+        ``std`` (n,) is what is published, ``noise`` (n,) the variance of the noise in each term.
+        """
+        blocks, before = self._blocks[axis], self._before[axis]
+        if len(blocks) < NEWEST or before[-1, -1] < BEFORE * BLOCK:
+            return {}
+        now, n = np.sum(blocks, axis=0), len(std)
+        both = now + before
+        solutions = [solved(sums) for sums in (now, before, both)]
+        if any(solution is None for solution in solutions):
+            return {}
+        (a, pa), (b, pb), (_, p) = (solution for solution in solutions if solution is not None)
+        per_unit = std / np.sqrt(np.diag(p))
+        std_a, std_b = (
+            np.hypot(per_unit * np.sqrt(np.diag(inverse)), inverse @ (sums[-1, -1] * noise * theta))
+            for theta, inverse, sums in ((a, pa, now), (b, pb, before))
+        )
+        mean = both / both[-1, -1]
+        spread = np.sqrt(max(mean[n, n] - mean[n, n + 1] ** 2, 1e-300))
+        apart = disagree(a, b, std_a, std_b, np.sqrt(np.diag(mean)[:n]) / spread)
+        apart &= np.array([program.text != "1" for program in self._model.programs[axis]])
+        return {j: (float(a[j]), float(b[j])) for j in np.flatnonzero(apart).tolist()}
+
+
+def solved(sums: Array) -> tuple[Array, Array] | None:
+    """Least squares (n,) and the inverse (n, n) from sums (n + 2, n + 2); None where terms are collinear."""
+    n = len(sums) - 2
+    scale = np.sqrt(np.diag(sums)[:n])
+    if not np.all(scale > 0.0):
+        return None
+    try:
+        root = np.linalg.cholesky(sums[:n, :n] / np.outer(scale, scale))
+    except np.linalg.LinAlgError:
+        return None
+    half = np.linalg.solve(root, np.diag(1.0 / scale))
+    return half.T @ (half @ sums[:n, n]), half.T @ half

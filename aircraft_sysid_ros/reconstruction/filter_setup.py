@@ -1,0 +1,88 @@
+"""What the jitted loop needs to know of aircraft and options."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.earth import gravity
+from aircraft_sysid_ros.reconstruction.state import Setup
+from aircraft_sysid_ros.samples import Kind
+
+if TYPE_CHECKING:
+    from aircraft_sysid_ros.reconstruction.state_estimator import StateOptions
+
+Array = npt.NDArray[np.float64]
+
+#: Which sensor of the aircraft file a kind of sample comes from.
+SENSOR_OF_KIND = {
+    Kind.IMU: "accelerometer",
+    Kind.ATTITUDE: "attitude",
+    Kind.MAGNETIC_FIELD: "magnetometer",
+    Kind.GPS_POSITION: "gps_position",
+    Kind.GPS_VELOCITY: "gps_velocity",
+    Kind.AIRSPEED: "airspeed",
+    Kind.ANGLE_OF_ATTACK: "angle_of_attack",
+    Kind.SIDESLIP: "sideslip",
+    Kind.AIR: "static_pressure",
+    Kind.CONTROLS: "control_surfaces",
+    Kind.HEIGHT: "height_above_ground",
+    Kind.FIVE_HOLE: "five_hole_probe",
+}
+
+
+def sensor_scales(aircraft: Aircraft) -> Array:
+    """Scale of the first value by kind, shape (kinds,)."""
+    scales = np.ones(len(Kind))
+    for kind, sensor in SENSOR_OF_KIND.items():
+        scales[kind] = aircraft.sensors[sensor].scale
+    return scales
+
+
+def gate_thresholds(sigma: float) -> Array:
+    """Largest normalised innovation squared for 0 to 3 outputs, as probable as ``sigma`` in one output."""
+    from scipy.special import erf, gammaincinv  # here: 0.3 s that other users of this module do not need
+
+    inside = float(erf(sigma / np.sqrt(2.0)))
+    return np.array([0.0] + [2.0 * float(gammaincinv(0.5 * m, inside)) for m in (1, 2, 3)])
+
+
+def new_setup(aircraft: Aircraft, options: StateOptions, gate: Array, origin: Array, imu: Array) -> Setup:
+    """Setup of a flight with the origin (3,) of its positions; the first IMU sample may carry variances."""
+    variance, given = np.ones((len(Kind), 3)), np.zeros(len(Kind), np.bool_)
+    for kind, name in SENSOR_OF_KIND.items():
+        variance[kind] = np.square(aircraft.sensors[name].noise)
+        given[kind] = aircraft.sensors[name].noise_is_given
+    declination = aircraft.magnetic_declination
+    return Setup(
+        gravity=float(gravity(origin[0], origin[2])),
+        origin=origin,
+        imu_position=aircraft.imu_position,
+        gps_from_imu=aircraft.gps_position - aircraft.imu_position,
+        probe_from_imu=aircraft.air_data_position - aircraft.imu_position,
+        declination=np.nan if declination is None else float(declination),
+        minimum_airspeed=float(aircraft.minimum_airspeed),
+        variance=variance,
+        given=given,
+        accelerometer_variance=_imu_variance(aircraft, "accelerometer", float(imu[6])),
+        gyro_variance=_imu_variance(aircraft, "gyro", float(imu[7])),
+        accelerometer_walk=float(aircraft.process_noise["accelerometer_bias"]),
+        gyro_walk=float(aircraft.process_noise["gyro_bias"]),
+        wind_walk=float(aircraft.process_noise["wind"]),
+        gate=gate,
+        maximum_iterations=int(options.maximum_iterations),
+        tolerance=float(options.tolerance),
+        maximum_gap=float(options.maximum_gap),
+        divergence_time=float(options.divergence_time),
+    )
+
+
+def _imu_variance(aircraft: Aircraft, sensor: str, carried: float) -> float:
+    """From the aircraft file if it says so, else from the message, else the default."""
+    configured = aircraft.sensors[sensor]
+    if carried > 0.0 and not configured.noise_is_given:
+        return carried
+    return float(configured.noise[0] ** 2)

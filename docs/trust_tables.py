@@ -1,0 +1,56 @@
+"""Tables of docs/trust.md from benchmarks/results/bad_minute.json: header and rows of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+Result = dict[str, Any]
+Table = tuple[list[str], list[list[str]]]
+
+WORDS = {
+    "airspeed_blocked": "airspeed stands still",
+    "airspeed_lost": "no airspeed",
+    "alpha_stuck": "vane of the angle of attack sticks",
+    "beta_stuck": "vane of the sideslip sticks",
+    "gps_lost": "no GPS",
+    "gps_spoofed": "GPS velocity 5 m/s wrong",
+    "imu_bias_jump": "IMU biases jump",
+    "rudder_stuck": "rudder sticks, commands are recorded",
+    "elevator_halved": "elevator loses half of its effect, for good",
+}
+
+
+def delay(part: Result, key: str) -> str:
+    """Median and worst, and how many flights are in it."""
+    if part[f"{key}_median"] is None:
+        return "never"
+    count = "" if part[key] == part["flights"] else f", {part[key]} of {part['flights']} flights"
+    return f"{part[f'{key}_median']:.1f} / {part[f'{key}_worst']:.1f} s{count}"
+
+
+def failures(result: Result) -> Table:
+    """When what failed was held and used again, and how wrong what was used has been."""
+    rows = [
+        [WORDS[name], delay(part, "held"), delay(part, "back"), f"{100 * part['worst']:.0f} %",
+         f"{100 * part['worst_plain']:.0f} %", part["reason"].partition(" since")[0]]
+        for name, part in result["failures"].items()
+    ]  # fmt: skip
+    header = ["failure", "HOLD after, median / worst", "USE again after its end", "largest error with USE",
+              "without the gates", "reason given"]  # fmt: skip
+    return header, rows
+
+
+def clean(result: Result) -> Table:
+    """What the gates cost where nothing fails."""
+    rows = [
+        [label, str(part["flights"]), f"{100 * part['use_plain']:.1f} %", f"{100 * part['use']:.1f} %",
+         str(part["with_hold"]), f"{part['disagreeing']:.2f}"]
+        for label, part in result["clean"].items()
+    ]  # fmt: skip
+    header = ["flights", "number", "USE without the gates", "USE with them", "flights in which an axis was held",
+              "parameters per flight on which two estimates disagree"]  # fmt: skip
+    return header, rows
+
+
+TABLES: dict[str, Callable[[Result], Table]] = {"failures": failures, "clean": clean}

@@ -1,0 +1,173 @@
+"""The aeroplane as a ROS 2 node: sensor topics out, commanded surfaces in.
+
+    python examples/adaptive_controller/aeroplane_node.py --ros-args -p aircraft_file:=… -p case:=elevator -p rate:=1.0
+
+It flies by the clock (``rate`` times real time), with the newest command that has come, or with rate 0 in step with the
+controller: as soon as the command that answers its newest IMU sample is there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from aircraft_sysid_msgs.msg import ControlSurfaces
+from geometry_msgs.msg import QuaternionStamped
+from one_process import CASES, is_lost
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.recordings import ros_conversion
+from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, USED_FIELDS
+from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, Sensed, SteppedAeroplane, damage_of
+from aircraft_sysid_ros.simulation.closed_loop_faults import fault_of
+
+Array = npt.NDArray[np.float64]
+
+COMMANDS = "commanded_surfaces"
+DEPTH = 5000
+#: Longest [s] that it waits for an answer in step with the controller.
+PATIENCE = 2.0
+
+
+def message_of(sensed: Sensed) -> Any:
+    """The ROS message of a sample, ENU and FLU."""
+    if sensed.topic == ATTITUDE_TOPIC:
+        x, y, z, w = map(float, ros_conversion.quaternion_enu_flu(sensed.values))
+        content = {f"quaternion.{name}": value for name, value in zip("xyzw", (x, y, z, w), strict=True)}
+        return common.stamp_of(common.fill(QuaternionStamped(), content), sensed.stamp)
+    message = common.message_class(TOPICS[sensed.topic])()
+    for name, value in _fields(sensed).items():
+        parts = USED_FIELDS[sensed.topic].get(name, "").split()
+        flat = np.asarray(value)[0]
+        inside = {f"{name}.{part}": float(v) for part, v in zip(parts, flat, strict=True)} if parts else None
+        common.fill(message, inside or {name: _plain(flat)})
+    return common.stamp_of(message, sensed.stamp)
+
+
+def _fields(sensed: Sensed) -> dict[str, Any]:
+    """Flat fields (1,) or (1, k) of a sample."""
+    v = sensed.values
+    if sensed.topic == "imu/data":
+        return dict(ros_conversion.imu_fields(v[:3], v[3:]))
+    if sensed.topic == "gps/fix":
+        return {**ros_conversion.gps_fix_fields(v[0], v[1], v[2]), "status.status": np.zeros(1, dtype=np.int8)}
+    if sensed.topic == "gps/vel":
+        return dict(ros_conversion.gps_velocity_fields(v))
+    return {name: np.array([value]) for name, value in zip(USED_FIELDS[sensed.topic], v, strict=True)}
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, np.ndarray) and value.ndim else value.item()
+
+
+class AeroplaneNode(Node):
+    """Owns a SteppedAeroplane; ``fly`` flies it."""
+
+    def __init__(self, **arguments: Any) -> None:
+        """Raises InputError for bad parameters."""
+        super().__init__("aeroplane", **arguments)
+        defaults = {"aircraft_file": "", "case": "none", "seed": 0, "turbulence": 4.0, "rate": 1.0, "duration": 0.0}
+        for name, default in defaults.items():
+            self.declare_parameter(name, default)
+        value = {name: self.get_parameter(name).value for name in defaults}
+        if value["case"] not in CASES:
+            raise InputError(f"the parameter case must be one of {', '.join(CASES)}, not '{value['case']}'")
+        self.case, self.rate = CASES[value["case"]], float(value["rate"])
+        aircraft: Aircraft = load_aircraft(value["aircraft_file"] or config_path(DEFAULT_AIRCRAFT))
+        self.aeroplane = SteppedAeroplane(
+            aircraft, value["seed"], value["duration"] or self.case.duration, turbulence=float(value["turbulence"]),
+            damage=damage_of(aircraft, self.case.damage), change_time=self.case.time,
+            fault=fault_of(self.case.fault, self.case.time, value["seed"]),
+        )  # fmt: skip
+        self.command = self.aeroplane.setup.trim.controls.copy()
+        self.answered = 0  # newest stamp [ns] that a command answers
+        self.unanswered, self.lost_at, self.log = 0, np.nan, []
+        quality = QoSProfile(depth=DEPTH)
+        topics = ("imu/data", "air_data", "control_surfaces", "gps/fix", "gps/vel")
+        kinds = {topic: common.message_class(TOPICS[topic]) for topic in topics} | {ATTITUDE_TOPIC: QuaternionStamped}
+        self._made = {topic: self.create_publisher(kind, topic, quality) for topic, kind in kinds.items()}
+        self.create_subscription(ControlSurfaces, COMMANDS, self._on_command, quality)
+
+    def is_heard(self) -> bool:
+        """Whether every topic has a listener, and commands a sender."""
+        return self.count_publishers(COMMANDS) > 0 and all(p.get_subscription_count() for p in self._made.values())
+
+    def _on_command(self, message: ControlSurfaces) -> None:
+        command = np.array([message.elevator, message.aileron, message.rudder, message.throttle])
+        if np.all(np.isfinite(command)):
+            self.command = command
+            self.answered = message.header.stamp.sec * common.NANOSECONDS + message.header.stamp.nanosec
+
+    def fly(self, spin: Any) -> None:
+        """Fly to the end, or until it is lost. ``spin(timeout)`` runs callbacks for at most ``timeout`` [s]."""
+        began = time.perf_counter()
+        while self.aeroplane.step_number < self.aeroplane.count:
+            reading, sensed = self.aeroplane.look()
+            for one in sorted(sensed, key=lambda item: item.topic == "imu/data"):  # the controller answers the IMU
+                self._made[one.topic].publish(message_of(one))
+            self._wait_for_answer(began, sensed[0].stamp, spin)
+            self.log.append((self.aeroplane.time, reading.copy(), self.command.copy()))
+            if is_lost(reading):
+                self.lost_at = self.aeroplane.time
+                return
+            self.aeroplane.advance(self.command)
+
+    def _wait_for_answer(self, began: float, stamp: int, spin: Any) -> None:
+        in_step = self.rate <= 0.0
+        step = self.aeroplane.step_number + 1
+        due = time.perf_counter() + PATIENCE if in_step else began + 0.01 * step / self.rate
+        while (left := due - time.perf_counter()) > 0.0 and not (in_step and self.answered >= stamp):
+            spin(min(left, 0.05))
+        self.unanswered += self.answered < stamp
+
+
+class Stopped(Exception):
+    """Ctrl-C."""
+
+
+def stoppable(executor: Any, stop: threading.Event) -> Callable[[float], None]:
+    """Runs callbacks for at most some time [s]; raises Stopped between them, not in one, once ``stop`` is set."""
+
+    def spin(timeout: float) -> None:
+        executor.spin_once(timeout_sec=timeout)
+        if stop.is_set():
+            raise Stopped
+
+    return spin
+
+
+def main() -> int:
+    """Fly once somebody listens."""
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = AeroplaneNode()
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    with common.stop_signals() as stop, contextlib.suppress(Stopped):
+        spin = stoppable(common.make_executor([node]), stop)
+        while not node.is_heard():
+            spin(0.1)
+        node.fly(spin)
+        node.get_logger().info("lost" if np.isfinite(node.lost_at) else "flown")
+    node.destroy_node()
+    rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

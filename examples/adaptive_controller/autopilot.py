@@ -1,0 +1,79 @@
+"""What stands between the sensors and the controller: the newest samples, made into what is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dynamic_inversion import Seen
+
+from aircraft_sysid_ros.aircraft.atmosphere import (
+    GAS_CONSTANT,
+    LAPSE_RATE,
+    SEA_LEVEL_PRESSURE,
+    SEA_LEVEL_TEMPERATURE,
+    STANDARD_GRAVITY,
+)
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, velocity_from_air_data
+from aircraft_sysid_ros.aircraft.rigid_body import cross
+from aircraft_sysid_ros.consumer import Condition
+
+Array = npt.NDArray[np.float64]
+
+#: Low passes [s] of the airspeed, whose noise would move all surfaces, and of the height.
+_AIRSPEED_LAG, _HEIGHT_LAG = 0.2, 0.5
+
+
+def pressure_altitude(pressure: float) -> float:
+    """Altitude [m] of a static pressure [Pa] in the standard atmosphere below the tropopause."""
+    exponent = GAS_CONSTANT * LAPSE_RATE / STANDARD_GRAVITY
+    return SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - (pressure / SEA_LEVEL_PRESSURE) ** exponent)
+
+
+class Instruments:
+    """Newest samples of IMU, attitude and air data; ``seen`` is None until each has come."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._probe = aircraft.air_data_position.copy()
+        self._rates: Array | None = None
+        self._attitude: Array | None = None
+        self._flow: Array | None = None  # airspeed, alpha, beta at the centre of gravity
+        self._density = self._height = self._ground = np.nan
+        self._stamp = 0
+
+    def take_imu(self, rates: Array) -> None:
+        """Angular rates FRD (3,) [rad/s]."""
+        self._rates = rates
+
+    def take_attitude(self, quaternion: Array) -> None:
+        """Attitude of the autopilot (4,), body to NED."""
+        self._attitude = quaternion
+
+    def take_air_data(self, values: Array, stamp: int) -> None:
+        """Airspeed, alpha, beta at the probe, density, static pressure (5,); NaN: the last stay."""
+        if self._rates is None or not np.all(np.isfinite(values)):
+            return
+        at_probe = velocity_from_air_data(values[0], values[1], values[2])
+        flow = np.array(air_data_from_velocity(at_probe - cross(self._rates, self._probe)))
+        altitude = pressure_altitude(float(values[4]))
+        if self._flow is None:
+            self._flow, self._ground, self._height = flow, altitude, 0.0
+        elapsed = 1e-9 * (stamp - self._stamp) if self._stamp else 0.0
+        self._stamp = stamp
+        share = -np.expm1(-elapsed / np.array([_AIRSPEED_LAG, _HEIGHT_LAG]))
+        flow[0] = self._flow[0] + share[0] * (flow[0] - self._flow[0])
+        self._height += share[1] * (altitude - self._ground - self._height)
+        self._flow, self._density = flow, float(values[3])
+
+    @property
+    def seen(self) -> Seen | None:
+        """What the controller sees."""
+        if self._rates is None or self._attitude is None or self._flow is None:
+            return None
+        airspeed, alpha, beta = self._flow
+        return Seen(self._rates, self._attitude, airspeed, alpha, beta, self._density, self._height)
+
+    @property
+    def condition(self) -> Condition | None:
+        """Flight condition for the consumer library."""
+        return None if self._flow is None else Condition(*map(float, self._flow))

@@ -1,0 +1,154 @@
+"""Fly closed-loop over ROS 2 topics: the aeroplane, the controller, and both estimator nodes in processes of their own.
+
+    python examples/adaptive_controller/fly.py --case elevator --parameters live
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from one_process import CASES, CONTROLLERS
+
+from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.closed_loop import Reading
+from aircraft_sysid_ros.simulation.sensors import stamps_of
+
+#: The first start of the nodes compiles.
+PATIENCE = 180.0
+ESTIMATORS = ("state_estimator", "parameter_estimator")
+
+
+@contextlib.contextmanager
+def estimators(aircraft_file: str) -> Iterator[list[subprocess.Popen]]:
+    """Both estimator nodes, which end with the block."""
+    options = {"aircraft_file": aircraft_file, "input_reliability": "reliable", "input_depth": 5000}
+    parameters = [text for name, value in options.items() for text in ("-p", f"{name}:={value}")]
+    started = [
+        subprocess.Popen([sys.executable, "-m", f"aircraft_sysid_ros.nodes.{name}", "--ros-args", *parameters])
+        for name in ESTIMATORS
+    ]
+    try:
+        yield started
+    finally:
+        for process in started:
+            process.terminate()
+        for process in started:
+            try:
+                process.wait(timeout=20.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def wait_until_heard(aeroplane: Any, spin: Callable[[float], None], processes: list[subprocess.Popen]) -> None:
+    """Run callbacks until every topic has its listener; InputError if a node ended or it takes too long."""
+    deadline = time.monotonic() + PATIENCE
+    while not aeroplane.is_heard():
+        spin(0.1)
+        if any(process.poll() is not None for process in processes):
+            raise InputError("an estimator node did not start: see its message above")
+        if time.monotonic() > deadline:
+            raise InputError(f"the nodes do not hear the aeroplane after {PATIENCE:g} s")
+
+
+def fly(case: str, parameters: str, seed: int, rate: float, seconds: float) -> dict[str, Any]:
+    """One flight; what came of it. Raises InputError where there is no ROS."""
+    try:
+        import rclpy
+        from rclpy.parameter import Parameter
+        from rclpy.signals import SignalHandlerOptions
+    except ImportError as error:
+        raise InputError(f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS") from None
+    from aeroplane_node import AeroplaneNode, Stopped, stoppable
+    from controller_node import ControllerNode
+
+    from aircraft_sysid_ros.nodes.common import make_executor, stop_signals
+
+    path = str(config_path(DEFAULT_AIRCRAFT))
+    common = {"aircraft_file": path, "case": case, "seed": seed}
+    overrides = lambda **more: [Parameter(n, value=v) for n, v in {**common, **more}.items()]  # noqa: E731
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    nodes: list[Any] = []
+    try:
+        with stop_signals() as stop, estimators(path) as processes, progress_bar() as progress:
+            task = progress.add_task("starting the nodes", total=seconds)
+            aeroplane = AeroplaneNode(parameter_overrides=overrides(rate=rate, duration=seconds))
+            controller = ControllerNode(parameter_overrides=overrides(parameters=parameters))
+            nodes += [aeroplane, controller]
+            spin = stoppable(make_executor(nodes), stop)
+            wait_until_heard(aeroplane, spin, processes)
+
+            def fly_on(timeout: float) -> None:
+                spin(timeout)
+                progress.update(task, completed=aeroplane.aeroplane.time, description="flying")
+
+            aeroplane.fly(fly_on)
+            return outcome(aeroplane, controller)
+    except Stopped:
+        raise InputError("stopped before the end of the flight") from None
+    finally:
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def outcome(aeroplane: Any, controller: Any) -> dict[str, Any]:
+    """Tracking error, and what the controller was told."""
+    errors, change = [], aeroplane.case.time
+    for flown, reading, _ in aeroplane.log:
+        wanted = controller.references.get(int(stamps_of(flown)))
+        if wanted is not None:
+            bank, pitch, _ = euler_from_quaternion(reading[Reading.QUATERNION])
+            errors.append((flown, bank - wanted[0], pitch - wanted[1]))
+    table = np.array(errors)
+    rms = lambda rows: float(np.degrees(np.sqrt(np.mean(rows[:, 1:] ** 2)))) if len(rows) else None  # noqa: E731
+    source = controller.source
+    return {
+        "case": aeroplane.case.name,
+        "seconds": aeroplane.aeroplane.time,
+        "lost_at": float(aeroplane.lost_at) if np.isfinite(aeroplane.lost_at) else None,
+        "tracking_error_deg_before": rms(table[table[:, 0] < change]),
+        "tracking_error_deg_after": rms(table[table[:, 0] >= change]),
+        "commands": controller.commands,
+        "unanswered": aeroplane.unanswered,
+        "messages_of_parameters": source.taken,
+        "refused": source.refused,
+        "parameters_with_use": int(source.newest.usable.sum()) if source.newest is not None else 0,
+    }
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", choices=list(CASES), default="elevator", help="what happens after 30 s")
+    parser.add_argument("--parameters", choices=CONTROLLERS, default="live", help="what the controller flies on")
+    parser.add_argument("--seed", type=int, default=1, help="of air, sensors and task")
+    parser.add_argument("--rate", type=float, default=1.0, help="times real time; 0: in step with the controller")
+    parser.add_argument("--seconds", type=float, default=75.0, help="of flight")
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    args = parser.parse_args()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    try:
+        if not (0.0 <= args.rate <= 100.0 and 1.0 <= args.seconds <= 3600.0):
+            raise InputError("--rate must be from 0 to 100 and --seconds from 1 to 3600")
+        result = fly(args.case, args.parameters, args.seed, args.rate, args.seconds)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(json.dumps(result) if args.json else "\n".join(f"{key}: {value}" for key, value in result.items()))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

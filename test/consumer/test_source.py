@@ -1,0 +1,157 @@
+"""What a controller is given: live, held, or what was known before, moved to without a jump."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.consumer import Condition, Origin, ParameterSource, Prior, Rules, priors_of
+from aircraft_sysid_ros.errors import InputError
+
+SECOND = 1_000_000_000
+HERE = Condition(17.0, 0.05)
+PRIORS = {"Cm_0": Prior(0.0, 0.01), "Cm_alpha": Prior(-1.0, 0.3), "Cm_de": Prior(-1.0, 0.3), "Cm_q": Prior(-8.0, 2.0)}
+AT_ONCE = Rules(blend_time=0.0)
+
+
+@pytest.fixture
+def source():
+    return ParameterSource(PRIORS, AT_ONCE)
+
+
+def test_before_any_message_it_answers_with_the_a_priori(source):
+    answer = source.at(0, HERE)["Cm_de"]
+    assert (answer.value, answer.std, answer.origin) == (-1.0, 0.3, Origin.PRIOR)
+    assert answer.reason == "no message came"
+
+
+def test_a_use_is_live_and_what_the_model_lacks_stays_a_priori(source, content):
+    assert source.offer(SECOND, content()) == ""
+    values = source.at(2 * SECOND, HERE)
+    assert (values["Cm_de"].value, values["Cm_de"].std, values["Cm_de"].origin) == (-0.85, 0.02, Origin.LIVE)
+    assert values["Cm_q"].origin == Origin.PRIOR and values["Cm_q"].value == -8.0
+    assert values.model == "abc"
+    with pytest.raises(KeyError, match="no parameter CX_0"):
+        values["CX_0"]
+
+
+def test_hold_keeps_the_last_good_value_and_reject_falls_back(source, content):
+    source.offer(SECOND, content())
+    source.offer(2 * SECOND, content(values=(-0.031, -1.1, 9.0), status=(1, 2, 0)))
+    values = source.at(2 * SECOND, HERE)
+    assert (values["Cm_0"].value, values["Cm_0"].origin, values["Cm_0"].reason) == (-0.03, Origin.HELD, "why")
+    assert (values["Cm_alpha"].value, values["Cm_alpha"].origin) == (-1.0, Origin.PRIOR)
+    assert values["Cm_alpha"].reason == "rejected: why"
+    assert values["Cm_de"].value == 9.0
+    nothing = {"values": (np.nan,) * 3, "std": (np.nan,) * 3, "covariance": np.full(9, np.nan)}
+    source.offer(3 * SECOND, content(status=(1, 1, 1), **nothing))
+    assert source.at(3 * SECOND, HERE)["Cm_alpha"].value == -0.7  # the good value was not forgotten
+
+
+def test_an_axis_that_does_not_fit_together_is_held(source, content):
+    """A stuck vane: C_m,0 with USE has taken over what C_m,alpha explained, which is published near 0 with HOLD."""
+    source.offer(SECOND, content())
+    stuck = content(values=(-0.08, 0.02, -1.0), std=(0.01, 0.12, 0.1), status=(0, 1, 0))
+    source.offer(2 * SECOND, stuck)
+    values = source.at(2 * SECOND, HERE)
+    assert [values[name].value for name in ("Cm_0", "Cm_alpha", "Cm_de")] == [-0.03, -0.7, -0.85]
+    assert {values[name].origin for name in ("Cm_0", "Cm_alpha", "Cm_de")} == {Origin.HELD}
+    assert "Cm_alpha is kept at -0.7 and published as 0.02 ± 0.12" in values["Cm_0"].reason
+    fitting = content(values=(-0.03, -0.6, -0.42), std=(0.01, 0.12, 0.05), status=(0, 1, 0))
+    source.offer(3 * SECOND, fitting)  # an elevator that lost half: what is kept of the axis agrees
+    values = source.at(3 * SECOND, HERE)
+    assert (values["Cm_de"].value, values["Cm_alpha"].value) == (-0.42, -0.7)
+    assert (values["Cm_de"].origin, values["Cm_alpha"].origin) == (Origin.LIVE, Origin.HELD)
+
+
+def test_another_axis_does_not_matter(content):
+    names = ("Cl_p", "Cm_alpha", "Cm_de")
+    source = ParameterSource({name: Prior(-0.5, 0.1) for name in names}, AT_ONCE)
+    source.offer(SECOND, content(values=(-0.5, -9.0, -0.8), status=(0, 1, 0), names=names))
+    values = source.at(SECOND, HERE)
+    assert (values["Cl_p"].origin, values["Cm_de"].origin) == (Origin.LIVE, Origin.PRIOR)
+
+
+def test_never_learnt_says_why(source, content):
+    source.offer(SECOND, content(status=(1, 0, 0)))
+    assert source.at(SECOND, HERE)["Cm_0"].reason == "never learnt: why"
+
+
+def test_silence_holds_and_old_age_falls_back(content):
+    source = ParameterSource(PRIORS, Rules(silence=3.0, longest_hold=60.0, blend_time=0.0))
+    source.offer(0, content())
+    origins = [source.at(seconds * SECOND, HERE)["Cm_de"].origin for seconds in (3, 4, 60, 61)]
+    assert origins == [Origin.LIVE, Origin.HELD, Origin.HELD, Origin.PRIOR]
+
+
+def test_outside_of_the_learnt_condition_by_a_margin_it_falls_back(content):
+    source = ParameterSource(PRIORS, Rules(airspeed_margin=2.0, angle_margin=0.05, blend_time=0.0))
+    source.offer(0, content())  # learnt at 15 to 19 m/s, 0 to 0.12 rad
+    far = [Condition(21.5, 0.05), Condition(12.5, 0.05), Condition(17.0, 0.18), Condition(17.0, 0.05, -0.2)]
+    near = [Condition(20.5, 0.05), Condition(17.0, 0.16), Condition(17.0, np.nan)]
+    assert {source.at(0, c)["Cm_de"].origin for c in far} == {Origin.PRIOR}
+    assert "15.0 to 19.0 m/s" in source.at(0, far[0])["Cm_de"].reason
+    assert {source.at(0, c)["Cm_de"].origin for c in near} == {Origin.LIVE}
+
+
+def test_limits_that_are_not_said_limit_nothing(source, content):
+    nothing = dict.fromkeys(("airspeed_min", "airspeed_max", "alpha_min", "alpha_max", "beta_min", "beta_max"), np.nan)
+    source.offer(0, content(**nothing))
+    assert source.at(0, Condition(40.0, 0.3))["Cm_de"].origin == Origin.LIVE
+
+
+def test_values_move_exponentially_and_what_is_left_counts_into_the_std(content):
+    source = ParameterSource(PRIORS, Rules(blend_time=2.0))
+    source.at(0, HERE)
+    source.offer(0, content())
+    for step in range(1, 201):  # however often it is asked
+        values = source.at(step * SECOND // 100, HERE)
+    expected = -0.85 + (-1.0 + 0.85) * np.exp(-1.0)
+    assert values["Cm_de"].value == pytest.approx(expected, rel=1e-9)
+    assert values["Cm_de"].std == pytest.approx(np.hypot(0.02, expected + 0.85), rel=1e-9)
+    assert source.at(4 * SECOND, HERE)["Cm_de"].value == pytest.approx(-0.85 - 0.15 * np.exp(-2.0), rel=1e-9)
+
+
+def test_a_refused_message_changes_nothing(source, content):
+    source.offer(SECOND, content())
+    before = source.at(SECOND, HERE)
+    assert "more than once" in source.offer(2 * SECOND, content(names=("Cm_0", "Cm_0", "Cm_de")))
+    assert "older than the last" in source.offer(SECOND // 2, content(values=(9.0, 9.0, 9.0)))
+    after = source.at(SECOND, HERE)
+    assert np.array_equal(before.values, after.values) and np.array_equal(before.origin, after.origin)
+    assert (source.taken, source.refused) == (1, 2) and "older" in source.refusal
+
+
+def test_a_clock_that_begins_anew_forgets_what_was_good(source, content):
+    source.offer(1000 * SECOND, content())
+    assert source.offer(SECOND, content(status=(1, 1, 1))) == ""
+    assert source.at(SECOND, HERE)["Cm_de"].origin == Origin.PRIOR
+    assert source.offer(2 * SECOND, content()) == ""
+    assert source.at(2 * SECOND, HERE)["Cm_de"].origin == Origin.LIVE
+
+
+def test_priors_of_an_aircraft_file(aircraft):
+    priors = priors_of(aircraft.coefficients)
+    assert priors["Cm_de"] == Prior(-0.8488, 0.25 * 0.8488)
+    assert priors["Cl_0"] == Prior(0.0005, 0.01)
+    with pytest.raises(InputError, match="a-priori value of X must be finite"):
+        ParameterSource({"X": Prior(np.nan, 1.0)})
+
+
+def test_answers_are_of_one_message_whatever_thread_takes_it(content):
+    """Every message has all values alike, so that a mixture of two would show."""
+    source = ParameterSource({n: p for n, p in PRIORS.items() if n != "Cm_q"}, AT_ONCE)
+    source.offer(1, content(values=(1.0,) * 3))
+
+    def send():
+        for k in range(2, 400):
+            source.offer(k, content(values=(float(k),) * 3))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    seen = []
+    while sender.is_alive():
+        seen.append(source.at(1, HERE).values)
+    sender.join()
+    assert len({tuple(v) for v in seen}) > 1
+    assert all(v.min() == v.max() for v in seen)
