@@ -77,7 +77,8 @@ class Changes:
 
     def alarms(self) -> list[tuple[str, float, int]]:
         """Axes that have changed: when last [s of flight], and how often."""
-        return [(AXES[axis], float(self.times[axis]), int(self.counts[axis])) for axis in np.flatnonzero(self.counts)]
+        told = np.flatnonzero(np.isfinite(self.times))  # not those that have been undone
+        return [(AXES[axis], float(self.times[axis]), int(self.counts[axis])) for axis in told]
 
     def summary(self) -> dict[str, Any]:
         """Number of alarms, and the newest: time [s] of flight and axes."""

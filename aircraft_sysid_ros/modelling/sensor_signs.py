@@ -117,7 +117,7 @@ class SensorSigns:
     def _leaps(self, row: Array) -> list[str]:
         """Biases that move as no bias does, or are where none is."""
         past = self._ago(LEAP_TIME)
-        elapsed = float(row[Column.TIME] - past[Column.TIME])
+        elapsed = max(float(row[Column.TIME] - past[Column.TIME]), 0.0)  # a clock may go back
         variance = np.maximum(past[_BIAS_STD] ** 2 - row[_BIAS_STD] ** 2, 0.0) + self._walk * elapsed
         moved = np.abs(row[_BIASES] - past[_BIASES])
         leapt = moved > np.maximum(LEAP * np.sqrt(variance), self._least)

@@ -20,6 +20,7 @@ from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.modelling.relearning import (
     MEMORY,
     SHARE,
+    Changes,
     changed_variance,
     information,
     spread_of_terms,
@@ -223,6 +224,16 @@ def fly(flight, block: int = 500, **options) -> tuple[Pipeline, list]:
 
 def bits(parameters: ParameterEstimator) -> np.ndarray:
     return np.array([(p.value, p.std, p.status) for p in parameters.snapshot().parameters])
+
+
+def test_a_change_that_was_undone_is_told_of_no_more():
+    changes = Changes(STEP)
+    before = np.array([changes.since, changes.times])
+    changes.since[CM], changes.times[CM], changes.counts[CM] = 12.0, 11.0, 1
+    assert [axis for axis, *_ in changes.alarms()] == ["Cm"]
+    changes.undo(CM, before[:, CM])
+    assert changes.alarms() == []
+    assert changes.summary()["last_change"] == ""
 
 
 @pytest.mark.parametrize("estimator", ["rls", "fourier", "rml"])

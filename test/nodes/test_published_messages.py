@@ -8,7 +8,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from aircraft_sysid_ros.nodes.common import start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
-from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.reconstruction.state import Column, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 
 NAMES = (
@@ -52,6 +52,12 @@ def test_messages_say_what_the_estimators_say(flown):
     check_parameters(heard["parameters"], sets, parameters._epoch)
     check_model_error(heard["model_error"], sets, parameters.estimator.options.error_window)
     assert all(p.status == Parameter.HOLD and p.reason for p in heard["parameters"][0].parameters)
+
+
+def test_every_status_has_its_constant():
+    own = {f"STATUS_{name}": value for name, value in vars(Status).items() if name.isupper()}
+    assert len(own) > 5
+    assert {name: getattr(AircraftState, name) for name in own} == own
 
 
 def check_states(node, messages, rows):

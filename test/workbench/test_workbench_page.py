@@ -123,7 +123,7 @@ def another_version_is_drawn_beside(page, first: str) -> None:
     assert not page.locator(test_id("one-version")).is_visible()
     page.click("text=draw the first one")
     page.click(test_id("tab-model"))
-    lines = "document.querySelector('[data-testid=plot-Cl]').calcdata.length"
+    lines = "document.querySelector('[data-testid=plot-Cl]')?.calcdata?.length"  # none while it is drawn anew
     page.wait_for_function(f"{lines} === 7")  # measured, noise twice, predicted and left over of both
     assert f"version {first}" in page.inner_text(".legend-row")
     left = page.evaluate(
