@@ -97,6 +97,16 @@ def summarise(errors: Errors, longest: float, out: Array) -> None:
                 out[axis, 1], out[axis, 2] = blocks.mean(), blocks.max()
 
 
+@njit(cache=True)
+def summarise_blocks(errors: Errors, out: Array) -> None:
+    """Mean of the blocks and the largest of them into ``out`` (6, 2); NaN before there are enough."""
+    out[:] = np.nan
+    for axis in range(6):
+        count = errors.block_count[axis]
+        if count >= LEAST_BLOCKS:
+            out[axis, 0], out[axis, 1] = errors.blocks[axis, :count].mean(), errors.blocks[axis, :count].max()
+
+
 class ChangeMonitor:
     """Looks at the model errors of all axes."""
 
@@ -111,7 +121,7 @@ class ChangeMonitor:
             blocks=np.zeros((6, MOST_BLOCKS)),
             block_count=np.zeros(6, np.int64),
         )
-        self._summary = np.full((6, 3), np.nan)
+        self._summary, self._usual = np.full((6, 3), np.nan), np.full((6, 2), np.nan)
         self._common = 1.0  # by what the mean square error has grown in most axes
         self._raised = np.zeros(6, np.int64)  # looks in a row at which the error was too large
 
@@ -136,17 +146,15 @@ class ChangeMonitor:
 
     def _compare(self) -> None:
         summarise(self._errors, self._longest, self._summary)
+        summarise_blocks(self._errors, self._usual)
         grown = np.sort(self._summary[:, 0] / self._summary[:, 1])  # NaN last
         enough = np.isfinite(grown[_QUIETEST + 1])
         self._common = max(float(grown[_QUIETEST]), 1.0) if enough else 1.0
 
     def usual(self, axis: int) -> tuple[float, float]:
         """Mean square error and largest block of an axis, grown as in most axes; NaN before there are enough blocks."""
-        count = self._errors.block_count[axis]
-        if count < LEAST_BLOCKS:
-            return np.nan, np.nan
-        blocks = self._errors.blocks[axis, :count]
-        return self._common * float(blocks.mean()), self._common * float(blocks.max())
+        mean, largest = self._usual[axis].tolist()
+        return self._common * mean, self._common * largest
 
     def variance(self, axis: int) -> float:
         """Mean square of the error of an axis in the blocks; 0 without any."""

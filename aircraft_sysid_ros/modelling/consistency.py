@@ -21,6 +21,7 @@ bias. Constants are left out: they follow the accelerometer bias while it is bei
 from __future__ import annotations
 
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +52,8 @@ class NowAndBefore:
         self._blocks: list[deque[Array]] = [deque() for _ in AXES]
         self._open = [self._nothing(axis) for axis in range(len(AXES))]
         self._before = [self._nothing(axis) for axis in range(len(AXES))]
+        self._parts: list[_Parts | None] = [None] * len(AXES)
+        self._moving = [np.array([p.text != "1" for p in programs]) for programs in model.programs]
 
     def _nothing(self, axis: int) -> Array:
         n = len(self._model.terms[AXES[axis]])
@@ -60,6 +63,7 @@ class NowAndBefore:
         """Begin an axis anew."""
         self._blocks[axis].clear()
         self._open[axis], self._before[axis] = self._nothing(axis), self._nothing(axis)
+        self._parts[axis] = None
 
     def take(self, axis: int, points: Array) -> None:
         """Points (m, …) that the axis learnt from."""
@@ -74,31 +78,53 @@ class NowAndBefore:
         self._open[axis] = self._nothing(axis)
         if len(blocks) > NEWEST:
             self._before[axis] = self._fade * self._before[axis] + blocks.popleft()
+        enough = len(blocks) == NEWEST and self._before[axis][-1, -1] >= BEFORE * BLOCK
+        self._parts[axis] = parts_of(np.sum(blocks, axis=0), self._before[axis]) if enough else None
 
     def disagreeing(self, axis: int, std: Array, noise: Array) -> dict[int, tuple[float, float]]:
         """Terms of the axis on which now and before disagree, with both values.
 
         ``std`` (n,) is what is published, ``noise`` (n,) the variance of the noise in each term.
         """
-        blocks, before = self._blocks[axis], self._before[axis]
-        if len(blocks) < NEWEST or before[-1, -1] < BEFORE * BLOCK:
+        parts = self._parts[axis]
+        if parts is None:
             return {}
-        now, n = np.sum(blocks, axis=0), len(std)
-        both = now + before
-        solutions = [solved(sums) for sums in (now, before, both)]
-        if any(solution is None for solution in solutions):
-            return {}
-        (a, pa), (b, pb), (_, p) = (solution for solution in solutions if solution is not None)
-        per_unit = std / np.sqrt(np.diag(p))
-        std_a, std_b = (
-            np.hypot(per_unit * np.sqrt(np.diag(inverse)), inverse @ (sums[-1, -1] * noise * theta))
-            for theta, inverse, sums in ((a, pa, now), (b, pb, before))
+        per_unit = std / np.sqrt(np.diag(parts.inverse))
+        std_now, std_before = (
+            np.hypot(per_unit * np.sqrt(np.diag(half.inverse)), half.inverse @ (half.points * noise * half.theta))
+            for half in (parts.now, parts.before)
         )
-        mean = both / both[-1, -1]
-        spread = np.sqrt(max(mean[n, n] - mean[n, n + 1] ** 2, 1e-300))
-        apart = disagree(a, b, std_a, std_b, np.sqrt(np.diag(mean)[:n]) / spread)
-        apart &= np.array([program.text != "1" for program in self._model.programs[axis]])
+        a, b = parts.now.theta, parts.before.theta
+        apart = disagree(a, b, std_now, std_before, parts.effect) & self._moving[axis]
         return {j: (float(a[j]), float(b[j])) for j in np.flatnonzero(apart).tolist()}
+
+
+class _Half(NamedTuple):
+    theta: Array  # (n,)
+    inverse: Array  # (n, n)
+    points: float  # their number, faded
+
+
+class _Parts(NamedTuple):
+    """What two disjoint parts of the motion say of one axis."""
+
+    now: _Half
+    before: _Half
+    inverse: Array  # (n, n) of both together
+    effect: Array  # (n,) of one unit, over the spread of the coefficient
+
+
+def parts_of(now: Array, before: Array) -> _Parts | None:
+    """From sums (n + 2, n + 2) of either part; None where terms are collinear."""
+    both, n = now + before, len(now) - 2
+    solutions = [solved(sums) for sums in (now, before, both)]
+    if any(solution is None for solution in solutions):
+        return None
+    (a, pa), (b, pb), (_, p) = (solution for solution in solutions if solution is not None)
+    mean = both / both[-1, -1]
+    spread = np.sqrt(max(mean[n, n] - mean[n, n + 1] ** 2, 1e-300))
+    halves = _Half(a, pa, float(now[-1, -1])), _Half(b, pb, float(before[-1, -1]))
+    return _Parts(*halves, p, np.sqrt(np.diag(mean)[:n]) / spread)
 
 
 def solved(sums: Array) -> tuple[Array, Array] | None:

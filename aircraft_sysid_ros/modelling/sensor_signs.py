@@ -62,7 +62,7 @@ class SensorSigns:
         """The clock began anew."""
         self._waiting: list[Array] = []
         self._looked: deque[Array] = deque()  # newest row of each look of the last LEAP_TIME
-        self._past: deque[tuple[float, float, float]] = deque()  # time [s], movement of the wind [m/s], consistency
+        self._past = np.empty((0, 3))  # time [s], movement of the wind [m/s], consistency
         self._vanes = np.zeros(2, np.bool_)  # alpha, beta: have been measured
         self.agitated = False  # the wind leaps
         self.too_quiet = False  # innovations are smaller than they were
@@ -135,10 +135,8 @@ class SensorSigns:
         """Is the wind more restless than it was, or are innovations smaller?"""
         now, consistency = float(row[Column.TIME]), float(row[Column.CONSISTENCY])
         moved = float(np.linalg.norm(row[Column.WIND] - self._ago(1.0)[Column.WIND]))
-        self._past.append((now, moved, consistency))
-        while self._past[0][0] < now - _MEMORY:
-            self._past.popleft()
-        past = np.array(self._past)
+        past = np.vstack([self._past[self._past[:, 0] >= now - _MEMORY], [[now, moved, consistency]]])
+        self._past = past
         usual = past[past[:, 0] < now - _LATELY]
         self.agitated = self.too_quiet = False
         if len(usual):
