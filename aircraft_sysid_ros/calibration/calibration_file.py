@@ -56,7 +56,9 @@ class Calibration:
 
 
 def load_calibration(path: str | Path) -> Calibration:
-    """Read and check a calibration file; raises InputError naming the file, the key and what to mend."""
+    """Read and check a calibration file, or that of a folder; InputError names the file, the key and what to mend."""
+    if Path(path).is_dir():
+        path = Path(path) / "calibration.yaml"
     try:
         content = yaml.safe_load(Path(path).read_text(encoding="utf8"))
     except (OSError, UnicodeDecodeError) as error:
