@@ -38,9 +38,14 @@ BLOCK, NEWEST, BEFORE = 125, 3, 3
 
 def disagree(a: Array, b: Array, std_a: Array, std_b: Array, effect: Array) -> npt.NDArray[np.bool_]:
     """Which parameters (n,) two estimators do not agree on; ``effect`` of one unit, over the coefficient's spread."""
+    surely = np.abs(a - b) > SIGMA * np.hypot(std_a, std_b)
+    return np.asarray(surely & are_far(a, b, effect))
+
+
+def are_far(a: Array, b: Array, effect: Array) -> npt.NDArray[np.bool_]:
+    """Which parameters (n,) differ by a size that matters, sure or not."""
     apart = np.abs(a - b)
-    surely = apart > SIGMA * np.hypot(std_a, std_b)
-    return np.asarray(surely & (apart > SHARE * np.abs(a)) & (apart * effect > NEGLIGIBLE))
+    return np.asarray((apart > SHARE * np.abs(a)) & (apart * effect > NEGLIGIBLE))
 
 
 class NowAndBefore:
@@ -81,6 +86,11 @@ class NowAndBefore:
         enough = len(blocks) == NEWEST and self._before[axis][-1, -1] >= BEFORE * BLOCK
         self._parts[axis] = parts_of(np.sum(blocks, axis=0), self._before[axis]) if enough else None
 
+    def are_apart(self, axis: int) -> bool:
+        """Whether now and before could disagree on the axis, whatever the standard errors."""
+        parts = self._parts[axis]
+        return parts is not None and bool(parts.far[self._moving[axis]].any())
+
     def disagreeing(self, axis: int, std: Array, noise: Array) -> dict[int, tuple[float, float]]:
         """Terms of the axis on which now and before disagree, with both values.
 
@@ -112,6 +122,7 @@ class _Parts(NamedTuple):
     before: _Half
     inverse: Array  # (n, n) of both together
     effect: Array  # (n,) of one unit, over the spread of the coefficient
+    far: npt.NDArray[np.bool_]  # (n,) differ by a size that matters
 
 
 def parts_of(now: Array, before: Array) -> _Parts | None:
@@ -124,7 +135,8 @@ def parts_of(now: Array, before: Array) -> _Parts | None:
     mean = both / both[-1, -1]
     spread = np.sqrt(max(mean[n, n] - mean[n, n + 1] ** 2, 1e-300))
     halves = _Half(a, pa, float(now[-1, -1])), _Half(b, pb, float(before[-1, -1]))
-    return _Parts(*halves, p, np.sqrt(np.diag(mean)[:n]) / spread)
+    effect = np.sqrt(np.diag(mean)[:n]) / spread
+    return _Parts(*halves, p, effect, are_far(a, b, effect))
 
 
 def solved(sums: Array) -> tuple[Array, Array] | None:

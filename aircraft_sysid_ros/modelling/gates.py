@@ -34,7 +34,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.modelling.change_monitor import SPREAD, WINDOW, ChangeMonitor
 from aircraft_sysid_ros.modelling.consistency import NowAndBefore
-from aircraft_sysid_ros.modelling.good_sets import GoodSets, Kept
+from aircraft_sysid_ros.modelling.good_sets import GoodSets, KnownSet
 from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.modelling.sensor_signs import SensorSigns
@@ -74,7 +74,7 @@ class Hold:
     since: float  # [s] first sign
     begun: float  # [s] when it was held
     words: str
-    good: Kept | None  # what is published; None: nothing was known before
+    good: KnownSet | None  # what is published; None: nothing was known before
     sensor: bool  # a sensor is suspected
     high: bool  # its error was too large
     stuck: str = ""  # a surface of which nothing is left, "de" and so on
@@ -127,7 +127,7 @@ class Gates:
             if hold is not None:
                 hold.since, hold.begun = np.nan, -np.inf
                 if hold.good is not None:
-                    hold.good = hold.good._replace(found=replace(hold.good.found, time=np.nan))
+                    hold.good = hold.good.without_time()
 
     def take(self, points: Array) -> None:
         """New points (m, …), predicted by what is published."""
@@ -135,7 +135,7 @@ class Gates:
 
     # -- looking ----------------------------------------------------------------------------------------------------
 
-    def look(self, now: float, known: Bools) -> list[tuple[int, Kept]]:
+    def look(self, now: float, known: Bools) -> list[tuple[int, KnownSet]]:
         """Axes whose learning is to go back at ``now`` [s], each with the set that it goes back to.
 
         ``known`` axes (6,) have learnt long enough to have a usual error.
@@ -150,7 +150,7 @@ class Gates:
             self._hold(axis, now)
         if words:
             self._distrust(now, words)
-        elif self.signs.too_quiet and any(hold is not None and hold.sensor for hold in self.holds):
+        elif any(hold is not None and hold.sensor for hold in self.holds) and self.signs.are_too_quiet():
             self._last_sign = now
         return self._release(now)
 
@@ -159,7 +159,7 @@ class Gates:
         self.now_and_before.forget(axis)
         self._hold(axis, now)
 
-    def _release(self, now: float) -> list[tuple[int, Kept]]:
+    def _release(self, now: float) -> list[tuple[int, KnownSet]]:
         """End the holds that are to end; returns those that go back."""
         self._follow_stuck(now)
         held = {axis: hold for axis, hold in enumerate(self.holds) if hold is not None}
@@ -203,12 +203,12 @@ class Gates:
             if len(learnt):
                 self.now_and_before.take(int(axis), learnt)
         points = np.vstack([self._points, new])
-        self._points = points[points[:, Point.TIME] >= points[-1, Point.TIME] - MEMORY]
+        self._points = points[np.searchsorted(points[:, Point.TIME], points[-1, Point.TIME] - MEMORY) :]
 
     def _errors(self, axis: int, since: float, most: int, theta: Array | None = None) -> tuple[Array, Array]:
         """Times and squared errors of the newest points that an axis learnt from, of the newest or of ``theta``."""
-        learnt = (self._points[:, _LEARNT + axis] > 0.0) & (self._points[:, Point.TIME] > since)
-        points = self._points[np.flatnonzero(learnt)[-most:]]
+        points = self._points[np.searchsorted(self._points[:, Point.TIME], since, side="right") :]
+        points = points[np.flatnonzero(points[:, _LEARNT + axis] > 0.0)[-most:]]
         predicted = points[:, _PREDICTED + axis]
         if theta is not None:
             part = self.model.axis_slice(AXES[axis])
@@ -301,13 +301,13 @@ class Gates:
             return Release.ON
         return Release.ON if is_normal else None
 
-    def _is_far_better(self, axis: int, since: float, good: Kept) -> bool:
+    def _is_far_better(self, axis: int, since: float, good: KnownSet) -> bool:
         """Whether the newest predict clearly better than the good for long, though worse than was usual."""
         newest = self._errors(axis, since, LONG)[1]
         old = self._errors(axis, since, LONG, good.theta)[1]
         return len(newest) == LONG and float(old.mean()) > WORSE * float(newest.mean())
 
-    def _stuck(self, axis: int, good: Kept) -> str:
+    def _stuck(self, axis: int, good: KnownSet) -> str:
         """The surface of which nothing is left in an axis, or nothing."""
         newest = self.sets.newest()
         assert newest is not None  # since there is a good one
@@ -319,7 +319,7 @@ class Gates:
                 return surface
         return ""
 
-    def _end(self, axis: int, now: float, good: Kept | None) -> None:
+    def _end(self, axis: int, now: float, good: KnownSet | None) -> None:
         self.holds[axis], self._released[axis] = None, now
         self._raised[axis], self._uneasy_since[axis] = 0, np.nan
         self.sets.begin_anew(axis, now, good or self.sets.newest())
@@ -334,15 +334,16 @@ class Gates:
         words = ", ".join(sorted(set(held.values())))
         return {"holds": self.count, "held": f"{' '.join(held)}: {words}" if held else ""}
 
-    def keep(self, kept: Kept) -> None:
+    def keep(self, kept: KnownSet) -> None:
         """What is known now; whether now and before agree is looked at, too."""
         self.sets.keep(kept)
         self._disagreeing = {}
         for axis, name in enumerate(AXES):
+            if self.joint or self.holds[axis] or not self.now_and_before.are_apart(axis):
+                continue
             part = self.model.axis_slice(name)
             std = np.array([p.std for p in kept.found.parameters[part]])
-            noise = kept.learning.noise_square[part]
-            found = {} if self.joint or self.holds[axis] else self.now_and_before.disagreeing(axis, std, noise)
+            found = self.now_and_before.disagreeing(axis, std, kept.learning.noise_square[part])
             for j, (now, before) in found.items():
                 words = f"the newest motion says {now:.3g}, what was before it {before:.3g}"
                 self._disagreeing[part.start + j] = words
@@ -376,7 +377,7 @@ def held(estimate: ParameterEstimate, words: str) -> ParameterEstimate:
 
 
 def rolled_back(
-    newest: list[ParameterEstimate], part: slice, good: Kept | None, now: float, words: str
+    newest: list[ParameterEstimate], part: slice, good: KnownSet | None, now: float, words: str
 ) -> list[ParameterEstimate]:
     """Parameters of one axis as they were in the good set, not known where there is none; never USE."""
     if good is None:

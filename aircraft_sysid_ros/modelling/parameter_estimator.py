@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from copy import copy
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
 from aircraft_sysid_ros.modelling.body import body_of, body_with
 from aircraft_sysid_ros.modelling.error_window import AxisError, ErrorWindow
 from aircraft_sysid_ros.modelling.gates import Gates
-from aircraft_sysid_ros.modelling.good_sets import Kept, copied, go_back
+from aircraft_sysid_ros.modelling.good_sets import KnownSet, copied, go_back
 from aircraft_sysid_ros.modelling.inferred_angles import InferredAngles
 from aircraft_sysid_ros.modelling.learner import Learner, ParameterOptions
 from aircraft_sysid_ros.modelling.learners import LEARNERS, make_learner
@@ -260,12 +261,10 @@ class ParameterEstimator:
             oldest = min((good for _, good in releases), key=lambda good: good.time)
             self._predictions = [(-np.inf, self.learner.recall(oldest.learner))]
         if self.newest_point is not None and self.gates.sets.is_due(time):
-            found = self.estimates()
-            theta = np.nan_to_num(np.array([p.value for p in found.parameters]))
+            learning = copied(self.learning)
             learner = None if self.learner is None else self.learner.remember()
             changed = np.array([self.changes.since, self.changes.times])
-            learning = copied(self.learning)
-            self.gates.keep(Kept(time, found, theta, learning, learner, changed, self._ranges.copy()))
+            self.gates.keep(KnownSet(time, self._describe(learning), learning, learner, changed, self._ranges.copy()))
 
     def _take(self, rows: Array, history: Array) -> Array:
         self.history = np.vstack([self.history, history])
@@ -360,22 +359,31 @@ class ParameterEstimator:
 
     def estimates(self) -> ParameterSet:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
-        names = self.model.parameter_names
-        covariance = np.full((len(names), len(names)), np.nan)
-        estimates: list[ParameterEstimate] = []
-        time, bounds = self.time, self.aircraft.parameter_bounds
-        for axis, name in enumerate(AXES):
-            part = self.model.axis_slice(name)
-            own = None if self.learner is None or self.learner.waits(axis) else self.learner.axis(axis)
-            changed = float(self.changes.times[axis])
-            missing = self._missing_signals(axis)
-            block = axis_estimates(self.model, axis, self.learning, time, missing, own, changed, bounds)
-            estimates.extend(block[0])
-            covariance[part, :] = covariance[:, part] = 0.0
-            covariance[part, part] = block[1]
+        return self._describe(self.learning)()
+
+    def _describe(self, learning: Learning) -> Callable[[], ParameterSet]:
+        """``estimates`` of now, made when it is called: of ``learning``, which must not have changed by then."""
+        model, time, point, bounds = self.model, self.time, self.newest_point, self.aircraft.parameter_bounds
+        waits = [self.learner is None or self.learner.waits(axis) for axis in range(len(AXES))]
+        own = [None if waits[axis] or self.learner is None else self.learner.axis(axis) for axis in range(len(AXES))]
+        missing = [self._missing_signals(axis) for axis in range(len(AXES))]
+        changed, inferred = self.changes.times.tolist(), copy(self.inferred)
         ranges = [(float(low), float(high)) for low, high in self._ranges]
-        found = ParameterSet(time, self.model.identifier, tuple(estimates), covariance, ranges[0], ranges[1], ranges[2])
-        return self.inferred.widened(found, self.model, self.newest_point)
+
+        def described() -> ParameterSet:
+            names = model.parameter_names
+            covariance = np.full((len(names), len(names)), np.nan)
+            estimates: list[ParameterEstimate] = []
+            for axis, name in enumerate(AXES):
+                part = model.axis_slice(name)
+                block = axis_estimates(model, axis, learning, time, missing[axis], own[axis], changed[axis], bounds)
+                estimates.extend(block[0])
+                covariance[part, :] = covariance[:, part] = 0.0
+                covariance[part, part] = block[1]
+            found = ParameterSet(time, model.identifier, tuple(estimates), covariance, ranges[0], ranges[1], ranges[2])
+            return inferred.widened(found, model, point)
+
+        return described
 
     def model_error(self) -> list[AxisError]:
         """Measured against predicted coefficients over the sliding window."""

@@ -65,7 +65,6 @@ class SensorSigns:
         self._past = np.empty((0, 3))  # time [s], movement of the wind [m/s], consistency
         self._vanes = np.zeros(2, np.bool_)  # alpha, beta: have been measured
         self.agitated = False  # the wind leaps
-        self.too_quiet = False  # innovations are smaller than they were
 
     def take(self, rows: Array) -> None:
         """Rows (n, Column.WIDTH) in order of time."""
@@ -132,14 +131,19 @@ class SensorSigns:
         return old[-1] if old else self._looked[0]
 
     def _follow(self, row: Array) -> None:
-        """Is the wind more restless than it was, or are innovations smaller?"""
+        """Is the wind more restless than it was?"""
         now, consistency = float(row[Column.TIME]), float(row[Column.CONSISTENCY])
         moved = float(np.linalg.norm(row[Column.WIND] - self._ago(1.0)[Column.WIND]))
-        past = np.vstack([self._past[self._past[:, 0] >= now - _MEMORY], [[now, moved, consistency]]])
-        self._past = past
-        usual = past[past[:, 0] < now - _LATELY]
-        self.agitated = self.too_quiet = False
-        if len(usual):
-            lately = past[past[:, 0] > now - QUIET_TIME, 2].max()
-            self.agitated = moved > max(AGITATION * float(np.sqrt(np.mean(usual[:, 1] ** 2))), LEAST_AGITATION)
-            self.too_quiet = bool(lately < LEAST_CONSISTENCY * np.median(usual[:, 2]))
+        self._past = np.vstack([self._past[self._past[:, 0] >= now - _MEMORY], [[now, moved, consistency]]])
+        usual = self._past[self._past[:, 0] < now - _LATELY, 1]
+        self.agitated = bool(
+            len(usual) and moved > max(AGITATION * float(np.sqrt(np.mean(usual**2))), LEAST_AGITATION)
+        )
+
+    def are_too_quiet(self) -> bool:
+        """Whether innovations are smaller than they were."""
+        if not len(self._past):
+            return False
+        now, consistency = self._past[-1, 0], self._past[:, 2]
+        usual, lately = consistency[self._past[:, 0] < now - _LATELY], consistency[self._past[:, 0] > now - QUIET_TIME]
+        return bool(len(usual) and lately.max() < LEAST_CONSISTENCY * np.median(usual))

@@ -112,6 +112,7 @@ class StateEstimatorNode(EstimatorNode):
             values.update({f"{kind}.{name}": n for name, n in counts.items() if n})
         values["realignments"] = self.estimator.realignments
         values["restarts"] = self.estimator.order.counts.restarts
+        values["state_listeners"] = self._state_publisher.get_subscription_count()
         return STATUS_TEXT[self.estimator.status], values
 
     def _push(self) -> None:

@@ -9,7 +9,7 @@ from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.consistency import BEFORE, BLOCK, NEWEST, NowAndBefore, disagree, solved
 from aircraft_sysid_ros.modelling.gates import Gates
-from aircraft_sysid_ros.modelling.good_sets import Kept
+from aircraft_sysid_ros.modelling.good_sets import KnownSet
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.modelling.sensor_signs import SensorSigns
@@ -205,7 +205,7 @@ def test_a_short_contradiction_is_held_and_forgotten_and_a_long_one_goes_back(ai
         held = bool(gates.summary()["held"])
         assert held == (10.6 < now < 10.0 + seconds + 5.0) or abs(now - 10.5) < 0.4 or abs(now - seconds - 15.0) < 0.4
         if gates.sets.is_due(now):
-            gates.sets.keep(Kept(now, None, np.zeros(32), None, None, None, None))
+            gates.sets.keep(KnownSet(now, None, None, None, None, None))
     assert gates.count == 6
     assert len(back) == axes_back and all(good.time < 10.0 for _, good in back)
 

@@ -162,7 +162,7 @@ def test_two_processes_give_the_same(domain, recording, aircraft_file, replayed,
         deadline = time.monotonic() + timeout
         while not done() and time.monotonic() < deadline:
             executor.spin_once(timeout_sec=0.1)
-        assert done(), "nothing came in time"
+        assert done(), f"nothing came in time: {len(states)} states here, diagnostics {values}"
 
     def change(name, transition):
         client = node.create_client(ChangeState, f"/{name}/change_state")
@@ -196,6 +196,8 @@ def test_two_processes_give_the_same(domain, recording, aircraft_file, replayed,
                 assert future.result().results[0].successful
             change(name, Transition.TRANSITION_CONFIGURE)
             change(name, Transition.TRANSITION_ACTIVATE)
+        # A busy machine may take seconds to bring the nodes and this test together.
+        spin_until(lambda: values.get("state_estimator", {}).get("state_listeners") == "2")
         sent = play(recording, 8)
         count = sent["messages"]
         spin_until(lambda: values.get("state_estimator", {}).get("imu.received") == str(count["/imu/data"]))
