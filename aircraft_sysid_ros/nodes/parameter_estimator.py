@@ -148,8 +148,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def _on_state(self, message: AircraftState) -> None:
         self.states_received += 1
-        time = message.header.stamp
-        stamp = np.array([time.sec * common.NANOSECONDS + time.nanosec], dtype=np.int64)
+        stamp = np.array([common.nanoseconds_of(message)], dtype=np.int64)
         if self._epoch is None:
             self._epoch = epoch_of(int(stamp[0]))
         row = row_from_state(message, float(seconds(stamp, self._epoch)[0]))

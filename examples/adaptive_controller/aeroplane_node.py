@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from aircraft_sysid_msgs.msg import ControlSurfaces
 from geometry_msgs.msg import QuaternionStamped
+from node_runner import COMMANDS, DEPTH, run_node
 from one_process import CASES, is_lost
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -34,8 +35,6 @@ from aircraft_sysid_ros.simulation.closed_loop_faults import fault_of
 
 Array = npt.NDArray[np.float64]
 
-COMMANDS = "commanded_surfaces"
-DEPTH = 5000
 #: Longest [s] that it waits for an answer in step with the controller.
 PATIENCE = 2.0
 
@@ -107,7 +106,7 @@ class AeroplaneNode(Node):
         command = np.array([message.elevator, message.aileron, message.rudder, message.throttle])
         if np.all(np.isfinite(command)):
             self.command = command
-            self.answered = message.header.stamp.sec * common.NANOSECONDS + message.header.stamp.nanosec
+            self.answered = common.nanoseconds_of(message)
 
     def fly(self, spin: Any) -> None:
         """Fly to the end, or until it is lost. ``spin(timeout)`` runs callbacks for at most ``timeout`` [s]."""
@@ -147,27 +146,15 @@ def stoppable(executor: Any, stop: threading.Event) -> Callable[[float], None]:
     return spin
 
 
-def main() -> int:
+def fly_when_heard(node: AeroplaneNode, executor: Any, stop: threading.Event) -> None:
     """Fly once somebody listens."""
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = AeroplaneNode()
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    with common.stop_signals() as stop, contextlib.suppress(Stopped):
-        spin = stoppable(common.make_executor([node]), stop)
+    with contextlib.suppress(Stopped):
+        spin = stoppable(executor, stop)
         while not node.is_heard():
             spin(0.1)
         node.fly(spin)
         node.get_logger().info("lost" if np.isfinite(node.lost_at) else "flown")
-    node.destroy_node()
-    rclpy.try_shutdown()
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_node(AeroplaneNode, fly_when_heard))

@@ -9,6 +9,7 @@ consumer library on the messages of parameter_estimator), or truth (of the simul
 from __future__ import annotations
 
 import sys
+import threading
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from aircraft_sysid_msgs.msg import AirData, ControlSurfaces
 from autopilot import Instruments
 from dynamic_inversion import AttitudeController
 from geometry_msgs.msg import QuaternionStamped
+from node_runner import COMMANDS, DEPTH, run_node
 from one_process import ASK, CASES, CONTROLLERS, pilot_of
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -31,12 +33,6 @@ from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.recordings.ros_conversion import frd_from_flu, quaternion_ned_frd
 from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, STEP
 from aircraft_sysid_ros.simulation.sensors import stamps_of
-
-COMMANDS, DEPTH = "commanded_surfaces", 5000
-
-
-def _stamp(message: Any) -> int:
-    return message.header.stamp.sec * common.NANOSECONDS + message.header.stamp.nanosec
 
 
 class ControllerNode(Node):
@@ -72,10 +68,10 @@ class ControllerNode(Node):
 
     def _on_air_data(self, message: AirData) -> None:
         values = (message.true_airspeed, message.angle_of_attack, message.sideslip, message.air_density)
-        self.instruments.take_air_data(np.array([*values, message.static_pressure]), _stamp(message))
+        self.instruments.take_air_data(np.array([*values, message.static_pressure]), common.nanoseconds_of(message))
 
     def _on_imu(self, message: Imu) -> None:
-        rate, stamp = message.angular_velocity, _stamp(message)
+        rate, stamp = message.angular_velocity, common.nanoseconds_of(message)
         self.instruments.take_imu(frd_from_flu([rate.x, rate.y, rate.z]))
         seen = self.instruments.seen
         if seen is None:  # the aeroplane keeps its trim until everything has come once
@@ -103,23 +99,10 @@ class ControllerNode(Node):
         return self.source.at(stamp, condition).values
 
 
-def main() -> int:
-    """Run until a signal."""
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = ControllerNode()
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    with common.stop_signals() as stop:
-        common.spin_until(common.make_executor([node]), stop.is_set)
-    node.destroy_node()
-    rclpy.try_shutdown()
-    return 0
+def fly_until_stopped(_node: ControllerNode, executor: Any, stop: threading.Event) -> None:
+    """Answer until a signal."""
+    common.spin_until(executor, stop.is_set)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_node(ControllerNode, fly_until_stopped))

@@ -9,6 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
+from page_marks import marked
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
@@ -204,8 +205,8 @@ def test_the_page_of_a_calibration(folder, served, open_page) -> None:
     with served(folder) as address:
         page = open_page(address, plots=20, width=820, height=1180, color_scheme="dark")
         page.wait_for_selector("body.body--dark")
-        assert page.inner_text("[data-testid=calibration-verdict]") == "One clear minimum"
-        table = page.inner_text("[data-testid=calibration]")
+        assert page.inner_text(marked("calibration-verdict")) == "One clear minimum"
+        table = page.inner_text(marked("calibration"))
         view = load_calibration_view(folder)
         assert all(p.name in table for p in view.parameters) and f"{view.parameters[0].std:.3g}" in table
         assert page.evaluate("document.documentElement.scrollWidth") <= 820
@@ -221,7 +222,7 @@ def test_the_page_of_a_calibration(folder, served, open_page) -> None:
             "document.querySelector('[data-testid=calibration-verdict]').innerText === 'No unique minimum'"
         )
         (folder / "result.json").unlink()
-        page.wait_for_selector("[data-testid=notice]:has-text('is not there')")
+        page.wait_for_selector(marked("notice") + ":has-text('is not there')")
         page.context.close()
 
 

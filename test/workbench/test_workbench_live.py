@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from page_marks import marked
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
@@ -25,16 +26,9 @@ PIECE = 10.0  # [s]
 NODE = "/parameter_estimator"
 
 
-def test_id(name: str) -> str:
-    return f"[data-testid={name}]"
-
-
-test_id.__test__ = False  # it is a selector and no test
-
-
 def wait_for_text(page, name: str, text: str) -> None:
     page.wait_for_function(
-        "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[test_id(name), text],
+        "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[marked(name), text],
         timeout=1e3 * PATIENCE,
     )
 
@@ -114,7 +108,7 @@ def nodes(aircraft_file, tmp_path):
 
 
 def error_of(page, axis: str) -> float:
-    return float(page.inner_text(test_id(f"held-out-{axis}")).split()[0])
+    return float(page.inner_text(marked(f"held-out-{axis}")).split()[0])
 
 
 def test_a_hidden_effect_is_named_and_added_in_flight(
@@ -126,34 +120,34 @@ def test_a_hidden_effect_is_named_and_added_in_flight(
         with nodes(aircraft_file, tmp_path):
             wait_for_text(page, "notice", f"{NODE} is there")  # it connected by itself
             player.play(0.0, 90.0)
-            page.wait_for_selector(test_id("card-0"), timeout=1e3 * PATIENCE)
-            assert page.inner_text(test_id("verdict")) == "An effect is missing"
-            assert "Dihedral effect that depends on lift" in page.inner_text(test_id("card-0"))
-            first, before = page.inner_text(test_id("model")), error_of(page, "Cl")
-            page.wait_for_selector(test_id("fails-Cl"))
-            page.click(test_id("card-0") + " .q-item")
-            page.click(test_id("add-0"))
+            page.wait_for_selector(marked("card-0"), timeout=1e3 * PATIENCE)
+            assert page.inner_text(marked("verdict")) == "An effect is missing"
+            assert "Dihedral effect that depends on lift" in page.inner_text(marked("card-0"))
+            first, before = page.inner_text(marked("model")), error_of(page, "Cl")
+            page.wait_for_selector(marked("fails-Cl"))
+            page.click(marked("card-0") + " .q-item")
+            page.click(marked("add-0"))
             wait_for_text(page, "notice", "Added: Cl_alpha*beta")
             player.play(90.0, 105.0)
             page.wait_for_function(
                 "([s, e]) => parseFloat(document.querySelector(s).innerText) < e",
-                arg=[test_id("held-out-Cl"), 0.5 * before], timeout=1e3 * PATIENCE,
+                arg=[marked("held-out-Cl"), 0.5 * before], timeout=1e3 * PATIENCE,
             )  # fmt: skip
-            assert page.inner_text(test_id("model")) != first
-            page.click(test_id("tab-parameters"))
+            assert page.inner_text(marked("model")) != first
+            page.click(marked("tab-parameters"))
             wait_for_text(page, "parameters", "Cl_alpha*beta")
-            page.click(test_id("tab-state"))
+            page.click(marked("tab-state"))
             wait_for_text(page, "state", "wind [m/s]")
-            page.click(test_id("tab-model"))
-            page.click(test_id("side-add"))
-            page.fill(test_id("term"), "CZ: __import__('os')")
+            page.click(marked("tab-model"))
+            page.click(marked("side-add"))
+            page.fill(marked("term"), "CZ: __import__('os')")
             wait_for_text(page, "complaint", "is not allowed")
-            page.click(test_id("undo"))
+            page.click(marked("undo"))
             wait_for_text(page, "notice", "Removed: Cl_alpha*beta")
             player.play(105.0, 110.0)
             wait_for_text(page, "model", first)
         wait_for_text(page, "notice", f"{NODE} is gone")
-        assert page.locator(test_id("add-term")).is_disabled()
+        assert page.locator(marked("add-term")).is_disabled()
         page.context.close()  # before the server goes
 
 
@@ -203,12 +197,12 @@ def test_a_node_in_a_namespace_on_a_tablet_in_the_dark(served, open_page) -> Non
                 time.sleep(0.05)
                 if page.evaluate("document.querySelector('[data-testid=plot-Cl]').calcdata[0].length") > 8:
                     break
-            assert page.inner_text(test_id("model")) == "ours"
+            assert page.inner_text(marked("model")) == "ours"
             wait_for_text(page, "held-out-Cl", "25.0 %")
         for tab in ("model", "parameters", "state"):
-            page.click(test_id(f"tab-{tab}"))
+            page.click(marked(f"tab-{tab}"))
             page.wait_for_function("document.documentElement.scrollWidth <= 820")
-        page.click(test_id("tab-parameters"))
+        page.click(marked("tab-parameters"))
         wait_for_text(page, "parameters", "Cl_beta")
         page.context.close()
 

@@ -10,6 +10,7 @@ import urllib.parse
 
 import numpy as np
 import pytest
+from page_marks import marked
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
@@ -27,13 +28,6 @@ def server(hidden_effect, calibration, tmp_path_factory, served):
         yield run, address
 
 
-def test_id(name: str) -> str:
-    return f"[data-testid={name}]"
-
-
-test_id.__test__ = False  # it is a selector and no test
-
-
 def compared(run, capsys) -> dict:
     capsys.readouterr()
     assert main(["compare", str(run), "--json"]) == 0
@@ -46,7 +40,7 @@ def shown(errors: dict, axis: str) -> str:
 
 def wait_for_text(page, name: str, text: str, timeout: float = 60_000) -> None:
     page.wait_for_function(
-        "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[test_id(name), text], timeout=timeout
+        "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[marked(name), text], timeout=timeout
     )
 
 
@@ -62,67 +56,67 @@ def test_a_hidden_effect_is_seen_named_added_and_taken_back(server, open_page, c
     before = compared(run, capsys)
     page = open_page(address, reduced_motion="reduce")
     for axis in AXES:
-        assert page.inner_text(test_id(f"held-out-{axis}")) == shown(before, axis)
-        assert page.inner_text(test_id(f"error-{axis}")) == shown(before, axis)
-        assert page.locator(test_id(f"fails-{axis}")).count() == (axis == "Cl")
+        assert page.inner_text(marked(f"held-out-{axis}")) == shown(before, axis)
+        assert page.inner_text(marked(f"error-{axis}")) == shown(before, axis)
+        assert page.locator(marked(f"fails-{axis}")).count() == (axis == "Cl")
     bars_agree_with_their_numbers(page)
-    assert "s of flight compared of 60 s recorded" in page.inner_text(test_id("lengths"))
+    assert "s of flight compared of 60 s recorded" in page.inner_text(marked("lengths"))
     one_version_says_how_to_make_another(page, run)
-    page.click(test_id("side-why"))
-    page.click(test_id("diagnose"))
+    page.click(marked("side-why"))
+    page.click(marked("diagnose"))
     page.wait_for_selector(".notice .bar:visible")  # progress
-    page.click(test_id("plot-CX"))  # and the page answers meanwhile
-    page.wait_for_selector(test_id("card-0"), timeout=180_000)
-    assert page.inner_text(test_id("verdict")) == "An effect is missing"
-    page.click(test_id("card-0") + " .q-item")
-    page.wait_for_selector(test_id("card-0") + " .main-svg")
-    card = page.inner_text(test_id("card-0"))
+    page.click(marked("plot-CX"))  # and the page answers meanwhile
+    page.wait_for_selector(marked("card-0"), timeout=180_000)
+    assert page.inner_text(marked("verdict")) == "An effect is missing"
+    page.click(marked("card-0") + " .q-item")
+    page.wait_for_selector(marked("card-0") + " .main-svg")
+    card = page.inner_text(marked("card-0"))
     assert "Dihedral effect that depends on lift" in card and "By chance" in card and "Shown by" in card
-    width = page.locator(test_id("bar-Cl")).bounding_box()["width"]
-    page.click(test_id("add-0"))
+    width = page.locator(marked("bar-Cl")).bounding_box()["width"]
+    page.click(marked("add-0"))
     wait_for_text(page, "notice", "the held-out error falls from".capitalize())
     after = compared(run, capsys)
     assert after["axes"]["Cl"]["nrmse_held_out"] < 0.5 * before["axes"]["Cl"]["nrmse_held_out"]
     wait_for_text(page, "held-out-Cl", shown(after, "Cl"))
-    assert page.inner_text(test_id("error-Cl")) == shown(after, "Cl")
-    assert page.inner_text(test_id("model")) == after["model"] != before["model"]
+    assert page.inner_text(marked("error-Cl")) == shown(after, "Cl")
+    assert page.inner_text(marked("model")) == after["model"] != before["model"]
     page.wait_for_function(
         "(w) => document.querySelector('[data-testid=bar-Cl]').getBoundingClientRect().width < w", arg=0.6 * width
     )
     bars_agree_with_their_numbers(page)
     another_version_is_drawn_beside(page, before["model"])
-    page.click(test_id("side-add"))
-    page.click(test_id("undo"))
+    page.click(marked("side-add"))
+    page.click(marked("undo"))
     wait_for_text(page, "held-out-Cl", shown(before, "Cl"))
     assert compared(run, capsys)["model"] == before["model"]
 
 
 def bars_agree_with_their_numbers(page) -> None:
     """A bar is as long as its number, on the scale that stands above it."""
-    full = float(re.search(r"(\d+) % of spread", page.inner_text(test_id("scale")))[1])
+    full = float(re.search(r"(\d+) % of spread", page.inner_text(marked("scale")))[1])
     for axis in AXES:
-        share = page.locator(test_id(f"bar-{axis}")).evaluate(
+        share = page.locator(marked(f"bar-{axis}")).evaluate(
             "(e) => e.getBoundingClientRect().width / e.parentElement.getBoundingClientRect().width"
         )
-        assert share * full == pytest.approx(float(page.inner_text(test_id(f"held-out-{axis}")).split()[0]), abs=0.6)
+        assert share * full == pytest.approx(float(page.inner_text(marked(f"held-out-{axis}")).split()[0]), abs=0.6)
 
 
 def one_version_says_how_to_make_another(page, run) -> None:
-    page.click(test_id("tab-versions"))
+    page.click(marked("tab-versions"))
     wait_for_text(page, "one-version", "There is one version only")
-    assert f"aircraft-sysid add {run}" in page.inner_text(test_id("one-version"))
-    assert not page.locator(test_id("beside")).is_visible()
-    page.click(test_id("tab-model"))
+    assert f"aircraft-sysid add {run}" in page.inner_text(marked("one-version"))
+    assert not page.locator(marked("beside")).is_visible()
+    page.click(marked("tab-model"))
 
 
 def another_version_is_drawn_beside(page, first: str) -> None:
     """The first version in the time plots, in another colour, and its name in the legend."""
-    page.click(test_id("tab-versions"))
-    assert "dihedral_alpha" in page.inner_text(test_id("history"))
+    page.click(marked("tab-versions"))
+    assert "dihedral_alpha" in page.inner_text(marked("history"))
     assert "half of its 95 % interval" in page.inner_text(".view.wide")
-    assert not page.locator(test_id("one-version")).is_visible()
+    assert not page.locator(marked("one-version")).is_visible()
     page.click("text=draw the first one")
-    page.click(test_id("tab-model"))
+    page.click(marked("tab-model"))
     lines = "document.querySelector('[data-testid=plot-Cl]')?.calcdata?.length"  # none while it is drawn anew
     page.wait_for_function(f"{lines} === 7")  # measured, noise twice, predicted and left over of both
     assert f"version {first}" in page.inner_text(".legend-row")
@@ -131,15 +125,15 @@ def another_version_is_drawn_beside(page, first: str) -> None:
         ".map((c) => Math.max(...c.map((p) => Math.abs(p.y)).filter(isFinite)))"
     )
     assert len(left) == 2 and max(left) > 2.0 * min(left)  # the first one lacks the effect
-    page.click(test_id("tab-versions"))
+    page.click(marked("tab-versions"))
     page.click("text=draw the first one")
-    page.click(test_id("tab-model"))
+    page.click(marked("tab-model"))
     page.wait_for_function(f"{lines} === 5")
 
 
 def test_a_zoom_moves_all_plots_and_shows_every_point(server, open_page) -> None:
     page = open_page(server[1])
-    box = page.locator(test_id("plot-CX") + " .nsewdrag").first.bounding_box()
+    box = page.locator(marked("plot-CX") + " .nsewdrag").first.bounding_box()
     y = box["y"] + 0.4 * box["height"]
     page.mouse.move(box["x"] + 0.5 * box["width"], y)
     page.mouse.down()
@@ -188,7 +182,7 @@ def test_places_and_cells_show_themselves_in_the_time_plots(server, open_page) -
     page.keyboard.press("Enter")  # without a mouse
     page.wait_for_function(f"{MARKS}.length > 0")
     place = page.evaluate(MARKS)
-    page.locator(test_id("map")).scroll_into_view_if_needed()
+    page.locator(marked("map")).scroll_into_view_if_needed()
     cell = page.evaluate(WORST_CELL)
     page.mouse.click(cell["left"], cell["top"])
     page.wait_for_function(f"(place) => JSON.stringify({MARKS}) !== JSON.stringify(place)", arg=place)
@@ -209,14 +203,14 @@ def test_stop_ends_a_job_and_leaves_the_run(server, open_page) -> None:
     run, address = server
     page = open_page(address)
     before = {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.name != "diagnosis.json"}
-    page.click(test_id("side-why"))
-    page.click(test_id("diagnose"))
-    page.wait_for_selector(test_id("stop") + ":visible")
-    assert page.locator(test_id("diagnose")).is_disabled()
-    page.click(test_id("stop"))
+    page.click(marked("side-why"))
+    page.click(marked("diagnose"))
+    page.wait_for_selector(marked("stop") + ":visible")
+    assert page.locator(marked("diagnose")).is_disabled()
+    page.click(marked("stop"))
     wait_for_text(page, "notice", "Stopped: the run is as it was")
     page.wait_for_function("!document.querySelector('[data-testid=diagnose]').disabled")
-    assert not page.locator(test_id("stop")).is_visible()
+    assert not page.locator(marked("stop")).is_visible()
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
@@ -224,19 +218,19 @@ def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> No
     run, address = server
     page = open_page(address)
     before = sorted(run.rglob("*"))
-    page.click(test_id("side-add"))
+    page.click(marked("side-add"))
     for text, complaint in (
         ("CZ: __import__('os')", "is not allowed"),
         ("CQ: beta", "is no axis"),
         ("alhpa", "Write a term with its axis, such as CZ: alpha**3"),
         ("dihedral_alfa", "did you mean the effect dihedral_alpha?"),
     ):
-        page.fill(test_id("term"), text)
+        page.fill(marked("term"), text)
         wait_for_text(page, "complaint", complaint)
-        page.click(test_id("add-term"))
-    page.fill(test_id("term"), "CZ: alpha")  # parses, but the model has it
+        page.click(marked("add-term"))
+    page.fill(marked("term"), "CZ: alpha")  # parses, but the model has it
     page.wait_for_function("document.querySelector('[data-testid=complaint]').innerText === ''")
-    page.click(test_id("add-term"))
+    page.click(marked("add-term"))
     wait_for_text(page, "notice", "has the term 'alpha' in CZ already")
     assert sorted(run.rglob("*")) == before
 
@@ -244,41 +238,46 @@ def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> No
 def test_two_browsers_see_the_same_run(server, open_page, capsys) -> None:
     run, address = server
     one, other = open_page(address), open_page(address)
-    first = one.inner_text(test_id("model"))
-    one.click(test_id("side-add"))
-    other.click(test_id("side-add"))
-    one.fill(test_id("term"), "Cl: alpha*beta")
+    first = one.inner_text(marked("model"))
+    one.click(marked("side-add"))
+    other.click(marked("side-add"))
+    one.fill(marked("term"), "Cl: alpha*beta")
     one.wait_for_timeout(300)  # typing is heard after a pause
-    one.click(test_id("add-term"))
-    other.wait_for_selector(test_id("stop") + ":visible")  # the other one sees the work too
-    assert other.locator(test_id("add-term")).is_disabled()
+    one.click(marked("add-term"))
+    other.wait_for_selector(marked("stop") + ":visible")  # the other one sees the work too
+    assert other.locator(marked("add-term")).is_disabled()
     for page in (one, other):
         page.wait_for_function("(m) => document.querySelector('[data-testid=model]').innerText !== m", arg=first)
     after = compared(run, capsys)
     for page in (one, other):
         wait_for_text(page, "held-out-Cl", shown(after, "Cl"))
-        assert page.inner_text(test_id("model")) == after["model"]
-    other.click(test_id("undo"))
+        assert page.inner_text(marked("model")) == after["model"]
+    other.click(marked("undo"))
     for page in (one, other):
         wait_for_text(page, "model", first)
+
+
+#: Brightness of the page's ground, 0 to 255.
+DARK = "Math.max(...getComputedStyle(document.body).backgroundColor.match(/[0-9.]+/g).slice(0, 3).map(Number))"
 
 
 def test_the_other_views_and_the_dark_page(server, open_page) -> None:
     page = open_page(server[1], color_scheme="dark")
     page.wait_for_selector("body.body--dark")
-    page.click(test_id("tab-parameters"))
+    page.click(marked("tab-parameters"))
     page.click("button[data-name=Cl_beta]")
     wait_for_text(page, "parameter-title", "Cl_beta")
-    page.click(test_id("tab-state"))
+    page.click(marked("tab-state"))
     wait_for_text(page, "consistency", "angle of attack")
     page.wait_for_function("document.querySelectorAll('.wide .main-svg').length >= 8")
-    page.click(test_id("tab-calibration"))
+    assert page.evaluate(DARK) < 60.0
+    page.click(marked("tab-calibration"))
     wait_for_text(page, "calibration-verdict", "One clear minimum")
-    page.wait_for_selector(test_id("residual-2") + " .main-svg")
+    page.wait_for_selector(marked("residual-2") + " .main-svg")
     page.set_viewport_size({"width": 820, "height": 1180})
     page.wait_for_function("document.documentElement.scrollWidth <= 820")
-    page.click(test_id("tab-model"))
-    page.wait_for_selector(test_id("plot-Cn") + " .main-svg")
+    page.click(marked("tab-model"))
+    page.wait_for_selector(marked("plot-Cn") + " .main-svg")
     page.wait_for_function("document.documentElement.scrollWidth <= 820")
 
 
@@ -287,11 +286,11 @@ def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_
         page = open_page(address)
         (run / "samples.npz").write_bytes(b"not a zip")
         wait_for_text(page, "notice", "damaged")
-        text = page.inner_text(test_id("notice"))
+        text = page.inner_text(marked("notice"))
         assert len(text.splitlines()) == 1 and "replay the recording again" in text and "Traceback" not in text
         assert "samples.npz is damaged" in text
-        page.click(test_id("side-why"))
-        assert page.locator(test_id("diagnose")).is_disabled()
+        page.click(marked("side-why"))
+        assert page.locator(marked("diagnose")).is_disabled()
         page.context.close()
     assert main(["workbench", str(run), "--no-browser", "--port", "0"]) == 2
     said = capsys.readouterr().err.strip().splitlines()

@@ -166,14 +166,14 @@ def _linearised(problem: Problem, at: _Point, noise: Array, alone: bool) -> tupl
 
 def _bounded_step(root: Array, right: Array, low: Array, high: Array, damping: float) -> Array:
     """Least squares of root d = right, damped in units of the columns, low <= d <= high."""
+    from scipy.optimize import lsq_linear  # here: 0.4 s that every other use of a calibration does not need
+
     scale = np.sqrt(np.einsum("ij,ij->j", root, root))
     scale[~(scale > 0.0)] = 1.0
     matrix, values = root / scale, right
     if damping > 0.0:
         matrix = np.concatenate([matrix, np.sqrt(damping) * np.eye(len(scale))])
         values = np.concatenate([values, np.zeros(len(scale))])
-    from scipy.optimize import lsq_linear  # here: 0.4 s that every other use of a calibration does not need
-
     found: Any = lsq_linear(matrix, values, (low * scale, high * scale), method="bvls")
     return np.clip(found.x / scale, low, high)
 

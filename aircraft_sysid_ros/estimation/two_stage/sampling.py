@@ -43,24 +43,28 @@ class Prior:
         if self.kind == "uniform":
             return np.random.default_rng(seed).uniform(bounds[:, 0], bounds[:, 1], size=(count, len(bounds)))
         if self.kind == "sobol":
-            power = int(np.ceil(np.log2(count)))  # Sobol sequences are balanced at powers of two
-            from scipy.stats import qmc  # here: 0.5 s that replay does not need
-
-            unit = qmc.Sobol(len(bounds), seed=np.random.default_rng(seed)).random_base2(power)[:count]
-            return np.asarray(qmc.scale(unit, bounds[:, 0], bounds[:, 1]), dtype=np.float64)
+            return _sobol(bounds, count, seed)
         raise InputError(f"there are no {self.kind} samples: sobol, uniform, grid and normal are known")
 
     def _normal(self, bounds: Array, count: int, seed: int) -> Array:
+        from scipy.stats import truncnorm  # here: 0.5 s that replay does not need
+
         n = len(bounds)
         mean = np.zeros(n) if self.mean is None else np.asarray(self.mean, dtype=np.float64)
         std = None if self.std is None else np.asarray(self.std, dtype=np.float64)
         if std is None or std.shape != (n,) or mean.shape != (n,) or not np.all(std > 0.0):
             raise InputError(f"normal samples need {n} means and {n} positive standard deviations")
         low, high = (bounds[:, 0] - mean) / std, (bounds[:, 1] - mean) / std
-        from scipy.stats import truncnorm
-
         unit = truncnorm.rvs(low, high, size=(count, n), random_state=np.random.default_rng(seed))
         return np.clip(mean + std * unit, bounds[:, 0], bounds[:, 1])
+
+
+def _sobol(bounds: Array, count: int, seed: int) -> Array:
+    from scipy.stats import qmc  # here: 0.5 s that replay does not need
+
+    power = int(np.ceil(np.log2(count)))  # Sobol sequences are balanced at powers of two
+    unit = qmc.Sobol(len(bounds), seed=np.random.default_rng(seed)).random_base2(power)[:count]
+    return np.asarray(qmc.scale(unit, bounds[:, 0], bounds[:, 1]), dtype=np.float64)
 
 
 def _grid(bounds: Array, count: int) -> Array:
