@@ -36,15 +36,13 @@ from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings import output_messages as out
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.run_files import AIRCRAFT, ESTIMATES, PARAMETERS, POINTS, SAMPLES, STATE
 from aircraft_sysid_ros.samples import Samples, concatenate
 
 Array = npt.NDArray[np.float64]
 
 #: States written per second of flight: the live topic has them all.
 STATE_RATE = 25.0
-ESTIMATES, PARAMETERS, STATE, POINTS, AIRCRAFT, SAMPLES = (
-    "estimates.mcap", "parameters.json", "state.json", "points.npz", "aircraft.yaml", "samples.npz",
-)  # fmt: skip
 
 
 class RunWriter:

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import other_methods
+from hidden_effects_figure import draw
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
@@ -37,6 +38,7 @@ from aircraft_sysid_ros.simulation.jsbsim_hidden import IMPOSSIBLE
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, hidden_flight
 
 RESULTS = Path(__file__).parent / "results"
+FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "hidden_effects.png"
 DURATION, REPLICAS = 120.0, 4
 METHODS_EVERY = 3  # seeds
 #: First seed of each set; what was tuned was tuned on the first.
@@ -277,6 +279,17 @@ def _said(name: str, flight: dict[str, Any]) -> dict[str, Any]:
     return {**said, "effects": effects, "errors": flight["errors"]["diagnosed"]}
 
 
+def lines_path(which: str) -> Path:
+    """Where the flights of a set are."""
+    return RESULTS / f"hidden_effects_{which}.jsonl"
+
+
+def lines_of(which: str) -> list[dict[str, Any]]:
+    """Flights of a set that have been flown."""
+    path = lines_path(which)
+    return [json.loads(text) for text in path.read_text(encoding="utf8").splitlines()] if path.exists() else []
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--set", choices=sorted(FIRST_SEED), default="tuned")
@@ -285,8 +298,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--summary", action="store_true", help="no flights, only the summary of those that are there")
     arguments = parser.parse_args()
-    path = RESULTS / f"hidden_effects_{arguments.set}.jsonl"
-    lines = [json.loads(text) for text in path.read_text(encoding="utf8").splitlines()] if path.exists() else []
+    path = lines_path(arguments.set)
+    lines = lines_of(arguments.set)
     done = {(line["simulator"], line["effect"], line["seed"]) for line in lines}
     todo = [j for j in jobs(arguments.set, arguments.seeds, arguments.clean) if (*j.values(),) not in done]
     if not arguments.summary and todo:
@@ -299,6 +312,8 @@ def main() -> None:
                 print(f"{number}/{len(todo)} {line['simulator']} {line['effect']}: {line.get('verdict')}", flush=True)
     result = summary(lines)
     (RESULTS / f"hidden_effects_{arguments.set}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")
+    sets = {name: lines_of(name) for name in FIRST_SEED if lines_path(name).exists()}
+    draw(sets, {name: summary(found) for name, found in sets.items()}, FIGURE)
     print(json.dumps(result, indent=1))
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from scipy.stats import binomtest
+
 from aircraft_sysid_ros.diagnosis.effects.aliases import ALIASES
 
 Rows = tuple[list[str], list[list[str]]]
@@ -28,6 +30,12 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
+def counted(share: float, flights: int) -> str:
+    """A share with its 95 % interval, that of Wilson (1927)."""
+    low, high = binomtest(round(share * flights), flights).proportion_ci(method="wilson")
+    return f"{100 * share:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
+
+
 def fine(share: float) -> str:
     return f"{100 * share:.1f} %"
 
@@ -43,7 +51,7 @@ def hidden(sets: dict[str, dict[str, Any]]) -> Rows:
         for key, words in _PARTS.items():
             r = found[key]
             if r["flights"]:
-                shares = [percent(r[k]) for k in _SHARES]
+                shares = [counted(r[k], r["flights"]) for k in _SHARES]
                 errors = [fine(r[k]) for k in ("base", "diagnosed", "oracle", "floor")]
                 row = [f"{SETS[name]}, {words}", str(r["flights"]), *shares, *errors]
                 rows.append([*row, percent(r["within_ten_percent"])])
@@ -56,7 +64,7 @@ def other(sets: dict[str, dict[str, Any]]) -> Rows:
     for name, found in sets.items():
         for words, r in {"all": found["false_verdicts"], **found["clean_by"]}.items():
             if r["flights"]:
-                said = f"a verdict other than none in {percent(r['share'])}"
+                said = f"a verdict other than none in {counted(r['share'], r['flights'])}"
                 rows.append([f"{SETS[name]}, clean, {words}", str(r["flights"]), said])
         r = found["small"]
         if r["flights"]:
@@ -65,7 +73,7 @@ def other(sets: dict[str, dict[str, Any]]) -> Rows:
         r = found["without"]
         if r["flights"]:
             said = (
-                f"unexplained in the right axis {percent(r['unexplained_right_axis'])}, unexplained in another "
+                f"unexplained in the right axis {counted(r['unexplained_right_axis'], r['flights'])}, in another "
                 f"{percent(r['unexplained'] - r['unexplained_right_axis'])}, a name of its stated set "
                 f"{percent(r['alias'])}, another name {percent(r['wrong_name'])}, "
                 f"none {percent(r['none'])}"

@@ -20,6 +20,8 @@ WORDS = {
     "elevator_halved": "elevator loses half of its effect, for good",
 }
 
+AIR = {"none": "calm", "light": "turbulent"}
+
 
 def delay(part: Result, key: str) -> str:
     """Median and worst, and how many flights are in it."""
@@ -32,11 +34,13 @@ def delay(part: Result, key: str) -> str:
 def failures(result: Result) -> Table:
     """When what failed was held and used again, and how wrong what was used has been."""
     rows = [
-        [WORDS[name], delay(part, "held"), delay(part, "back"), f"{100 * part['worst']:.0f} %",
+        [WORDS[name], AIR[air], delay(part, "held"), delay(part, "back"), f"{100 * part['worst']:.0f} %",
          f"{100 * part['worst_plain']:.0f} %", part["reason"].partition(" since")[0]]
-        for name, part in result["failures"].items()
+        for name in WORDS
+        for air, parts in result["failures"].items()
+        for part in [parts[name]]
     ]  # fmt: skip
-    header = ["failure", "HOLD after, median / worst", "USE again after its end", "largest error with USE",
+    header = ["failure", "air", "HOLD after, median / worst", "USE again after its end", "largest error with USE",
               "without the gates", "reason given"]  # fmt: skip
     return header, rows
 

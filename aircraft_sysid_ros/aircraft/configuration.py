@@ -75,6 +75,8 @@ _OPTIONAL = (
 _MAXIMUM_LIFT = 1.6
 #: Characters of a bad value or key that a message shows.
 _LONGEST_SHOWN = 60
+#: Known keys that a message lists; of more it shows the nearest.
+_MOST_LISTED, _NEAREST = 25, 3
 
 
 @dataclass(frozen=True)
@@ -188,9 +190,18 @@ def inertia_matrix(xx: float, yy: float, zz: float, xz: float) -> Vector:
 def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], kind: str) -> None:
     for key in data:
         if key not in known:
-            close = difflib.get_close_matches(str(key), known, 1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
-            raise InputError(f"unknown {kind} '{_shown(str(key))}': {hint}")
+            raise InputError(f"unknown {kind} '{_shown(str(key))}': {_hint(str(key), known)}")
+
+
+def _hint(key: str, known: tuple[str, ...]) -> str:
+    """What may have been meant."""
+    close = difflib.get_close_matches(key, known, 1)
+    if close:
+        return f"did you mean '{close[0]}'?"
+    if len(known) <= _MOST_LISTED:
+        return f"known are {', '.join(known)}"
+    nearest = difflib.get_close_matches(key, known, _NEAREST, 0.0)
+    return f"the nearest are {', '.join(nearest)}; names are axis and term, as in the table that replay prints"
 
 
 def _shown(text: str) -> str:

@@ -6,8 +6,9 @@
     compatibility:    the parameters of (B8); IMU biases measured minus true
     source:           what it was made from; not used
 
-Each section may hold ``std`` with standard errors; parameters that are left out are zero. The covariance is in the
-order of AIR_DATA_ERRORS; without it a filter that starts with the calibration takes the squares of ``std``.
+A section has all of its parameters, where kappa may be left out, or none: then they are zero. It may hold ``std`` with
+standard errors. The covariance is in the order of AIR_DATA_ERRORS; without it a filter that starts with the calibration
+takes the squares of ``std``.
 """
 
 from __future__ import annotations
@@ -64,8 +65,10 @@ def load_calibration(path: str | Path) -> Calibration:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
         raise InputError(f"cannot read the calibration file {path}: {reason}") from None
-    except (yaml.YAMLError, ValueError, RecursionError):
-        raise InputError(f"calibration file {path}: it is not valid YAML") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}" if mark else ""
+        raise InputError(f"calibration file {path}: it is not valid YAML{where}") from None
     try:
         return calibration_from_dict(content)
     except InputError as error:
@@ -95,6 +98,7 @@ def calibration_from_dict(content: Any) -> Calibration:
             covariance = _covariance(given.get(_COVARIANCE))
         std[name] = _stds(given.get("std"), known)
         _check_scales(sections[name])
+        _check_complete(given, name)
     if MAGNETOMETER in sections and abs(np.linalg.det(magnetic_matrix(sections[MAGNETOMETER]))) < _LEAST_SCALE**3:
         raise InputError("the parameters of the magnetometer turn different fields into one: it cannot be corrected")
     return Calibration(
@@ -168,6 +172,18 @@ def _covariance(value: Any) -> tuple[tuple[float, ...], ...] | None:
     if not np.allclose(scaled, scaled.T, atol=1e-6) or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-6:
         raise InputError(f"{_COVARIANCE} is not the covariance of anything: it must be symmetric and positive")
     return tuple(tuple(float(number) for number in row) for row in matrix)
+
+
+def _check_complete(given: Mapping[str, Any], section: str) -> None:
+    """A section that lost a line would correct with a zero in its place."""
+    curve = CURVE if set(given) & set(CURVE) else ()
+    wanted = [key for key in PARAMETERS[section] if key not in CURVE or key in curve]
+    missing = [key for key in wanted if key not in given]
+    if missing and len(missing) < len(wanted):
+        raise InputError(
+            f"the section {section} lacks {' and '.join(missing)}: copy what calibrate has written, or give 0 for what "
+            "is not to be corrected"
+        )
 
 
 def _check_scales(section: Mapping[str, float]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.additions import Outcome, add
+from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT
 from aircraft_sysid_ros.diagnosis.versions import MODELS
 from aircraft_sysid_ros.report.diagnosis_figures import errors_figure
@@ -19,8 +20,9 @@ FIGURE = "errors.png"
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "add", help="an effect or a term added to the model, with the error before and after", description=__doc__
-    )
+        "add", help="an effect or a term added to the model, with the error before and after", description=__doc__,
+        epilog=f"effects: {' '.join(sorted(BY_ID))}",
+    )  # fmt: skip
     add_arguments(parser)
     return parser
 

@@ -97,8 +97,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _check(args: argparse.Namespace) -> None:
-    if not 0.0 <= args.begin < args.end:
-        raise InputError(f"--from {args.begin:g} and --to {args.end:g} must rise from 0 on")
+    if not 0.0 <= args.begin < np.inf:
+        raise InputError(f"--from must be zero or more seconds, not {args.begin:g}")
+    if not args.begin < args.end:
+        raise InputError(f"--to must be later than --from: {args.end:g} s is not after {args.begin:g} s")
     if args.samples is not None and not 1 <= args.samples <= 100_000:
         raise InputError(f"--samples must be between 1 and 100000, not {args.samples}")
     if args.seed < 0:

@@ -39,7 +39,6 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
         "--frequencies",
         type=float,
         nargs=2,
-        default=band,
         metavar=("LOW", "HIGH"),
         help=f"band [Hz] of the estimator fourier (default: {band[0]:g} {band[1]:g})",
     )
@@ -61,7 +60,10 @@ def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, Parameter
         raise InputError(f"--horizon must be between 0 and 5 s, not {args.horizon:g}")
     if not 1.0 <= args.forgetting_time <= 1e6:
         raise InputError(f"--forgetting-time must be between 1 and 1e6 s, not {args.forgetting_time:g}")
-    low, high = args.frequencies
+    if args.frequencies is not None and args.estimator != "fourier":
+        raise InputError(f"--frequencies is for --estimator fourier, and this is {args.estimator}: leave it out")
+    defaults = ParameterOptions()
+    low, high = args.frequencies or (defaults.lowest_frequency, defaults.highest_frequency)
     if not 0.01 <= low < high <= 20.0:
         raise InputError(f"--frequencies must rise between 0.01 and 20 Hz, not go from {low:g} to {high:g}")
     parameters = ParameterOptions(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.calibration.filter_start import LONGEST, start_by_stage_1, start_of_calibration
@@ -24,8 +24,10 @@ from aircraft_sysid_ros.commands.options import (
     state_table,
 )
 from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.diagnosis.flight_data import SHORTEST as SHORTEST_FLIGHT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.modelling.trust import Trust, check_bounds
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
 from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
@@ -78,7 +80,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Replay and write; returns state, parameters and notes. Raises InputError."""
     options = estimator_options(args)
     _check(args)
-    aircraft = load_aircraft(args.aircraft)
+    aircraft = _aircraft(args.aircraft)
     correction = Correction(load_calibration(args.calibration)) if args.calibration else None
     pipeline = Pipeline(aircraft, *options)
     if correction is not None and args.air_data_errors:
@@ -99,6 +101,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline)}")
         result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started)
     return {"run": str(args.out), "notes": notes(recording, pipeline), **result}
+
+
+def _aircraft(path: str) -> Aircraft:
+    """The aircraft file, with bounds that an aeroplane can be in. Raises InputError that names the file."""
+    aircraft = load_aircraft(path)
+    try:
+        check_bounds(aircraft.parameter_bounds)
+    except InputError as error:
+        raise InputError(f"aircraft file {path}: {error}") from None
+    return aircraft
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -175,6 +187,9 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
     found = list(recording.notes)
     if "control_surfaces" not in recording.topics:
         found.append("no /control_surfaces: state, biases and wind only, no parameters")
+    else:
+        found += length_notes(pipeline)
+    found += bound_notes(pipeline.parameters.aircraft)
     found += gap_notes(recording.samples) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
@@ -189,6 +204,28 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
     if pipeline.state.realignments:
         times = pipeline.state.realignments
         found.append(f"the filter aligned anew {times} times after gaps or contradictions")
+    return found
+
+
+def length_notes(pipeline: Pipeline) -> list[str]:
+    """Said of a flight of which no parameter can be known because it ends too early."""
+    estimates, seconds = pipeline.parameters.snapshot(), pipeline.state.flight_time
+    if seconds >= SHORTEST_FLIGHT or any(p.status is Trust.USE for p in estimates.parameters):
+        return []
+    return [
+        f"{seconds:.0f} s are too short for parameters, none of them is to be used: record at least "
+        f"{SHORTEST_FLIGHT:g} s of flight with motion about every axis"
+    ]
+
+
+def bound_notes(aircraft: Aircraft) -> list[str]:
+    """Bounds of the aircraft file that its own coefficients are outside of."""
+    found = []
+    for name, (low, high) in aircraft.parameter_bounds.items():
+        value = aircraft.coefficients.get(name)
+        if value is not None and not low <= value <= high:
+            outside = f"the {value:g} that it is given in the same aircraft file is outside: mend one of them"
+            found.append(f"parameter_bounds {name} go from {low:g} to {high:g}, and {outside}")
     return found
 
 

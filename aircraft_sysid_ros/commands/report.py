@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from aircraft_sysid_ros.commands.folders import check_folder
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 
@@ -36,6 +37,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"--out {args.out} is no HTML file: give it a name that ends in .html")
     if not out.parent.is_dir():
         raise InputError(f"--out {args.out}: the folder {out.parent} is not there")
+    check_folder(args.run)
     try:
         import plotly  # noqa: F401
     except ImportError as error:

@@ -16,9 +16,10 @@ from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, DURATION, calibration_flight
 from aircraft_sysid_ros.simulation.calibration_plan import CALIBRATION
-from aircraft_sysid_ros.simulation.dynamics import Effect
+from aircraft_sysid_ros.simulation.dynamics import Effect, trim_airspeed_of
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden
 from aircraft_sysid_ros.simulation.jsbsim_flight import DEFAULT_MODEL, MODELS
+from aircraft_sysid_ros.simulation.jsbsim_hidden import prepared
 from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import (
     DEFAULT_WIND,
@@ -206,18 +207,29 @@ def _simulate(args: argparse.Namespace) -> SimulatedFlight:
     }  # fmt: skip
     if args.simulator == "jsbsim":
         name = args.jsbsim_aircraft or DEFAULT_MODEL
+        _check_wind(args.wind, prepared(name)[0].trim.airspeed, name)
         return simulate_jsbsim_samples(name, args.seed, duration, **common, fitted=bool(hidden))
     aircraft = load_aircraft(args.aircraft or config_path(DEFAULT_AIRCRAFT))
+    _check_wind(args.wind, trim_airspeed_of(aircraft), aircraft.name)
     effects = [parse_effect(text) for text, pair in named if pair is None]
     return simulate_samples(aircraft, args.seed, duration, **common, effects=effects)
 
 
+def _check_wind(wind: list[float], airspeed: float, name: str) -> None:
+    """Raises InputError where the wind carries the aeroplane away."""
+    speed = float(np.linalg.norm(wind))
+    if speed >= airspeed:
+        raise InputError(f"--wind of {speed:.3g} m/s must be less than the {airspeed:.3g} m/s at which {name} flies")
+
+
 def _calibration(args: argparse.Namespace, sensors: SensorOptions) -> SimulatedFlight:
     """A calibration flight; its wind is steady unless --wind-walk says otherwise."""
+    aircraft = load_aircraft(_default_aircraft(args))
+    _check_wind(args.wind, trim_airspeed_of(aircraft), aircraft.name)
     return calibration_flight(
         args.seed,
         DURATION if args.duration is None else args.duration,
-        aircraft=load_aircraft(_default_aircraft(args)),
+        aircraft=aircraft,
         wind=args.wind,
         wind_walk=args.wind_walk or 0.0,
         turbulence=args.turbulence,

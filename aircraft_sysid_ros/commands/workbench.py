@@ -16,6 +16,7 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
+from aircraft_sysid_ros.commands.folders import check_folder
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 
@@ -122,6 +123,8 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError("give the folder of a run, or --live for a running node")
     if args.run and not os.path.exists(args.run):
         raise InputError(f"{args.run} is not there: give the folder that replay, live or calibrate has written")
+    if args.run:
+        check_folder(args.run)
     if args.namespace and not args.live:
         raise InputError("--namespace is for --live: a run has none")
 

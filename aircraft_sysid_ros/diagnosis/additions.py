@@ -114,7 +114,7 @@ def parse_request(text: str) -> Effect | dict[str, tuple[str, ...]]:
         raise InputError("nothing is named: give an effect such as stall, or a term with its axis such as CZ: alpha**3")
     if ":" not in text:
         close = difflib.get_close_matches(text.lower(), BY_ID, 3, 0.5)
-        hint = f"did you mean {' or '.join(close)}?" if close else f"effects are {' '.join(sorted(BY_ID))}"
+        hint = f"did you mean {' or '.join(close)}?" if close else "`aircraft-sysid add --help` lists them"
         raise InputError(f"'{text[:60]}' is no effect, {hint}; a term is written with its axis, such as CZ: alpha**3")
     terms: dict[str, tuple[str, ...]] = {}
     for part in filter(None, map(str.strip, text.split(";"))):

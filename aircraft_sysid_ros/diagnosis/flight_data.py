@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_rows, link
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.run_files import UNREADABLE, not_a_run, read_points
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -91,14 +91,14 @@ def load_flight_data(run: str | Path) -> FlightData:
     """The points of a run folder in flight; InputError when there is no run, or too little flight in it."""
     folder = Path(run)
     if not (folder / POINTS).is_file() or not (folder / AIRCRAFT).is_file():
-        raise InputError(f"{run} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
+        raise not_a_run(run)
     aircraft = load_aircraft(folder / AIRCRAFT)
     try:
-        with np.load(folder / POINTS) as stored:
-            stamp, measured, signals = stored["stamp"], stored["measured"], stored["signals"]
-            names = tuple(str(name) for name in stored["signal_names"])
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
-        raise InputError(f"{folder / POINTS} cannot be read: replay the recording again") from None
+        points = read_points(folder)
+    except UNREADABLE:
+        raise not_a_run(run) from None
+    stamp, measured, signals = points["stamp"], points["measured"], points["signals"]
+    names = tuple(str(name) for name in points["signal_names"])
     if names != SIGNALS or measured.shape != (len(stamp), len(AXES)):
         raise InputError(f"{run} was written by another version of this program: replay the recording again")
     time = (stamp - stamp[0]) * 1e-9 if len(stamp) else np.empty(0)

@@ -34,7 +34,8 @@ from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
-from aircraft_sysid_ros.refinement.run_data import SAMPLES, load_run, load_run_aircraft
+from aircraft_sysid_ros.refinement.run_data import load_run, load_run_aircraft
+from aircraft_sysid_ros.run_files import SAMPLES, not_a_run
 from aircraft_sysid_ros.samples import Samples
 
 MODELS, CURRENT, VERSION, PARAMETERS = "models", "model.json", "version.json", "parameters.json"
@@ -104,16 +105,12 @@ def open_run(path: str | Path) -> Run:
     """Read a run folder and its current version. Raises InputError where it is no run, or damaged."""
     folder = Path(path)
     if not (folder / AIRCRAFT).is_file():
-        raise InputError(f"{path} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
+        raise not_a_run(path)
     root = load_run_aircraft(folder / AIRCRAFT)
     if not (folder / SAMPLES).is_file():
         load_flight_data(folder)  # says what is wrong before anything is changed
         return Run(folder, root, _current(folder, root), None)
-    try:
-        samples = load_run(folder).samples
-    except EOFError:  # an empty file
-        raise InputError(f"the run {path} is damaged: replay the recording again") from None
-    return Run(folder, root, _current(folder, root), samples)
+    return Run(folder, root, _current(folder, root), load_run(folder).samples)
 
 
 def settings_of(aircraft: Aircraft) -> dict[str, Any]:

@@ -77,7 +77,7 @@ def check_bounds(bounds: Mapping[str, tuple[float, float]]) -> None:
     """Raises InputError where bounds of the aircraft file leave nothing of what aeroplanes have."""
     for name, (low, high) in bounds.items():
         lowest, highest = physical_bounds(name)
-        if low > highest or high < lowest:
+        if low >= highest or high <= lowest:
             have, given = f"{lowest:g} to {highest:g}", f"{low:g} to {high:g}"
             raise InputError(f"parameter_bounds {name} must meet what aeroplanes have, {have}: {given} does not")
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,13 +13,21 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.trust import physical_bounds
+from aircraft_sysid_ros.run_files import (
+    AIRCRAFT,
+    PARAMETERS,
+    SAMPLES,
+    UNREADABLE,
+    not_a_run,
+    read_parameters,
+    read_points,
+    read_samples,
+    read_state,
+)
 from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
 
 Array = npt.NDArray[np.float64]
 
-AIRCRAFT, PARAMETERS, STATE, POINTS, SAMPLES = (
-    "aircraft.yaml", "parameters.json", "state.json", "points.npz", "samples.npz",
-)  # fmt: skip
 #: Last line of the aircraft files that this program writes into a run: the end of a document of YAML.
 END = "\n...\n"
 
@@ -59,25 +65,21 @@ def load_run_aircraft(path: Path) -> Aircraft:
 
 
 def load_run(run: str | Path) -> RunData:
-    """Read a run folder; InputError when it is none, has no samples, or is damaged."""
+    """Read a run folder; InputError when it is none, has no samples, or is damaged: in which file."""
     folder = Path(run)
     if not (folder / PARAMETERS).is_file() or not (folder / AIRCRAFT).is_file():
-        raise InputError(f"{run} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
+        raise not_a_run(run)
     if not (folder / SAMPLES).is_file():
         raise InputError(f"{run} holds no samples, it was made by an older version: replay the recording again")
     aircraft = load_run_aircraft(folder / AIRCRAFT)
     try:
-        listed = json.loads((folder / PARAMETERS).read_text(encoding="utf8"))["parameters"]
-        parameters = {p["name"]: p for p in listed}
-        state = json.loads((folder / STATE).read_text(encoding="utf8"))
+        parameters, state = read_parameters(folder), read_state(folder)
         known = [*state["accelerometer_bias"], *state["gyro_bias"]]
         biases = np.array([0.0 if b is None else float(b) for b in known])
-        with np.load(folder / SAMPLES) as stored:
-            samples = Samples(stored["stamp"], stored["kind"].astype(np.int64), stored["values"])
-        with np.load(folder / POINTS) as stored:
-            stamp, measured, terms = stored["stamp"], stored["measured"], stored["terms"]
-    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
-        raise InputError(f"the run {run} is damaged: replay the recording again") from None
+        samples, points = read_samples(folder), read_points(folder)
+    except UNREADABLE:
+        raise not_a_run(run) from None
+    stamp, measured, terms = points["stamp"], points["measured"], points["terms"]
     names = aircraft.model.parameter_names
     sound = samples.values.shape == (len(samples.stamp), WIDTH) and samples.kind.shape == samples.stamp.shape
     sound = sound and bool(np.all(np.isin(samples.kind, [int(kind) for kind in Kind])))

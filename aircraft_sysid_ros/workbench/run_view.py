@@ -32,10 +32,9 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.recordings.tables import Table, read_table
-from aircraft_sysid_ros.run_folder import ESTIMATES, SAMPLES, STATE
+from aircraft_sysid_ros.run_files import ESTIMATES, SAMPLES, STATE, not_a_run
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import truth_path
-from aircraft_sysid_ros.workbench.damage import said_of
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 
@@ -133,7 +132,7 @@ def load_run_view(
 ) -> RunView:
     """Read and compare a run. What ``last`` has of the same flight is not made again. Raises InputError."""
     signature = signature_of(path)
-    run = _opened(path)
+    run = open_run(path)
     versions, notes = versions_of(run)
     if last is not None and last.signature[:_OF_FLIGHT] != signature[:_OF_FLIGHT]:
         last = None
@@ -167,14 +166,6 @@ def load_run_view(
         signature=signature,
         recorded=_recorded(run.path),
     )
-
-
-def _opened(path: str | Path) -> Run:
-    """The run, or InputError that names the file which is damaged."""
-    try:
-        return open_run(path)
-    except InputError as error:
-        raise InputError(said_of(path, error)) from None
 
 
 def _recorded(folder: Path) -> float | None:
@@ -282,7 +273,7 @@ def load_truth_view(path: str | Path | None) -> TruthView:
 def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
     """What was estimated in flight, times from ``zero`` [ns]. Raises InputError where it is missing or damaged."""
     folder = Path(path)
-    run = _opened(path)
+    run = open_run(path)
     try:
         summary = json.loads((folder / STATE).read_text(encoding="utf8"))
         states = read_table(folder / ESTIMATES, "state_estimator/state")
@@ -290,7 +281,7 @@ def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
     except (OSError, KeyError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(said_of(path, InputError(f"the run {path} is damaged: replay the recording again"))) from None
+        raise not_a_run(path) from None
     fields, time = states.fields, np.asarray((states.stamp - zero) * 1e-9, dtype=np.float64)
     sigma = np.stack(list(fields["standard_deviations"]))
     measured: dict[str, tuple[Array, Array]] = {}

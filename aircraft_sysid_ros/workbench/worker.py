@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.workbench.damage import said_of
 
 LOAD, RECORD, DIAGNOSE, ADD, REMOVE = "load", "record", "diagnose", "add", "remove"
 
@@ -74,7 +73,7 @@ def _serve(pipe: Connection, path: str) -> None:
             try:
                 answer: Done | Failed = desk.do(job)
             except InputError as error:
-                answer = Failed(job, " ".join(said_of(path, error).split()))
+                answer = Failed(job, " ".join(str(error).split()))
             except OSError as error:
                 if isinstance(error, BrokenPipeError):
                     return

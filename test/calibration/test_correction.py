@@ -4,11 +4,18 @@ import numpy as np
 import pytest
 import yaml
 
+from aircraft_sysid_ros.calibration import compatibility, magnetometer
 from aircraft_sysid_ros.calibration.calibration_file import calibration_from_dict, load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Kind, concatenate
 from aircraft_sysid_ros.simulation.sensors import EPOCH, air_data_at
+
+FIELD = dict.fromkeys((*magnetometer.NAMES1, *magnetometer.NAMES2), 0.0)
+PROBE = {
+    "alpha_sensitivity": 3.9, "beta_sensitivity": 3.9, "lambda_V": 0.1, "b_V": -2.0, "lambda_alpha": 0.0,
+    "b_alpha": 0.03, "lambda_beta": 0.0, "b_beta": 0.0, "eps_phi": 0.0,
+}  # fmt: skip
 
 
 def content_of(flight):
@@ -51,7 +58,8 @@ def test_compatibility_takes_out_what_was_put_in(calibration_flown):
 
 def test_one_by_one_gives_the_same_bits(calibration_flown):
     """A live node has one sample at a time."""
-    content = {**content_of(calibration_flown), "compatibility": calibration_flown.calibration["compatibility"]}
+    outputs = {**dict.fromkeys(compatibility.NAMES2, 0.0), **calibration_flown.calibration["compatibility"]}
+    content = {**content_of(calibration_flown), "compatibility": outputs}
     correction = Correction(calibration_from_dict(content))
     some = calibration_flown.samples[5000:6500]
     together = correction.apply(some)
@@ -81,10 +89,15 @@ def test_no_flow_gives_no_angles(calibration_flown):
         ("five_hole_probe: {lambda_V: 0.1}", "needs alpha_sensitivity"),
         ("five_hole_probe: {alpha_sensitivity: -1, beta_sensitivity: 3}", "must be positive"),
         ("five_hole_probe: {alpha_sensitivity: 3, beta_sensitivity: 3, pressure_zeros: 1}", "three numbers"),
-        ("magnetometer: {alpha_xy: 1.0}", "cannot be corrected"),
+        (yaml.safe_dump({"magnetometer": {**FIELD, "alpha_xy": 1.0}}), "cannot be corrected"),
+        (yaml.safe_dump({"magnetometer": FIELD}).replace("n_y", "n_q"), "did you mean 'n_"),
+        ("magnetometer: {n_x: 0, n_y: 0, n_z: 0, lambda_x: 0}", "lacks lambda_y and lambda_z and alpha_xy"),
+        ("compatibility: {lambda_V: 0.1}", "compatibility lacks lambda_alpha and"),
+        (yaml.safe_dump({"five_hole_probe": {**PROBE, "kappa_alpha": 0.1}}), "five_hole_probe lacks kappa_beta:"),
+        ("five_hole_probe: {alpha_sensitivity: 3, beta_sensitivity: 3, lambda_V: 0.1}", "lacks b_V and lambda_alpha"),
         ("probe: {}", "mapping with one of"),
         ("{magnetometer: {}, probe: {}}", "unknown section 'probe'"),
-        ("magnetometer: [", "not valid YAML"),
+        ("magnetometer:\n  n_x: 1\n n_y: [", "not valid YAML at line 3"),
     ],
 )
 def test_bad_files_are_one_sentence(tmp_path, content, message):
@@ -100,8 +113,14 @@ def test_a_missing_file(tmp_path):
         load_calibration(tmp_path / "none.yaml")
 
 
-def test_what_is_left_out_is_zero(tmp_path):
+def test_a_section_without_parameters_is_a_nominal_sensor(tmp_path):
     path = tmp_path / "calibration.yaml"
-    path.write_text(yaml.safe_dump({"magnetometer": {"n_x": 1.0, "std": {"n_x": None}}, "source": {"recording": "a"}}))
+    content = {"magnetometer": {"std": {"n_x": None}}, "source": {"recording": "a"}}
+    path.write_text(yaml.safe_dump(content))
     calibration = load_calibration(path)
     assert calibration.magnetometer["lambda_x"] == 0.0 and not calibration.five_hole_probe
+
+
+def test_a_curve_that_is_straight_may_be_left_out():
+    probe = calibration_from_dict({"five_hole_probe": PROBE}).five_hole_probe
+    assert probe["kappa_alpha"] == probe["kappa_beta"] == 0.0 and probe["b_V"] == PROBE["b_V"]

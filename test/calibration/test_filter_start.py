@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.calibration import compatibility
 from aircraft_sysid_ros.calibration.calibration_file import AIR_DATA_ERRORS, calibration_from_dict
 from aircraft_sysid_ros.calibration.filter_start import start_by_stage_1, start_of_calibration
 from aircraft_sysid_ros.errors import InputError
@@ -10,7 +11,7 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD
 from aircraft_sysid_ros.samples import Kind
 
 PROBE = {"alpha_sensitivity": 3.9, "beta_sensitivity": 3.9, "lambda_V": 0.2, "b_V": -2.0, "lambda_alpha": -0.1,
-         "b_alpha": 0.03}  # fmt: skip
+         "b_alpha": 0.03, "lambda_beta": 0.0, "b_beta": 0.0, "eps_phi": 0.0}  # fmt: skip
 
 
 def left(raw, true, believed):
@@ -44,7 +45,8 @@ def test_standard_errors_stand_for_a_covariance_and_what_is_not_told_is_unknown(
 
 def test_compatibility_turns_round():
     """y = (1 + lambda) true + b: a lambda known to 0.01 leaves a scale known to 0.01 / (1 + lambda)."""
-    section = {"lambda_V": 0.25, "std": {name: 0.01 for name in AIR_DATA_ERRORS}}
+    zero = dict.fromkeys((*compatibility.NAMES1, *compatibility.NAMES2), 0.0)
+    section = {**zero, "lambda_V": 0.25, "std": {name: 0.01 for name in AIR_DATA_ERRORS}}
     std = np.sqrt(np.diag(start_of_calibration(calibration_from_dict({"compatibility": section})).covariance)[3:])
     np.testing.assert_allclose(std, [0.008, 0.008, 0.01, 0.01, 0.01, 0.01])
     nothing = start_of_calibration(calibration_from_dict({"magnetometer": {}}))

@@ -99,7 +99,10 @@ def says(capsys, *arguments):
 def test_bad_input_is_one_sentence(bag, tmp_path, capsys):
     probe = ["five-hole", bag, "--aircraft", AIRCRAFT]
     assert "needs --aircraft" in says(capsys, "five-hole", bag)
-    assert "must rise" in says(capsys, *probe, "--from", "20", "--to", "10")
+    assert "--to must be later than --from: 10 s is not after 20 s" in says(
+        capsys, *probe, "--from", "20", "--to", "10"
+    )
+    assert "--from must be zero or more" in says(capsys, *probe, "--from", "-1")
     assert "--samples" in says(capsys, *probe, "--samples", "0")
     assert "--seed" in says(capsys, *probe, "--seed", "-1")
     assert "--sensitivity" in says(capsys, *probe, "--sensitivity", "0", "4")

@@ -184,6 +184,9 @@ def test_a_folder_without_permission(cli, bag, aircraft_file, tmp_path):
         ("replay BAG --aircraft FILE --out RUN --horizon nan", ("--horizon must be between 0 and 5",)),
         ("replay BAG --aircraft FILE --out RUN --forgetting-time 0", ("--forgetting-time",)),
         ("replay BAG --aircraft FILE --out RUN --forgetting-time inf", ("--forgetting-time",)),
+        ("replay BAG --aircraft FILE --out RUN --frequencies 0.1 1.5", ("--frequencies is for", "rls")),
+        ("replay BAG --aircraft FILE --out RUN --estimator fourier --frequencies 2 1", ("must rise between 0.01",)),
+        ("live --aircraft FILE --estimator rml --frequencies 0.1 1.5", ("--frequencies is for --estimator fourier",)),
         ("replay BAG --aircraft FILE --out RUN --wrong 1", ("unrecognized arguments: --wrong",)),
         ("live --aircraft FILE --until-idle 0", ("--until-idle must be a positive time",)),
         ("live --aircraft FILE --forgetting-time 1e7", ("--forgetting-time",)),
@@ -405,6 +408,32 @@ def test_nan_among_the_samples(cli, short, aircraft_file, tmp_path, topic):
     result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
     notes = {"air_data": "air data have no airspeed", "control_surfaces": "control samples lack values"}
     check_good(result, short, "5 % of the " + notes.get(topic, ""))
+
+
+def test_a_flight_that_is_too_short_for_parameters_says_so(cli, short, run, aircraft_file, tmp_path):
+    begin = short.streams[0].stamp[0]
+    streams = [chosen(stream, stream.stamp < begin + 4 * SECOND) for stream in short.streams]
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    assert not [p for p in result["parameters"]["parameters"] if p["status"] == "USE"]
+    (note,) = result["notes"]
+    assert note.startswith("4 s are too short for parameters") and "at least 20 s" in note
+    people = cli("replay", tmp_path / "bag", "--aircraft", aircraft_file, "--out", tmp_path / "again")
+    assert people[0] == 0 and f"note: {note}" in people[1]
+    assert without_nan(run[1])["notes"] == []
+
+
+def test_bounds_that_no_aeroplane_is_in_and_bounds_that_leave_out_the_file(cli, bag, aircraft, aircraft_file, tmp_path):
+    def replayed(low, high):
+        path, bounds = tmp_path / "bounded.yaml", f"parameter_bounds: {{CZ_alpha: [{low}, {high}]}}"
+        path.write_text(f"{Path(aircraft_file).read_text()}\n{bounds}\n")
+        return cli("replay", bag, "--aircraft", path, "--out", tmp_path / "run", "--overwrite", "--json")
+
+    for low in (0, 1):  # the lift of an aeroplane grows with its angle of attack
+        check_refused(replayed(low, 5), f"aircraft file {tmp_path}/bounded.yaml: parameter_bounds CZ_alpha must meet")
+    (note,) = without_nan(replayed(-3, -2)[1])["notes"]
+    given = f"{aircraft.coefficients['CZ_alpha']:g}"
+    assert note.startswith(f"parameter_bounds CZ_alpha go from -3 to -2, and the {given} that it is given")
+    assert without_nan(replayed(-6, -2)[1])["notes"] == []
 
 
 def test_stamps_that_go_backwards(cli, short, aircraft_file, tmp_path):
