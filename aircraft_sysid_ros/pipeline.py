@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions, warm_up
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
+
+
+def parts_by_clock(samples: Samples, clock: int | None) -> list[Samples]:
+    """The samples in parts, such that where IMU stamps fall the next two IMU samples, which confirm it, end one.
+
+    ``clock`` is the newest IMU stamp [ns] before them.
+    """
+    imu = np.flatnonzero(samples.kind == Kind.IMU)
+    stamps = samples.stamp[imu]
+    falls = np.flatnonzero(np.diff(stamps, prepend=stamps[:1] if clock is None else clock) < 0)
+    if not len(falls):
+        return [samples]
+    begins = np.where(falls > 0, imu[falls - 1] + 1, 0)
+    ends = imu[np.minimum(falls + 1, len(imu) - 1)] + 1
+    edges = np.unique(np.concatenate([[0], begins, ends, [len(samples)]]))
+    return [samples[low:high] for low, high in pairwise(edges.tolist())]
 
 
 class Pipeline:
@@ -32,9 +50,19 @@ class Pipeline:
 
     def push(self, samples: Samples) -> tuple[Array, Array]:
         """Take samples in the order of arrival; returns new rows of ``Column`` and new rows of ``Point``."""
+        done = [self._push(part) for part in parts_by_clock(samples, self.state.order.clock)]
+        return np.vstack([rows for rows, _ in done]), np.vstack([points for _, points in done])
+
+    def _push(self, samples: Samples) -> tuple[Array, Array]:
+        """Samples of which the last may be the first by a clock that began anew."""
+        before = self.state.order.counts.restarts
         rows = self.state.push(samples)
+        points = []
+        if self.state.order.counts.restarts > before:  # the rows are what was held by the old clock
+            points += [self.parameters.push_states(rows, self.state.epoch), self.parameters.restart_clock()]
         self.parameters.push_samples(samples, self.state.epoch)
-        return rows, self.parameters.push_states(rows, self.state.epoch)
+        points += [self.parameters.push_states(rows[len(rows) * bool(points) :], self.state.epoch)]
+        return rows, np.vstack(points)
 
     def flush(self) -> tuple[Array, Array]:
         """Process what is held back, at the end of a recording."""

@@ -50,6 +50,8 @@ _OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
 STALE = 1.0
 #: Batches that wait for the first state; older ones are from before it.
 _MOST_EARLY = 10_000
+#: Late samples of a kind that are kept, in case the clock began anew and the states have yet to say so.
+_MOST_BEHIND = 1000
 
 
 class ParameterEstimator:
@@ -121,6 +123,7 @@ class ParameterEstimator:
             Kind.CONTROLS: (np.empty(0), np.empty((0, 7))),
             Kind.HEIGHT: (np.empty(0), np.empty((0, 1))),
         }
+        self._behind: dict[Kind, list[tuple[float, Array]]] = {kind: [] for kind in self._series}
         self._used_until = -np.inf
         self._newest_time: float | None = None
         self._start_time: float | None = None
@@ -162,12 +165,28 @@ class ParameterEstimator:
             return self._no_points()
         while epoch is not None and self._early:
             self.push_samples(self._early.popleft(), epoch)
-        if self._newest_time is not None and rows[0, Column.TIME] <= self._newest_time:
-            self._restart_time()  # the clock began anew: what was learnt stays
-        self.inferred.note(rows)
-        self._waiting.append(rows)
-        self._newest_time = float(rows[-1, Column.TIME])
-        return self._process_until(self._newest_time - self.options.settle)
+        points = []
+        for part in np.split(rows, np.flatnonzero(np.diff(rows[:, Column.TIME]) <= 0.0) + 1):
+            if self._newest_time is not None and part[0, Column.TIME] <= self._newest_time:
+                points.append(self.restart_clock())
+            self.inferred.note(part)
+            self._waiting.append(part)
+            self._newest_time = float(part[-1, Column.TIME])
+            points.append(self._process_until(self._newest_time - self.options.settle))
+        return np.vstack(points)
+
+    def restart_clock(self) -> Array:
+        """The clock of the states begins anew: what waits is used, what was learnt stays; returns new points.
+
+        Samples by the new clock that have come before this were late by the old one, and are taken now.
+        """
+        points, behind = self._process_until(np.inf), self._behind
+        self._restart_time()
+        for kind, samples in behind.items():
+            self.late -= len(samples)
+            for time, values in samples:
+                self._insert(kind, np.array([time]), values[None])
+        return points
 
     def warm_up(self) -> None:
         """Compile (or load from the cache) the jitted loop before the first sample of a flight."""
@@ -331,6 +350,10 @@ class ParameterEstimator:
         """Keep a series sorted; what comes after its time was used is late."""
         in_time = times > self._used_until
         self.late += int((~in_time).sum())
+        if in_time.any():
+            self._behind[kind].clear()
+        self._behind[kind].extend(zip(times[~in_time].tolist(), values[~in_time], strict=True))
+        del self._behind[kind][:-_MOST_BEHIND]
         old_times, old_values = self._series[kind]
         all_times = np.concatenate([old_times, times[in_time]])
         all_values = np.vstack([old_values, values[in_time, : old_values.shape[1]]])
