@@ -40,9 +40,9 @@ MAIN = ("CZ_alpha", "Cm_alpha", "Cm_q", "Cm_de", "Cl_p", "Cl_da", "Cn_beta", "Cn
 #: A value that is used may be wrong by so much, of itself, before it is called wild.
 WILD = 0.3
 HALF = f"max(sign(time-{BEGIN:g}),0)*de"
-STUCK, HALVED = "rudder_stuck", "elevator_halved"
+STUCK, HALVED, RECORD = "rudder_stuck", "elevator_halved", "elevator_record"
 #: Main derivatives that a failure of the aeroplane touches; those of a sensor touch all.
-TOUCHED = {STUCK: ("Cn_beta", "Cn_r", "Cn_dr"), HALVED: ("Cm_alpha", "Cm_q", "Cm_de")}
+TOUCHED = {STUCK: ("Cn_beta", "Cn_r", "Cn_dr")} | dict.fromkeys((HALVED, RECORD), ("Cm_alpha", "Cm_q", "Cm_de"))
 
 
 class Watched:

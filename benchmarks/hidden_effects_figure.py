@@ -56,7 +56,8 @@ def _errors(plot: Any, flights: Lines) -> None:
     plot.hlines(rows, found["diagnosed"], found["base"], color="0.8", lw=2)
     plot.plot(floor, rows, "|", color="0.4", ms=10, label="noise floor")
     for kind, marker in (("base", "o"), ("oracle", "D"), ("diagnosed", ".")):
-        plot.plot(found[kind], rows, marker, color=_COLOURS[kind], ms=8 if kind == "diagnosed" else 6, label=_WORDS[kind])
+        size = 8 if kind == "diagnosed" else 6
+        plot.plot(found[kind], rows, marker, color=_COLOURS[kind], ms=size, label=_WORDS[kind])
     plot.set_xscale("log")
     ticks = [2, 5, 10, 20, 50]
     plot.set_xticks(ticks, [str(tick) for tick in ticks])

@@ -10,12 +10,16 @@ Table = tuple[list[str], list[list[str]]]
 
 WORDS = {
     "airspeed_blocked": "airspeed stands still",
+    "airspeed_blocked_noisy": "the same, with the noise of its electronics",
     "airspeed_lost": "no airspeed",
     "alpha_stuck": "vane of the angle of attack sticks",
+    "alpha_stuck_noisy": "the same, with noise",
     "beta_stuck": "vane of the sideslip sticks",
+    "beta_stuck_noisy": "the same, with noise",
     "gps_lost": "no GPS",
     "gps_spoofed": "GPS velocity 5 m/s wrong",
     "imu_bias_jump": "IMU biases jump",
+    "elevator_record": "the record of the elevator stands still",
     "rudder_stuck": "rudder sticks, commands are recorded",
     "elevator_halved": "elevator loses half of its effect, for good",
 }

@@ -18,7 +18,8 @@ is twice the log likelihood of the newest over the good. After a sensor the good
 for SURE seconds, and learning goes back to it, in all axes at once. Without any sign of a sensor the aeroplane has
 changed: the newest stands unless D speaks against it. While such an axis is being learnt anew (``relearning``) what is
 published are its own values. A surface of which nothing is left is taken for one that is stuck: its axis stays at the
-good set, and so do all others in which that surface has a term.
+good set, and so do all others in which that surface has a term. So they do where the record of a surface stopped to the
+last bit when the error rose: then only motion after it goes on says which set is right.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.modelling.change_monitor import SPREAD, WINDOW, ChangeMonitor
 from aircraft_sysid_ros.modelling.consistency import NowAndBefore
 from aircraft_sysid_ros.modelling.good_sets import GoodSets, KnownSet
@@ -59,6 +61,8 @@ SURE, PATIENCE = 20.0, 30.0
 DECIDES = 30.0
 #: A sensor has been wrong for so long [s] before the first step says so.
 BEFORE = 4.0
+#: A record [rad] that moves less than this for so long [s], and stopped so near [s] to the first sign, stands still.
+STILL, STILL_TIME, STILL_SINCE = 1e-6, 2.0, 3.0
 #: Points [s] that are remembered.
 MEMORY = 20.0
 #: Share of its effectiveness below which a surface is taken for stuck.
@@ -77,8 +81,18 @@ class Hold:
     good: KnownSet | None  # what is published; None: nothing was known before
     sensor: bool  # a sensor is suspected
     high: bool  # its error was too large
-    stuck: str = ""  # a surface of which nothing is left, "de" and so on
+    stuck: str = ""  # a surface of which nothing is left, or whose record stands still: "de" and so on
+    still: float = -np.inf  # [s] when its record was last seen to stand still
     leader: int | None = None  # the axis that found it stuck, whose end is the end of this one
+
+    @property
+    def what(self) -> str:
+        """What is wrong, in words."""
+        if not self.stuck:
+            return self.words
+        recorded = self.still > -np.inf
+        surface = SURFACES[self.stuck]
+        return f"the record of the {surface} stands still" if recorded else f"the {surface} is stuck or lost"
 
 
 class Release(Enum):
@@ -186,7 +200,7 @@ class Gates:
                 if self.holds[axis] is None and hold.stuck in self.model.terms[name]:
                     good = self.sets.before(hold.since, axis)
                     follower = Hold(hold.since, now, hold.words, good, sensor=False, high=False)
-                    self.holds[axis] = replace(follower, stuck=hold.stuck, leader=leader)
+                    self.holds[axis] = replace(follower, stuck=hold.stuck, still=hold.still, leader=leader)
 
     def _held(self) -> Bools:
         return np.array([hold is not None for hold in self.holds])
@@ -279,7 +293,10 @@ class Gates:
             return None
         if not hold.high:  # a short contradiction that no axis felt spoils nothing
             return Release.ON if self._last_sign - self._first_sign < BRIEF else Release.BACK
-        quiet = max(hold.begun, self._last_sign + SETTLED)
+        if not hold.sensor and self._stands_still(axis, hold):
+            hold.still = now
+            return None
+        quiet = max(hold.begun, self._last_sign + SETTLED, hold.still + SETTLED)
         times, newest = self._errors(axis, quiet, MOST_EVIDENCE)
         if len(times) < EVIDENCE:
             return None
@@ -300,6 +317,21 @@ class Gates:
             self.monitor.forget(axis)  # what is usual is another now
             return Release.ON
         return Release.ON if is_normal else None
+
+    def _stands_still(self, axis: int, hold: Hold) -> bool:
+        """Whether the record of a surface of the axis stopped when the trouble began, and still stands; notes which."""
+        times = self._points[:, Point.TIME]
+        for surface in SURFACES:
+            if surface not in self.model.terms[AXES[axis]]:
+                continue
+            record = self._points[:, Point.SIGNALS.start + SIGNAL_INDEX[surface]]
+            moved = np.flatnonzero(np.abs(record - record[-1]) > STILL)
+            last = times[moved[-1]] if len(moved) else -np.inf
+            began = hold.stuck == surface and hold.still > -np.inf
+            if times[-1] - last > STILL_TIME and (began or abs(last - hold.since) < STILL_SINCE):
+                hold.stuck = surface
+                return True
+        return False
 
     def _is_far_better(self, axis: int, since: float, good: KnownSet) -> bool:
         """Whether the newest predict clearly better than the good for long, though worse than was usual."""
@@ -330,7 +362,7 @@ class Gates:
 
     def summary(self) -> dict[str, Any]:
         """For the diagnostics: axes that are held, why, and how often axes were."""
-        held = {AXES[axis]: hold.words for axis, hold in enumerate(self.holds) if hold is not None}
+        held = {AXES[axis]: hold.what for axis, hold in enumerate(self.holds) if hold is not None}
         words = ", ".join(sorted(set(held.values())))
         return {"holds": self.count, "held": f"{' '.join(held)}: {words}" if held else ""}
 
@@ -357,9 +389,7 @@ class Gates:
         for axis in np.flatnonzero(self._held()).tolist():
             hold, part = self.holds[axis], self.model.axis_slice(AXES[axis])
             assert hold is not None
-            words = f"{hold.words} since {hold.since - start:.1f} s"
-            if hold.stuck:
-                words = f"the {SURFACES[hold.stuck]} is stuck or lost since {hold.since - start:.1f} s"
+            words = f"{hold.what} since {hold.since - start:.1f} s"
             if changed[axis] > hold.since - 1.0 and not (hold.sensor or hold.stuck):
                 parameters[part] = [held(p, words) for p in parameters[part]]
                 continue

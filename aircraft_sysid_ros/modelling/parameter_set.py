@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 _NOISE_OF_ONE = 0.01
 #: After a change the variance of the noise from before it counts as so many evaluations.
 _PRIOR_WORTH = 50.0
+#: Smallest eigenvalue of a correlation matrix that is more than rounding.
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -166,10 +168,22 @@ def _excitation(moments: Array, noise_square: Array) -> Array:
     scale = np.sqrt(np.diag(moments)[:n])
     if not np.all(scale > 0.0):
         return np.zeros(n)
-    correlation = moments[:n, :n] / np.outer(scale, scale) + 1e-14 * np.eye(n)
-    alone = scale / np.sqrt(np.diag(np.linalg.inv(correlation)))
+    alone = scale / np.sqrt(_inflation(moments[:n, :n] / np.outer(scale, scale)))
     noise = np.sqrt(noise_square)
     return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE))
+
+
+def _inflation(correlation: Array) -> Array:
+    """Diagonal (n,) of the inverse of a correlation matrix (n, n): 1 for a term alone, huge for collinear ones."""
+    with np.errstate(all="ignore"):
+        try:
+            found = np.diag(np.linalg.inv(correlation + _ROUNDING * np.eye(len(correlation))))
+        except np.linalg.LinAlgError:
+            found = np.zeros(len(correlation))
+    if np.all(found > 0.5):  # not so where rounding is all that is left of a term
+        return np.asarray(found)
+    values, vectors = np.linalg.eigh(correlation)
+    return np.asarray(vectors**2 @ (1.0 / np.maximum(values, _ROUNDING)))
 
 
 def _effect_of_std(moments: Array, std: Array) -> Array:

@@ -23,6 +23,7 @@ from aircraft_sysid_ros.reconstruction.filter_setup import SENSOR_OF_KIND, gate_
 from aircraft_sysid_ros.reconstruction.flight_tape import STEP_WIDTH, FlightTape
 from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
+from aircraft_sysid_ros.reconstruction.standing_still import StandingStill
 from aircraft_sysid_ros.reconstruction.state import (
     ATTITUDE,
     D_ACCELEROMETER_BIAS,
@@ -107,6 +108,7 @@ class StateEstimator:
         self.realignments = 0
         self._gate = gate_thresholds(self.options.gate)
         self._scales = sensor_scales(aircraft)
+        self._still = StandingStill(aircraft.minimum_airspeed)
         self._alignment = self._new_alignment(9.80665)
         self._start = StartValues()
         self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
@@ -124,7 +126,7 @@ class StateEstimator:
 
         Kinds that belong to the second step are passed over.
         """
-        samples = self._unscaled(samples[_USED[samples.kind]])
+        samples = self._unscaled(self._still.without(samples[_USED[samples.kind]]))
         return self._collect(self.order.push(samples))
 
     def _unscaled(self, samples: Samples) -> Samples:

@@ -21,13 +21,19 @@ Fault = Callable[[Samples, npt.NDArray[np.bool_]], Samples]
 #: Jumps of the biases: accelerometer [m/s^2], gyro [rad/s]; the velocity [m/s] that a spoofed GPS adds.
 ACCELEROMETER_JUMP, GYRO_JUMP = (0.5, 0.0, -0.8), (0.0, 0.03, 0.0)
 SPOOFED = (4.0, -3.0, 0.0)
+#: Noise that a blocked probe [m/s] and a vane that sticks [rad] still have.
+BLOCKED_NOISE, VANE_NOISE = 0.2, 0.003
 
 
-def _stuck(kind: Kind) -> Fault:
+def _stuck(kind: Kind, column: int | None = None, noise: float = 0.0) -> Fault:
+    """All of a sensor, or one column, stays as it was; ``noise`` is what its electronics add."""
+    columns = slice(None) if column is None else slice(column, column + 1)
+
     def fault(samples: Samples, during: npt.NDArray[np.bool_]) -> Samples:
         chosen, values = np.flatnonzero(during & (samples.kind == kind)), samples.values.copy()
         if len(chosen):
-            values[chosen] = values[chosen[0]]
+            values[chosen, columns] = values[chosen[0], columns]
+            values[chosen, 0] += noise * np.random.default_rng(len(chosen)).normal(size=len(chosen))
         return Samples(samples.stamp, samples.kind, values)
 
     return fault
@@ -49,12 +55,16 @@ def _added(kind: Kind, addition: tuple[float, ...]) -> Fault:
 #: Faults by name.
 FAULTS: Mapping[str, Fault] = {
     "airspeed_blocked": _stuck(Kind.AIRSPEED),
+    "airspeed_blocked_noisy": _stuck(Kind.AIRSPEED, noise=BLOCKED_NOISE),
     "airspeed_lost": _lost(Kind.AIRSPEED),
     "alpha_stuck": _stuck(Kind.ANGLE_OF_ATTACK),
+    "alpha_stuck_noisy": _stuck(Kind.ANGLE_OF_ATTACK, noise=VANE_NOISE),
     "beta_stuck": _stuck(Kind.SIDESLIP),
+    "beta_stuck_noisy": _stuck(Kind.SIDESLIP, noise=VANE_NOISE),
     "gps_lost": _lost(Kind.GPS_POSITION, Kind.GPS_VELOCITY),
     "gps_spoofed": _added(Kind.GPS_VELOCITY, SPOOFED),
     "imu_bias_jump": _added(Kind.IMU, (*ACCELEROMETER_JUMP, *GYRO_JUMP)),
+    "elevator_record": _stuck(Kind.CONTROLS, 0),
 }
 
 

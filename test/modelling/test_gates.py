@@ -327,6 +327,30 @@ def test_a_rudder_that_sticks_keeps_the_values_from_before_until_it_moves(bounde
     assert all("Cm_de" in used for used in flown.used(BEGIN - 5.0, DURATION))  # what it does not touch
 
 
+def test_a_record_that_stands_still_is_no_change_of_the_aeroplane(bounded, sound):
+    """The elevator goes on moving: nothing of it is in the recording."""
+    flown = Flown(bounded, with_fault(sound.samples, "elevator_record", BEGIN, END))
+    elevator = ("Cm_de", "Cm_alpha", "Cm_q", "CZ_alpha")
+    assert not any(flown.used(BEGIN + 6.0, END, elevator))
+    found = next(p["Cm_de"] for time, p in flown.sets if time > END - 5.0)
+    assert found.reason.startswith("the record of the elevator stands still since 5")
+    after = [p for time, p in flown.sets if time > END + 15.0]
+    for name in ("Cm_de", "Cm_alpha", "Cm_q"):
+        assert all(p[name].value == pytest.approx(bounded.coefficients[name], rel=0.1) for p in after)
+        assert all(p[name].status == Trust.USE for p in after)
+    assert all("Cl_da" in used for used in flown.used(BEGIN - 5.0, DURATION))  # what it does not touch
+
+
+def test_an_airspeed_that_stands_still_in_gusts_is_held(bounded):
+    """Wind explains it: only that it repeats itself to the last bit tells."""
+    flight = simulate_samples(bounded, 3, DURATION, turbulence="light")
+    flown = Flown(bounded, with_fault(flight.samples, "airspeed_blocked", BEGIN, DURATION))
+    assert not any(flown.used(BEGIN + 6.0, DURATION))
+    found = flown.sets[-1][1]["Cm_alpha"]
+    assert found.reason.startswith("no airspeed since ")
+    assert found.value == pytest.approx(bounded.coefficients["Cm_alpha"], rel=0.15)
+
+
 def test_an_aeroplane_that_changes_is_learnt_anew_and_used_again(bounded):
     text = f"max(sign(time-{BEGIN}),0)*de"
     effects = tuple(Effect(axis, text, -0.4 * bounded.coefficients[f"{axis}_de"]) for axis in ("Cm", "CZ"))
