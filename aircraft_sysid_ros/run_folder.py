@@ -85,7 +85,9 @@ class RunWriter:
             self._points.append(points)
 
     def add_parameters(self, estimates: ParameterSet, errors: list[AxisError]) -> None:
-        """Parameters and model error at one time of the flight."""
+        """Parameters and model error at one time of the flight; what is newer at the same time takes the place."""
+        if self._parameters and self._parameters[-1].time == estimates.time:
+            del self._parameters[-1], self._errors[-1]
         if np.isfinite(estimates.time):
             self._parameters.append(estimates)
             self._errors.append((estimates.time, errors))

@@ -201,6 +201,10 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
     for axis, when, count in pipeline.parameters.changes.alarms():
         again = f" ({count} times)" * (count > 1)
         found.append(f"{axis} changed at {when:.1f} s of flight and was learnt anew{again}")
+    holds = pipeline.parameters.gates.summary()
+    if times := holds["holds"]:
+        newest = f"; at the end {holds['held']}" if holds["held"] else ""
+        found.append(f"parameters of an axis were held {times} times, see docs/trust.md{newest}")
     if pipeline.state.realignments:
         times = pipeline.state.realignments
         found.append(f"the filter aligned anew {times} times after gaps or contradictions")

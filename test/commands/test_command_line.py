@@ -422,6 +422,18 @@ def test_a_flight_that_is_too_short_for_parameters_says_so(cli, short, run, airc
     assert without_nan(run[1])["notes"] == []
 
 
+def test_a_flight_that_ends_without_gps_says_that_parameters_are_held(cli, aircraft, aircraft_file, tmp_path):
+    flight = simulate_samples(aircraft, 3, 60.0)
+    begin = flight.streams[0].stamp[0]
+    streams = [
+        chosen(stream, stream.stamp < begin + 45 * SECOND) if "gps" in stream.topic else stream
+        for stream in flight.streams
+    ]
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    assert [note for note in result["notes"] if "were held 6 times" in note and note.endswith("no GPS")]
+    assert not [p for p in result["parameters"]["parameters"] if p["status"] == "USE"]
+
+
 def test_bounds_that_no_aeroplane_is_in_and_bounds_that_leave_out_the_file(cli, bag, aircraft, aircraft_file, tmp_path):
     def replayed(low, high):
         path, bounds = tmp_path / "bounded.yaml", f"parameter_bounds: {{CZ_alpha: [{low}, {high}]}}"
