@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
@@ -31,6 +32,7 @@ class EstimatorNode(LifecycleNode):
         common.declare_options(self, defaults, options)
         self.estimator: Any = None
         self.received = dict.fromkeys(inputs, 0)
+        self.numerical_faults = 0
         self._option_kind, self._described = type(defaults), options
         self._offered_publishers: list[Any] = []
         self._offered_services: list[Any] = []
@@ -52,6 +54,10 @@ class EstimatorNode(LifecycleNode):
 
     def finish(self) -> None:
         """Use and publish what is still held back."""
+        raise NotImplementedError
+
+    def begin_anew(self) -> None:
+        """Forget what was estimated and go on."""
         raise NotImplementedError
 
     def condition(self) -> tuple[str, dict[str, Any]]:
@@ -80,7 +86,8 @@ class EstimatorNode(LifecycleNode):
         self._process_times = common.process_times()
         for topic in self.received:
             self.hear(common.message_class(TOPICS[topic]), topic, partial(self._receive, topic), self._quality)
-        self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        diagnose = partial(self._survive, self._publish_diagnostics)
+        self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, diagnose)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -120,7 +127,16 @@ class EstimatorNode(LifecycleNode):
 
     def hear(self, kind: Any, topic: str, receive: Callable[[Any], None], quality: Any) -> None:
         """A subscription that lives while the node is active."""
-        self._heard.append(self.create_subscription(kind, topic, receive, quality))
+        self._heard.append(self.create_subscription(kind, topic, partial(self._survive, receive), quality))
+
+    def _survive(self, work: Callable[..., None], *arguments: Any) -> None:
+        """Do some work; a matrix that cannot be solved costs what was estimated, and not the node in flight."""
+        try:
+            work(*arguments)
+        except np.linalg.LinAlgError as error:
+            self.numerical_faults += 1
+            self.get_logger().error(f"numerical fault ({error}): what was estimated is forgotten, and begins anew")
+            self.begin_anew()
 
     def _receive(self, topic: str, message: Any) -> None:
         self.received[topic] += 1
@@ -132,5 +148,6 @@ class EstimatorNode(LifecycleNode):
         self._process_times = times
         problem, values = self.condition()
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
-        message = common.diagnostics(self, level, problem or "ok", {"cpu_share": share, **values})
+        values = {"cpu_share": share, "numerical_faults": self.numerical_faults, **values}
+        message = common.diagnostics(self, level, problem or "ok", values)
         self._diagnostics_publisher.publish(message)

@@ -131,6 +131,11 @@ class ParameterEstimatorNode(EstimatorNode):
             self._keep(self.estimator.flush())
             self._publish_due()
 
+    def begin_anew(self) -> None:
+        """Forget the parameters; the model and what has been measured of it stay."""
+        self.estimator.reset()
+        self.model_services.memory.clear()
+
     def condition(self) -> tuple[str, dict[str, Any]]:
         """Whether it learns, and how many parameters may be used."""
         statuses = [p.status for p in self.estimator.snapshot().parameters]
@@ -192,8 +197,7 @@ class ParameterEstimatorNode(EstimatorNode):
         self._model_error_publisher.publish(message)
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
-        self.estimator.reset()
-        self.model_services.memory.clear()
+        self.begin_anew()
         response.success, response.message = True, "the parameters start anew"
         return response
 

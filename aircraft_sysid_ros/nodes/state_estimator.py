@@ -104,6 +104,11 @@ class StateEstimatorNode(EstimatorNode):
             self._push()
             self._publish(self.estimator.flush())
 
+    def begin_anew(self) -> None:
+        """Forget state, biases and wind."""
+        self._waiting.clear()
+        self.estimator = self._started(StateEstimator(self.estimator.aircraft, self.estimator.options))
+
     def condition(self) -> tuple[str, dict[str, Any]]:
         """What the state rests on, and what became of every sample."""
         self._push()
@@ -146,8 +151,7 @@ class StateEstimatorNode(EstimatorNode):
         self._wind_publisher.publish(common.stamp_of(message, stamp))
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
-        self._waiting.clear()
-        self.estimator = self._started(StateEstimator(self.estimator.aircraft, self.estimator.options))
+        self.begin_anew()
         response.success, response.message = True, "the state starts anew"
         return response
 

@@ -113,3 +113,31 @@ def check_recovery(bench, raw, recording, throw):
     assert estimates.time * 1e9 + parameters._epoch == pytest.approx(seconds * 1e9, abs=2e9)
     lift = next(p for p in estimates.parameters if p.name == "CZ_alpha")
     assert lift.value == pytest.approx(-4.616, abs=0.7)
+
+
+def failing_once(work):
+    """The same work, but the first time it meets a matrix that cannot be solved."""
+    calls = iter([True])
+
+    def done(*arguments):
+        if next(calls, False):
+            raise np.linalg.LinAlgError("Singular matrix")
+        return work(*arguments)
+
+    return done
+
+
+def test_a_matrix_that_cannot_be_solved_ends_no_node(bench, raw):
+    state, parameters = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode)
+    states = bench.listen(AircraftState, "state_estimator/state")
+    assert start(state) and start(parameters)
+    bench.play(raw, 0.0, BEFORE, state)
+    bench.spin_until(lambda: parameters.states_received == state.rows_published > 0)
+    before = state.rows_published
+    state.estimator.push = failing_once(state.estimator.push)
+    parameters.estimator.push_states = failing_once(parameters.estimator.push_states)
+    bench.play(raw, BEFORE, AFTER, state)
+    bench.spin_until(lambda: parameters.states_received == state.rows_published == len(states))
+    assert (state.numerical_faults, parameters.numerical_faults) == (1, 1)
+    assert state.rows_published - before > 1000 and states[-1].status == AircraftState.STATUS_OK
+    assert parameters.estimator.learning.updates.min() > 100
