@@ -33,6 +33,10 @@ NOISE_RANGE = (0.5, 4.0)
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
 _LEAST_FOR_NOISE = 200
+#: A state that is given up, since so many measurements [1] were rejected for some time [s], was wrong for so long [s].
+_MOST_REJECTED, _REJECTING, WRONG_FOR = 20.0, 5.0, 30.0
+#: Time [s] between rows that is a gap.
+_GAP = 0.5
 #: Random walk of the wind [m/s per sqrt(s)] above which a scale of the air data cannot be told from gusts that are
 #: stronger in one direction than in another.
 CALM = 0.15
@@ -157,7 +161,10 @@ def settled_flight(made: Reconstruction) -> FlightData:
     std = made.rows[:, Column.AIR_VELOCITY_STD]
     usual = float(np.nanmedian(std))
     settled = made.rows[int(np.argmax(std < SETTLED * usual)), Column.TIME]
-    keep = made.points[:, Point.TIME] >= settled
+    times = made.points[:, Point.TIME]
+    keep = times >= settled
+    for begin, end in given_up(made.rows):
+        keep &= (times < begin) | (times > end)
     data = made.data
     return replace(
         data,
@@ -169,10 +176,20 @@ def settled_flight(made: Reconstruction) -> FlightData:
     )
 
 
+def given_up(rows: Array) -> list[tuple[float, float]]:
+    """Times [s], from and to, that end where the filter rejected its GPS until it began anew: its state was wrong."""
+    time, stretches = rows[:, Column.TIME], []
+    for last in np.flatnonzero(np.diff(time) > _GAP).tolist():
+        lately = np.flatnonzero(time[: last + 1] > time[last] - _REJECTING)
+        if np.ptp(rows[lately, Column.REJECTED]) > _MOST_REJECTED:
+            stretches.append((float(time[last] - WRONG_FOR), float(time[last])))
+    return stretches
+
+
 def flying(rows: Array, minimum_airspeed: float) -> Array:
     """The longest stretch of rows in flight without a gap, (n, Column.WIDTH)."""
     good = (rows[:, Column.AIRSPEED] > minimum_airspeed) & (rows[:, Column.STATUS] > 0.0)
-    broken = np.diff(rows[:, Column.TIME], prepend=rows[0, Column.TIME]) > 0.5
+    broken = np.diff(rows[:, Column.TIME], prepend=rows[0, Column.TIME]) > _GAP
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good & ~broken, [False]]).astype(int)))
     starts, ends = edges[::2], edges[1::2]
     if not len(starts):
