@@ -42,13 +42,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     _check(args)
     try:
         import rclpy
-        from rclpy.exceptions import NameValidationException
         from rclpy.signals import SignalHandlerOptions
 
         from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start, stop_signals
         from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
     except ImportError as error:
         raise InputError(f"ROS 2 or MAVLink is not in this environment ({error}): use `make env`") from None
+    _check_namespace(args.namespace)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node: Any = None
     try:
@@ -70,8 +70,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if node.failure is not None:
             raise node.failure
         return {"connection": args.connection, **node.bridge.session.summary(), "sent_back": node.bridge.back.sent}
-    except NameValidationException as error:
-        raise InputError(f"--namespace {args.namespace} is no namespace: {error}") from None
     finally:
         if node is not None:
             node.destroy_node()
@@ -111,11 +109,30 @@ def _check(args: argparse.Namespace) -> None:
     for topic in args.topics:
         if topic not in ALL_TOPICS:
             raise InputError(f"--topics: unknown topic {topic}: known are {', '.join(ALL_TOPICS)}")
+    if not 0.0 <= args.back_rate <= 50.0:
+        raise InputError(f"--back-rate must be from 0 to 50 Hz, not {args.back_rate:g}")
     check_back_options(BackOptions(tuple(args.back), args.back_form, args.back_rate, args.back_rate))
     if address.kind == "udpin":  # a board may start anew when its port is opened: once is enough
         transport = Transport(address)
         transport.open()
         transport.close()
+
+
+def _check_namespace(namespace: str) -> None:
+    """Before a node is made: rclpy would print a warning of its own first."""
+    from rclpy.exceptions import NameValidationException
+    from rclpy.validate_namespace import validate_namespace
+
+    try:
+        validate_namespace(_absolute(namespace) or "/")
+    except NameValidationException as error:
+        reason = str(error).splitlines()[0].removeprefix("Invalid namespace: ")
+        raise InputError(f"--namespace {namespace} is no namespace: {reason}") from None
+
+
+def _absolute(namespace: str) -> str | None:
+    name = namespace.strip("/")
+    return f"/{name}" if name else None
 
 
 def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
@@ -131,9 +148,8 @@ def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
         "back_wind_rate": float(args.back_rate),
         "back_parameter_rate": float(args.back_rate),
     }
-    namespace = args.namespace.strip("/")
     overrides = [Parameter(name, value=value) for name, value in values.items()]
-    return {"parameter_overrides": overrides, "namespace": f"/{namespace}" if namespace else None}
+    return {"parameter_overrides": overrides, "namespace": _absolute(args.namespace)}
 
 
 def _state(session: Any) -> str:

@@ -17,7 +17,7 @@ from aircraft_sysid_msgs.msg import AirData, ControlSurfaces
 from autopilot import Instruments
 from dynamic_inversion import AttitudeController
 from geometry_msgs.msg import QuaternionStamped
-from node_runner import COMMANDS, DEPTH, run_node
+from node_runner import COMMANDS, DEPTH, SILENCE, Silence, Wanted, read_parameters, run_node
 from one_process import ASK, CASES, CONTROLLERS, pilot_of
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -28,11 +28,21 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.consumer import ParameterSource, priors_of
 from aircraft_sysid_ros.consumer.subscriber import ParameterSubscriber
-from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.recordings.ros_conversion import frd_from_flu, quaternion_ned_frd
 from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, STEP
 from aircraft_sysid_ros.simulation.sensors import stamps_of
+
+#: Age [s], in flight and by the clock, at which live parameters are said to have stopped; the estimator sends each 1 s.
+SILENCE_OF_PARAMETERS = 5.0
+#: Time [s] between looks whether samples and parameters still come.
+_LOOK = 0.25
+PARAMETERS = {
+    "aircraft_file": Wanted(""),
+    "parameters": Wanted("live", choices=CONTROLLERS),
+    "case": Wanted("none", choices=tuple(CASES)),
+    "seed": Wanted(0),
+}
 
 
 class ControllerNode(Node):
@@ -41,17 +51,13 @@ class ControllerNode(Node):
     def __init__(self, **arguments: Any) -> None:
         """Raises InputError for bad parameters."""
         super().__init__("adaptive_controller", **arguments)
-        for name, default in {"aircraft_file": "", "parameters": "live", "case": "none", "seed": 0}.items():
-            self.declare_parameter(name, default)
-        kind, seed = self.get_parameter("parameters").value, self.get_parameter("seed").value
-        case = self.get_parameter("case").value
-        if kind not in CONTROLLERS or case not in CASES:
-            raise InputError(f"parameters must be one of {', '.join(CONTROLLERS)}, and case one of {', '.join(CASES)}")
-        aircraft = load_aircraft(self.get_parameter("aircraft_file").value or config_path(DEFAULT_AIRCRAFT))
+        value = read_parameters(self, PARAMETERS)
+        kind, case = value["parameters"], CASES[value["case"]]
+        aircraft = load_aircraft(value["aircraft_file"] or config_path(DEFAULT_AIRCRAFT))
         self.controller, self.instruments = AttitudeController(aircraft), Instruments(aircraft)
         self.source = ParameterSource(priors_of(aircraft.coefficients))
-        self._known = None if kind == "live" else pilot_of(kind, aircraft, CASES[case])
-        self._task = Task(seed, CASES[case].duration, self.controller.airspeed)
+        self._known = None if kind == "live" else pilot_of(kind, aircraft, case)
+        self._task = Task(value["seed"], case.duration, self.controller.airspeed)
         self._multisine, self._parameters = Multisine(STEP), np.empty(0)
         self.commands = 0
         self.references: dict[int, tuple[float, float]] = {}  # by stamp: bank and pitch of the reference models
@@ -61,6 +67,29 @@ class ControllerNode(Node):
         self.create_subscription(AirData, "air_data", self._on_air_data, quality)
         self.create_subscription(Imu, "imu/data", self._on_imu, quality)
         self._subscriber = ParameterSubscriber(self, self.source, condition=lambda: self.instruments.condition)
+        say = self.get_logger().warning
+        self._imu = Silence(say, "IMU samples", SILENCE, "no commands are sent")
+        self.messages = Silence(
+            say, "parameters", SILENCE_OF_PARAMETERS, "the controller flies on with what it has learnt"
+        )
+        self._taken = 0  # messages of parameters at the newest look
+        self._first_stamp = self._newest_stamp = 0  # of IMU samples [ns]
+        self.create_timer(_LOOK, self.look)
+
+    @property
+    def age_of_parameters(self) -> float:
+        """Time of flight [s] since the stamp of the newest message, or since the first sample if none came."""
+        since = self._first_stamp if self.source.newest is None else self.source.newest.stamp
+        return 1e-9 * (self._newest_stamp - since)
+
+    def look(self) -> None:
+        """Say what has stopped."""
+        self._imu.check()
+        if self.source.taken > self._taken:
+            self._taken = self.source.taken
+            self.messages.heard()
+        if self._known is None and self.age_of_parameters > SILENCE_OF_PARAMETERS:
+            self.messages.check()
 
     def _on_attitude(self, message: QuaternionStamped) -> None:
         q = message.quaternion
@@ -72,6 +101,11 @@ class ControllerNode(Node):
 
     def _on_imu(self, message: Imu) -> None:
         rate, stamp = message.angular_velocity, common.nanoseconds_of(message)
+        if not self._first_stamp:
+            self._first_stamp = stamp
+            self.messages.heard()  # from now on they are waited for
+        self._newest_stamp = stamp
+        self._imu.heard()
         self.instruments.take_imu(frd_from_flu([rate.x, rate.y, rate.z]))
         seen = self.instruments.seen
         if seen is None:  # the aeroplane keeps its trim until everything has come once
@@ -99,9 +133,10 @@ class ControllerNode(Node):
         return self.source.at(stamp, condition).values
 
 
-def fly_until_stopped(_node: ControllerNode, executor: Any, stop: threading.Event) -> None:
+def fly_until_stopped(_node: ControllerNode, executor: Any, stop: threading.Event) -> int:
     """Answer until a signal."""
     common.spin_until(executor, stop.is_set)
+    return 0
 
 
 if __name__ == "__main__":

@@ -1,22 +1,27 @@
 """Fly closed-loop over ROS 2 topics: the aeroplane, the controller, and both estimator nodes in processes of their own.
 
     python examples/adaptive_controller/fly.py --case elevator --parameters live
+
+Exit status 0: flown; 1: flown or lost while something did not work, which is said; 2: not flown.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import ctypes
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from one_process import CASES, CONTROLLERS
+from one_process import CASES, CONTROLLERS, LARGEST_SEED
 
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.commands.progress import progress_bar
@@ -28,6 +33,14 @@ from aircraft_sysid_ros.simulation.sensors import stamps_of
 #: The first start of the nodes compiles.
 PATIENCE = 180.0
 ESTIMATORS = ("state_estimator", "parameter_estimator")
+_LIBRARY = ctypes.CDLL(None)
+_PR_SET_PDEATHSIG = 1  # of prctl
+
+
+def _end_with_parent() -> None:
+    """In the new process: a termination when the parent ends, however it ends. Linux alone can."""
+    if sys.platform == "linux":
+        _LIBRARY.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 @contextlib.contextmanager
@@ -36,7 +49,10 @@ def estimators(aircraft_file: str) -> Iterator[list[subprocess.Popen]]:
     options = {"aircraft_file": aircraft_file, "input_reliability": "reliable", "input_depth": 5000}
     parameters = [text for name, value in options.items() for text in ("-p", f"{name}:={value}")]
     started = [
-        subprocess.Popen([sys.executable, "-m", f"aircraft_sysid_ros.nodes.{name}", "--ros-args", *parameters])
+        subprocess.Popen(
+            [sys.executable, "-m", f"aircraft_sysid_ros.nodes.{name}", "--ros-args", *parameters],
+            preexec_fn=_end_with_parent,  # noqa: PLW1509 (it takes no lock)
+        )
         for name in ESTIMATORS
     ]
     try:
@@ -49,17 +65,29 @@ def estimators(aircraft_file: str) -> Iterator[list[subprocess.Popen]]:
                 process.wait(timeout=20.0)
             except subprocess.TimeoutExpired:
                 process.kill()
+                process.wait()
+
+
+@contextlib.contextmanager
+def stop_or_hangup() -> Iterator[threading.Event]:
+    """An event that a signal sets, that of a closed terminal too, unless it is ignored as under nohup."""
+    from aircraft_sysid_ros.nodes.common import stop_signals
+
+    with stop_signals() as stop:
+        if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, lambda *_: stop.set())
+        yield stop
 
 
 def wait_until_heard(aeroplane: Any, spin: Callable[[float], None], processes: list[subprocess.Popen]) -> None:
     """Run callbacks until every topic has its listener; InputError if a node ended or it takes too long."""
     deadline = time.monotonic() + PATIENCE
-    while not aeroplane.is_heard():
+    while missing := aeroplane.missing():
         spin(0.1)
         if any(process.poll() is not None for process in processes):
             raise InputError("an estimator node did not start: see its message above")
         if time.monotonic() > deadline:
-            raise InputError(f"the nodes do not hear the aeroplane after {PATIENCE:g} s")
+            raise InputError(f"after {PATIENCE:g} s the aeroplane still waits for {', '.join(missing)}")
 
 
 def fly(case: str, parameters: str, seed: int, rate: float, seconds: float) -> dict[str, Any]:
@@ -73,7 +101,7 @@ def fly(case: str, parameters: str, seed: int, rate: float, seconds: float) -> d
     from aeroplane_node import AeroplaneNode, Stopped, stoppable
     from controller_node import ControllerNode
 
-    from aircraft_sysid_ros.nodes.common import make_executor, stop_signals
+    from aircraft_sysid_ros.nodes.common import make_executor
 
     path = str(config_path(DEFAULT_AIRCRAFT))
     common = {"aircraft_file": path, "case": case, "seed": seed}
@@ -81,7 +109,7 @@ def fly(case: str, parameters: str, seed: int, rate: float, seconds: float) -> d
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Any] = []
     try:
-        with stop_signals() as stop, estimators(path) as processes, progress_bar() as progress:
+        with stop_or_hangup() as stop, estimators(path) as processes, progress_bar() as progress:
             task = progress.add_task("starting the nodes", total=seconds)
             aeroplane = AeroplaneNode(parameter_overrides=overrides(rate=rate, duration=seconds))
             controller = ControllerNode(parameter_overrides=overrides(parameters=parameters))
@@ -94,7 +122,7 @@ def fly(case: str, parameters: str, seed: int, rate: float, seconds: float) -> d
                 progress.update(task, completed=aeroplane.aeroplane.time, description="flying")
 
             aeroplane.fly(fly_on)
-            return outcome(aeroplane, controller)
+            return {**outcome(aeroplane, controller), "problems": problems(aeroplane, controller, processes)}
     except Stopped:
         raise InputError("stopped before the end of the flight") from None
     finally:
@@ -124,8 +152,28 @@ def outcome(aeroplane: Any, controller: Any) -> dict[str, Any]:
         "unanswered": aeroplane.unanswered,
         "messages_of_parameters": source.taken,
         "refused": source.refused,
+        "age_of_newest_message": round(controller.age_of_parameters, 2) if source.newest is not None else None,
         "parameters_with_use": int(source.newest.usable.sum()) if source.newest is not None else 0,
     }
+
+
+def problems(aeroplane: Any, controller: Any, processes: list[subprocess.Popen]) -> list[str]:
+    """What did not work in flight, a sentence each."""
+    controller.look()
+    found = [
+        f"{name} ended in flight (exit status {process.returncode})"
+        for name, process in zip(ESTIMATORS, processes, strict=True)
+        if process.poll() is not None
+    ]
+    if controller.messages.is_silent:
+        age = f"{controller.age_of_parameters:.1f} s"
+        newest = f"the newest message is {age} old" if controller.source.taken else f"none came in {age} of flight"
+        found.append(f"the parameters stopped: {newest}")
+    if aeroplane.unanswered > 0.5 * len(aeroplane.log):
+        found.append(
+            f"{aeroplane.unanswered} of {len(aeroplane.log)} samples had no answer in time: fly with a lower --rate"
+        )
+    return found
 
 
 def main() -> int:
@@ -134,20 +182,25 @@ def main() -> int:
     parser.add_argument("--case", choices=list(CASES), default="elevator", help="what happens after 30 s")
     parser.add_argument("--parameters", choices=CONTROLLERS, default="live", help="what the controller flies on")
     parser.add_argument("--seed", type=int, default=1, help="of air, sensors and task")
-    parser.add_argument("--rate", type=float, default=1.0, help="times real time; 0: in step with the controller")
+    parser.add_argument("--rate", type=float, default=1.0, help="times real time (0.1 to 100), or 0: in step")
     parser.add_argument("--seconds", type=float, default=75.0, help="of flight")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     try:
-        if not (0.0 <= args.rate <= 100.0 and 1.0 <= args.seconds <= 3600.0):
-            raise InputError("--rate must be from 0 to 100 and --seconds from 1 to 3600")
+        if not (args.rate == 0.0 or 0.1 <= args.rate <= 100.0) or not 1.0 <= args.seconds <= 3600.0:
+            raise InputError("--rate must be 0 or from 0.1 to 100, and --seconds from 1 to 3600")
+        if not 0 <= args.seed <= LARGEST_SEED:
+            raise InputError(f"--seed must be from 0 to {LARGEST_SEED}, not {args.seed}")
         result = fly(args.case, args.parameters, args.seed, args.rate, args.seconds)
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
-    print(json.dumps(result) if args.json else "\n".join(f"{key}: {value}" for key, value in result.items()))
-    return 0
+    shown = {key: value for key, value in result.items() if key != "problems"}
+    print(json.dumps(result) if args.json else "\n".join(f"{key}: {value}" for key, value in shown.items()))
+    for problem in result["problems"]:
+        print(problem, file=sys.stderr)
+    return 1 if result["problems"] else 0
 
 
 if __name__ == "__main__":

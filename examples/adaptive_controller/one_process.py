@@ -36,6 +36,7 @@ from aircraft_sysid_ros.simulation.sensors import stamps_of
 Array = npt.NDArray[np.float64]
 
 CONTROLLERS = ("fixed", "live", "truth")
+LARGEST_SEED = 2**32 - 1
 #: Steps between pushes of samples, and between questions to the source.
 PUSH, ASK = 10, 10
 #: Time [s] between messages, as of the node.

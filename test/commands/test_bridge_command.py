@@ -33,7 +33,9 @@ def refused(capfd, *arguments):
         (["--system", "300"], "--system must be from 0 to 255"),
         (["--topics", "imu"], "unknown topic imu"),
         (["--duration", "0"], "--duration must be a positive time"),
-        (["--back-rate", "1000"], "from 0 to 50 Hz"),
+        (["--back-rate", "1000"], "--back-rate must be from 0 to 50 Hz, not 1000"),
+        (["--back-rate", "-1"], "--back-rate must be from 0 to 50 Hz, not -1"),
+        (["--back-rate", "nan"], "--back-rate must be from 0 to 50 Hz, not nan"),
         (["--back", "Cl_alpha*beta", "Cl_alpha*beta**2"], "use array"),
     ],
 )
@@ -46,6 +48,14 @@ def test_a_port_that_is_taken_is_said(capfd):
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
         assert f"cannot open udpin:127.0.0.1:{port}" in refused(capfd, "bridge", f"udp:127.0.0.1:{port}")
+
+
+def test_a_bad_namespace_is_one_line():
+    pytest.importorskip("rclpy")
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", "udpout:127.0.0.1:9"]
+    done = subprocess.run([*command, "--namespace", "1a"], capture_output=True, text=True, timeout=60, check=False)
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and "--namespace 1a is no namespace: " in line and "starts with a number" in line
 
 
 def test_a_bridge_that_hears_nothing_ends_and_says_so():

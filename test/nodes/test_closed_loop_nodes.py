@@ -1,6 +1,9 @@
 """The closed loop over ROS 2 topics: aeroplane, controller and both estimators as nodes."""
 
+import itertools
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +19,8 @@ from aircraft_sysid_ros.recordings.ros_conversion import message_fields, samples
 from aircraft_sysid_ros.samples import concatenate
 from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, SteppedAeroplane, samples_of_sensed
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "adaptive_controller"))
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "adaptive_controller"
+sys.path.insert(0, str(EXAMPLE))
 
 SECONDS = 9.0
 
@@ -29,7 +33,7 @@ def test_a_short_flight_over_topics(bench):
     aeroplane = bench.node(AeroplaneNode, rate=0.0, duration=SECONDS, seed=1)
     controller = bench.node(ControllerNode, parameters="live", seed=1)
     assert all(start(node) for node in estimators)
-    bench.spin_until(aeroplane.is_heard)
+    bench.spin_until(lambda: not aeroplane.missing())
     aeroplane.fly(lambda timeout: bench.executor.spin_once(timeout_sec=timeout))
     assert np.isnan(aeroplane.lost_at) and len(aeroplane.log) == round(SECONDS / 0.01)
     assert controller.commands >= 0.98 * len(aeroplane.log) and aeroplane.unanswered <= 0.02 * len(aeroplane.log)
@@ -86,7 +90,99 @@ def test_nodes_say_what_is_wrong_with_their_parameters(bench):
 
     from aircraft_sysid_ros.errors import InputError
 
-    with pytest.raises(InputError, match="case must be one of none, elevator"):
-        bench.node(AeroplaneNode, case="wing")
-    with pytest.raises(InputError, match="parameters must be one of fixed, live, truth"):
-        bench.node(ControllerNode, parameters="mine")
+    refused = [
+        (AeroplaneNode, {"case": "wing"}, "case must be one of none, elevator"),
+        (AeroplaneNode, {"case": 5}, "the parameter case must be a text, not '5'"),
+        (AeroplaneNode, {"seed": -1}, "the parameter seed must be from 0 to 4294967295, not -1"),
+        (AeroplaneNode, {"duration": -5.0}, "the parameter duration must be 0 or from 1 to 3600, not -5"),
+        (AeroplaneNode, {"rate": -1.0}, "the parameter rate must be 0 or from 0.1 to 100, not -1"),
+        (AeroplaneNode, {"rate": True}, "the parameter rate must be a number, not 'True'"),
+        (AeroplaneNode, {"turbulence": float("nan")}, "the parameter turbulence must be from 0 to 30, not nan"),
+        (ControllerNode, {"parameters": "mine"}, "parameters must be one of fixed, live, truth"),
+        (ControllerNode, {"seed": -1}, "the parameter seed must be from 0"),
+        (ControllerNode, {"seed": "abc"}, "the parameter seed must be a whole number, not 'abc'"),
+    ]
+    for kind, parameters, text in refused:
+        with pytest.raises(InputError, match=text):
+            bench.node(kind, **parameters)
+    node = bench.node(AeroplaneNode, duration=40, rate=2)  # whole numbers are numbers
+    assert node.aeroplane.count == 4000 and node.rate == 2.0
+
+
+@pytest.mark.parametrize(("argument", "text"), [("seed:=abc", "must be a whole number, not 'abc'"), ("x", "'-p x'")])
+def test_bad_arguments_of_a_node_end_with_status_2(monkeypatch, capfd, argument, text):
+    from controller_node import ControllerNode, fly_until_stopped
+    from node_runner import run_node
+
+    monkeypatch.setattr(sys, "argv", ["controller_node.py", "--ros-args", "-p", argument])
+    assert run_node(ControllerNode, fly_until_stopped) == 2
+    assert text in capfd.readouterr().err.splitlines()[-1]
+
+
+def test_silence_is_said_once_and_its_end_too():
+    from node_runner import Silence
+
+    said = []
+    silence = Silence(said.append, "things", 0.05, "we wait")
+    time.sleep(0.06)
+    silence.check()
+    assert not said  # not waited for yet
+    silence.heard()
+    silence.check()
+    assert not silence.is_silent
+    time.sleep(0.06)
+    silence.check()
+    silence.check()
+    assert silence.is_silent and len(said) == 1 and said[0].startswith("no things for 0.")
+    silence.heard()
+    assert not silence.is_silent and said[1].startswith("things come again after 0.")
+
+
+@pytest.mark.parametrize("rate", [0.0, 1.0])
+def test_an_aeroplane_whose_commands_stop_says_so(bench, monkeypatch, capfd, rate):
+    import aeroplane_node
+    import node_runner
+
+    monkeypatch.setattr(aeroplane_node, "SILENCE", 0.3)
+    monkeypatch.setattr(aeroplane_node, "BRIEF_PATIENCE", 0.01)
+    node = bench.node(aeroplane_node.AeroplaneNode, rate=rate, duration=1.0)
+    monkeypatch.setattr(node, "missing", list)
+    sender = bench.publisher(aeroplane_node.ControlSurfaces, node_runner.COMMANDS)
+    sender.publish(aeroplane_node.ControlSurfaces(throttle=0.5))
+    bench.spin_until(lambda: node.command[3] == 0.5, timeout=20.0)
+    assert aeroplane_node.fly_when_heard(node, bench.executor, threading.Event()) == 1
+    log = capfd.readouterr().err
+    assert log.count("no commands for 0.") == 1
+    assert "flown for 1.0 s, without a command for the last" in log and "100 of 100 samples had no answer" in log
+
+
+def test_an_aeroplane_says_what_it_waits_for(bench, monkeypatch, capfd):
+    import aeroplane_node
+
+    monkeypatch.setattr(aeroplane_node, "_WORD", 0.2)
+    node, stop = bench.node(aeroplane_node.AeroplaneNode), threading.Event()
+    threading.Timer(0.5, stop.set).start()
+    assert aeroplane_node.fly_when_heard(node, bench.executor, stop) == 0
+    assert "waiting for a sender of commanded_surfaces, a listener to imu/data," in capfd.readouterr().err
+
+
+def test_a_controller_says_that_parameters_and_samples_have_stopped(bench, monkeypatch, capfd):
+    import controller_node
+
+    monkeypatch.setattr(controller_node, "SILENCE_OF_PARAMETERS", 0.6)
+    node = bench.node(controller_node.ControllerNode)
+    sender = bench.publisher(controller_node.Imu, "imu/data")
+    sent = itertools.count(1)
+
+    def send_until(done):
+        message = controller_node.Imu()
+        message.header.stamp.sec = next(sent)
+        sender.publish(message)
+        return done()
+
+    bench.spin_until(lambda: send_until(lambda: node.messages.is_silent), timeout=20.0)
+    assert node.age_of_parameters > 0.6
+    log = capfd.readouterr().err
+    assert "no parameters for 0." in log and "no IMU samples" not in log
+    bench.spin_until(lambda: node._imu.is_silent, timeout=20.0)
+    assert "no IMU samples for 1." in capfd.readouterr().err

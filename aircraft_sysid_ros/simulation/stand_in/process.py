@@ -24,6 +24,7 @@ from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.calibration import load_calibration
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.simulation.jsbsim_flight import (
     DEFAULT_MODEL,
     MODELS,
@@ -41,6 +42,8 @@ from aircraft_sysid_ros.simulation.truth import Truth
 
 NANOSECONDS = 1_000_000_000
 DEFAULT_CALIBRATION = "stand_in_calibration.yaml"
+#: Largest [s] time since start: MAVLink has 32 bits of milliseconds, 49 days.
+MOST_OFFSET = 4e6
 AHEAD = 1.0  # [s] by which the simulator is ahead
 _LOOK = 0.002  # [s] between looks at the link
 
@@ -87,11 +90,10 @@ class Radio:
             self.transport.write(packet)
 
 
-def fly_textbook(aircraft: Aircraft, seed: int, duration: float, sensors: FlightSensors, radio: Radio) -> None:
-    """The project's own simulator, which flies in no time, sent in real time."""
-    flight = simulate_samples(aircraft, seed=seed, duration=duration)
+def send_flight(truth: Truth, duration: float, sensors: FlightSensors, radio: Radio) -> None:
+    """A flight of the project's own simulator, which flies in no time, sent in real time."""
     radio.begin()
-    for piece in pieces(flight.truth):
+    for piece in pieces(truth):
         radio.run_until(max(float(piece.time[0]) - AHEAD, 0.0))
         radio.add(sensors.events(piece))
     radio.run_until(duration)
@@ -151,6 +153,7 @@ def parser() -> argparse.ArgumentParser:
     add("--loss", type=float, default=0.0, metavar="SHARE", help="of packets, either way: 0 to 0.9")
     add("--reboot", type=float, nargs="+", default=[], metavar="S", help="times of flight at which it starts anew")
     add("--record", metavar="BAG", help="the samples themselves as a recording, to compare with")
+    add("--overwrite", action="store_true", help="replace a recording that is there")
     add("--write-aircraft", metavar="FILE", help="write the aircraft file of the JSBSim aeroplane there")
     return options
 
@@ -169,33 +172,61 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def fly(args: argparse.Namespace) -> None:
-    """One flight; raises InputError for bad options."""
-    if not (0.0 <= args.loss <= 0.9 and 5.0 <= args.duration <= 36000.0 and abs(args.drift) <= 500.0):
-        raise InputError("--loss is from 0 to 0.9, --duration from 5 to 36000 s, --drift at most 500 ppm")
+    """One flight; raises InputError for bad options, before anything is written."""
+    _check(args)
+    recording = RecordingWriter(args.record, overwrite=args.overwrite) if args.record else None
     calibration = load_calibration(args.calibration or config_path(DEFAULT_CALIBRATION))
     faults = Faults(args.clock_offset, 1e-6 * args.drift, args.loss)
-    is_jsbsim = args.simulator == "jsbsim"
-    if is_jsbsim:
+    flown: Truth | None = None
+    if args.simulator == "jsbsim":
         aircraft = aircraft_from_dict(jsbsim_aircraft_file(args.jsbsim_aircraft))
     else:
         aircraft = load_aircraft(args.aircraft or config_path(DEFAULT_AIRCRAFT))
-    if args.write_aircraft:
-        Path(args.write_aircraft).write_text(yaml.safe_dump(aircraft.source, sort_keys=False), encoding="utf8")
+        flown = simulate_samples(aircraft, seed=args.seed, duration=args.duration).truth
     transport = Transport(parse_address(args.connect))
     transport.open()
     sensors = FlightSensors(aircraft, args.seed, vanes=not args.no_vanes)
     radio = Radio(StandIn(calibration, faults, args.seed), transport, args.reboot)
-    print(f"{aircraft.name} speaks MAVLink on {args.connect}", file=sys.stderr, flush=True)
     try:
-        if is_jsbsim:
+        _write_files(args, aircraft)
+        print(f"{aircraft.name} speaks MAVLink on {args.connect}", file=sys.stderr, flush=True)
+        if flown is None:
             fly_jsbsim_live(args.jsbsim_aircraft, args.duration, sensors, radio)
         else:
-            fly_textbook(aircraft, args.seed, args.duration, sensors, radio)
+            send_flight(flown, args.duration, sensors, radio)
     finally:
         transport.close()
+        sent = [event for event in radio.events if event.time <= args.duration]
+        if recording is not None and sent:  # also what was flown before Ctrl-C
+            with recording:
+                write_direct(sent, radio.wall_start, recording)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Numbers that would otherwise fail in flight."""
+    if not (0.0 <= args.loss <= 0.9 and 5.0 <= args.duration <= 36000.0 and abs(args.drift) <= 500.0):
+        raise InputError("--loss is from 0 to 0.9, --duration from 5 to 36000 s, --drift at most 500 ppm")
+    if args.seed < 0:
+        raise InputError(f"--seed must not be negative, not {args.seed}")
+    if not 0.0 <= args.clock_offset <= MOST_OFFSET:
+        raise InputError(f"--clock-offset must be from 0 to {MOST_OFFSET:.0f} s, not {args.clock_offset:g}")
+    for time_of_flight in args.reboot:
+        if not 0.0 <= time_of_flight <= args.duration:
+            raise InputError(
+                f"--reboot must be from 0 to the --duration of {args.duration:g} s, not {time_of_flight:g}"
+            )
+
+
+def _write_files(args: argparse.Namespace, aircraft: Aircraft) -> None:
+    """The aircraft file, and the folder of the recording: what cannot be written is said before the flight."""
+    try:
         if args.record:
-            sent = [event for event in radio.events if event.time <= args.duration]
-            write_direct(sent, radio.wall_start, args.record, overwrite=True)
+            Path(args.record).parent.mkdir(parents=True, exist_ok=True)
+        if args.write_aircraft:
+            text = yaml.safe_dump(aircraft.source, sort_keys=False)
+            Path(args.write_aircraft).write_text(text, encoding="utf8")
+    except OSError as error:
+        raise InputError(f"cannot write {error.filename}: {error.strerror}") from None
 
 
 if __name__ == "__main__":

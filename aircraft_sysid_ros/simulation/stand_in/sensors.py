@@ -109,11 +109,10 @@ def direct_samples(events: Sequence[Event], start: int) -> Samples:
     return concatenate(batches)[np.argsort(np.concatenate(keys), kind="stable")]
 
 
-def write_direct(events: Sequence[Event], start: int, path: str, *, overwrite: bool = False) -> None:
-    """The same as a recording."""
-    with RecordingWriter(path, overwrite=overwrite) as writer:
-        for topic, stamp, fields, _ in _columns(events, start):
-            writer.write(topic, TOPICS[topic], stamp, fields)
+def write_direct(events: Sequence[Event], start: int, writer: RecordingWriter) -> None:
+    """The same into a recording."""
+    for topic, stamp, fields, _ in _columns(events, start):
+        writer.write(topic, TOPICS[topic], stamp, fields)
 
 
 def _columns(events: Sequence[Event], start: int) -> list[tuple[str, Any, dict[str, Any], Any]]:

@@ -1,0 +1,83 @@
+"""The stand-in's command line: what it refuses, before it writes or deletes anything."""
+
+import pytest
+
+from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.simulation.stand_in import process
+from aircraft_sysid_ros.simulation.stand_in.process import main
+
+CONNECTION = "udpout:127.0.0.1:9"
+
+
+def refused(capfd, *arguments):
+    assert main(["--connect", CONNECTION, "--simulator", "textbook", *map(str, arguments)]) == 2
+    captured = capfd.readouterr()
+    (line,) = captured.err.splitlines()
+    assert captured.out == "" and line.startswith("autopilot_stand_in: ")
+    return line
+
+
+@pytest.fixture
+def victim(tmp_path):
+    """A recording with the truth beside it."""
+    with RecordingWriter(tmp_path / "victim") as writer:
+        writer.write("air_data", "aircraft_sysid_msgs/msg/AirData", [1], {"true_airspeed": [17.0]})
+    (tmp_path / "victim" / "truth.json").write_text("{}")
+    return tmp_path / "victim"
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """No waiting: the clock of the flight is the one that is asked for."""
+
+    def run_until(radio, flight_time):
+        radio._serve(flight_time)
+
+    monkeypatch.setattr(process.Radio, "run_until", run_until)
+
+
+def test_a_recording_that_is_there_stays(capfd, victim):
+    before = contents(victim)
+    assert "victim is already there" in refused(capfd, "--record", victim, "--duration", "20")
+    assert contents(victim) == before
+
+
+@pytest.mark.parametrize("more", [("--connect", "nonsense"), ("--duration", "5"), ("--calibration", "nowhere.yaml")])
+def test_a_flight_that_is_refused_replaces_nothing(capfd, victim, more):
+    before = contents(victim)
+    refused(capfd, "--record", victim, "--overwrite", *more)
+    assert contents(victim) == before
+
+
+def test_a_flight_is_recorded_and_may_replace_a_recording(victim, quick):
+    arguments = ["--connect", CONNECTION, "--simulator", "textbook", "--duration", "20", "--record"]
+    assert main([*arguments, str(victim.parent / "new" / "bag")]) == 0
+    assert main([*arguments, str(victim), "--overwrite"]) == 0
+    assert len(read_raw(victim)) == len(read_raw(victim.parent / "new" / "bag")) > 1000
+
+
+def test_what_cannot_be_written_is_said_before_the_flight(capfd, tmp_path):
+    (tmp_path / "file").write_text("")
+    for option, target in (("--record", tmp_path / "file" / "bag"), ("--write-aircraft", tmp_path / "no" / "a.yaml")):
+        assert f"cannot write {tmp_path}" in refused(capfd, option, target, "--duration", "20")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--seed", "-1"], "--seed must not be negative, not -1"),
+        (["--clock-offset", "nan"], "--clock-offset must be from 0 to 4000000 s, not nan"),
+        (["--clock-offset", "-3"], "--clock-offset must be from 0"),
+        (["--reboot", "nan"], "--reboot must be from 0 to the --duration of 120 s, not nan"),
+        (["--reboot", "10", "-5"], "--reboot must be from 0 to the --duration of 120 s, not -5"),
+        (["--reboot", "121"], "not 121"),
+        (["--loss", "nan"], "--loss is from 0 to 0.9"),
+    ],
+)
+def test_bad_numbers_are_one_line(capfd, arguments, text):
+    assert text in refused(capfd, *arguments)
