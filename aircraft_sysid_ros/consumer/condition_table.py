@@ -9,6 +9,7 @@ are Shepard's (1968), w_k ~ 1 / |z - z_k|^2, exact at every place, and with the 
 values of one estimator err together, and what lies between two places is known only as far as the two agree.
 
 A bin that contradicts what it held before says that the aeroplane has changed: all other bins of that parameter go.
+What was learnt nobody knows where has no bin; if it contradicts all of them, they go too.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.consumer.snapshot import Condition
+from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
@@ -41,21 +43,42 @@ class ConditionTable:
     """Values of n parameters by flight condition."""
 
     def __init__(self, names: tuple[str, ...], airspeed_bin: float = 3.0, alpha_bin: float = 0.05) -> None:
-        """``airspeed_bin`` [m/s] and ``alpha_bin`` [rad]: size of a bin."""
+        """``airspeed_bin`` [m/s] and ``alpha_bin`` [rad]: size of a bin; InputError unless finite and above 0."""
         self.names = names
         self.size = np.array([airspeed_bin, alpha_bin])
+        if not np.all(np.isfinite(self.size) & (self.size > 0.0)):
+            raise InputError(f"the size of a bin must be above 0, not {airspeed_bin:g} m/s by {alpha_bin:g} rad")
         self._bins: dict[tuple[int, int], _Bin] = {}
 
     def __len__(self) -> int:
         """How many bins hold something."""
         return len(self._bins)
 
-    def add(self, values: Array, std: Array, age: Array, condition: Condition) -> None:
-        """Note good values (n,) and standard errors learnt ``age`` (n,) [s] ago; older ones are passed over."""
-        place = np.array(condition[:2])
-        learnt = (age <= _FRESH) & np.isfinite(values)
-        if not (learnt.any() and np.all(np.isfinite(place))):
-            return
+    def clear(self) -> None:
+        """The clock or the model is another one."""
+        self._bins.clear()
+
+    def add(self, values: Array, std: Array, age: Array, condition: Condition | None) -> bool:
+        """Note good values (n,) and standard errors learnt ``age`` (n,) [s] ago; older ones are passed over.
+
+        False where the condition is not known, and the values have no place.
+        """
+        learnt = (np.abs(age) <= _FRESH) & np.isfinite(values)
+        if condition is None or not np.all(np.isfinite(condition[:2])):
+            self._forget_contradicted(values, std, learnt)
+            return False
+        if learnt.any():
+            self._note(values, std, learnt, np.array(condition[:2]))
+        return True
+
+    def _forget_contradicted(self, values: Array, std: Array, learnt: npt.NDArray[np.bool_]) -> None:
+        agrees = np.zeros(len(self.names), dtype=np.bool_)
+        for one in self._bins.values():
+            agrees |= np.abs(values - one.values) <= _CONTRADICTION * np.hypot(std, one.std)
+        for one in self._bins.values():
+            one.values[learnt & ~agrees] = one.std[learnt & ~agrees] = np.nan
+
+    def _note(self, values: Array, std: Array, learnt: npt.NDArray[np.bool_], place: Array) -> None:
         airspeed, alpha = np.floor(place / self.size)
         key = (int(airspeed), int(alpha))
         n = len(self.names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -10,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.modelling.trust import Trust, physical_bounds
 
 Array = npt.NDArray[np.float64]
 
-#: Asymmetry of a covariance, and correlation beyond 1, that is still rounding.
+#: Asymmetry of a correlation, and share of a negative eigenvalue, that is still rounding.
 _ROUNDING = 1e-6
+#: Share of a standard error by which the root of its variance may be off it.
+_SLACK = 0.01
 _LIMITS = ("airspeed", "alpha", "beta")
 
 
@@ -62,28 +65,43 @@ class Snapshot:
 def snapshot_of(stamp: int, content: Mapping[str, Any]) -> Snapshot:
     """A snapshot of the content of a message, as ``recordings.output_messages.parameters_content`` has it.
 
-    Raises InputError, with one sentence, for what no estimator may send: repeated names, a covariance of another
-    size, an unknown status, limits in the wrong order, and USE for what is not finite or has no covariance.
+    Raises InputError, with one sentence, for what no estimator may send: something missing or of another type,
+    repeated names, a covariance of another size, an unknown status, limits in the wrong order, and USE for what is not
+    finite, is beyond what aeroplanes have by more than two standard errors (where the estimator says REJECT), or whose
+    covariance is not symmetric, not positive semidefinite, or not that of the standard errors.
     """
+    try:
+        made = _read(stamp, content)
+    except InputError:
+        raise
+    except KeyError as error:
+        raise InputError(f"the message has no {error.args[0]}") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"the message cannot be read: {' '.join(str(error).split())}") from None
+    _check_content(made)
+    _check_covariance(made)
+    return made
+
+
+def _read(stamp: int, content: Mapping[str, Any]) -> Snapshot:
     listed = content["parameters"]
     names = tuple(str(p["name"]) for p in listed)
     covariance = np.asarray(content["covariance"], dtype=np.float64).ravel()
     _check_shape(names, covariance)
     made = Snapshot(
-        stamp=int(stamp),
+        stamp=int(np.int64(stamp)),
         model=str(content["model"]),
         names=names,
         values=_column(listed, "value"),
         std=_column(listed, "standard_deviation"),
         covariance=_frozen(covariance.reshape(len(names), len(names)).copy()),
-        status=np.array([int(p["status"]) for p in listed], dtype=np.int64),
+        status=np.array([operator.index(p["status"]) for p in listed], dtype=np.int64),
         reasons=tuple(str(p["reason"]) for p in listed),
         age=_column(listed, "age"),
         low=_frozen(np.array([content[f"{name}_min"] for name in _LIMITS], dtype=np.float64)),
         high=_frozen(np.array([content[f"{name}_max"] for name in _LIMITS], dtype=np.float64)),
     )
     made.status.flags.writeable = False
-    _check_content(made)
     return made
 
 
@@ -114,14 +132,28 @@ def _check_content(s: Snapshot) -> None:
     for name, low, high in zip(_LIMITS, s.low, s.high, strict=True):
         if low > high:
             raise InputError(f"the learnt {name} begins at {low:g}, above its end {high:g}")
+    for i in np.flatnonzero(s.usable):
+        name, value, std = s.names[i], s.values[i], s.std[i]
+        if not (np.isfinite(value) and np.isfinite(std) and std > 0.0):
+            raise InputError(f"{name} has USE with the value {value:g} ± {std:g}")
+        low, high = physical_bounds(name)
+        if value - 2.0 * std > high or value + 2.0 * std < low or std > high - low:
+            raise InputError(f"{name} has USE with {value:g} ± {std:g}, and aeroplanes have {low:g} to {high:g}")
+
+
+def _check_covariance(s: Snapshot) -> None:
     used = np.flatnonzero(s.usable)
-    for i in used:
-        if not (np.isfinite(s.values[i]) and np.isfinite(s.std[i]) and s.std[i] > 0.0):
-            raise InputError(f"{s.names[i]} has USE with the value {s.values[i]:g} ± {s.std[i]:g}")
     block = s.covariance[np.ix_(used, used)]
     variance = np.diag(block)
     if not (np.all(np.isfinite(block)) and np.all(variance > 0.0)):
         raise InputError("the covariance of parameters with USE is not finite and positive")
-    size = np.sqrt(np.outer(variance, variance))
-    if np.any(np.abs(block - block.T) > _ROUNDING * size) or np.any(np.abs(block) > (1.0 + _ROUNDING) * size):
-        raise InputError("the covariance of parameters with USE is of nothing: asymmetric or correlated over 1")
+    scale = np.sqrt(variance)
+    correlation = block / scale / scale[:, None]  # of both in turn: their product may be 0
+    if np.any(np.abs(correlation - correlation.T) > _ROUNDING):
+        raise InputError("the covariance of parameters with USE is asymmetric")
+    if len(used) and np.linalg.eigvalsh(correlation)[0] < -_ROUNDING * len(used):
+        raise InputError("the covariance of parameters with USE is not positive semidefinite")
+    off = np.flatnonzero(np.abs(scale - s.std[used]) > _SLACK * s.std[used])
+    if len(off):
+        i, root = used[off[0]], scale[off[0]]
+        raise InputError(f"{s.names[i]} has the standard error {s.std[i]:g}, and {root:g} in the covariance")

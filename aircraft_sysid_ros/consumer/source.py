@@ -5,8 +5,12 @@ Per parameter, at every question:
 | origin | when |
 |---|---|
 | LIVE | the newest message is fresh and says USE, and its axis fits together |
-| HELD | it says HOLD, or is silent: the value of the newest message that said USE |
+| HELD | it says HOLD, or is silent; the flight condition is not known: the value of the newest message that said USE |
 | PRIOR | never USE so far; REJECT now; the good value is too old; flown too far from where it was learnt |
+
+Stamps are those of sensor samples, and questions are asked by their clock: fresh is a stamp within ``silence`` of the
+question, before or after it, and too old a good value that is ``longest_hold`` away, before or after it. What a new
+model does not have, and all that was good by a clock that began anew, is forgotten.
 
 Parameters of one axis are learnt together: those with USE are right only beside what the message says of the others. So
 an axis is taken only while what is kept of it agrees with what is published of it, to CONTRADICTION standard errors. A
@@ -29,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.consumer.condition_table import ConditionTable
+from aircraft_sysid_ros.consumer.sender import NANOSECONDS, Sender
 from aircraft_sysid_ros.consumer.snapshot import Condition, Snapshot, snapshot_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.trust import Trust
@@ -36,10 +41,8 @@ from aircraft_sysid_ros.modelling.trust import Trust
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-NANOSECONDS = 1_000_000_000
-#: A message that is older than the last by more than this [s] is of a clock that began anew.
-_CLOCK_LEAP = 10.0
 _NEVER = np.iinfo(np.int64).min
+_NO_PLACE = "the table of flight conditions is not used: the newest message came without a flight condition"
 #: Standard errors of the difference by which a kept value may be off the published one.
 CONTRADICTION = 3.0
 
@@ -62,13 +65,19 @@ class Prior:
 
 @dataclass(frozen=True)
 class Rules:
-    """When a value is good, and how fast the next one takes over."""
+    """When a value is good, and how fast the next one takes over; InputError unless numbers of at least 0."""
 
-    silence: float = 3.0  # [s] a newest message that is older is not live
+    silence: float = 3.0  # [s] a newest message that is older, or newer, is not live
     longest_hold: float = 600.0  # [s] after which a held value is too old
     airspeed_margin: float = 2.0  # [m/s] beyond the learnt flight condition
     angle_margin: float = 0.05  # [rad] the same of alpha and beta
-    blend_time: float = 1.0  # [s]; 0: at once
+    blend_time: float = 1.0  # [s]; 0: at once; finite
+
+    def __post_init__(self) -> None:
+        """Raises InputError."""
+        for name, value in vars(self).items():
+            if not value >= 0.0 or (name == "blend_time" and not np.isfinite(value)):
+                raise InputError(f"the rule {name} must be a number of at least 0, not {value:g}")
 
 
 @dataclass(frozen=True)
@@ -128,20 +137,19 @@ class ParameterSource:
         self.newest: Snapshot | None = None
         self.taken = self.refused = 0
         self.refusal = ""  # the sentence of the newest refused message
+        self.warning = ""  # why the table is not used for the newest message
         self._lock = threading.Lock()
         self._prior = np.array([p.value for p in priors.values()])
         self._prior_std = np.array([p.std for p in priors.values()])
         self._status = np.full(len(self.names), int(Trust.HOLD))
-        self._texts = ["no message names it"] * len(self.names)
-        self._forget()
-
-    def _forget(self) -> None:
+        self._texts = [""] * len(self.names)
         n = len(self.names)
         self._good, self._good_std = np.full(n, np.nan), np.full(n, np.nan)
         self._good_stamp = np.full(n, _NEVER, dtype=np.int64)
         self._low, self._high = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
         self._value = self._prior.copy()
         self._asked: int | None = None  # stamp [ns] of the newest question
+        self._sender, self._has_place = Sender(), False
 
     # -- what comes in ---------------------------------------------------------------------------------------
 
@@ -155,20 +163,28 @@ class ParameterSource:
         return ""
 
     def take(self, snapshot: Snapshot, condition: Condition | None = None) -> None:
-        """Take a snapshot, learnt lately in ``condition``. InputError for one that is not newer than the last."""
+        """Take a snapshot, learnt lately in ``condition``. InputError for one of another ``Sender``, or late."""
         with self._lock:
-            behind = 0 if self.newest is None else (self.newest.stamp - snapshot.stamp) / NANOSECONDS
-            if self.newest is not None and 0 <= behind < _CLOCK_LEAP:
-                raise InputError(f"a message {behind:g} s older than the last came after it")
-            if behind >= _CLOCK_LEAP:  # stamps of the old clock say nothing of age any more
-                self._forget()
+            before = self.newest
+            if self._sender.follow(snapshot.stamp, snapshot.model, self._asked):
+                self._forget(())  # stamps of the old clock say nothing of age any more
+            elif before is not None and before.model != snapshot.model:
+                self._forget(snapshot.names)
             self.newest, self.taken = snapshot, self.taken + 1
             self._note(snapshot, condition)
+
+    def _forget(self, kept: tuple[str, ...]) -> None:
+        """What was good, but for some names; what is answered moves on from where it is."""
+        gone = ~np.isin(self.names, kept)
+        self._good[gone] = self._good_std[gone] = self._low[gone] = self._high[gone] = np.nan
+        self._good_stamp[gone] = _NEVER
+        if self.table is not None:
+            self.table.clear()
 
     def _note(self, s: Snapshot, condition: Condition | None) -> None:
         own = {name: i for i, name in enumerate(self.names)}
         pairs = np.array([(own[name], j) for j, name in enumerate(s.names) if name in own], np.int64).reshape(-1, 2)
-        self._status[:], self._texts = int(Trust.HOLD), ["no message names it"] * len(self.names)
+        self._status[:], self._texts = int(Trust.HOLD), [f"the model {s.model} does not have it"] * len(self.names)
         for i, j in pairs:
             self._status[i], self._texts[i] = s.status[j], s.reasons[j]
         self._hold_axes(s, pairs)
@@ -176,10 +192,11 @@ class ParameterSource:
         self._good[mine], self._good_std[mine] = s.values[theirs], s.std[theirs]
         self._good_stamp[mine] = s.stamp
         self._low[mine], self._high[mine] = s.low, s.high
-        if self.table is not None and condition is not None:
+        if self.table is not None:
             age = np.full(len(self.names), np.inf)
             age[mine] = s.age[theirs]
-            self.table.add(self._good, self._good_std, age, condition)
+            self._has_place = self.table.add(self._good, self._good_std, age, condition)
+            self.warning = "" if self._has_place else _NO_PLACE
 
     def _hold_axes(self, s: Snapshot, pairs: Integers) -> None:
         """USE becomes HOLD in axes of which what is kept contradicts what is published."""
@@ -196,10 +213,16 @@ class ParameterSource:
 
     # -- what is asked ---------------------------------------------------------------------------------------
 
-    def at(self, now: int, condition: Condition) -> Values:
-        """All parameters at a time ``now`` [ns], of the clock of the stamps, flown in ``condition``."""
+    def at(self, now: int, condition: Condition | None) -> Values:
+        """All parameters at a time ``now`` [ns], of the clock of the stamps, flown in ``condition``.
+
+        None, and NaN in it, are not known. Raises InputError for a time that is not a finite number.
+        """
+        if not np.isfinite(now):
+            raise InputError(f"the time of a question must be a number of nanoseconds, not {now}")
+        flown = np.full(3, np.nan) if condition is None else np.array(Condition(*condition))
         with self._lock:
-            target, std, origin, reasons = self._target(now, np.array(condition))
+            target, std, origin, reasons = self._target(now, flown)
             elapsed = 0.0 if self._asked is None else max(now - self._asked, 0) / NANOSECONDS
             blend = self.rules.blend_time
             share = 1.0 if blend <= 0.0 else float(-np.expm1(-elapsed / blend))
@@ -212,19 +235,21 @@ class ParameterSource:
     def _target(self, now: int, condition: Array) -> tuple[Array, Array, Integers, tuple[str, ...]]:
         """Where the values are going: value, std, origin (n,) and reasons."""
         status, texts = self._status, self._texts.copy()
-        fresh = self.newest is not None and now - self.newest.stamp <= self.rules.silence * NANOSECONDS
+        fresh = self.newest is not None and abs(now - self.newest.stamp) <= self.rules.silence * NANOSECONDS
         known = self._good_stamp != _NEVER
         age = (now - np.where(known, self._good_stamp, now)) / NANOSECONDS
         outside = self._outside(condition)
-        old = age > self.rules.longest_hold
+        old = np.abs(age) > self.rules.longest_hold
+        said = np.isfinite(self._low) | np.isfinite(self._high)
+        unknown = np.any(np.isnan(condition) & said, axis=1)
         is_good = known & (status != Trust.REJECT) & ~old & ~outside
-        is_live = is_good & (status == Trust.USE) & fresh
+        is_live = is_good & (status == Trust.USE) & fresh & ~unknown
         origin = np.where(is_live, int(Origin.LIVE), np.where(is_good, int(Origin.HELD), int(Origin.PRIOR)))
         good, good_std = self._good, self._good_std
-        if self.table is not None:
+        if self.table is not None and self._has_place:
             good, good_std = self.table.at(condition, good, good_std)
         for i in np.flatnonzero(~is_live).tolist():
-            texts[i] = self._reason(i, Trust(int(status[i])), texts[i], fresh, (known[i], old[i], outside[i]))
+            texts[i] = self._reason(i, Trust(int(status[i])), texts[i], now, (known[i], old[i], outside[i], unknown[i]))
         value = np.where(is_good, good, self._prior)
         return value, np.where(is_good, good_std, self._prior_std), origin, tuple(texts)
 
@@ -233,16 +258,21 @@ class ParameterSource:
         margin = np.array([self.rules.airspeed_margin, self.rules.angle_margin, self.rules.angle_margin])
         return np.any((condition < self._low - margin) | (condition > self._high + margin), axis=1)
 
-    def _reason(self, i: int, status: Trust, text: str, fresh: bool, found: tuple[np.bool_, ...]) -> str:
-        known, old, outside = found
+    def _reason(self, i: int, status: Trust, text: str, now: int, found: tuple[np.bool_, ...]) -> str:
+        known, old, outside, unknown = found
         if self.newest is None:
             return "no message came"
         if not known or status == Trust.REJECT:
             return f"{'rejected' if known else 'never learnt'}: {text}" if text else "never learnt"
+        early = (self.newest.stamp - now) / NANOSECONDS
+        if early > self.rules.silence:
+            return f"the newest message is {early:g} s in the future: it is of another clock, or its stamp is wrong"
         if old:
             return "the last good value is too old"
         if outside:
             (v0, a0, b0), (v1, a1, b1) = self._low[i], self._high[i]
             angles = f"alpha {a0:.2f} to {a1:.2f}, beta {b0:.2f} to {b1:.2f} rad"
             return f"flown outside of where it was learnt: {v0:.1f} to {v1:.1f} m/s, {angles}"
-        return text if fresh else "no message lately"
+        if early < -self.rules.silence:
+            return "no message lately"
+        return "the flight condition is not known" if unknown and status == Trust.USE else text

@@ -7,8 +7,9 @@ from typing import Any
 
 from aircraft_sysid_msgs.msg import Parameters
 
+from aircraft_sysid_ros.consumer.sender import NANOSECONDS
 from aircraft_sysid_ros.consumer.snapshot import Condition
-from aircraft_sysid_ros.consumer.source import NANOSECONDS, ParameterSource
+from aircraft_sysid_ros.consumer.source import ParameterSource
 
 TOPIC = "parameter_estimator/parameters"
 _LIMITS = ("airspeed_min", "airspeed_max", "alpha_min", "alpha_max", "beta_min", "beta_max")
@@ -26,7 +27,10 @@ def content_of(message: Any) -> dict[str, Any]:
 
 
 class ParameterSubscriber:
-    """Keeps a source fed while its node spins, in whatever thread; what is refused is logged, at most every 10 s."""
+    """Keeps a source fed while its node spins, in whatever thread.
+
+    Logged are what is refused and more than one sender, at most every 10 s, and once that a table is not used.
+    """
 
     def __init__(
         self,
@@ -35,7 +39,8 @@ class ParameterSubscriber:
         topic: str = TOPIC,
         condition: Callable[[], Condition | None] = lambda: None,
     ) -> None:
-        """``condition`` tells the flight condition now, for a source with a table."""
+        """``condition`` tells the flight condition now: a source with a table needs it."""
+        self._node = node
         self.source, self._condition, self._logger = source, condition, node.get_logger()
         self.subscription = node.create_subscription(Parameters, topic, self._on_message, 10)
 
@@ -44,3 +49,10 @@ class ParameterSubscriber:
         refusal = self.source.offer(stamp, content_of(message), self._condition())
         if refusal:
             self._logger.warning(f"parameters refused: {refusal}", throttle_duration_sec=10.0)
+        if self.source.warning:
+            self._logger.warning(self.source.warning, once=True)
+        topic = self.subscription.topic_name
+        senders = self._node.count_publishers(topic)
+        if senders > 1:
+            text = f"{senders} nodes publish {topic}: give each aircraft a namespace and one parameter_estimator"
+            self._logger.warning(text, throttle_duration_sec=10.0)

@@ -76,5 +76,37 @@ def test_a_source_interpolates(content):
     middle = source.at(2, Condition(17.0, 0.05))["Cm_alpha"]
     assert middle.value == pytest.approx(law(17.0)[0]) and middle.origin == Origin.LIVE
     assert middle.std > 0.02
+    with pytest.raises(InputError, match="size of a bin must be above 0, not 0 m/s"):
+        ConditionTable(NAMES, airspeed_bin=0.0)
     with pytest.raises(InputError, match="made for the names"):
         ParameterSource(priors, table=ConditionTable(("CX_0",)))
+
+
+@pytest.mark.parametrize("condition", [None, Condition(np.nan, 0.05), Condition(17.0, np.nan)])
+def test_without_a_condition_the_newest_value_is_the_answer_and_it_is_said(content, condition):
+    """What the table held is of before; and it is of another aeroplane, where the newest contradicts it."""
+    here = Condition(17.0, 0.05)
+    table = ConditionTable(NAMES)
+    source = ParameterSource({name: Prior(-1.0, 0.5) for name in NAMES}, Rules(blend_time=0.0), table)
+    source.offer(1, content(values=(0.0, -0.5, -0.85)), here)
+    assert source.at(1, here)["Cm_de"].value == -0.85 and source.warning == ""
+    source.offer(2, content(values=(0.0, -0.5, -0.42)), condition)
+    answer = source.at(2, here)["Cm_de"]
+    assert (answer.value, answer.origin) == (-0.42, Origin.LIVE)
+    assert "table of flight conditions is not used" in source.warning
+    held = content(values=(0.0, -0.5, -0.42), status=(0, 1, 1))
+    source.offer(3, held, here)  # nothing new of Cm_de: its bin is still empty, that of Cm_alpha agreed
+    assert source.at(3, here)["Cm_de"].value == -0.42 and source.warning == ""
+    assert ask(table, 17.0)[0].tolist() == [-0.5, 99.0]
+
+
+def test_neither_another_clock_nor_another_model_finds_the_table_filled(content):
+    here, priors = Condition(17.0, 0.05), {name: Prior(-1.0, 0.5) for name in NAMES}
+    for stamps, model in (((1, 2, 3), "abc"), ((101 * 10**9,), "other")):
+        table = ConditionTable(NAMES)
+        source = ParameterSource(priors, Rules(blend_time=0.0), table)
+        source.offer(100 * 10**9, content(), here)
+        assert len(table) == 1
+        for stamp in stamps:
+            source.offer(stamp, content(model=model, status=(1, 1, 1)), here)
+        assert len(table) == 0

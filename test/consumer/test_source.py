@@ -10,6 +10,7 @@ from aircraft_sysid_ros.errors import InputError
 
 SECOND = 1_000_000_000
 HERE = Condition(17.0, 0.05)
+NAMES = ("Cm_0", "Cm_alpha", "Cm_de")
 PRIORS = {"Cm_0": Prior(0.0, 0.01), "Cm_alpha": Prior(-1.0, 0.3), "Cm_de": Prior(-1.0, 0.3), "Cm_q": Prior(-8.0, 2.0)}
 AT_ONCE = Rules(blend_time=0.0)
 
@@ -37,12 +38,12 @@ def test_a_use_is_live_and_what_the_model_lacks_stays_a_priori(source, content):
 
 def test_hold_keeps_the_last_good_value_and_reject_falls_back(source, content):
     source.offer(SECOND, content())
-    source.offer(2 * SECOND, content(values=(-0.031, -1.1, 9.0), status=(1, 2, 0)))
+    source.offer(2 * SECOND, content(values=(-0.031, -1.1, 3.0), status=(1, 2, 0)))
     values = source.at(2 * SECOND, HERE)
     assert (values["Cm_0"].value, values["Cm_0"].origin, values["Cm_0"].reason) == (-0.03, Origin.HELD, "why")
     assert (values["Cm_alpha"].value, values["Cm_alpha"].origin) == (-1.0, Origin.PRIOR)
     assert values["Cm_alpha"].reason == "rejected: why"
-    assert values["Cm_de"].value == 9.0
+    assert values["Cm_de"].value == 3.0
     nothing = {"values": (np.nan,) * 3, "std": (np.nan,) * 3, "covariance": np.full(9, np.nan)}
     source.offer(3 * SECOND, content(status=(1, 1, 1), **nothing))
     assert source.at(3 * SECOND, HERE)["Cm_alpha"].value == -0.7  # the good value was not forgotten
@@ -88,7 +89,7 @@ def test_outside_of_the_learnt_condition_by_a_margin_it_falls_back(content):
     source = ParameterSource(PRIORS, Rules(airspeed_margin=2.0, angle_margin=0.05, blend_time=0.0))
     source.offer(0, content())  # learnt at 15 to 19 m/s, 0 to 0.12 rad
     far = [Condition(21.5, 0.05), Condition(12.5, 0.05), Condition(17.0, 0.18), Condition(17.0, 0.05, -0.2)]
-    near = [Condition(20.5, 0.05), Condition(17.0, 0.16), Condition(17.0, np.nan)]
+    near = [Condition(20.5, 0.05), Condition(17.0, 0.16), (17.0, 0.05)]
     assert {source.at(0, c)["Cm_de"].origin for c in far} == {Origin.PRIOR}
     assert "15.0 to 19.0 m/s" in source.at(0, far[0])["Cm_de"].reason
     assert {source.at(0, c)["Cm_de"].origin for c in near} == {Origin.LIVE}
@@ -116,18 +117,59 @@ def test_a_refused_message_changes_nothing(source, content):
     source.offer(SECOND, content())
     before = source.at(SECOND, HERE)
     assert "more than once" in source.offer(2 * SECOND, content(names=("Cm_0", "Cm_0", "Cm_de")))
-    assert "older than the last" in source.offer(SECOND // 2, content(values=(9.0, 9.0, 9.0)))
+    assert "older than the last" in source.offer(SECOND // 2, content(values=(1.0, 1.0, 1.0)))
     after = source.at(SECOND, HERE)
     assert np.array_equal(before.values, after.values) and np.array_equal(before.origin, after.origin)
     assert (source.taken, source.refused) == (1, 2) and "older" in source.refusal
 
 
-def test_a_clock_that_begins_anew_forgets_what_was_good(source, content):
+def test_a_message_that_cannot_be_read_is_refused_not_raised(source, content):
+    source.offer(SECOND, content())
+    for bad in (None, {}, content(status=("USE", 0, 0)), content(covariance=None)):
+        assert source.offer(2 * SECOND, bad) != ""
+    assert source.at(SECOND, HERE)["Cm_de"].origin == Origin.LIVE
+
+
+def test_a_condition_that_is_not_known_is_never_live(source, content):
+    source.offer(SECOND, content())
+    for condition in (None, Condition(np.nan, 0.05), Condition(17.0, np.nan), Condition(17.0, 0.05, np.nan)):
+        answer = source.at(SECOND, condition)["Cm_de"]
+        assert (answer.value, answer.origin) == (-0.85, Origin.HELD)
+        assert answer.reason == "the flight condition is not known"
+    assert source.at(SECOND, Condition(60.0, np.nan))["Cm_de"].origin == Origin.PRIOR  # what is known is too far
+    source.offer(2 * SECOND, content(beta_min=np.nan, beta_max=np.nan))  # learnt without a vane for it
+    assert source.at(2 * SECOND, Condition(17.0, 0.05, np.nan))["Cm_de"].origin == Origin.LIVE
+
+
+def test_live_is_near_the_question_before_and_after_it(content):
+    source = ParameterSource(PRIORS, Rules(silence=3.0, longest_hold=60.0, blend_time=0.0))
     source.offer(1000 * SECOND, content())
-    assert source.offer(SECOND, content(status=(1, 1, 1))) == ""
-    assert source.at(SECOND, HERE)["Cm_de"].origin == Origin.PRIOR
-    assert source.offer(2 * SECOND, content()) == ""
-    assert source.at(2 * SECOND, HERE)["Cm_de"].origin == Origin.LIVE
+    found = [source.at(seconds * SECOND, HERE)["Cm_de"] for seconds in (997, 996, 940, 939, 5)]
+    assert [f.origin for f in found] == [Origin.LIVE, Origin.HELD, Origin.HELD, Origin.PRIOR, Origin.PRIOR]
+    assert found[1].reason == "the newest message is 4 s in the future: it is of another clock, or its stamp is wrong"
+    with pytest.raises(InputError, match="number of nanoseconds, not nan"):
+        source.at(np.nan, HERE)
+
+
+def test_what_a_new_model_does_not_have_is_dropped_at_once(source, content):
+    source.offer(SECOND, content())
+    source.offer(
+        2 * SECOND, content(values=(-0.03, -0.9), std=(0.002, 0.02), status=(0, 0), names=NAMES[:2], model="d")
+    )
+    values = source.at(2 * SECOND, HERE)
+    assert (values["Cm_alpha"].value, values["Cm_alpha"].origin) == (-0.9, Origin.LIVE)
+    assert (values["Cm_de"].value, values["Cm_de"].origin) == (-1.0, Origin.PRIOR)
+    assert "the model d does not have it" in values["Cm_de"].reason
+
+
+@pytest.mark.parametrize("rule", ["silence", "longest_hold", "airspeed_margin", "angle_margin", "blend_time"])
+def test_rules_are_numbers_of_at_least_nothing(rule):
+    for bad in (np.nan, -1.0):
+        with pytest.raises(InputError, match=f"the rule {rule} must be a number of at least 0, not"):
+            Rules(**{rule: bad})
+    with pytest.raises(InputError, match="blend_time"):
+        Rules(blend_time=np.inf)
+    assert Rules(longest_hold=np.inf).longest_hold == np.inf
 
 
 def test_priors_of_an_aircraft_file(aircraft):
@@ -140,12 +182,13 @@ def test_priors_of_an_aircraft_file(aircraft):
 
 def test_answers_are_of_one_message_whatever_thread_takes_it(content):
     """Every message has all values alike, so that a mixture of two would show."""
-    source = ParameterSource({n: p for n, p in PRIORS.items() if n != "Cm_q"}, AT_ONCE)
-    source.offer(1, content(values=(1.0,) * 3))
+    names = ("CX_a", "CX_b", "CX_c")  # nobody has bounds for these
+    source = ParameterSource({name: Prior(0.0, 1.0) for name in names}, AT_ONCE)
+    source.offer(1, content(values=(1.0,) * 3, names=names))
 
     def send():
         for k in range(2, 400):
-            source.offer(k, content(values=(float(k),) * 3))
+            source.offer(k, content(values=(float(k),) * 3, names=names))
 
     sender = threading.Thread(target=send)
     sender.start()
@@ -153,5 +196,5 @@ def test_answers_are_of_one_message_whatever_thread_takes_it(content):
     while sender.is_alive():
         seen.append(source.at(1, HERE).values)
     sender.join()
-    assert len({tuple(v) for v in seen}) > 1
+    assert len({tuple(v) for v in seen}) > 1 and source.taken == 399
     assert all(v.min() == v.max() for v in seen)
