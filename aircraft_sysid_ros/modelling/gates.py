@@ -37,7 +37,7 @@ from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.modelling.change_monitor import SPREAD, WINDOW, ChangeMonitor
 from aircraft_sysid_ros.modelling.consistency import NowAndBefore
 from aircraft_sysid_ros.modelling.good_sets import GoodSets, KnownSet
-from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet
+from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet, least_squares
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.modelling.sensor_signs import SensorSigns
 from aircraft_sysid_ros.modelling.trust import Trust
@@ -374,7 +374,7 @@ class Gates:
             if self.joint or self.holds[axis] or not self.now_and_before.are_apart(axis):
                 continue
             part = self.model.axis_slice(name)
-            std = np.array([p.std for p in kept.found.parameters[part]])
+            std = np.sqrt(np.diag(least_squares(self.model, axis, kept.learning)[0].covariance))
             found = self.now_and_before.disagreeing(axis, std, kept.learning.noise_square[part])
             for j, (now, before) in found.items():
                 words = f"the newest motion says {now:.3g}, what was before it {before:.3g}"

@@ -165,15 +165,17 @@ class ParameterEstimator:
             return self._no_points()
         while epoch is not None and self._early:
             self.push_samples(self._early.popleft(), epoch)
-        points = []
-        for part in np.split(rows, np.flatnonzero(np.diff(rows[:, Column.TIME]) <= 0.0) + 1):
-            if self._newest_time is not None and part[0, Column.TIME] <= self._newest_time:
-                points.append(self.restart_clock())
-            self.inferred.note(part)
-            self._waiting.append(part)
-            self._newest_time = float(part[-1, Column.TIME])
-            points.append(self._process_until(self._newest_time - self.options.settle))
-        return np.vstack(points)
+        falls = np.flatnonzero(rows[1:, Column.TIME] <= rows[:-1, Column.TIME]) + 1
+        if len(falls):
+            return np.vstack([self.push_states(part, epoch) for part in np.split(rows, falls)])
+        before = self._no_points()
+        if self._newest_time is not None and rows[0, Column.TIME] <= self._newest_time:
+            before = self.restart_clock()
+        self.inferred.note(rows)
+        self._waiting.append(rows)
+        self._newest_time = float(rows[-1, Column.TIME])
+        points = self._process_until(self._newest_time - self.options.settle)
+        return np.vstack([before, points]) if len(before) else points
 
     def restart_clock(self) -> Array:
         """The clock of the states begins anew: what waits is used, what was learnt stays; returns new points.

@@ -103,8 +103,16 @@ def test_what_it_starts_ends_with_it_even_when_it_is_killed():
     wait_for(lambda: not is_running(int(done.stdout)), 10.0)
 
 
+@pytest.fixture
+def hangup_not_ignored():
+    """Under nohup, as these tests may run, a hangup is ignored by what they start, too."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @linux
-def test_a_closed_terminal_ends_the_flight_and_both_estimators():
+def test_a_closed_terminal_ends_the_flight_and_both_estimators(hangup_not_ignored):
     environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     command = [sys.executable, str(EXAMPLE / "fly.py"), "--case", "none"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as flying:
