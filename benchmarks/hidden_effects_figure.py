@@ -87,7 +87,7 @@ def _rates(plot: Any, summaries: dict[str, dict[str, Any]]) -> None:
             _bar(plot, row, name, summary[part].get(key), summary[part]["flights"])
     plot.set_yticks(range(len(labels)), labels, fontsize=9)
     plot.invert_yaxis()
-    plot.set_xlim(0.0, 125.0)
+    plot.set_xlim(0.0, 132.0)
     plot.set_xticks(range(0, 101, 20))
     plot.set_xlabel("share of flights [%], with 95 % interval")
     handles, names = plot.get_legend_handles_labels()

@@ -67,6 +67,15 @@ class Player:
                     self.publishers[int(self.raw.channel[i])].publish(self.raw[i])
             self.until(lambda: self.reached > last - 4.0 or last < 15.0)  # noqa: B023
 
+    def play_until(self, seen, begin: float, end: float) -> float:
+        """Second by second until something is seen: nodes that had to rest search again only while flying."""
+        for second in np.arange(begin, end):
+            if seen():
+                return float(second)
+            self.play(second, second + 1.0)
+            time.sleep(4.0)
+        return end
+
     def until(self, done) -> None:
         import rclpy
 
@@ -85,7 +94,7 @@ def player(aircraft, tmp_path_factory):
     """A flight of two minutes whose aeroplane has an effect that its model lacks."""
     import rclpy
 
-    flight = simulate_samples(aircraft, 11, 112.0, rate=100.0, hidden=[("dihedral_alpha", 1.0)], manoeuvres="standard")
+    flight = simulate_samples(aircraft, 11, 122.0, rate=100.0, hidden=[("dihedral_alpha", 1.0)], manoeuvres="standard")
     path = tmp_path_factory.mktemp("live") / "flight"
     write_flight(flight, path)
     yield Player(read_raw(path))
@@ -119,7 +128,8 @@ def test_a_hidden_effect_is_named_and_added_in_flight(
         wait_for_text(page, "notice", f"No {NODE} yet")
         with nodes(aircraft_file, tmp_path):
             wait_for_text(page, "notice", f"{NODE} is there")  # it connected by itself
-            player.play(0.0, 90.0)
+            player.play(0.0, 80.0)
+            now = player.play_until(page.locator(marked("card-0")).is_visible, 80.0, 100.0)
             page.wait_for_selector(marked("card-0"), timeout=1e3 * PATIENCE)
             assert page.inner_text(marked("verdict")) == "An effect is missing"
             assert "Dihedral effect that depends on lift" in page.inner_text(marked("card-0"))
@@ -128,7 +138,7 @@ def test_a_hidden_effect_is_named_and_added_in_flight(
             page.click(marked("card-0") + " .q-item")
             page.click(marked("add-0"))
             wait_for_text(page, "notice", "Added: Cl_alpha*beta")
-            player.play(90.0, 105.0)
+            player.play(now, now + 15.0)
             page.wait_for_function(
                 "([s, e]) => parseFloat(document.querySelector(s).innerText) < e",
                 arg=[marked("held-out-Cl"), 0.5 * before], timeout=1e3 * PATIENCE,
@@ -144,7 +154,7 @@ def test_a_hidden_effect_is_named_and_added_in_flight(
             wait_for_text(page, "complaint", "is not allowed")
             page.click(marked("undo"))
             wait_for_text(page, "notice", "Removed: Cl_alpha*beta")
-            player.play(105.0, 110.0)
+            player.play(now + 15.0, now + 20.0)
             wait_for_text(page, "model", first)
         wait_for_text(page, "notice", f"{NODE} is gone")
         assert page.locator(marked("add-term")).is_disabled()
