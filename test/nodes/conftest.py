@@ -66,7 +66,8 @@ class Bench:
             if client.service_is_ready():
                 break
             self.helper.destroy_client(client)
-        assert client.service_is_ready(), f"{name} is not offered"
+        else:
+            pytest.fail(f"{name} is not offered")
         future = client.call_async(kind.Request(**request))
         self.spin_until(future.done)
         self.helper.destroy_client(client)
