@@ -57,12 +57,12 @@ class Pipeline:
         """Samples of which the last may be the first by a clock that began anew."""
         before = self.state.order.counts.restarts
         rows = self.state.push(samples)
-        points = []
         if self.state.order.counts.restarts > before:  # the rows are what was held by the old clock
-            points += [self.parameters.push_states(rows, self.state.epoch), self.parameters.restart_clock()]
+            points = [self.parameters.push_states(rows, self.state.epoch), self.parameters.restart_clock()]
+            self.parameters.push_samples(samples, self.state.epoch)
+            return rows, np.vstack(points)
         self.parameters.push_samples(samples, self.state.epoch)
-        points += [self.parameters.push_states(rows[len(rows) * bool(points) :], self.state.epoch)]
-        return rows, np.vstack(points)
+        return rows, self.parameters.push_states(rows, self.state.epoch)
 
     def flush(self) -> tuple[Array, Array]:
         """Process what is held back, at the end of a recording."""

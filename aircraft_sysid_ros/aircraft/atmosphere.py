@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 GAS_CONSTANT = 287.05287  # [J/(kg K)] dry air
 HEAT_RATIO = 1.4
@@ -12,6 +15,7 @@ SEA_LEVEL_TEMPERATURE = 288.15  # [K]
 LAPSE_RATE = 0.0065  # [K/m] up to the tropopause
 TROPOPAUSE = 11000.0  # [m]
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
+_LAPSE = GAS_CONSTANT * LAPSE_RATE / STANDARD_GRAVITY  # temperature ratio = pressure ratio ** _LAPSE
 
 
 @njit(cache=True)
@@ -29,6 +33,18 @@ def pressure(altitude: float) -> float:
     if altitude > TROPOPAUSE:
         p *= np.exp(-STANDARD_GRAVITY * (altitude - TROPOPAUSE) / (GAS_CONSTANT * temperature(altitude)))
     return p
+
+
+@register_jitable
+def temperature_at(static_pressure: Any) -> Any:
+    """Standard temperature [K] below the tropopause where the static pressure [Pa] is that, scalar or array."""
+    return SEA_LEVEL_TEMPERATURE * (static_pressure / SEA_LEVEL_PRESSURE) ** _LAPSE
+
+
+@register_jitable
+def altitude_at(static_pressure: Any) -> Any:
+    """Altitude [m] below the tropopause where the static pressure [Pa] is that, scalar or array."""
+    return SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - (static_pressure / SEA_LEVEL_PRESSURE) ** _LAPSE)
 
 
 @njit(cache=True)

@@ -13,13 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from aircraft_sysid_ros.aircraft.atmosphere import (
-    GAS_CONSTANT,
-    LAPSE_RATE,
-    SEA_LEVEL_PRESSURE,
-    SEA_LEVEL_TEMPERATURE,
-    STANDARD_GRAVITY,
-)
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, quaternion_from_euler
 from aircraft_sysid_ros.calibration import compatibility, five_hole_probe
 from aircraft_sysid_ros.calibration.calibration_file import Calibration, magnetic_matrix
@@ -31,7 +25,6 @@ Array = npt.NDArray[np.float64]
 #: What a sample of pressures becomes.
 _OF_PROBE = (Kind.AIR, Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
 _AIR_DATA = (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
-_EXPONENT = GAS_CONSTANT * LAPSE_RATE / STANDARD_GRAVITY
 
 
 class Correction:
@@ -116,8 +109,7 @@ def flow_of_pressures(pressures: Array, probe: Array) -> Array:
         static, impact = pressures[i, 0], pressures[i, 1] - probe[9]
         if not (static > 0.0 and np.isfinite(impact)):
             continue
-        temperature = SEA_LEVEL_TEMPERATURE * (static / SEA_LEVEL_PRESSURE) ** _EXPONENT
-        density = static / (GAS_CONSTANT * temperature)
+        density = static / (GAS_CONSTANT * temperature_at(static))
         speed = (1.0 + probe[0]) * np.sqrt(2.0 * max(impact, 0.0) / density) + probe[1]
         out[i, 0] = max(speed, 0.0)
         if not impact > 0.0:

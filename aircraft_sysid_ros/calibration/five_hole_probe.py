@@ -25,13 +25,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import (
-    GAS_CONSTANT,
-    LAPSE_RATE,
-    SEA_LEVEL_PRESSURE,
-    SEA_LEVEL_TEMPERATURE,
-    STANDARD_GRAVITY,
-)
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.navigation import (
     Grid,
@@ -217,9 +211,7 @@ def _direction_gradient(alpha: Array, beta: Array) -> tuple[Array, Array]:
 
 def density_of(static_pressure: Array) -> Array:
     """Density [kg/m^3] at a static pressure [Pa] in the standard atmosphere below the tropopause."""
-    exponent = GAS_CONSTANT * LAPSE_RATE / STANDARD_GRAVITY
-    temperature = SEA_LEVEL_TEMPERATURE * (static_pressure / SEA_LEVEL_PRESSURE) ** exponent
-    return np.asarray(static_pressure / (GAS_CONSTANT * temperature))
+    return np.asarray(static_pressure / (GAS_CONSTANT * temperature_at(static_pressure)))
 
 
 @dataclass(frozen=True)

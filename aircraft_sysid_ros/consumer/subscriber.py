@@ -7,9 +7,9 @@ from typing import Any
 
 from aircraft_sysid_msgs.msg import Parameters
 
-from aircraft_sysid_ros.consumer.sender import NANOSECONDS
 from aircraft_sysid_ros.consumer.snapshot import Condition
 from aircraft_sysid_ros.consumer.source import ParameterSource
+from aircraft_sysid_ros.recordings.ros_conversion import nanoseconds_of
 
 TOPIC = "parameter_estimator/parameters"
 _LIMITS = ("airspeed_min", "airspeed_max", "alpha_min", "alpha_max", "beta_min", "beta_max")
@@ -45,7 +45,7 @@ class ParameterSubscriber:
         self.subscription = node.create_subscription(Parameters, topic, self._on_message, 10)
 
     def _on_message(self, message: Parameters) -> None:
-        stamp = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+        stamp = nanoseconds_of(message)
         refusal = self.source.offer(stamp, content_of(message), self._condition())
         if refusal:
             self._logger.warning(f"parameters refused: {refusal}", throttle_duration_sec=10.0)

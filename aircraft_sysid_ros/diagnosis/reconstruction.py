@@ -18,6 +18,7 @@ from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
 from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.modelling.sensor_signs import LONGEST_GAP
 from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
@@ -35,8 +36,6 @@ _MEDIAN_SQUARE = 0.4549
 _LEAST_FOR_NOISE = 200
 #: A state that is given up, since so many measurements [1] were rejected for some time [s], was wrong for so long [s].
 _MOST_REJECTED, _REJECTING, WRONG_FOR = 20.0, 5.0, 30.0
-#: Time [s] between rows that is a gap.
-_GAP = 0.5
 #: Random walk of the wind [m/s per sqrt(s)] above which a scale of the air data cannot be told from gusts that are
 #: stronger in one direction than in another.
 CALM = 0.15
@@ -179,7 +178,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
 def given_up(rows: Array) -> list[tuple[float, float]]:
     """Times [s], from and to, that end where the filter rejected its GPS until it began anew: its state was wrong."""
     time, stretches = rows[:, Column.TIME], []
-    for last in np.flatnonzero(np.diff(time) > _GAP).tolist():
+    for last in np.flatnonzero(np.diff(time) > LONGEST_GAP).tolist():
         lately = np.flatnonzero(time[: last + 1] > time[last] - _REJECTING)
         if np.ptp(rows[lately, Column.REJECTED]) > _MOST_REJECTED:
             stretches.append((float(time[last] - WRONG_FOR), float(time[last])))
@@ -189,7 +188,7 @@ def given_up(rows: Array) -> list[tuple[float, float]]:
 def flying(rows: Array, minimum_airspeed: float) -> Array:
     """The longest stretch of rows in flight without a gap, (n, Column.WIDTH)."""
     good = (rows[:, Column.AIRSPEED] > minimum_airspeed) & (rows[:, Column.STATUS] > 0.0)
-    broken = np.diff(rows[:, Column.TIME], prepend=rows[0, Column.TIME]) > _GAP
+    broken = np.diff(rows[:, Column.TIME], prepend=rows[0, Column.TIME]) > LONGEST_GAP
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good & ~broken, [False]]).astype(int)))
     starts, ends = edges[::2], edges[1::2]
     if not len(starts):

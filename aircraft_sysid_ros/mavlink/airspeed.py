@@ -29,11 +29,6 @@ _BARO = STANDARD_GRAVITY / (GAS_CONSTANT * LAPSE_RATE)
 _KAPPA = (HEAT_RATIO - 1.0) / HEAT_RATIO
 
 
-def standard_temperature(pressure: Array) -> Array:
-    """Temperature [K] of the standard atmosphere where the pressure is so [Pa], below the tropopause."""
-    return np.asarray(SEA_LEVEL_TEMPERATURE * (pressure / SEA_LEVEL_PRESSURE) ** (1.0 / _BARO))
-
-
 def standard_pressure(altitude: Array) -> Array:
     """Pressure [Pa] of the standard atmosphere at an altitude [m] below the tropopause."""
     return np.asarray(SEA_LEVEL_PRESSURE * (1.0 - LAPSE_RATE * altitude / SEA_LEVEL_TEMPERATURE) ** _BARO)

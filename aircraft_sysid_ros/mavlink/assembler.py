@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
 from aircraft_sysid_ros.mavlink.airspeed import (
     standard_pressure,
-    standard_temperature,
     true_airspeed,
     true_of_impact_pressure,
 )
@@ -257,7 +256,7 @@ class Assembler:
         pressure = self._held[Quantity.PRESSURE].at(stamp, _PRESSURE_AGE)
         altitude = self._held[Quantity.POSITION].at(stamp, _PRESSURE_AGE, 2)
         pressure = np.where(np.isfinite(pressure), pressure, standard_pressure(altitude))
-        temperature = standard_temperature(pressure)
+        temperature = temperature_at(pressure)
         if self.calibration.sensor_temperature:
             measured = self._held[Quantity.PRESSURE].at(stamp, _PRESSURE_AGE, 1)
             temperature = np.where(np.isfinite(measured), measured, temperature)

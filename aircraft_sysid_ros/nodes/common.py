@@ -143,11 +143,6 @@ def stamp_of(message: Any, nanoseconds: int) -> Any:
     return message
 
 
-def nanoseconds_of(message: Any) -> int:
-    """The stamp of a message's header [ns]."""
-    return int(message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec)
-
-
 def diagnostics(node: LifecycleNode, level: int, text: str, values: dict[str, Any]) -> DiagnosticArray:
     """One status of this node for /diagnostics."""
     status = DiagnosticStatus(

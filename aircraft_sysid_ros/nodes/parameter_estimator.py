@@ -36,7 +36,7 @@ from aircraft_sysid_ros.recordings.output_messages import (
     parameters_content,
     row_from_state,
 )
-from aircraft_sysid_ros.recordings.ros_conversion import message_fields, to_samples
+from aircraft_sysid_ros.recordings.ros_conversion import message_fields, nanoseconds_of, to_samples
 
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
 #: What an estimator hears besides: the measurements that it predicts.
@@ -153,7 +153,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def _on_state(self, message: AircraftState) -> None:
         self.states_received += 1
-        stamp = np.array([common.nanoseconds_of(message)], dtype=np.int64)
+        stamp = np.array([nanoseconds_of(message)], dtype=np.int64)
         if self._epoch is None:
             self._epoch = epoch_of(int(stamp[0]))
         row = row_from_state(message, float(seconds(stamp, self._epoch)[0]))

@@ -97,10 +97,14 @@ def samples_and_rows(topic: str, stamp: Stamps, fields: Fields) -> list[tuple[Sa
     return _CONVERSIONS[topic](np.atleast_1d(stamp), fields)
 
 
+def nanoseconds_of(message: Any) -> int:
+    """The stamp of a message's header [ns]."""
+    return int(message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec)
+
+
 def message_fields(topic: str, message: Any) -> tuple[Stamps, dict[str, npt.NDArray[Any]]]:
     """Stamp [ns] (1,) and flat fields (n = 1) of a live message of a topic."""
-    time = message.header.stamp
-    stamp = np.array([time.sec * NANOSECONDS + time.nanosec], dtype=np.int64)
+    stamp = np.array([nanoseconds_of(message)], dtype=np.int64)
     return stamp, {name: np.array([getter(message)]) for name, getter in _GETTERS[topic].items()}
 
 

@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.recordings.ros_conversion import nanoseconds_of
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE
 
@@ -23,7 +24,6 @@ NODE, STATE_NODE = "parameter_estimator", "state_estimator"
 PERIOD = 0.25
 #: Longest wait [s] for a callback, for a service to be found (tried anew: the middleware loses some), for its answer.
 _SPIN, _FIND, _TRIES, _ANSWER = 0.05, 4.0, 3, 60.0
-_NANOSECONDS = 1_000_000_000
 _STATE_FIELDS = (
     "accelerometer_bias", "gyro_bias", "wind_ned", "position_ned", "true_airspeed", "angle_of_attack", "sideslip",
     "innovation_consistency", "status_text",
@@ -47,7 +47,7 @@ def errors_content(message: Any) -> dict[str, Any]:
     """Of ModelError."""
     names = ("measured", "predicted", "nrmse", "residual_rms", "lag_one_correlation")
     axes = {axis.axis: {name: float(getattr(axis, name)) for name in names} for axis in message.axes}
-    return {"stamp": _stamp(message), "model": message.model, "window": float(message.window), "axes": axes}
+    return {"stamp": nanoseconds_of(message), "model": message.model, "window": float(message.window), "axes": axes}
 
 
 def parameters_content(message: Any) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def parameters_content(message: Any) -> dict[str, Any]:
         }
         for p in message.parameters
     ]  # fmt: skip
-    return {"stamp": _stamp(message), "model": message.model, "parameters": listed}
+    return {"stamp": nanoseconds_of(message), "model": message.model, "parameters": listed}
 
 
 def missing_content(message: Any) -> dict[str, Any]:
@@ -72,18 +72,14 @@ def missing_content(message: Any) -> dict[str, Any]:
         for c in message.candidates
     ]
     content = {name: getattr(message, name) for name in ("model", "verdict", "advice")}
-    return {"stamp": _stamp(message), **content, "candidates": candidates}
+    return {"stamp": nanoseconds_of(message), **content, "candidates": candidates}
 
 
 def state_content(message: Any) -> dict[str, Any]:
     """Of AircraftState, what the page shows of it."""
     values = {name: getattr(message, name) for name in _STATE_FIELDS}
     plain = {name: v.tolist() if hasattr(v, "tolist") else v for name, v in values.items()}
-    return {"stamp": _stamp(message), **plain, "standard_deviations": message.standard_deviations.tolist()}
-
-
-def _stamp(message: Any) -> int:
-    return int(message.header.stamp.sec * _NANOSECONDS + message.header.stamp.nanosec)
+    return {"stamp": nanoseconds_of(message), **plain, "standard_deviations": message.standard_deviations.tolist()}
 
 
 # -- the process ------------------------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.recordings import ros_conversion
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, USED_FIELDS
+from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, USED_FIELDS, nanoseconds_of
 from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, STEP, Sensed, SteppedAeroplane, damage_of
 from aircraft_sysid_ros.simulation.closed_loop_faults import fault_of
 
@@ -118,7 +118,7 @@ class AeroplaneNode(Node):
         if np.all(np.isfinite(command)):
             self.command = command
             self.commands.heard()
-            self.answered = common.nanoseconds_of(message)
+            self.answered = nanoseconds_of(message)
 
     def fly(self, spin: Any) -> None:
         """Fly to the end, or until it is lost. ``spin(timeout)`` runs callbacks for at most ``timeout`` [s]."""

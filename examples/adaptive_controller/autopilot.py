@@ -6,13 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from dynamic_inversion import Seen
 
-from aircraft_sysid_ros.aircraft.atmosphere import (
-    GAS_CONSTANT,
-    LAPSE_RATE,
-    SEA_LEVEL_PRESSURE,
-    SEA_LEVEL_TEMPERATURE,
-    STANDARD_GRAVITY,
-)
+from aircraft_sysid_ros.aircraft.atmosphere import altitude_at
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, velocity_from_air_data
 from aircraft_sysid_ros.aircraft.rigid_body import cross
@@ -22,12 +16,6 @@ Array = npt.NDArray[np.float64]
 
 #: Low passes [s] of the airspeed, whose noise would move all surfaces, and of the height.
 _AIRSPEED_LAG, _HEIGHT_LAG = 0.2, 0.5
-
-
-def pressure_altitude(pressure: float) -> float:
-    """Altitude [m] of a static pressure [Pa] in the standard atmosphere below the tropopause."""
-    exponent = GAS_CONSTANT * LAPSE_RATE / STANDARD_GRAVITY
-    return SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - (pressure / SEA_LEVEL_PRESSURE) ** exponent)
 
 
 class Instruments:
@@ -55,7 +43,7 @@ class Instruments:
             return
         at_probe = velocity_from_air_data(values[0], values[1], values[2])
         flow = np.array(air_data_from_velocity(at_probe - cross(self._rates, self._probe)))
-        altitude = pressure_altitude(float(values[4]))
+        altitude = altitude_at(float(values[4]))
         if self._flow is None:
             self._flow, self._ground, self._height = flow, altitude, 0.0
         elapsed = 1e-9 * (stamp - self._stamp) if self._stamp else 0.0

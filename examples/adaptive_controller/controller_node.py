@@ -29,7 +29,7 @@ from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.consumer import ParameterSource, priors_of
 from aircraft_sysid_ros.consumer.subscriber import ParameterSubscriber
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.recordings.ros_conversion import frd_from_flu, quaternion_ned_frd
+from aircraft_sysid_ros.recordings.ros_conversion import frd_from_flu, nanoseconds_of, quaternion_ned_frd
 from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, STEP
 from aircraft_sysid_ros.simulation.sensors import stamps_of
 
@@ -97,10 +97,10 @@ class ControllerNode(Node):
 
     def _on_air_data(self, message: AirData) -> None:
         values = (message.true_airspeed, message.angle_of_attack, message.sideslip, message.air_density)
-        self.instruments.take_air_data(np.array([*values, message.static_pressure]), common.nanoseconds_of(message))
+        self.instruments.take_air_data(np.array([*values, message.static_pressure]), nanoseconds_of(message))
 
     def _on_imu(self, message: Imu) -> None:
-        rate, stamp = message.angular_velocity, common.nanoseconds_of(message)
+        rate, stamp = message.angular_velocity, nanoseconds_of(message)
         if not self._first_stamp:
             self._first_stamp = stamp
             self.messages.heard()  # from now on they are waited for

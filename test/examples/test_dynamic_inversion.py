@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from autopilot import Instruments, pressure_altitude
+from autopilot import Instruments
 from dynamic_inversion import AttitudeController, Follower, Reference, Seen, invert, rig_of
 from one_process import CASES, Case, fly, truth_of
 from task import EXCITATION, PITCHES, Multisine, Task
 
-from aircraft_sysid_ros.aircraft.atmosphere import pressure
+from aircraft_sysid_ros.aircraft.atmosphere import altitude_at, pressure
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
 from aircraft_sysid_ros.simulation.closed_loop import SteppedAeroplane, damage_of
@@ -118,7 +118,7 @@ def test_instruments_take_the_lever_arm_of_the_probe_out(aircraft):
     instruments.take_air_data(np.array([np.nan, *shown[1:]]), 20)
     assert instruments.seen == seen  # what is not measured is not used
     for altitude in (0.0, 410.0, 3000.0):
-        assert pressure_altitude(pressure(altitude)) == pytest.approx(altitude, abs=1e-6)
+        assert altitude_at(pressure(altitude)) == pytest.approx(altitude, abs=1e-6)
 
 
 def test_task_and_excitation_are_what_they_are_said_to_be():

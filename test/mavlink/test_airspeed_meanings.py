@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.atmosphere import temperature_at
 from aircraft_sysid_ros.mavlink.airspeed import (
     MEANINGS,
     standard_pressure,
-    standard_temperature,
     true_airspeed,
     true_of_impact_pressure,
 )
@@ -60,7 +60,7 @@ def test_equivalent_airspeed_has_the_dynamic_pressure_of_sea_level():
 def test_the_standard_atmosphere_and_back():
     """ISO 2533 at 1000 m: 898.746 hPa, 281.65 K."""
     assert standard_pressure(np.array([1000.0]))[0] == pytest.approx(89874.6, rel=1e-5)
-    assert standard_temperature(np.array([89874.6]))[0] == pytest.approx(281.65, abs=1e-3)
+    assert temperature_at(np.array([89874.6]))[0] == pytest.approx(281.65, abs=1e-3)
 
 
 def test_less_than_no_impact_pressure_is_noise_at_rest():
