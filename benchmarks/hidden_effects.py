@@ -7,15 +7,18 @@ Flights of 120 s from the project's own simulator and from JSBSim, with one effe
 drawn from the seed, so that a few seeds per effect cover all of them. The diagnosis gets the samples and the aircraft
 file, nothing else; other methods (other_methods) get the same flight, reconstructed, of every third seed: they take
 twice the time of all the rest. Each flight is a line in results/hidden_effects_SET.jsonl: a run that is stopped goes on
-where it was. Seeds of the set "fresh" are flown once, and nothing is changed afterwards.
+where it was. Seeds of the set "fresh" are flown once, and nothing is changed afterwards; then they join "tuned".
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # flights share the cores; before numpy is loaded
+
 import json
 import multiprocessing
-import os
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -41,8 +44,8 @@ RESULTS = Path(__file__).parent / "results"
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "hidden_effects.png"
 DURATION, REPLICAS = 120.0, 4
 METHODS_EVERY = 3  # seeds
-#: First seed of each set; what was tuned was tuned on the first.
-FIRST_SEED = {"tuned": 1000, "fresh": 4_950_000}
+#: First seed of each set; flights of the first were looked at while rules were made (seeds from 4,950,000 on too).
+FIRST_SEED = {"tuned": 1000, "fresh": 7_310_000}
 SIMULATORS = ("textbook", "c172p", "J3Cub")
 AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 
@@ -98,6 +101,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
             "verdict": without.verdict,
             "first": best.candidate.label if best else None,
             "axis": best.main_axis if best else None,
+            "axes": sorted(best.gains) if best else [],
             "effect": best.candidate.effect.identifier if best and best.candidate.effect else None,
         }
     return result
@@ -177,6 +181,7 @@ def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
         "small": rates([x for x in hidden if x["oracle_gain"] < 0.2]),
         "without": without([x for x in relevant if "without" in x]),
         "methods": methods(clean, relevant),
+        "flown": {name: sum(line["effect"] == name for line in hidden) for name in sorted(named)},
         "by_effect": {name: rates([x for x in relevant if x["effect"] == name]) for name in sorted(named)},
         "seconds_median": float(np.median([x["seconds"] for x in flown])) if flown else None,
     }
@@ -230,7 +235,7 @@ def without(flights: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "flights": len(flights),
         "unexplained_right_axis": share(
-            [s["verdict"] == "unexplained" and s["axis"] == f["axis"] for s, f in both]
+            [s["verdict"] == "unexplained" and f["axis"] in s.get("axes", [s["axis"]]) for s, f in both]
         )["share"],
         "unexplained": share([s["verdict"] == "unexplained" for s in said])["share"],
         "alias": share(alias)["share"],

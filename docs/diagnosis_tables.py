@@ -83,15 +83,19 @@ def other(sets: dict[str, dict[str, Any]]) -> Rows:
 
 
 def by_effect(sets: dict[str, dict[str, Any]]) -> Rows:
-    """Each effect, over the flights that were flown last."""
-    found = list(sets.values())[-1]
+    """Each effect, over the relevant flights that were flown last; flown are all of either set."""
+    last = list(sets.values())[-1]["by_effect"]
     rows = []
-    for effect, r in found["by_effect"].items():
+    for effect in sorted({name for found in sets.values() for name in found["flown"]}):
+        flown = " + ".join(str(found["flown"].get(effect, 0)) for found in sets.values())
+        r = last.get(effect, {"flights": 0})
+        told = ["", "", "", "", "", ""]
         if r["flights"]:
-            shares = [percent(r[k]) for k in ("right_first", "right_or_alias", "in_first_three")]
-            rows.append([effect, str(r["flights"]), *shares, *(fine(r[k]) for k in ("base", "diagnosed", "oracle"))])
-    header = ["effect", "flights", "right first", "or of its stated set", "in first three"]
-    return [*header, "error: base", "diagnosed", "truth added"], rows
+            told = [percent(r[k]) for k in ("right_first", "right_or_alias", "in_first_three")]
+            told += [fine(r[k]) for k in ("base", "diagnosed", "oracle")]
+        rows.append([effect, flown, str(r["flights"]), *told])
+    header = ["effect", f"seeds flown ({' + '.join(SETS[name] for name in sets)})", "fresh and relevant", "right first"]
+    return [*header, "or of its stated set", "in first three", "error: base", "diagnosed", "truth added"], rows
 
 
 def methods(sets: dict[str, dict[str, Any]]) -> Rows:

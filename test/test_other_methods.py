@@ -89,14 +89,16 @@ def test_a_term_of_two_effects_goes_to_the_one_that_it_explains_whole():
     assert ranked({"Cn": pool}, {"Cn": [6]}) == ["adverse_yaw", "control_effectiveness_alpha"]
 
 
-def test_a_large_effect_is_named_by_all_methods():
+def test_a_large_effect_is_named_by_all_methods_but_one():
     pytest.importorskip("pysindy")
     flight = hidden_flight("textbook", "dihedral_alpha", seed=1001, duration=60.0)
     bench = hidden_effects._bench(flight.aircraft, flight)
     said = other_methods.answers(bench)
     assert list(said) == list(METHODS)
     for name, answer in said.items():
-        assert answer["verdict"] == "missing" and "dihedral_alpha" in answer["effects"], name
+        assert answer["verdict"] == "missing", name
+        if name != "stlsq":  # which keeps the largest of columns that are alike, whatever they are
+            assert "dihedral_alpha" in answer["effects"], name
     for name in ("orthogonal", "orthogonal_r2"):  # which select few terms: those that also predict
         assert said[name]["effects"][0] == "dihedral_alpha"
         assert said[name]["errors"]["Cl"] < 0.95 * bench.fits["Cl"].nrmse_held_out

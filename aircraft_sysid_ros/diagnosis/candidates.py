@@ -7,8 +7,8 @@ file could hold. ``{CZ}`` in a term of the library becomes what the present mode
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -23,19 +23,31 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that may be missing, ready to be tried; ``effect`` is None for an expression of no effect."""
+    """An effect that may be missing, ready to be tried; ``effect`` is None for an expression of no effect.
+
+    ``changed`` has, of a change at a moment (inner number t0) of no known cause, what changes by axis.
+    """
 
     effect: Effect | None
     variant: str
     inner: tuple[tuple[str, float], ...]
     terms: Mapping[str, tuple[str, ...]]
+    changed: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
         """Id with variant, or the expression."""
+        if self.changed:
+            parts = (f"{axis}: {' + '.join(names)}" for axis, names in self.changed.items())
+            return f"from {self.moment:.0f} s on {'; '.join(parts)}"
         if self.effect is None:
             return "; ".join(f"{axis}: {' + '.join(terms)}" for axis, terms in self.terms.items())
         return self.effect.identifier + (f" ({self.variant})" if self.variant else "")
+
+    @property
+    def moment(self) -> float:
+        """Time [s] of a change."""
+        return dict(self.inner)["t0"]
 
     @property
     def family(self) -> str:

@@ -11,7 +11,7 @@ the verdict is "unexplained", with the expression, and no effect is named in its
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +20,8 @@ import numpy.typing as npt
 from aircraft_sysid_ros.diagnosis.effect import Effect
 from aircraft_sysid_ros.diagnosis.fit import Gain
 from aircraft_sysid_ros.diagnosis.replicas import Replica
-from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions, log_ratio
+from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions, log_ratio, size_of
+from aircraft_sysid_ros.diagnosis.sudden_change import sudden_change
 
 Array = npt.NDArray[np.float64]
 
@@ -28,12 +29,16 @@ Array = npt.NDArray[np.float64]
 FALSE_ALARM = 0.05
 #: Share of the held-out rms error of an axis that an effect must explain to be called missing.
 SIZE = 0.10
-#: An effect that explains less than this share of the error variance that some expression explains is not the cause.
-ENOUGH = 0.8
-#: And the expression must explain this much more, in ln of the error variance.
-PREFERENCE = 0.1
+#: An effect is not the cause when some expression explains more than it: in an axis the effect then explains less than
+#: this share of the error variance that the expression explains, or leaves this much more of it, in ln,
+ENOUGH, CLEARLY = 0.8, 0.2
+#: and in all axes together the expression explains this much more, in ln of the error variance: at least, and as a
+#: share of what the effect explains.
+PREFERENCE, PREFERENCE_SHARE = 0.1, 0.2
 #: Candidates are told apart when what they explain is less alike than this, or this much worse in score.
 ALIKE, AS_GOOD = 0.9, 0.8
+#: Of effects that explain nearly as much as the best, that of the fewest terms is named.
+NEARLY = 0.97
 #: Effects that are looked for one after another.
 MOST_EFFECTS = 4
 #: Weight of the spread over all candidates, in replicas, against that of the candidate itself; its least value.
@@ -180,7 +185,11 @@ class _Round:
         tested = [self._test(t) for t in self.trials if t.candidate.family not in done]
         significant = [f for f in tested if f.p_value < FALSE_ALARM]
         significant.sort(key=lambda f: -f.excess)
-        outside = self._outside(significant[0] if significant else None)
+        if significant:
+            near = [f for f in significant if f.excess >= NEARLY * significant[0].excess]
+            best = min(near, key=_columns)
+            significant.sort(key=lambda f: f is not best)
+        outside = self._outside(significant[0] if significant else None, first=not before)
         if outside is not None:
             significant.insert(0, outside)
         return [self._with_company(f, significant) for f in significant]
@@ -190,26 +199,33 @@ class _Round:
         gain = trial.gains[trial.main_axis]
         return Finding(trial, excess, evidence, p_value, size_of(gain), blocks=_blocks(trial))
 
-    def _outside(self, best: Finding | None) -> Finding | None:
-        """The best generic expression, if it explains clearly more than the best effect."""
-        if not self.outside:
-            return None
-        trial = max(self.outside, key=lambda t: t.score)
-        if best is not None and not self._explains_more(trial, best.trial):
-            return None
+    def _outside(self, best: Finding | None, first: bool) -> Finding | None:
+        """The generic expression that explains most, if it explains clearly more than the best effect."""
+        rivals = sorted(self._rivals(best, first), key=lambda t: -t.score)
+        for trial in rivals:
+            if best is None or explains_more(trial, best.trial):
+                finding = self._test_outside(trial)
+                if finding.p_value < FALSE_ALARM and finding.size >= SIZE:
+                    return finding
+        return None
+
+    def _rivals(self, best: Finding | None, first: bool) -> Iterator[Trial]:
+        """The best expression of each axis and, where an effect would be named first, the best change at one moment."""
+        for axis in self.bench.fits:
+            trials = [t for t in self.outside if axis in t.gains]
+            if trials:
+                yield max(trials, key=lambda t: t.score)
+        if first and best is not None and best.size >= SIZE:
+            change = sudden_change(self.bench)
+            if change is not None:
+                yield change
+
+    def _test_outside(self, trial: Trial) -> Finding:
         others = [t for t in (other.trial(trial.candidate) for other in self.empty) if t is not None]
         null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
         excess, evidence, p_value = null.test(trial.candidate.family, trial.score, len(self.outside))
-        gain = trial.gains[trial.main_axis]
-        size = size_of(gain)
-        finding = Finding(trial, excess, evidence, p_value, size, blocks=_blocks(trial))
-        return finding if p_value < FALSE_ALARM and size >= SIZE else None
-
-    def _explains_more(self, outside: Trial, inside: Trial) -> bool:
-        """The expression explains clearly more than the effect, on the expression's axis and in all."""
-        axis = outside.main_axis
-        mine, other = explained(outside.gains[axis]), explained(inside.gains[axis]) if axis in inside.gains else 0.0
-        return other < ENOUGH * mine and outside.score > inside.score + PREFERENCE
+        size = size_of(trial.gains[trial.main_axis])
+        return Finding(trial, excess, evidence, p_value, size, blocks=_blocks(trial))
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
         """The finding with the candidates that this flight cannot tell from it."""
@@ -227,9 +243,25 @@ class _Round:
         )
 
 
-def size_of(gain: Gain) -> float:
-    """Share of the rms error that goes, held out and fitted alike."""
-    return float(1.0 - np.exp(-0.5 * max(log_ratio(gain), 0.0)))
+def explains_more(outside: Trial, inside: Trial) -> bool:
+    """An expression explains clearly more than an effect: in some axis where it has size, and in all."""
+    if outside.score <= inside.score + max(PREFERENCE, PREFERENCE_SHARE * inside.score):
+        return False
+    return any(_clearly_more(gain, inside.gains.get(axis)) for axis, gain in outside.gains.items())
+
+
+def _clearly_more(gain: Gain, other: Gain | None) -> bool:
+    if size_of(gain) < SIZE:
+        return False
+    if other is None:
+        return True
+    return explained(other) < ENOUGH * explained(gain) or log_ratio(gain) > log_ratio(other) + CLEARLY
+
+
+def _columns(finding: Finding) -> int:
+    """Numbers that a candidate fits."""
+    candidate = finding.trial.candidate
+    return sum(len(terms) for terms in candidate.terms.values()) + len(candidate.inner)
 
 
 def explained(gain: Gain) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.diagnose import (
     FALSE_ALARM,
     MISSING,
@@ -155,11 +156,9 @@ class FlightDiagnosis:
             yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
         for finding in found:
             effect = finding.trial.candidate.effect
-            label = finding.trial.candidate.label
             if effect is None:
-                axis = finding.trial.main_axis
-                yield f"Unexplained: {axis[0]}_{axis[1]} depends on {label.partition(': ')[2]}, which no effect of the"
-                yield "library does; it can be added as an expression."
+                yield f"Unexplained: {_in_words(finding.trial.candidate)}, which no effect of the library explains;"
+                yield "it can be added as an expression."
                 continue
             yield f"{effect.name} is missing (add {effect.identifier})."
             for other in finding.confounded_with:
@@ -242,6 +241,18 @@ def _about(effect: Effect | None, label: str) -> dict[str, Any]:
         "effect": effect.identifier, "label": label, "name": effect.name, "kind": effect.kind,
         "physics": effect.physics, "manoeuvre": effect.manoeuvre,
     }  # fmt: skip
+
+
+def _in_words(candidate: Candidate) -> str:
+    """What depends on what, outside the library."""
+    if candidate.changed:
+        parts = []
+        for axis, names in candidate.changed.items():
+            what = ("another constant" if name == "1" else f"a part in {name}" for name in names)
+            parts.append(f"{axis[0]}_{axis[1]} has {' and '.join(what)}")
+        return f"from {candidate.moment:.0f} s on " + ", ".join(parts)
+    ((axis, terms),) = candidate.terms.items()
+    return f"{axis[0]}_{axis[1]} depends on {' and '.join(terms)}"
 
 
 def _spans(blocks: Sequence[int]) -> list[tuple[float, float]]:

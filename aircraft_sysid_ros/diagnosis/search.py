@@ -71,6 +71,11 @@ def log_ratio(gain: Gain) -> float:
     return float(min(ratios))
 
 
+def size_of(gain: Gain) -> float:
+    """Share of the rms error that goes, held out and fitted alike."""
+    return float(1.0 - np.exp(-0.5 * max(log_ratio(gain), 0.0)))
+
+
 class Bench:
     """One flight, with the fit of the present model in every axis, on which candidates are tried."""
 
@@ -168,12 +173,15 @@ def _fits(data: FlightData) -> dict[str, AxisFit]:
 
 
 def tilt_terms(data: FlightData) -> list[str]:
-    """Terms of C_X that follow from terms of C_Z, since lift turns with the flow: no effect is missing for them.
+    """Terms of C_X that follow from those of C_Z and C_Y, since forces turn with the flow: no effect is missing.
 
-    In body axes C_X = C_L sin(alpha) - C_D cos(alpha): a lift that depends on q and de gives alpha q and alpha de.
+    In body axes C_X = C_L sin(alpha) - C_D cos(alpha) - C_Y' sin(beta): a lift that depends on q and de gives alpha q
+    and alpha de, a side force across the flow that depends on dr gives beta dr. What beta itself makes, beta**2, is an
+    effect of its own (sideslip_drag).
     """
-    present = set(data.model.terms["CX"])
-    tilted = [f"alpha*{term}" for term in data.model.terms["CZ"] if term not in ("1", "alpha")]
+    present, model = set(data.model.terms["CX"]), data.model.terms
+    tilted = [f"alpha*{term}" for term in model["CZ"] if term not in ("1", "alpha")]
+    tilted += [f"beta*{term}" for term in model["CY"] if term not in ("1", "beta")]
     texts = [parse_expression(term).text for term in tilted]
     return [text for text in texts if text not in present]
 

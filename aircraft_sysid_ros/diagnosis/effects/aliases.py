@@ -23,6 +23,15 @@ ALIASES: tuple[tuple[frozenset[str], str], ...] = (
         "A shift along the fuselage adds a C_Z to C_m, which is a constant and a part in proportion to α: a change of "
         "C_m,0 and C_m,α, but for the small parts of C_Z that elevator and pitch rate make.",
     ),
+    (
+        frozenset({"mass_change", "parameter_change"}),
+        "A wrong mass multiplies C_Z, which is a constant and a part in proportion to α: a change of C_Z,0 and C_Z,α. "
+        "Only C_X and C_Y, which it multiplies too, tell.",
+    ),
+    (
+        frozenset({"adverse_yaw", "control_effectiveness_alpha"}),
+        "Both have α δ_a in C_n. Only what the ailerons do in C_l tells.",
+    ),
 )
 
 

@@ -25,6 +25,7 @@ EFFECTS: tuple[Effect, ...] = (
         "C += a δ for t > t₀, in the axes of the surface",
         (
             Variant("elevator", {"Cm": _after("de"), "CZ": _after("de")}),
+            Variant("one half of the elevator", {"Cm": _after("de"), "CZ": _after("de"), "Cl": _after("de")}),
             Variant("aileron", {"Cl": _after("da"), "Cn": _after("da")}),
             Variant("rudder", {"Cn": _after("dr"), "CY": _after("dr"), "Cl": _after("dr")}),
         ),
@@ -43,6 +44,10 @@ EFFECTS: tuple[Effect, ...] = (
         "C += a δ + b for t > t₀, in the axes of the surface (b / a = minus the position where it stuck)",
         (
             Variant("elevator", {"Cm": _after("de", "1"), "CZ": _after("de", "1")}),
+            Variant(
+                "one half of the elevator",
+                {"Cm": _after("de", "1"), "CZ": _after("de", "1"), "Cl": _after("de", "1")},
+            ),
             Variant("aileron", {"Cl": _after("da", "1"), "Cn": _after("da", "1")}),
             Variant("rudder", {"Cn": _after("dr", "1"), "CY": _after("dr", "1"), "Cl": _after("dr", "1")}),
         ),

@@ -1,0 +1,83 @@
+"""The change at one moment that explains most of a flight, whatever its cause: the rival of every named change.
+
+From a time t0 on each axis may have other multiples of the constant, of the motion, of the controls and of the terms
+of its model. Whatever breaks, drops, sticks or shifts in flight is of that form, in several axes at one time; an effect
+of the library that explains clearly less than this is not its cause. Terms are chosen one by one, so that what is
+left is short enough to be read: "from 73 s on C_X: 1; C_m: 1".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aircraft_sysid_ros.diagnosis.candidates import Candidate, grid, limits
+from aircraft_sysid_ros.diagnosis.effect import OF_TIME, Inner
+from aircraft_sysid_ros.diagnosis.search import REFINEMENTS, Bench, Trial
+
+#: Share of a flight in which the moment may lie, and the times that are tried first.
+_MOMENT = Inner("t0", "s", 0.08, 0.92, 22, OF_TIME)
+_SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr")
+#: ln of the error variance that a term, and an axis, must gain to be kept.
+LEAST_GAIN = 0.1
+#: Terms of one axis, and moments at which terms are chosen.
+_MOST_TERMS, _MOST_MOMENTS = 4, 4
+
+
+def sudden_change(bench: Bench) -> Trial | None:
+    """The best change at one moment; None where none gains anything."""
+    times = [float(t) for t in grid(_MOMENT, bench.data) if np.isfinite(t)]
+    whole = [(t, trial) for t in times if (trial := bench.trial(_candidate(t, _everything(bench)))) is not None]
+    whole.sort(key=lambda item: -_gain(item[1]))
+    chosen = [_chosen(bench, t, trial) for t, trial in whole[:_MOST_MOMENTS]]
+    best = max((trial for trial in chosen if trial is not None), key=_gain, default=None)
+    return None if best is None else _refined(bench, best)
+
+
+def _everything(bench: Bench) -> dict[str, list[str]]:
+    """All terms that may change, by axis."""
+    return {axis: list(dict.fromkeys(["1", *_SIGNALS, *bench.data.model.terms[axis]])) for axis in bench.fits}
+
+
+def _candidate(moment: float, terms: dict[str, list[str]]) -> Candidate:
+    step = f"max(sign(time-({moment:.6g})),0)"
+    texts = {a: tuple(step if term == "1" else f"{step}*({term})" for term in ts) for a, ts in terms.items()}
+    return Candidate(None, "", (("t0", moment),), texts, changed=terms)
+
+
+def _gain(trial: Trial) -> float:
+    return sum(value for value in trial.log_ratios.values() if value >= LEAST_GAIN)
+
+
+def _chosen(bench: Bench, moment: float, whole: Trial) -> Trial | None:
+    """The few terms that make most of the change at one moment."""
+    few: dict[str, list[str]] = {}
+    for axis, terms in _everything(bench).items():
+        if whole.log_ratios.get(axis, 0.0) < LEAST_GAIN:
+            continue
+        kept: list[str] = []
+        gained = 0.0
+        while len(kept) < _MOST_TERMS:
+            trials = {t: bench.trial(_candidate(moment, {axis: [*kept, t]})) for t in terms if t not in kept}
+            gains = {term: trial.log_ratios[axis] for term, trial in trials.items() if trial is not None}
+            best = max(gains, key=lambda term: gains[term], default=None)
+            if best is None or gains[best] < gained + LEAST_GAIN:
+                break
+            gained = gains[best]
+            kept.append(best)
+        if kept:
+            few[axis] = kept
+    return bench.trial(_candidate(moment, few)) if few else None
+
+
+def _refined(bench: Bench, best: Trial) -> Trial:
+    """Move the moment to where it explains most, in ever smaller steps."""
+    low, high = limits(_MOMENT, bench.data)
+    width = (high - low) / (_MOMENT.count - 1)
+    for _ in range(REFINEMENTS):
+        width /= 3.0
+        for sign in (-2.0, -1.0, 1.0, 2.0):
+            moment = float(np.clip(best.candidate.moment + sign * width, low, high))
+            other = bench.trial(_candidate(moment, {a: list(ts) for a, ts in best.candidate.changed.items()}))
+            if other is not None and _gain(other) > _gain(best):
+                best = other
+    return best

@@ -1,0 +1,90 @@
+"""A change at one moment is found whatever its cause, and an effect that explains less is not named in its place."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.diagnosis.additions import parse_request
+from aircraft_sysid_ros.diagnosis.diagnose import diagnose, explains_more
+from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.sudden_change import sudden_change
+from aircraft_sysid_ros.simulation.dynamics import Effect as Term
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+MOMENT = 52.0
+STEP = f"max(sign(time-{MOMENT}),0)"
+#: A fin that comes loose: it carries less side force, and yaws and rolls the aeroplane less. No effect is all of this.
+LOOSE = (Term("CY", f"{STEP}*dr", -0.08), Term("Cn", f"{STEP}*beta", -0.04), Term("Cl", f"{STEP}*alpha", -0.05))
+CHANGES = [BY_ID[n] for n in ("control_damage", "stuck_control", "parameter_change", "cg_shift", "landing_gear")]
+
+
+def bench_of(aircraft, *effects, seed=5):
+    samples = simulate_samples(aircraft, seed=seed, duration=100.0, effects=effects).samples
+    seen = as_noisy_as(aircraft, samples)
+    return Bench(settled_flight(reconstruct(seen, samples, with_covariance=False)))
+
+
+@pytest.fixture(scope="module")
+def loose_fin(aircraft):
+    samples = simulate_samples(aircraft, seed=5, duration=100.0, effects=LOOSE).samples
+    return diagnose_flight(aircraft, samples, CHANGES, replicas=3)
+
+
+def test_moment_axes_and_terms_are_those_of_the_simulation(aircraft):
+    change = sudden_change(bench_of(aircraft, *LOOSE))
+    assert change is not None
+    assert change.candidate.moment == pytest.approx(MOMENT, abs=1.5)  # no better than the inputs about it tell
+    found = {(axis, terms[0]) for axis, terms in change.candidate.changed.items()}
+    assert {("Cn", "beta"), ("Cl", "alpha")} <= found
+    sizes = {a: g.parameters[0] for a, g in change.gains.items()}
+    assert sizes["Cn"] == pytest.approx(-0.04, rel=0.1) and sizes["Cl"] == pytest.approx(-0.05, rel=0.1)
+
+
+def test_a_flight_in_which_nothing_changes_has_none_of_size(aircraft):
+    change = sudden_change(bench_of(aircraft))
+    assert change is None or change.score < 0.5
+
+
+def test_no_effect_is_named_for_a_change_that_the_library_does_not_know(loose_fin):
+    said = loose_fin.json
+    assert said["verdict"] == "unexplained"
+    first = said["candidates"][0]
+    assert first["effect"] is None and {"Cn", "Cl"} <= set(first["axes"])
+    assert re.search("from 5[123] s on", said["advice"]) and "C_n has a part in beta" in said["advice"]
+    assert first["error_after"] < 0.5 * first["error_before"]
+
+
+def test_the_expression_of_a_change_can_be_added(loose_fin):
+    terms = parse_request(loose_fin.json["candidates"][0]["expression"])
+    assert {"Cn", "Cl"} <= set(terms) and all("time" in text for texts in terms.values() for text in texts)
+
+
+def test_a_change_that_the_library_knows_keeps_its_name(aircraft):
+    """Half of an elevator lost: moment, lift and roll in proportion to it, and no more."""
+    lost = [Term("Cm", f"{STEP}*de", 0.25), Term("CZ", f"{STEP}*de", 0.05), Term("Cl", f"{STEP}*de", 0.02)]
+    samples = simulate_samples(aircraft, seed=6, duration=100.0, effects=lost).samples
+    said = diagnose_flight(aircraft, samples, CHANGES, replicas=3).json
+    assert (said["verdict"], said["candidates"][0]["effect"]) == ("missing", "control_damage")
+    assert said["candidates"][0]["label"] == "control_damage (one half of the elevator)"
+
+
+def test_an_expression_must_explain_clearly_more(loose_fin):
+    """The change against itself explains nothing more; against one of its axes alone it does."""
+    bench = Bench(loose_fin.flight)
+    change = sudden_change(bench)
+    assert not explains_more(change, change)
+    part = bench.best_of(BY_ID["parameter_change"])
+    assert explains_more(change, part) and not explains_more(part, change)
+
+
+def test_a_library_that_knows_nothing_of_it_says_nothing_of_it(loose_fin):
+    """The change is a rival of names: where no effect is significant, none is refused."""
+    found = diagnose(Bench(loose_fin.flight), loose_fin.replicas, [BY_ID["propeller_torque"]])
+    assert all(f.trial.candidate.effect is None for f in found.found)
+    assert np.isfinite(list(found.floor.values())).all()
