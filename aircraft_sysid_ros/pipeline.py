@@ -55,13 +55,13 @@ class Pipeline:
 
     def _push(self, samples: Samples) -> tuple[Array, Array]:
         """Samples of which the last may be the first by a clock that began anew."""
-        before = self.state.order.counts.restarts
+        before, due = self.state.order.counts.restarts, self.state.order.newest_due(samples)
         rows = self.state.push(samples)
         if self.state.order.counts.restarts > before:  # the rows are what was held by the old clock
             points = [self.parameters.push_states(rows, self.state.epoch), self.parameters.restart_clock()]
             self.parameters.push_samples(samples, self.state.epoch)
             return rows, np.vstack(points)
-        self.parameters.push_samples(samples, self.state.epoch)
+        self.parameters.push_samples(samples, self.state.epoch, due)
         return rows, self.parameters.push_states(rows, self.state.epoch)
 
     def flush(self) -> tuple[Array, Array]:

@@ -3,14 +3,18 @@
     python benchmarks/real_flights.py [--data ../shared/data]
 
 Thor flight 75 (University of Minnesota): wind triangle, onboard filter and the lab's own aerodynamic model
-are references, not truth. InertialNav: innovations with the stated sensor delays and without.
+are references, not truth. It is also played through the live nodes. InertialNav: innovations with the stated sensor
+delays and without.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import subprocess
+import sys
 import tempfile
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -111,6 +115,53 @@ def thor(data: Path, folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     return result, series
 
 
+def thor_live(data: Path, folder: Path, rate: float = 8.0) -> dict[str, Any]:
+    """The same flight through replay and, on ROS 2 topics, through the live nodes: are their files the same?"""
+    recording, aircraft = folder / "flight75", str(config_path("umn_thor.yaml"))
+    if not recording.exists():
+        imported(data, "umn_thor_flight75/flight75.mat", folder)
+    # at this rate half a second of flight is a sixteenth of a second of the machine's: samples may be later
+    horizon = ["--horizon", "4"]
+    _command("replay", recording, "--aircraft", aircraft, "--out", folder / "replayed", *horizon)
+    ready = folder / "ready"
+    options = ["--out", folder / "live", "--reliable", "--ready-file", ready, "--until-idle", "3", "--json", *horizon]
+    live = subprocess.Popen(_words("live", "--aircraft", aircraft, *options), stdout=subprocess.PIPE, text=True)
+    try:
+        while not ready.exists():
+            if live.poll() is not None:
+                raise RuntimeError("live did not start")
+            time.sleep(0.1)
+        sent = _command("play", recording, "--rate", rate, "--wait", 60)
+        received = json.loads(live.communicate(timeout=120.0)[0])
+    finally:
+        live.kill()
+    files = [[json.loads((folder / run / name).read_text()) for run in ("replayed", "live")] for name in _FILES]
+    for run in files[1]:
+        for timing in ("duration", "realtime_factor"):
+            run.pop(timing)
+    heard = received["received"]
+    return {
+        "rate": rate,
+        "horizon": 4.0,
+        "messages": {topic: [count, heard.get(topic.lstrip("/"), 0)] for topic, count in sent["messages"].items()},
+        "late": received["late"],
+        "same": all(one == other for one, other in files),
+    }
+
+
+_FILES = ("parameters.json", "state.json")
+
+
+def _words(*arguments: Any) -> list[str]:
+    return [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, arguments)]
+
+
+def _command(*arguments: Any) -> dict[str, Any]:
+    done = subprocess.run([*_words(*arguments), "--json"], capture_output=True, text=True, check=True)
+    said: dict[str, Any] = json.loads(done.stdout)
+    return said
+
+
 def fitted(pipeline: Pipeline, points: Array) -> Array:
     """Coefficients (n, 6) by the final parameters."""
     model = pipeline.parameters.model
@@ -187,6 +238,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         flight, series = thor(arguments.data, Path(folder))
+        flight["live"] = thor_live(arguments.data, Path(folder))
         result = {"thor": flight, "inertialnav": inertialnav(arguments.data, Path(folder))}
     (ROOT / "benchmarks" / "results" / "real_flights.json").write_text(
         json.dumps(result, indent=1) + "\n", encoding="utf8"

@@ -132,6 +132,18 @@ def thor_state() -> str:
     )  # fmt: skip
 
 
+def thor_live() -> str:
+    """Thor played through the live nodes."""
+    live = load("real_flights")["thor"]["live"]
+    late = sum(live["late"].values()) if isinstance(live["late"], dict) else int(live["late"])
+    heard = {topic: pair for topic, pair in live["messages"].items() if pair[1]}
+    sent, received = (sum(pair[i] for pair in heard.values()) for i in (0, 1))
+    row = [f"{live['rate']:g}× real time, horizon {live['horizon']:g} s", f"{sent}", f"{received}"]
+    said = "the same to the last digit" if live["same"] else "NOT the same"
+    header = ["played", "sent on topics that are listened to", "received", "late", "files of live and replay"]
+    return table(header, [[*row, f"{late}", said]])
+
+
 def thor_parameters() -> str:
     """Parameters of Thor against the lab's model."""
     rows = []
@@ -421,6 +433,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "turbulence": turbulence,
     "consistency": consistency,
     "thor_state": thor_state,
+    "thor_live": thor_live,
     "thor_parameters": thor_parameters,
     "inertialnav": inertialnav,
     "kernel_speed": kernel_speed,

@@ -36,7 +36,7 @@ _OPERATORS: dict[type[ast.operator], int] = {
 }  # fmt: skip
 STACK_SIZE = 16
 MAXIMUM_POWER = 9
-MAXIMUM_LENGTH = 400
+MAXIMUM_LENGTH = 4000  # what a whole axis says can stand within one term: mass_change has {CX}
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 from aircraft_sysid_ros.commands.compare import percent
@@ -44,7 +45,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def described(run: str, outcome: Outcome, word: str) -> dict[str, Any]:
     """What ``add`` and ``remove`` say of an outcome, and its figure in the folder of the version."""
     folder = Path(run) / MODELS / outcome.version.identifier
-    figure = errors_figure(outcome.axes, folder / FIGURE, f"{word} {outcome.label}: {outcome.verdict}")
+    label = shorten(outcome.label, 50, placeholder=" …")
+    figure = errors_figure(outcome.axes, folder / FIGURE, f"{word} {label}: {outcome.verdict}")
     settings = [{"key": ".".join(key), "value": value} for key, value in outcome.change.settings]
     return {
         "axes": outcome.axes,

@@ -75,6 +75,8 @@ def _about(candidate: dict[str, Any]) -> list[str]:
     lines = [f"{mark} {candidate['label']}: error of {candidate['main_axis']} {fall}, p {candidate['p_value']:.1g}"]
     if candidate["name"] != candidate["label"]:
         lines.append(f"    {candidate['name']}. {candidate['physics']}")
+    if candidate["expression"] and candidate["expression"] != candidate["label"]:
+        lines.append(f"    to add: \"{candidate['expression']}\"")
     lines.append(f"    where: {candidate['where']}")
     if candidate["confounded_with"]:
         lines.append(f"    this flight cannot tell it from {', '.join(candidate['confounded_with'])}")

@@ -17,6 +17,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.effect import Effect, Inner, Variant, fill, placeholders
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
@@ -60,7 +61,7 @@ def base_texts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dict
     texts = {}
     for axis in AXES:
         values = [parameters[name] for name in model.parameter_names[model.axis_slice(axis)]]
-        parts = [f"{value:.5g}*{term}" for value, term in zip(values, model.terms[axis], strict=True)]
+        parts = [f"{value:.5g}*({term})" for value, term in zip(values, model.terms[axis], strict=True)]
         texts[axis] = "+".join(parts) if parts else "0"
     return texts
 
@@ -105,11 +106,14 @@ def grid(number: Inner, data: FlightData) -> Array:
 
 
 def is_measured(variant: Variant, data: FlightData, base: Mapping[str, str]) -> bool:
-    """Every signal that the variant reads has numbers in this flight."""
+    """Every signal that the variant reads has numbers in this flight; no term is too long to be written."""
     for terms in variant.terms.values():
         for term in terms:
             neutral = {name: base.get(name, 0.5) for name in placeholders(term)}
-            code = parse_expression(fill(term, neutral)).code
+            try:
+                code = parse_expression(fill(term, neutral)).code
+            except InputError:
+                return False
             for operation, argument in code:
                 column = data.signals[:, int(argument)] if operation == 1 else None
                 if column is not None and not np.any(np.isfinite(column)):

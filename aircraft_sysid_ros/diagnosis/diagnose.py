@@ -5,8 +5,8 @@ A candidate is significant when it explains more than it does in replicas of the
 well: at least SIZE of the held-out error of an axis must go, so that what is true but tiny is listed and not called
 missing. The effects are found one after another, each with those before it in the model, until none is left.
 
-When a generic expression explains clearly more than every effect of the library, the cause is not in the library:
-the verdict is "unexplained", with the expression, and no effect is named in its place.
+When a generic expression, or a change at one moment, explains clearly more than the best effect of the library, the
+cause is not in the library: the verdict is "unexplained", with the expression, and that effect is not named first.
 """
 
 from __future__ import annotations
@@ -229,15 +229,16 @@ class _Round:
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
         """The finding with the candidates that this flight cannot tell from it."""
-        axis = finding.trial.main_axis
+        axis, family = finding.trial.main_axis, finding.trial.candidate.family
         own = self.bench.contribution(finding.trial, axis)
         names = []
         for other in others:
-            if other.trial.candidate.family == finding.trial.candidate.family or axis not in other.trial.gains:
+            candidate = other.trial.candidate
+            if candidate.effect is None or candidate.family == family or axis not in other.trial.gains:
                 continue
             alike = _correlation(own, self.bench.contribution(other.trial, axis))
             if alike >= ALIKE and other.excess >= AS_GOOD * finding.excess:
-                names.append(other.trial.candidate.family)
+                names.append(candidate.family)
         return Finding(
             finding.trial, finding.excess, finding.evidence, finding.p_value, finding.size, tuple(names), finding.blocks
         )

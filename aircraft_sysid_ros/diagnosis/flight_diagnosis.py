@@ -157,8 +157,8 @@ class FlightDiagnosis:
         for finding in found:
             effect = finding.trial.candidate.effect
             if effect is None:
-                yield f"Unexplained: {_in_words(finding.trial.candidate)}, which no effect of the library explains;"
-                yield "it can be added as an expression."
+                yield f"Unexplained: {_in_words(finding.trial.candidate)}, which no effect of the library explains"
+                yield "as well; it can be added as an expression."
                 continue
             yield f"{effect.name} is missing (add {effect.identifier})."
             for other in finding.confounded_with:

@@ -255,7 +255,7 @@ def search(flight: LiveFlight, library: Sequence[Effect]) -> list[LiveFinding]:
 
 
 def _is_enough(inside: LiveFinding, outside: LiveFinding) -> bool:
-    """Whether an effect explains about what an expression explains, as ``diagnose`` asks it."""
+    """Whether an effect explains about what an expression explains, in one axis."""
     axis = outside.axis
     mine = explained(inside.trial.gains[axis]) if axis in inside.trial.gains else 0.0
     return mine >= ENOUGH * explained(outside.trial.gains[axis]) or outside.score <= inside.score + PREFERENCE

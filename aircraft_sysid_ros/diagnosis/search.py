@@ -100,8 +100,8 @@ class Bench:
         gains = {}
         for axis, terms in candidate.terms.items():
             if axis in self.fits:
-                columns = self.data.columns([parse_expression(term) for term in terms])
                 with contextlib.suppress(InputError):
+                    columns = self.data.columns([parse_expression(term) for term in terms])
                     gains[axis] = self.fits[axis].gain(columns)
         return Trial(candidate, gains) if gains else None
 
@@ -136,8 +136,8 @@ class Bench:
         fits = dict(self.fits)
         for axis, terms in candidate.terms.items():
             if axis in fits:
-                columns = self.data.columns([parse_expression(term) for term in terms])
                 with contextlib.suppress(InputError):
+                    columns = self.data.columns([parse_expression(term) for term in terms])
                     fits[axis] = fits[axis].extended(columns, [f"{axis}_{term}" for term in terms])
         other = Bench(self.data, fits)
         other._base = self.base
@@ -180,8 +180,8 @@ def tilt_terms(data: FlightData) -> list[str]:
     effect of its own (sideslip_drag).
     """
     present, model = set(data.model.terms["CX"]), data.model.terms
-    tilted = [f"alpha*{term}" for term in model["CZ"] if term not in ("1", "alpha")]
-    tilted += [f"beta*{term}" for term in model["CY"] if term not in ("1", "beta")]
+    tilted = [f"alpha*({term})" for term in model["CZ"] if term not in ("1", "alpha")]
+    tilted += [f"beta*({term})" for term in model["CY"] if term not in ("1", "beta")]
     texts = [parse_expression(term).text for term in tilted]
     return [text for text in texts if text not in present]
 
@@ -193,7 +193,7 @@ _HINGED = ("alpha", "beta", "V", "height")
 
 def expressions(data: FlightData) -> Iterator[Candidate]:
     """Generic terms, one per axis each: products, powers, kinks of the signals that this flight has and moves."""
-    moving = [name for name in _SIGNALS if _moves(data.signal(name))]
+    moving = [name for name in _SIGNALS if moves(data.signal(name))]
     texts = [*moving, *(f"{name}*abs({name})" for name in moving), *(f"{name}**3" for name in moving)]
     texts += [f"{a}*{b}" for i, a in enumerate(moving) for b in moving[i + 1 :]]
     texts += [f"{name}**2" for name in moving]
@@ -210,7 +210,8 @@ def expressions(data: FlightData) -> Iterator[Candidate]:
                 yield Candidate(None, "", (), {axis: (canonical,)})
 
 
-def _moves(column: Array) -> bool:
+def moves(column: Array) -> bool:
+    """Whether a signal has numbers in most of the flight, and more than one."""
     finite = column[np.isfinite(column)]
     return len(finite) > 0.5 * len(column) and float(np.ptp(finite)) > 0.0
 

@@ -1,22 +1,25 @@
 """The change at one moment that explains most of a flight, whatever its cause: the rival of every named change.
 
-From a time t0 on each axis may have other multiples of the constant, of the motion, of the controls and of the terms
-of its model. Whatever breaks, drops, sticks or shifts in flight is of that form, in several axes at one time; an effect
-of the library that explains clearly less than this is not its cause. Terms are chosen one by one, so that what is
-left is short enough to be read: "from 73 s on C_X: 1; C_m: 1".
+From a time t0 on each axis may have other multiples of the constant, of the motion and controls that the flight has and
+moves, and of the terms of its model. Whatever breaks, drops, sticks or shifts in flight is of that form, in several
+axes at one time; an effect of the library that explains clearly less than this is not its cause. Terms are chosen one
+by one, so that what is left is short enough to be read: "from 73 s on CX: 1; Cm: 1".
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
 from aircraft_sysid_ros.diagnosis.candidates import Candidate, grid, limits
 from aircraft_sysid_ros.diagnosis.effect import OF_TIME, Inner
-from aircraft_sysid_ros.diagnosis.search import REFINEMENTS, Bench, Trial
+from aircraft_sysid_ros.diagnosis.search import REFINEMENTS, Bench, Trial, moves
 
 #: Share of a flight in which the moment may lie, and the times that are tried first.
 _MOMENT = Inner("t0", "s", 0.08, 0.92, 22, OF_TIME)
 _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr")
+#: Characters of a term that can still be written with a step before it.
+_LONGEST = MAXIMUM_LENGTH - 50
 #: ln of the error variance that a term, and an axis, must gain to be kept.
 LEAST_GAIN = 0.1
 #: Terms of one axis, and moments at which terms are chosen.
@@ -35,12 +38,16 @@ def sudden_change(bench: Bench) -> Trial | None:
 
 def _everything(bench: Bench) -> dict[str, list[str]]:
     """All terms that may change, by axis."""
-    return {axis: list(dict.fromkeys(["1", *_SIGNALS, *bench.data.model.terms[axis]])) for axis in bench.fits}
+    moving = [name for name in _SIGNALS if moves(bench.data.signal(name))]
+    terms = {axis: dict.fromkeys(["1", *moving, *bench.data.model.terms[axis]]) for axis in bench.fits}
+    return {axis: [term for term in listed if len(term) < _LONGEST] for axis, listed in terms.items()}
 
 
 def _candidate(moment: float, terms: dict[str, list[str]]) -> Candidate:
     step = f"max(sign(time-({moment:.6g})),0)"
-    texts = {a: tuple(step if term == "1" else f"{step}*({term})" for term in ts) for a, ts in terms.items()}
+    texts = {}
+    for axis, names in terms.items():
+        texts[axis] = tuple(parse_expression(step if n == "1" else f"{step}*({n})").text for n in names)
     return Candidate(None, "", (("t0", moment),), texts, changed=terms)
 
 

@@ -44,6 +44,7 @@ __all__ = [
 ]  # fmt: skip
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 _OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
 #: Without a point for so long [s] what is published has the time of the newest state.
@@ -138,10 +139,12 @@ class ParameterEstimator:
 
     # -- what comes in --------------------------------------------------------------------------------------
 
-    def push_samples(self, samples: Samples, epoch: int | None) -> None:
+    def push_samples(self, samples: Samples, epoch: int | None, due: Integers | None = None) -> None:
         """Take controls, heights and mass properties; other kinds are passed over.
 
-        ``epoch`` is that of the states; None while no state has come: the samples then wait for it.
+        ``epoch`` is that of the states; None while no state has come: the samples then wait for it. ``due`` (n,) [ns]
+        is the newest time of states that could have come before each sample, where samples come in blocks: what was
+        late by then is late, however large the blocks are.
         """
         if epoch is None:
             kept = samples if self.learner is not None else samples[np.isin(samples.kind, _OWN_KINDS)]
@@ -154,7 +157,8 @@ class ParameterEstimator:
         for kind in (Kind.CONTROLS, Kind.HEIGHT):
             chosen = samples.kind == kind
             if chosen.any():
-                self._insert(kind, times[chosen], values[chosen])
+                used = None if due is None else seconds(due[chosen], epoch) - self.options.settle
+                self._insert(kind, times[chosen], values[chosen], used)
         for i in np.flatnonzero(samples.kind == Kind.MASS):
             self._masses.append((float(times[i]), values[i]))
             self._masses.sort(key=lambda item: item[0])
@@ -348,9 +352,9 @@ class ParameterEstimator:
             self.body = body_with(self.aircraft, self.body, values)
         yield rows
 
-    def _insert(self, kind: Kind, times: Array, values: Array) -> None:
-        """Keep a series sorted; what comes after its time was used is late."""
-        in_time = times > self._used_until
+    def _insert(self, kind: Kind, times: Array, values: Array, used: Array | None = None) -> None:
+        """Keep a series sorted; what comes after its time was used, or could have been (n,) [s], is late."""
+        in_time = times > (self._used_until if used is None else np.maximum(used, self._used_until))
         self.late += int((~in_time).sum())
         if in_time.any():
             self._behind[kind].clear()

@@ -24,6 +24,7 @@ _CONFIRMATION = 1 * NANOSECONDS
 #: Samples further ahead of the clock than this [ns] have a wrong stamp.
 _FUTURE = 30 * NANOSECONDS
 _MOST_HELD = 200_000
+_NEVER = 1 << 62
 
 
 @dataclass
@@ -61,6 +62,15 @@ class TimeOrder:
     def clock(self) -> int | None:
         """Newest believed IMU stamp [ns]."""
         return self._clock
+
+    def newest_due(self, samples: Samples) -> npt.NDArray[np.int64]:
+        """Newest time [ns] that is due when each of the next samples (n,) arrives; by their stamps alone."""
+        ahead = np.where(samples.kind == Kind.IMU, samples.stamp, -_NEVER)
+        clock = np.maximum.accumulate(np.concatenate([[-_NEVER if self._clock is None else self._clock], ahead]))
+        known = clock[clock > -_NEVER]
+        if np.any(np.diff(known) > _LARGEST_LEAP):  # in doubt nothing is too late
+            return np.full(len(samples), -_NEVER)
+        return np.asarray(clock[1:] - self._lag)
 
     def push(self, samples: Samples) -> Iterator[Released]:
         """Take samples in the order of arrival; yields what is due, in time order."""

@@ -149,7 +149,7 @@ BAD = {
     "surrogate": "\ud800",
     "line break": "alpha\nbeta",
     "line separator": "alpha\u2028gamma",
-    "too long": "alpha+" * 80 + "1",
+    "too long": "alpha+" * (MAXIMUM_LENGTH // 6) + "alpha",
     "nesting bomb": "1+(" * 50 + "1" + ")" * 50,
     "parentheses": "(" * 150 + "1",
     "negations": "not " * 49 + "1",

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.commands.diagnose import render
 from aircraft_sysid_ros.diagnosis.additions import parse_request
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose, explains_more
 from aircraft_sysid_ros.diagnosis.effects import BY_ID
@@ -63,6 +67,31 @@ def test_no_effect_is_named_for_a_change_that_the_library_does_not_know(loose_fi
 def test_the_expression_of_a_change_can_be_added(loose_fin):
     terms = parse_request(loose_fin.json["candidates"][0]["expression"])
     assert {"Cn", "Cl"} <= set(terms) and all("time" in text for texts in terms.values() for text in texts)
+
+
+def test_the_command_prints_what_is_to_be_added(loose_fin):
+    said = loose_fin.json
+    printed = render({"model": "base", **said})
+    assert f'to add: "{said["candidates"][0]["expression"]}"' in printed
+
+
+def test_controls_that_are_not_measured_or_do_not_move_are_no_terms(aircraft):
+    """A flying wing has no rudder, and here its ailerons stay where they are."""
+    data = bench_of(aircraft, *LOOSE).data
+    signals = data.signals.copy()
+    signals[:, SIGNAL_INDEX["dr"]], signals[:, SIGNAL_INDEX["da"]] = np.nan, 0.017
+    names = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+    terms = {axis: [t for t in data.model.terms[axis] if t not in ("dr", "da")] for axis in names}
+    wing = replace(data.aircraft, model=model_from_terms(terms))
+    change = sudden_change(Bench(replace(data, aircraft=wing, signals=signals)))
+    assert change is not None and change.candidate.moment == pytest.approx(MOMENT, abs=2.0)
+    changed = change.candidate.changed
+    assert "Cn" in changed and not {"dr", "da"} & {term for axis in changed.values() for term in axis}
+
+
+def test_a_change_is_nobody_s_company(loose_fin):
+    for candidate in loose_fin.json["candidates"]:
+        assert set(candidate["confounded_with"]) <= set(BY_ID)
 
 
 def test_a_change_that_the_library_knows_keeps_its_name(aircraft):

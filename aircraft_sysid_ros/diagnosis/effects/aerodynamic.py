@@ -319,7 +319,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Wings of low aspect ratio gain lift from their tip vortices, which grows with the square of the angle of "
         "attack, and thick boundary layers bend the lift curve well below the stall. The moment curve bends with it.",
         "S. Hoerner, Fluid-Dynamic Lift; V. Klein and E. Morelli, Aircraft System Identification",
-        "C_Z, C_m += a α², a α |α| or a α³",
+        "C_Z, C_m += a α², a α |α| or a α³, this also in C_X",
         (
             Variant("quadratic", {"CZ": ("alpha**2",), "Cm": ("alpha**2",)}),
             Variant("vortex lift", {"CZ": ("alpha*abs(alpha)",), "Cm": ("alpha*abs(alpha)",)}),

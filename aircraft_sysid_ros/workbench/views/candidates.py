@@ -85,7 +85,7 @@ def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
     numbers += [f"{name} = {value:.4g}{_unit(effect, name)}" for name, value in candidate["inner"].items()]
     return Card(
         key=effect or candidate["expression"],
-        title=candidate["name"] if effect else f"A term that no effect of the library has: {candidate['expression']}",
+        title=candidate["name"] if effect else f"What no effect of the library has: {candidate['label']}",
         label=candidate["label"],
         physics=candidate["physics"] or "",
         found=candidate["found"],
@@ -102,6 +102,8 @@ def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
 
 
 def _unit(effect: str | None, name: str) -> str:
+    if effect is None:
+        return " s"  # the moment of a change
     inner = BY_ID[effect].inner if effect in BY_ID else ()
     return next((f" {number.unit}" for number in inner if number.name == name and number.unit), "")
 

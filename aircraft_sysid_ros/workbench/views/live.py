@@ -109,7 +109,7 @@ def _card(candidate: Mapping[str, Any]) -> Card:
     effect, expression = BY_ID.get(candidate["effect"]), candidate["expression"]
     return Card(
         key=candidate["effect"] or expression,
-        title=effect.name if effect else f"A term that no effect of the library has: {expression}",
+        title=effect.name if effect else f"What no effect of the library has: {expression}",
         label=candidate["effect"] or expression,
         physics=effect.physics if effect else "",
         found=True,

@@ -1,0 +1,52 @@
+"""Controls that arrive late: within the horizon they count at their own time, later they are counted, in any blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+
+@pytest.fixture(scope="module")
+def flight(aircraft):
+    return simulate_samples(aircraft, seed=3, duration=20.0).samples
+
+
+def with_late_controls(samples, lateness: float):
+    """Every fortieth sample of the controls arrives later [s]; also how many are late."""
+    controls = np.flatnonzero(samples.kind == Kind.CONTROLS)
+    chosen = controls[(np.arange(len(controls)) % 40 == 7) & (controls < 0.7 * len(samples))]
+    arrival = samples.stamp.copy()
+    arrival[chosen] += round(lateness * 1e9)
+    return samples[np.argsort(arrival, kind="stable")], len(chosen)
+
+
+def flown(aircraft, samples, block: int):
+    pipeline = Pipeline(aircraft)
+    points = [pipeline.push(samples[at : at + block])[1] for at in range(0, len(samples), block)]
+    points.append(pipeline.flush()[1])
+    return np.vstack(points), pipeline.parameters.late
+
+
+@pytest.mark.parametrize("lateness", [0.4, 0.75, 1.5, 4.0])
+def test_blocks_of_any_size_give_the_same(aircraft, flight, lateness) -> None:
+    samples, count = with_late_controls(flight, lateness)
+    points, late = flown(aircraft, samples, 1)
+    for block in (37, 1000, len(samples)):
+        others, counted = flown(aircraft, samples, block)
+        assert counted == late
+        np.testing.assert_array_equal(others, points)
+    if lateness > 1.0:
+        assert late == count
+    if lateness < 0.5:
+        assert late == 0
+
+
+def test_within_the_horizon_it_makes_no_difference(aircraft, flight) -> None:
+    on_time, late = flown(aircraft, flight, 500)
+    again, _ = flown(aircraft, with_late_controls(flight, 0.4)[0], 500)
+    assert late == 0
+    np.testing.assert_array_equal(again, on_time)
