@@ -14,6 +14,7 @@ import pytest
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 SECOND = 1_000_000_000
@@ -107,7 +108,7 @@ def test_recordings_that_cannot_be_replayed(cli, short, bag, aircraft_file, tmp_
     check_refused(replay("nowhere"), "there is no recording nowhere")
     check_refused(replay(aircraft_file), "is not a recording")
     check_refused(replay(tmp_path), "is not a recording")
-    for topic in ("imu/data", "air_data", "gps/fix"):
+    for topic in ("imu/data", "air_data", "gps/fix", "gps/vel"):
         streams = [s for s in short.streams if s.topic != topic]
         name = tmp_path / topic.replace("/", "_")
         check_refused(replay(write(name, streams)), f"lacks /{topic}", "it holds /", "/control_surfaces")
@@ -394,6 +395,81 @@ def test_ten_seconds_without_a_sensor(cli, short, aircraft_file, tmp_path, topic
     check_good(result, short, "gaps of up to 10.")
 
 
+def parameter_messages(folder, begin):
+    """Times of flight [s] since a stamp and what was published then."""
+    from rosbags.highlevel import AnyReader
+
+    found = []
+    with AnyReader([folder / "estimates.mcap"]) as reader:
+        wanted = [c for c in reader.connections if c.topic == "/parameter_estimator/parameters"]
+        for connection, _, content in reader.messages(wanted):
+            message = reader.deserialize(content, connection.msgtype)
+            stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+            found.append(((stamp - begin) / SECOND, message))
+    return found
+
+
+@pytest.fixture(scope="module")
+def everything(aircraft):
+    """The same flight with every sensor."""
+    sensors = SensorOptions(attitude=True, magnetometer=True, five_hole_probe=True, height_above_ground=True)
+    return simulate_samples(aircraft, seed=3, duration=45.0, sensors=sensors)
+
+
+#: Topic and field of a sensor that shares its message, and what the note calls it.
+ALONE = {
+    "airspeed": ("air_data", "true_airspeed"),
+    "angle_of_attack": ("air_data", "angle_of_attack"),
+    "sideslip": ("air_data", "sideslip"),
+    "attitude": ("imu/data", "orientation_covariance"),
+    "magnetic_field": ("imu/mag", ""),
+    "height": ("height_above_ground", ""),
+    "five_hole": ("five_hole_probe", ""),
+}
+
+
+def silenced(streams, sensor, begin, end):
+    """Streams in which one sensor alone says nothing between two times of flight [s]."""
+    topic, field = ALONE[sensor]
+    start, found = streams[0].stamp[0], []
+    for stream in streams:
+        gone = (stream.stamp >= start + begin * SECOND) & (stream.stamp < start + end * SECOND)
+        if stream.topic == topic and not field:
+            stream = chosen(stream, ~gone)
+        elif stream.topic == topic:
+            values = np.array(stream.fields[field], dtype=float)
+            values[gone] = -1.0 if field == "orientation_covariance" else np.nan
+            stream = replaced(stream, fields={**stream.fields, field: values})
+        found.append(stream)
+    return found
+
+
+@pytest.mark.parametrize("sensor", ALONE)
+def test_ten_seconds_without_one_sensor_alone(cli, everything, aircraft_file, tmp_path, sensor):
+    recording = write(tmp_path / "bag", silenced(everything.streams, sensor, 15.0, 25.0))
+    result = replay(cli, recording, aircraft_file, tmp_path / "run")
+    check_good(result, everything, f"the {sensor} samples have 1 gaps of up to 10.")
+    gaps = [note for note in result["notes"] if "gaps of up to" in note]
+    assert len(gaps) == 1
+    assert result["state"]["clock_restarts"] == 0
+    assert not any("aligned anew" in note for note in result["notes"])
+
+
+def test_ten_seconds_without_a_probe_that_gives_the_air_data(cli, everything, aircraft_file, tmp_path):
+    """Its pressures alone tell the flow: there is no other airspeed in the recording."""
+    (tmp_path / "probe.yaml").write_text("five_hole_probe: {alpha_sensitivity: 3.9, beta_sensitivity: 3.9}\n")
+    streams = [s for s in silenced(everything.streams, "five_hole", 15.0, 25.0) if s.topic != "air_data"]
+    arguments = ["--aircraft", aircraft_file, "--out", tmp_path / "run", "--calibration", tmp_path / "probe.yaml"]
+    status, printed, err = cli("replay", write(tmp_path / "bag", streams), *arguments, "--json")
+    assert (status, err) == (0, "")
+    result = without_nan(printed)
+    for kind in ("airspeed", "angle_of_attack", "sideslip"):
+        check_good(result, everything, f"the {kind} samples have 1 gaps of up to 10.")
+    begin = everything.streams[0].stamp[0]
+    inside = [m for time, m in parameter_messages(tmp_path / "run", begin) if 19.0 < time < 25.0]
+    assert inside and not [p for m in inside for p in m.parameters if p.status == p.USE]
+
+
 @pytest.mark.parametrize("topic", ["imu/data", "gps/fix", "gps/vel", "air_data", "control_surfaces"])
 def test_nan_among_the_samples(cli, short, aircraft_file, tmp_path, topic):
     streams = []
@@ -432,6 +508,47 @@ def test_a_flight_that_ends_without_gps_says_that_parameters_are_held(cli, aircr
     result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
     assert [note for note in result["notes"] if "were held 6 times" in note and note.endswith("no GPS")]
     assert not [p for p in result["parameters"]["parameters"] if p["status"] == "USE"]
+
+
+def test_a_minute_without_gps_holds_the_values_from_before_it(cli, aircraft, aircraft_file, tmp_path):
+    flight = simulate_samples(aircraft, 3, 130.0)
+    begin = flight.streams[0].stamp[0]
+    lost = [(s.stamp >= begin + 50 * SECOND) & (s.stamp < begin + 110 * SECOND) for s in flight.streams]
+    streams = [chosen(s, ~gone) if "gps" in s.topic else s for s, gone in zip(flight.streams, lost, strict=True)]
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    for kind in ("gps_position", "gps_velocity"):
+        assert f"the {kind} samples have 1 gaps of up to 60.2 s" in result["notes"]
+    assert not any("aligned anew" in note for note in result["notes"])
+    messages = parameter_messages(tmp_path / "run", begin)
+    before = [m for time, m in messages if 40.0 < time < 50.0]
+    inside = [m for time, m in messages if 56.0 < time < 115.0]  # said after 2 s, and absent for 5 s at the end
+    after = [m for time, m in messages if time > 122.0]
+    used = set.intersection(*({p.name for p in m.parameters if p.status == p.USE} for m in before))
+    assert len(used) > 15 and len(inside) > 15 and after
+    for p, old in zip(inside[0].parameters, before[-1].parameters, strict=True):
+        if p.name in used:
+            assert p.reason.startswith("no GPS since") and p.reason.endswith("the values are those from before it")
+            assert p.value == pytest.approx(old.value, abs=2.0 * old.standard_deviation)
+    for message in inside:
+        assert {p.status for p in message.parameters} == {message.parameters[0].HOLD}
+        assert [p.value for p in message.parameters] == [p.value for p in inside[0].parameters]
+        assert np.array_equal(message.covariance, inside[0].covariance)
+    ages = np.array([p.age for m in inside for p in m.parameters if p.name == "CZ_alpha"])
+    assert np.all(np.diff(ages) > 2.0)
+    for message in after:
+        assert {p.status for p in message.parameters if p.name in used} == {message.parameters[0].USE}
+    check_good(result, flight, "were held 6 times")
+
+
+def test_without_control_surfaces_there_is_a_state_and_no_parameters(cli, short, aircraft_file, tmp_path):
+    streams = [stream for stream in short.streams if stream.topic != "control_surfaces"]
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    assert result["notes"] == ["no /control_surfaces: state, biases and wind only, no parameters"]
+    assert np.array(result["state"]["wind_ned"]) == pytest.approx(short.truth.wind[-1], abs=0.7)
+    parameters = result["parameters"]["parameters"]
+    assert {(p["value"], p["status"]) for p in parameters} == {(None, "HOLD")}
+    people = cli("replay", tmp_path / "bag", "--aircraft", aircraft_file, "--out", tmp_path / "again")
+    assert people[0] == 0 and f"note: {result['notes'][0]}\n" in people[1]
 
 
 def test_bounds_that_no_aeroplane_is_in_and_bounds_that_leave_out_the_file(cli, bag, aircraft, aircraft_file, tmp_path):

@@ -1,0 +1,72 @@
+"""With default parameters a node matches every publisher of sensor data, and has room for what comes at once."""
+
+import pytest
+import yaml
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
+from aircraft_sysid_ros.nodes.common import message_class, start
+from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
+from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
+from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+
+PARAMETERS = parameter_estimator.INPUTS
+PROBE = {"five_hole_probe": {"alpha_sensitivity": 3.9, "beta_sensitivity": 3.9}}
+
+
+@pytest.fixture
+def default_node(bench, tmp_path):
+    """Makes a node as one gets it who says no more than where the files are; active."""
+    (tmp_path / "probe.yaml").write_text(yaml.safe_dump(PROBE))
+
+    def make(kind, **parameters):
+        values = {"aircraft_file": bench.aircraft_file, **parameters}
+        if "calibration_file" in values:
+            values["calibration_file"] = str(tmp_path / "probe.yaml")
+        node = kind(parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
+        bench.nodes.append(node)
+        bench.executor.add_node(node)
+        assert start(node)
+        return node
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "inputs"),
+    [
+        (StateEstimatorNode, {}, state_estimator.INPUTS),
+        (StateEstimatorNode, {"calibration_file": "probe"}, (*state_estimator.INPUTS, "five_hole_probe")),
+        (ParameterEstimatorNode, {}, PARAMETERS),
+        (ParameterEstimatorNode, {"estimator": "rml"}, (*PARAMETERS, *parameter_estimator.MORE_INPUTS["rml"])),
+    ],
+)
+def test_every_input_is_heard_with_best_effort_and_a_depth_of_100(bench, default_node, kind, parameters, inputs):
+    node = default_node(kind, **parameters)
+    wanted = {f"/{topic}" for topic in inputs}
+    profiles = {s.topic_name: s.qos_profile for s in node._heard if s.topic_name in wanted}
+    assert profiles.keys() == wanted
+    for topic, profile in profiles.items():
+        assert (profile.reliability, profile.depth) == (ReliabilityPolicy.BEST_EFFORT, 100), topic
+        bench.spin_until(lambda topic=topic: bench.helper.get_subscriptions_info_by_topic(topic), 10.0)
+        offered = bench.helper.get_subscriptions_info_by_topic(topic)
+        assert [info.qos_profile.reliability for info in offered] == [ReliabilityPolicy.BEST_EFFORT], topic
+
+
+def test_publishers_of_both_kinds_are_heard(bench, default_node):
+    """A reliable subscription would not match those of sensor data."""
+    node = default_node(StateEstimatorNode)
+    for topic in state_estimator.INPUTS:
+        for reliability in (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE):
+            kind = message_class(TOPICS[topic])
+            publisher = bench.helper.create_publisher(kind, topic, QoSProfile(depth=10, reliability=reliability))
+            bench.spin_until(lambda publisher=publisher: publisher.get_subscription_count() == 1, 20.0)
+            before = node.received[topic]
+
+            def arrived(publisher=publisher, kind=kind, topic=topic, before=before):
+                publisher.publish(kind())
+                return node.received[topic] > before
+
+            bench.spin_until(arrived, 20.0)
+            bench.helper.destroy_publisher(publisher)
