@@ -1,6 +1,6 @@
 """Hidden effects: does the diagnosis name what is missing, and say "none" when nothing is?
 
-    python benchmarks/hidden_effects.py [--seeds 4] [--clean 60] [--jobs 2] [--set tuned|fresh]
+    python benchmarks/hidden_effects.py [--seeds 4] [--clean 60] [--jobs 2] [--set tuned|fresh] [--only EFFECT ...]
 
 Flights of 120 s from the project's own simulator and from JSBSim, with one effect of the library hidden, or none. Air
 (calm, light turbulence), noise (1 and 2 times the aircraft file's), strength (full and half), wind and manoeuvres are
@@ -301,12 +301,14 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--clean", type=int, default=60)
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--only", nargs="+", metavar="EFFECT", help="these effects alone")
     parser.add_argument("--summary", action="store_true", help="no flights, only the summary of those that are there")
     arguments = parser.parse_args()
     path = lines_path(arguments.set)
     lines = lines_of(arguments.set)
     done = {(line["simulator"], line["effect"], line["seed"]) for line in lines}
     todo = [j for j in jobs(arguments.set, arguments.seeds, arguments.clean) if (*j.values(),) not in done]
+    todo = [j for j in todo if not arguments.only or j["effect"] in arguments.only]
     if not arguments.summary and todo:
         context = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(arguments.jobs, mp_context=context) as pool, path.open("a", encoding="utf8") as file:
