@@ -146,10 +146,7 @@ def _attitude(values: Array, x: Array, residual: Array, h: Array) -> int:
 
 @njit(cache=True)
 def _heading(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -> int:
-    """Heading of the magnetic field: its horizontal direction in NED is the declination.
-
-    The derivatives are those at the field without its noise: with it, the noise of a steep field would tilt the state.
-    """
+    """Heading of the magnetic field: its horizontal direction in NED is the declination."""
     c = rotation_matrix(x[ATTITUDE])
     field = values[:3] / np.sqrt(np.sum(values[:3] * values[:3]))
     level = c @ field
@@ -157,11 +154,9 @@ def _heading(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -
     if horizontal2 < 0.04 or np.isnan(setup.declination):  # field nearly vertical: no heading in it
         return 0
     residual[0] = wrap(setup.declination - np.arctan2(level[1], level[0]))
-    horizontal = np.sqrt(horizontal2)
-    north, east = horizontal * np.cos(setup.declination), horizontal * np.sin(setup.declination)
-    turned = -(c @ cross_matrix(c.T @ np.array([north, east, level[2]])))
+    turned = -(c @ cross_matrix(field))
     for j in range(3):
-        h[0, D_ATTITUDE + j] = (north * turned[1, j] - east * turned[0, j]) / horizontal2
+        h[0, D_ATTITUDE + j] = (level[0] * turned[1, j] - level[1] * turned[0, j]) / horizontal2
     return 1
 
 
