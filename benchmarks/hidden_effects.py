@@ -5,9 +5,9 @@
 Flights of 120 s from the project's own simulator and from JSBSim, with one effect of the library hidden, or none. Air
 (calm, light turbulence), noise (1 and 2 times the aircraft file's), strength (full and half), wind and manoeuvres are
 drawn from the seed, so that a few seeds per effect cover all of them. The diagnosis gets the samples and the aircraft
-file, nothing else; other methods (other_methods) get the same flight, reconstructed, of every third seed: they take
-twice the time of all the rest. Each flight is a line in results/hidden_effects_SET.jsonl: a run that is stopped goes on
-where it was. Seeds of the set "fresh" are flown once, and nothing is changed afterwards; then they join "tuned".
+file, nothing else; other methods (other_methods) get the same flight, reconstructed, of every third seed. Each flight
+is a line in results/hidden_effects_SET.jsonl: a run that is stopped goes on where it was. Seeds of the set "fresh" are
+flown once, and nothing is changed afterwards; then they join "tuned".
 """
 
 from __future__ import annotations

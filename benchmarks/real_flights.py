@@ -115,11 +115,9 @@ def thor(data: Path, folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     return result, series
 
 
-def thor_live(data: Path, folder: Path, rate: float = 8.0) -> dict[str, Any]:
-    """The same flight through replay and, on ROS 2 topics, through the live nodes: are their files the same?"""
+def thor_live(folder: Path, rate: float = 8.0) -> dict[str, Any]:
+    """The flight that ``thor`` imported, through replay and, on ROS 2 topics, the live nodes: the same files?"""
     recording, aircraft = folder / "flight75", str(config_path("umn_thor.yaml"))
-    if not recording.exists():
-        imported(data, "umn_thor_flight75/flight75.mat", folder)
     # at this rate half a second of flight is a sixteenth of a second of the machine's: samples may be later
     horizon = ["--horizon", "4"]
     _command("replay", recording, "--aircraft", aircraft, "--out", folder / "replayed", *horizon)
@@ -135,7 +133,8 @@ def thor_live(data: Path, folder: Path, rate: float = 8.0) -> dict[str, Any]:
         received = json.loads(live.communicate(timeout=120.0)[0])
     finally:
         live.kill()
-    files = [[json.loads((folder / run / name).read_text()) for run in ("replayed", "live")] for name in _FILES]
+    names = ("parameters.json", "state.json")
+    files = [[json.loads((folder / run / name).read_text()) for run in ("replayed", "live")] for name in names]
     for run in files[1]:
         for timing in ("duration", "realtime_factor"):
             run.pop(timing)
@@ -147,9 +146,6 @@ def thor_live(data: Path, folder: Path, rate: float = 8.0) -> dict[str, Any]:
         "late": received["late"],
         "same": all(one == other for one, other in files),
     }
-
-
-_FILES = ("parameters.json", "state.json")
 
 
 def _words(*arguments: Any) -> list[str]:
@@ -238,7 +234,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         flight, series = thor(arguments.data, Path(folder))
-        flight["live"] = thor_live(arguments.data, Path(folder))
+        flight["live"] = thor_live(Path(folder))
         result = {"thor": flight, "inertialnav": inertialnav(arguments.data, Path(folder))}
     (ROOT / "benchmarks" / "results" / "real_flights.json").write_text(
         json.dumps(result, indent=1) + "\n", encoding="utf8"

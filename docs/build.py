@@ -135,7 +135,7 @@ def thor_state() -> str:
 def thor_live() -> str:
     """Thor played through the live nodes."""
     live = load("real_flights")["thor"]["live"]
-    late = sum(live["late"].values()) if isinstance(live["late"], dict) else int(live["late"])
+    late = sum(live["late"].values())
     heard = {topic: pair for topic, pair in live["messages"].items() if pair[1]}
     sent, received = (sum(pair[i] for pair in heard.values()) for i in (0, 1))
     row = [f"{live['rate']:g}× real time, horizon {live['horizon']:g} s", f"{sent}", f"{received}"]

@@ -8,7 +8,7 @@ explains nothing counts as nothing.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from aircraft_sysid_ros.diagnosis.candidates import (
     limits,
     with_inner,
 )
-from aircraft_sysid_ros.diagnosis.effect import Effect
+from aircraft_sysid_ros.diagnosis.effect import Effect, Inner
 from aircraft_sysid_ros.diagnosis.fit import AxisFit, Gain, fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.errors import InputError
@@ -119,16 +119,12 @@ class Bench:
         variant = next(v for v in effect.variants if v.name == candidate.variant)
         numbers = {number.name: number for number in effect.inner}
         for name, _ in candidate.inner:
-            low, high = limits(numbers[name], self.data)
-            width = (high - low) / max(numbers[name].count - 1, 1)
-            for _ in range(REFINEMENTS):
-                width /= 3.0
-                for sign in (-2.0, -1.0, 1.0, 2.0):
-                    values = dict(best.candidate.inner)
-                    values[name] = float(np.clip(values[name] + sign * width, low, high))
-                    other = self.trial(with_inner(effect, variant, values, self.base))
-                    if other is not None and other.score > best.score:
-                        best = other
+
+            def at(trial: Trial, value: float, name: str = name) -> Trial | None:
+                values = {**dict(trial.candidate.inner), name: value}
+                return self.trial(with_inner(effect, variant, values, self.base))
+
+            best = refined(best, numbers[name], self.data, at, lambda trial: trial.score)
         return best
 
     def extended(self, candidate: Candidate) -> Bench:
@@ -154,6 +150,26 @@ class Bench:
         values[fit.rows] = inside - fit.basis @ (fit.basis.T @ inside)
         values[~rows] = 0.0
         return values
+
+
+def refined(
+    best: Trial,
+    number: Inner,
+    data: FlightData,
+    at: Callable[[Trial, float], Trial | None],
+    gain: Callable[[Trial], float],
+) -> Trial:
+    """Move an inner number of a trial to where it gains most, in ever smaller steps; ``at`` tries another value."""
+    low, high = limits(number, data)
+    width = (high - low) / max(number.count - 1, 1)
+    for _ in range(REFINEMENTS):
+        width /= 3.0
+        for sign in (-2.0, -1.0, 1.0, 2.0):
+            value = dict(best.candidate.inner)[number.name] + sign * width
+            other = at(best, float(np.clip(value, low, high)))
+            if other is not None and gain(other) > gain(best):
+                best = other
+    return best
 
 
 def _fits(data: FlightData) -> dict[str, AxisFit]:

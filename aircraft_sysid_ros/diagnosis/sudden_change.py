@@ -8,12 +8,15 @@ by one, so that what is left is short enough to be read: "from 73 s on CX: 1; Cm
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from functools import partial
+
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
-from aircraft_sysid_ros.diagnosis.candidates import Candidate, grid, limits
+from aircraft_sysid_ros.diagnosis.candidates import Candidate, grid
 from aircraft_sysid_ros.diagnosis.effect import OF_TIME, Inner
-from aircraft_sysid_ros.diagnosis.search import REFINEMENTS, Bench, Trial, moves
+from aircraft_sysid_ros.diagnosis.search import Bench, Trial, moves, refined
 
 #: Share of a flight in which the moment may lie, and the times that are tried first.
 _MOMENT = Inner("t0", "s", 0.08, 0.92, 22, OF_TIME)
@@ -33,7 +36,7 @@ def sudden_change(bench: Bench) -> Trial | None:
     whole.sort(key=lambda item: -_gain(item[1]))
     chosen = [_chosen(bench, t, trial) for t, trial in whole[:_MOST_MOMENTS]]
     best = max((trial for trial in chosen if trial is not None), key=_gain, default=None)
-    return None if best is None else _refined(bench, best)
+    return None if best is None else refined(best, _MOMENT, bench.data, partial(_at, bench), _gain)
 
 
 def _everything(bench: Bench) -> dict[str, list[str]]:
@@ -43,7 +46,7 @@ def _everything(bench: Bench) -> dict[str, list[str]]:
     return {axis: [term for term in listed if len(term) < _LONGEST] for axis, listed in terms.items()}
 
 
-def _candidate(moment: float, terms: dict[str, list[str]]) -> Candidate:
+def _candidate(moment: float, terms: Mapping[str, Sequence[str]]) -> Candidate:
     step = f"max(sign(time-({moment:.6g})),0)"
     texts = {}
     for axis, names in terms.items():
@@ -76,15 +79,6 @@ def _chosen(bench: Bench, moment: float, whole: Trial) -> Trial | None:
     return bench.trial(_candidate(moment, few)) if few else None
 
 
-def _refined(bench: Bench, best: Trial) -> Trial:
-    """Move the moment to where it explains most, in ever smaller steps."""
-    low, high = limits(_MOMENT, bench.data)
-    width = (high - low) / (_MOMENT.count - 1)
-    for _ in range(REFINEMENTS):
-        width /= 3.0
-        for sign in (-2.0, -1.0, 1.0, 2.0):
-            moment = float(np.clip(best.candidate.moment + sign * width, low, high))
-            other = bench.trial(_candidate(moment, {a: list(ts) for a, ts in best.candidate.changed.items()}))
-            if other is not None and _gain(other) > _gain(best):
-                best = other
-    return best
+def _at(bench: Bench, trial: Trial, moment: float) -> Trial | None:
+    """The same change at another moment."""
+    return bench.trial(_candidate(moment, trial.candidate.changed))

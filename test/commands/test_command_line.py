@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, nanoseconds_of
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -404,8 +404,7 @@ def parameter_messages(folder, begin):
         wanted = [c for c in reader.connections if c.topic == "/parameter_estimator/parameters"]
         for connection, _, content in reader.messages(wanted):
             message = reader.deserialize(content, connection.msgtype)
-            stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
-            found.append(((stamp - begin) / SECOND, message))
+            found.append(((nanoseconds_of(message) - begin) / SECOND, message))
     return found
 
 

@@ -69,4 +69,5 @@ def test_publishers_of_both_kinds_are_heard(bench, default_node):
                 return node.received[topic] > before
 
             bench.spin_until(arrived, 20.0)
+            assert node.received[topic] > before, topic
             bench.helper.destroy_publisher(publisher)
