@@ -1,7 +1,8 @@
 """``refine``: maximum likelihood on a run, the whole aircraft model at once, after the flight.
 
 output-error simulates each piece of the flight from its start, for calm air; filter-error runs a Kalman filter with
-the model and estimates gusts and sensor noise as well. The result is a file and a picture in the run folder.
+the model and estimates gusts and sensor noise as well. The model is the current version, with all that was added; the
+result is a file and a picture beside its aircraft file.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from typing import Any
 
 from aircraft_sysid_ros.commands.options import parameter_table
 from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.diagnosis.versions import Version, folder_of, open_run, run_data, version_named
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, RefineOptions, refine, with_options
-from aircraft_sysid_ros.refinement.run_data import load_run
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -27,6 +28,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
     parser.add_argument("--method", choices=METHODS, default=FILTER_ERROR, help="default: %(default)s")
+    parser.add_argument("--model", metavar="ID", help="id of the model version to refine (default: the current one)")
     parser.add_argument(
         "--segment", type=float, metavar="S",
         help=f"seconds of flight in one piece (default: {RefineOptions().segment:g})",
@@ -37,11 +39,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Refine and write; returns the content of the file with its path. Raises InputError."""
     options = with_options(RefineOptions(), args.segment)
-    folder = Path(args.run)
-    data = load_run(folder)
-    path = folder / f"refined-{args.method}.json"
+    opened = open_run(args.run)
+    version = opened.current if args.model is None else version_named(opened, args.model)
+    data, folder = run_data(opened, version), folder_of(opened, version)
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"cannot write to the run {folder}: change its permissions")
+        raise InputError(f"cannot write to {folder}: change its permissions")
     started = time.perf_counter()
     with progress_bar() as progress:
         task = progress.add_task(args.method, total=options.maximum_iterations)
@@ -50,11 +52,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             progress.update(task, completed=iteration, description=f"{args.method}, cost {cost:.1f}")
 
         result = refine(data, args.method, options, show)
-    result.content["elapsed"] = time.perf_counter() - started
+    content = {**_about(version, opened.current), **result.content, "elapsed": time.perf_counter() - started}
+    path = folder / f"refined-{args.method}.json"
     picture = path.with_suffix(".png")
-    _draw(picture, result, f"{args.method}: {data.aircraft.name}")
-    _write(path, json_text(result.content) + "\n")
-    return {**result.content, "file": str(path), "figure": str(picture)}
+    _draw(picture, result, f"{args.method}: {data.aircraft.name}, model {version.identifier}")
+    _write(path, json_text(content) + "\n")
+    return {**content, "file": str(path), "figure": str(picture)}
+
+
+def _about(version: Version, current: Version) -> dict[str, Any]:
+    """Which model is refined."""
+    is_current = version.identifier == current.identifier
+    return {"model": version.identifier, "changes": list(version.changes), "is_current": is_current}
 
 
 def _draw(path: Path, result: Any, title: str) -> None:
@@ -74,7 +83,9 @@ def _write(path: Path, text: str) -> None:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
-    lines = [parameter_table(result["parameters"]), ""]
+    which = "the current version" if result["is_current"] else "not the current version"
+    added = f" with {', '.join(result['changes'])}" if result["changes"] else ""
+    lines = [f"refined: model {result['model']}, {which}{added}", "", parameter_table(result["parameters"]), ""]
     lines.append(f"{'bias or level':<46}{'estimate':>12}{'std. error':>12}")
     lines.append("-" * len(lines[-1]))
     for key in ("biases", "process_noise", "output_noise_factors"):
@@ -82,9 +93,9 @@ def render(result: dict[str, Any]) -> str:
             if item["std"] is not None:
                 title = item["name"] if key == "biases" else f"{key.replace('_', ' ')}: {item['name']}"
                 lines.append(f"{title:<46}{item['value']:>12.5f}{item['std']:>12.5f}")
-    lines += ["", "held out: rms error of a coefficient over its spread, refined (run)"]
-    for axis, error in result["held_out"].items():
-        lines.append(f"  {axis}  {100 * error['nrmse']:.1f} % ({100 * error['nrmse_of_run']:.1f} %)")
+    lines += ["", "error on the pieces that were not fitted, over the spread: refined (parameters that it began with)"]
+    for axis, error in result["not_fitted"].items():
+        lines.append(f"  {axis}  {100 * error['nrmse']:.1f} % ({100 * error['nrmse_before']:.1f} %)")
     ending = "converged" if result["converged"] else f"NOT CONVERGED: {result['reason']}"
     lines.append(
         f"{ending} after {result['iterations']} iterations, {result['seconds_fitted']:.0f} s of flight fitted in "
@@ -93,8 +104,8 @@ def render(result: dict[str, Any]) -> str:
     if result["worse"]:
         axes = " ".join(f"C_{axis[1]}" for axis in result["worse"])
         lines.append(
-            f"WORSE THAN THE RUN: held-out {axes} predicted worse than by the run's own parameters. The model seems to "
-            "lack something, see aircraft-sysid diagnose RUN: do not use the refined parameters"
+            f"WORSE THAN BEFORE: where nothing was fitted, {axes} predicted worse than by the parameters that it began "
+            "with. The model seems to lack something, see aircraft-sysid diagnose RUN: do not use what was refined"
         )
     lines += [f"figure {result['figure']}", f"file {result['file']}"]
     return "\n".join(lines)

@@ -34,11 +34,14 @@ from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
-from aircraft_sysid_ros.refinement.run_data import load_run, load_run_aircraft
-from aircraft_sysid_ros.run_files import SAMPLES, not_a_run
+from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
+from aircraft_sysid_ros.refinement.run_data import RunData, load_run, load_run_aircraft
+from aircraft_sysid_ros.run_files import PARAMETERS, SAMPLES, UNREADABLE, not_a_run, read_parameters
 from aircraft_sysid_ros.samples import Samples
 
-MODELS, CURRENT, VERSION, PARAMETERS = "models", "model.json", "version.json", "parameters.json"
+MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
 #: Keys of an aircraft file that are the model; a version that differs in another one has its own id.
 _MODEL_KEYS = ("model", "coefficients")
 
@@ -161,6 +164,81 @@ def _current(folder: Path, root: Aircraft) -> Version:
         message = f"the model versions of {folder} are damaged: remove {CURRENT} to go back to the model of the run"
         raise InputError(message) from None
     return Version(identifier, aircraft, changes, parents)
+
+
+def versions_of(run: Run) -> tuple[list[Version], list[str]]:
+    """All versions in the order in which they were made, the root first; what cannot be read is left out and noted."""
+    root = Version(run.root.model.identifier, run.root)
+    found, notes = {root.identifier: root}, []
+    folders = (run.path / MODELS).glob("*") if (run.path / MODELS).is_dir() else ()
+    for folder in sorted(folders, key=lambda f: changed_at(f / VERSION)):
+        try:
+            content = json.loads((folder / VERSION).read_text(encoding="utf8"))
+            changes = {label: change_from_json(change) for label, change in content["changes"].items()}
+            version = Version(folder.name, load_aircraft(folder / AIRCRAFT), changes, tuple(content["parents"]))
+        except (OSError, KeyError, TypeError, ValueError, AttributeError):
+            notes.append(
+                f"the model version {folder.name} is left out, {VERSION} or {AIRCRAFT} in {folder} is damaged: "
+                "remove that folder and add the effect again"
+            )
+            continue
+        found.setdefault(folder.name, version)
+    found[run.current.identifier] = run.current
+    return list(found.values()), notes
+
+
+def changed_at(path: Path) -> int:
+    """When a file was changed [ns]; 0 where it is not there."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def version_named(run: Run, identifier: str) -> Version:
+    """A version by its id. Raises InputError, which lists the ids, where the run has none of that id."""
+    versions = {version.identifier: version for version in versions_of(run)[0]}
+    if identifier not in versions:
+        raise InputError(f"the run {run.path} has no model '{identifier[:60]}': it has {' '.join(versions)}")
+    return versions[identifier]
+
+
+def folder_of(run: Run, version: Version) -> Path:
+    """Where the aircraft file and the parameters of a version are."""
+    is_root = version.identifier == run.root.model.identifier
+    return run.path if is_root else run.path / MODELS / version.identifier
+
+
+def run_data(run: Run, version: Version) -> RunData:
+    """A run as if one of its versions had flown: its parameters, and its points and biases by the live chain.
+
+    Of the root they stand in the run. Raises InputError where the version is damaged or the run holds no samples.
+    """
+    if version.identifier == run.root.model.identifier:
+        return load_run(run.path)
+    if run.samples is None:
+        raise InputError(f"{run.path} holds no samples to fly {version.identifier} on: replay the recording again")
+    try:
+        parameters = read_parameters(folder_of(run, version))
+    except UNREADABLE:
+        raise InputError(
+            f"{PARAMETERS} of the model version {version.identifier} in {run.path} is damaged: remove that version "
+            "and add the effect again"
+        ) from None
+    pipeline = Pipeline(version.aircraft)
+    points = np.vstack([pipeline.push(run.samples)[1], pipeline.flush()[1]])
+    if pipeline.state.epoch is None:
+        raise InputError(f"the filter does not start on the samples of {run.path}: replay says why")
+    state = pipeline.state.summary()
+    return RunData(
+        aircraft=version.aircraft,
+        samples=run.samples,
+        parameters=parameters,
+        biases=np.array([b or 0.0 for b in (*state["accelerometer_bias"], *state["gyro_bias"])]),
+        point_stamp=nanoseconds(points[:, Point.TIME], pipeline.state.epoch),
+        measured=points[:, Point.MEASURED],
+        terms=points[:, Point.TERMS :],
+    )
 
 
 @contextlib.contextmanager

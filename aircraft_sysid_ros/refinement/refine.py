@@ -1,4 +1,4 @@
-"""``refine``: maximum likelihood on a run, by output error or filter error, from the parameters of the run."""
+"""``refine``: maximum likelihood on a run, by output error or filter error, from the parameters that a run has."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ METHODS = (OUTPUT_ERROR, FILTER_ERROR)
 _START_LEVELS = (0.3, 0.3, 0.05)
 #: Correlation of innovations that the standard errors allow for [s].
 _CORRELATION = 1.0
-#: Held-out error over that of the run, from which the refined parameters are not to be used.
+#: Error where nothing was fitted over that of the first parameters, from which the refined are not to be used.
 WORSE = 1.5
 #: Least time [s] to fit on.
 SHORTEST = 10.0
@@ -108,10 +108,9 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     modelled = np.full(record.outputs.shape, np.nan)
     for segment, residual in zip(fitted, found.residuals, strict=True):
         modelled[segment.part] = record.outputs[segment.part] - residual
-    held_out = held_out_errors(run, record, segments, found.theta)
+    errors = errors_not_fitted(run, record, segments, found.theta)
     content = {
         "method": method,
-        "model": run.aircraft.model.identifier,
         "parameters": judged(
             run.aircraft.model, record, found.theta, found.std, active, scales, run.parameters
         ),
@@ -123,8 +122,8 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
         **found.fit,
         "segments": len(fitted),
         "seconds_fitted": total,
-        "held_out": held_out,
-        "worse": worse_axes(held_out),
+        "not_fitted": errors,
+        "worse": worse_axes(errors),
     }
     return Refinement(content, record.time - record.time[0], record.outputs, modelled)
 
@@ -238,12 +237,13 @@ def _consistency(pairs: list[tuple[Array, Array]]) -> dict[str, float]:
     return {name: float(np.nanmean(ratio[:, i])) for i, name in enumerate(OUTPUT_NAMES) if there[i]}
 
 
-def held_out_errors(
+def errors_not_fitted(
     run: RunData, record: FlightRecord, segments: list[Segment], theta: Array
 ) -> dict[str, dict[str, float]]:
-    """NRMSE of each coefficient on the pieces that were not fitted, by these parameters and by those of the run.
+    """NRMSE of each coefficient on the pieces that were not fitted, by these parameters and by those before.
 
-    The run has learnt from these pieces as well; the constant that its biases leave in a coefficient is taken out.
+    Those before have learnt from these pieces as well; the constant that biases leave in a coefficient is taken out.
+    This is not the held-out error of ``compare``, which asks how good a model can be and not these parameters of it.
     """
     inside = np.zeros(len(run.point_stamp), np.bool_)
     for segment in segments:
@@ -261,14 +261,14 @@ def held_out_errors(
         after, before = (measured[there] - terms[there] @ p[part] for p in (theta, run.start))
         result[axis] = {
             "nrmse": float(np.std(after)) / spread,
-            "nrmse_of_run": float(np.std(before)) / spread,
+            "nrmse_before": float(np.std(before)) / spread,
         }
     return result
 
 
-def worse_axes(held_out: dict[str, dict[str, float]]) -> list[str]:
-    """Axes that the refined parameters predict clearly worse than those of the run: the model lacks something."""
-    return [axis for axis, error in held_out.items() if error["nrmse"] > WORSE * error["nrmse_of_run"]]
+def worse_axes(errors: dict[str, dict[str, float]]) -> list[str]:
+    """Axes that the refined parameters predict clearly worse than those before: the model lacks something."""
+    return [axis for axis, error in errors.items() if error["nrmse"] > WORSE * error["nrmse_before"]]
 
 
 def with_options(options: RefineOptions, segment: float | None) -> RefineOptions:

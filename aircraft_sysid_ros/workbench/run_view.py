@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.commands.demo_story import true_values
 from aircraft_sysid_ros.commands.diagnose import RESULT
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
@@ -19,20 +19,19 @@ from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, POINTS, FlightDat
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.versions import (
     CURRENT,
-    MODELS,
-    PARAMETERS,
-    VERSION,
     Run,
     Version,
-    change_from_json,
+    changed_at,
+    folder_of,
     open_run,
     settings_of,
+    versions_of,
 )
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.recordings.tables import Table, read_table
-from aircraft_sysid_ros.run_files import ESTIMATES, SAMPLES, STATE, not_a_run
+from aircraft_sysid_ros.run_files import ESTIMATES, PARAMETERS, SAMPLES, STATE, not_a_run
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import truth_path
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
@@ -117,14 +116,7 @@ def signature_of(path: str | Path) -> tuple[int, ...]:
     """Changes when a file of the run changes that the page shows."""
     folder = Path(path)
     names = (AIRCRAFT, SAMPLES, POINTS, PARAMETERS, STATE, CURRENT, RESULT)  # first those of the flight
-    return tuple(_changed(folder / name) for name in names)
-
-
-def _changed(path: Path) -> int:
-    try:
-        return path.stat().st_mtime_ns
-    except OSError:
-        return 0
+    return tuple(changed_at(folder / name) for name in names)
 
 
 def load_run_view(
@@ -208,27 +200,6 @@ def _flight(run: Run, aircraft: Aircraft) -> tuple[FlightData, int]:
     return flight, made.epoch + int(1e9 * (made.points[0, Point.TIME] - flight.begin))
 
 
-def versions_of(run: Run) -> tuple[list[Version], list[str]]:
-    """All versions in the order in which they were made, the root first; what cannot be read is left out and noted."""
-    root = Version(run.root.model.identifier, run.root)
-    found, notes = {root.identifier: root}, []
-    folders = (run.path / MODELS).glob("*") if (run.path / MODELS).is_dir() else ()
-    for folder in sorted(folders, key=lambda f: _changed(f / VERSION)):
-        try:
-            content = json.loads((folder / VERSION).read_text(encoding="utf8"))
-            changes = {label: change_from_json(change) for label, change in content["changes"].items()}
-            version = Version(folder.name, load_aircraft(folder / AIRCRAFT), changes, tuple(content["parents"]))
-        except (OSError, KeyError, TypeError, ValueError, AttributeError):
-            notes.append(
-                f"the model version {folder.name} is left out, {VERSION} or {AIRCRAFT} in {folder} is damaged: "
-                "remove that folder and add the effect again"
-            )
-            continue
-        found.setdefault(folder.name, version)
-    found[run.current.identifier] = run.current
-    return list(found.values()), notes
-
-
 def _diagnosis(folder: Path, notes: list[str]) -> Mapping[str, Any] | None:
     """The last diagnosis; None where there is none, or none that can be read, which a note then says."""
     if not (folder / RESULT).exists():
@@ -245,15 +216,10 @@ def _diagnosis(folder: Path, notes: list[str]) -> Mapping[str, Any] | None:
 
 def _parameters(run: Run, version: Version) -> list[dict[str, Any]]:
     """As in the parameters.json of a version; of the run itself for the root."""
-    places = [run.path / MODELS / version.identifier / PARAMETERS]
-    if version.identifier == run.root.model.identifier:
-        places = [run.path / PARAMETERS]
-    for place in places:
-        try:
-            return list(json.loads(place.read_text(encoding="utf8"))["parameters"])
-        except (OSError, KeyError, TypeError, ValueError):
-            continue
-    return []
+    try:
+        return list(json.loads((folder_of(run, version) / PARAMETERS).read_text(encoding="utf8"))["parameters"])
+    except (OSError, KeyError, TypeError, ValueError):
+        return []
 
 
 def load_truth_view(path: str | Path | None) -> TruthView:

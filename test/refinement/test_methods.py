@@ -73,8 +73,8 @@ def test_the_content_says_what_it_holds(still, still_flight):
     content = still.content
     assert [p["name"] for p in content["parameters"]] == list(still_flight.aircraft.model.parameter_names)
     assert {p["status"] for p in content["parameters"]} <= {"USE", "HOLD", "REJECT"}
-    assert set(content["held_out"]) == {"CX", "CY", "CZ", "Cl", "Cm", "Cn"}
-    assert all(0.0 < e["nrmse"] < 0.5 for e in content["held_out"].values())
+    assert set(content["not_fitted"]) == {"CX", "CY", "CZ", "Cl", "Cm", "Cn"}
+    assert all(0.0 < e["nrmse"] < 0.5 for e in content["not_fitted"].values())
     assert still.measured.shape == still.modelled.shape == (len(still.time), 18)
     held = np.isnan(still.modelled[:, 0])
     assert 0.1 < held.mean() < 0.4  # pieces that were not fitted have no model output
