@@ -1,9 +1,9 @@
-"""The aerodynamic model as data: regressor expressions per axis, (6.8)-(6.13) of the summary by default.
+"""The aerodynamic model as data: regressor expressions per axis, (6.8)-(6.13) of docs/references.md by default.
 
 ``C_axis = sum_j parameter_j * term_j(signals)``, coefficients in body axes, per rad, rates normalised.
 Nothing in the code knows the textbook terms specially: they are the default of the aircraft file and no more.
-(6.9) of the summary prints C_X,da and C_X,dr: C_Y,da and C_Y,dr are meant. (6.11) prints a C_l,alpha term
-that its own parameter vector (6.25) does not have: it is left out, which gives 6+6+4+6+4+6 = 32 parameters.
+(6.9) is printed with C_X,da and C_X,dr: C_Y,da and C_Y,dr are meant. (6.11) is printed with a C_l,alpha term
+that the parameter vector (6.25) does not have: it is left out, which gives 6+6+4+6+4+6 = 32 parameters.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Rotations between body axes (FRD) and the local level world (NED).
 
-A quaternion is ``(w, x, y, z)`` and turns body vectors into NED vectors, ``v_n = C(q) v_b``, C of (6.23) of
-the summary. It is regular at theta = +-90 deg; Euler angles are only for people and are derived from it.
+A quaternion is ``(w, x, y, z)`` and turns body vectors into NED vectors, ``v_n = C(q) v_b``, C of (6.23) in
+docs/references.md. It is regular at theta = +-90 deg; Euler angles are only for people and are derived from it.
 Small attitude errors are rotation vectors in body axes: ``C = C_hat exp([delta x])``.
 """
 
@@ -185,7 +185,7 @@ def air_data_from_velocity(v: Array) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def velocity_from_air_data(speed: float, alpha: float, beta: float) -> Array:
-    """Air-relative body velocity (u, v, w), (3,): V (cos a cos b, sin b, sin a cos b), (37) of the paper."""
+    """Air-relative body velocity (u, v, w), (3,): V (cos a cos b, sin b, sin a cos b), (37) of the two-stage paper."""
     return np.array(
         [speed * np.cos(alpha) * np.cos(beta), speed * np.sin(beta), speed * np.sin(alpha) * np.cos(beta)]
     )

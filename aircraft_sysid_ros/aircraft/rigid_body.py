@@ -1,6 +1,6 @@
-"""Rigid-body mechanics in body axes (FRD): (6.14)-(6.19) of the summary, and their inverses.
+"""Rigid-body mechanics in body axes (FRD): (6.14)-(6.19) of docs/references.md, and their inverses.
 
-(6.14) and (6.16) of the summary call X aerodynamic. With T_c among the terms of C_X it holds the thrust too:
+(6.14) and (6.16) call X aerodynamic as printed. With T_c among the terms of C_X it holds the thrust too:
 X = m A_x with A_x the specific force at the centre of gravity, which is what an accelerometer there would
 read.
 """

@@ -1,6 +1,6 @@
 """The calibration file: what was found, by sensor, checked once when it is loaded. YAML, SI units and radians.
 
-    five_hole_probe:  alpha_sensitivity, beta_sensitivity [1/rad], pressure_zeros (3) [Pa], the parameters of (36), and
+    five_hole_probe:  alpha_sensitivity, beta_sensitivity [1/rad], pressure_zeros (3,) [Pa], the parameters of (36),
                       kappa_alpha, kappa_beta [1/rad^2] of a curve that bends; covariance (6, 6) of those of (36)
     magnetometer:     the parameters of (B1); hard iron in the unit of the sensor
     compatibility:    the parameters of (B8); IMU biases measured minus true
@@ -8,7 +8,7 @@
 
 A section has all of its parameters, where kappa may be left out, or none: then they are zero. It may hold ``std`` with
 standard errors. The covariance is in the order of AIR_DATA_ERRORS; without it a filter that starts with the calibration
-takes the squares of ``std``.
+takes the squares of ``std``. (36), (B1), (B8) are equations of the two-stage paper, docs/references.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Data compatibility: instrument errors that make IMU and air data contradict kinematics, (B4)-(B8) of the paper.
+"""Data compatibility: instrument errors that make IMU and air data contradict kinematics.
 
-Motion from the IMU, (B5), and outputs with errors, (B6):
+(B4)-(B8) of the two-stage paper (docs/references.md). Motion from the IMU, (B5), and outputs with errors, (B6):
 
     y = (1 + lambda_y) y_true + b_y,    y of V, alpha, beta, phi, theta, psi
 

@@ -1,7 +1,7 @@
 """Samples with the errors of their sensors taken out: the same code for replay and for the live nodes.
 
 Every sample is corrected by itself with scalar arithmetic in compiled code, so that one live sample and a thousand in
-replay give the same bits.
+replay give the same bits. Equation numbers are those of the two-stage paper, docs/references.md.
 
 With a calibrated five-hole probe its airspeed, angle of attack and sideslip take the place of those of air_data, at the
 probe and in body axes; the first step knows where the probe is (air_data_position).

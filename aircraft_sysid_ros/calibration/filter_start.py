@@ -2,7 +2,8 @@
 
 The two-stage paper, section II.C: "one can use the first stage of the proposed algorithm to estimate an initial
 condition with a small batch of data for an EKF or Iterated-EKF filter", and xi' = 0 as the time update of what is
-constant. Errors of V, alpha and beta are states of the filter with ``StateOptions.air_data_errors``.
+constant. Errors of V, alpha and beta are states of the filter with ``StateOptions.air_data_errors``. The paper and its
+numbers: docs/references.md.
 """
 
 from __future__ import annotations

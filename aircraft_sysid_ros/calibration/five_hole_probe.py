@@ -1,4 +1,4 @@
-"""Calibration of a five-hole probe in flight: (35)-(42) of the two-stage paper.
+"""Calibration of a five-hole probe in flight: (35)-(42) of the two-stage paper (docs/references.md).
 
 Airspeed and angles of the probe, with q_c total minus static pressure and D the differences of opposite holes, (36):
 

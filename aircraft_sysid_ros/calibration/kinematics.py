@@ -1,4 +1,4 @@
-"""Motion that follows from the IMU alone, (B5) of the two-stage paper, in steady wind, and how its errors move it.
+"""Motion that follows from the IMU alone, (B5) of the two-stage paper (docs/references.md), and its errors.
 
 The air-relative velocity v is integrated in NED, where (B5) is dv/dt = C (f - b_a) + g, and the attitude C as a
 quaternion, which unlike the Euler angles of (B5) is regular at theta = 90 deg. With a small rotation e of the attitude
@@ -33,7 +33,7 @@ def integrated_outputs(
     IMU as measured at times (k,) [s], force and rate (k, 3); piece (k,): a new number begins from the next row of
     velocity0 (pieces, 3) [m/s] NED and attitude0 (pieces, 4); bins (k,); biases (6,), measured minus true, of
     accelerometers and gyros; arm (3,) [m] of the probe; heading (count,): yaw is within pi of it. Derivatives
-    (count, 6, 12) by dv0 (3), e0 (3), b_a (3), b_g (3), or (0, 6, 12). A bin without a sample is NaN.
+    (count, 6, 12) by dv0, e0, b_a, b_g, three each, or (0, 6, 12). A bin without a sample is NaN.
     """
     outputs, number = np.zeros((count, OUTPUTS)), np.zeros(count)
     slopes = np.zeros((count if with_slopes else 0, OUTPUTS, 12))

@@ -1,4 +1,4 @@
-"""Calibration of a magnetometer in flight: (B1)-(B3) of the two-stage paper.
+"""Calibration of a magnetometer in flight: (B1)-(B3) of the two-stage paper (docs/references.md).
 
 The sensor shows, of the field h^b in body axes, (B1):
 

@@ -1,4 +1,4 @@
-"""Richer models of a five-hole probe than (36), (37) of the two-stage paper, and which one a flight supports.
+"""Richer models of a five-hole probe than (36), (37) of the two-stage paper (docs/references.md), and which to use.
 
 The curve of the angles may bend, for r = D / (K q_c), and the wind may change, linear in time between knots t_j:
 

@@ -1,4 +1,7 @@
-"""The three calibrations from samples to what is told of them: parameters, residuals before and after, notes."""
+"""The three calibrations from samples to what is told of them: parameters, residuals before and after, notes.
+
+Whole numbers and (B1) to (B8) are equations of the two-stage paper, docs/references.md.
+"""
 
 from __future__ import annotations
 
@@ -163,7 +166,7 @@ def _difference(found: probe_models.ProbeAnswer) -> str:
         if there and name in paper.values and not name.startswith("W_")
     }
     name = max(apart, key=lambda key: abs(apart[key]))
-    return (f"(36), (37) would say {name} = {paper.values[name]:.4g} instead of {answer.values[name]:.4g}, "
+    return (f"a linear curve in a steady wind says {name} = {paper.values[name]:.4g}, not {answer.values[name]:.4g}: "
             f"{abs(apart[name]):.1f} standard errors away")  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 The covariance of the two-stage paper, the inverse of the Hessian, holds for white v. In flight the residuals are mostly
 errors of the navigation and changes of the wind, which last for seconds. For the whitened rows h(k) of the residual's
-derivative by all unknowns the covariance of the estimate is then (Morelli and Klein, J. Aircraft 34(2), 1997)
+derivative by all unknowns the covariance of the estimate is then (Morelli and Klein, J. Guidance 20(1), 1997)
 
     (sum h'h)^-1  [ sum_l w_l sum_k h(k)' R_e(l) h(k - l) ]  (sum h'h)^-1
 

@@ -1,4 +1,4 @@
-"""From a linear system in continuous time to one in discrete time, (1.1) to (2.1), exactly.
+"""From a linear system in continuous time to one in discrete time, (1.1) to (2.1) of docs/references.md, exactly.
 
     x' = F x + B u + G w,  w white of the density Q    ->    x(k+1) = Phi x(k) + Psi u(k) + Gamma w_d(k),
 

@@ -1,4 +1,4 @@
-"""Iterated extended Kalman filter, (3.10)-(3.18) of the summary, on plain arrays.
+"""Iterated extended Kalman filter, (3.10)-(3.18) of docs/references.md, on plain arrays.
 
 Model: ``x(k+1) = f(x(k)) + w``, ``y = h(x) + v``, v ~ N(0, R). One measurement update iterates
 

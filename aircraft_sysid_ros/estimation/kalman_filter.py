@@ -1,4 +1,4 @@
-"""Kalman filter and prediction for a linear system in discrete time, (2.1)-(2.13) of the summary.
+"""Kalman filter and prediction for a linear system in discrete time, (2.1)-(2.13) of docs/references.md.
 
     x(k+1) = Phi x(k) + Psi u(k) + Gamma w(k),   w ~ N(0, Q_d)                                             (2.1)
     y(k)   = C x(k) + D u(k) + v(k),             v ~ N(0, R)                                               (2.2)
@@ -178,7 +178,7 @@ def predict_ahead(
 ) -> tuple[Array, Array]:
     """x(k+i|k) (steps, n) and P(k+i|k) (steps, n, n) for i = 1 .. steps, (2.12), (2.13), from x(k|k), P(k|k).
 
-    inputs u(k) .. u(k+steps-1) of shape (steps, l), or one u of shape (l,) that is held, as the summary advises
+    inputs u(k) .. u(k+steps-1) of shape (steps, l), or one u of shape (l,) that is held, as is usual
     where the future input is not known. ``start`` is k, for matrices that change with it.
     """
     x, p = _checked_start(state, covariance, system.transition.shape[2])

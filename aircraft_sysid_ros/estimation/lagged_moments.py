@@ -1,11 +1,11 @@
 """Running sums from which the standard errors of least squares are corrected for coloured residuals.
 
 For ``y(k) = x(k)' theta + e(k)`` with correlated e the covariance of the least-squares estimate is not
-``s^2 (sum x x')^-1`` (4.7) but
+``s^2 (sum x x')^-1`` (4.7) of docs/references.md but
 
     (sum x x')^-1  [ sum_l w_l R_e(l) sum_k x(k) x(k-l)' ]  (sum x x')^-1
 
-(Morelli and Klein, J. Aircraft 34(2), 1997), with the autocovariance R_e(l) of the residuals. All of it
+(Morelli and Klein, J. Guidance 20(1), 1997), with the autocovariance R_e(l) of the residuals. All of it
 follows from sums of lagged products: it is exact for the newest estimate at any time, at bounded memory.
 """
 

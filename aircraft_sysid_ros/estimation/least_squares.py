@@ -1,4 +1,4 @@
-"""Weighted least squares, linear and nonlinear: (4.1)-(4.8) of the summary, by orthogonal factors.
+"""Weighted least squares, linear and nonlinear: (4.1)-(4.8) of docs/references.md, by orthogonal factors.
 
 Model: ``y(k) = H(k) p + e(k)`` or ``y(k) = f(k, p) + e(k)``, cost (4.5) ``1/2 sum z(k)' W(k)^-1 z(k)``. The rows
 are divided by the root of W(k), the columns by their norm, and what is left is factored, never squared: the
@@ -7,7 +7,7 @@ values of the triangular factor: a parameter is determined if no direction that 
 are moves it.
 
 (4.7) is the covariance for white errors of covariance W. Residuals in flight are correlated: from their
-autocovariance R_e(l) follows, for whitened rows h(k) (Morelli and Klein, J. Aircraft 34(2), 1997),
+autocovariance R_e(l) follows, for whitened rows h(k) (Morelli and Klein, J. Guidance 20(1), 1997),
 
     (sum h'h)^-1  [ sum_l w_l sum_k h(k)' R_e(l) h(k - l) ]  (sum h'h)^-1
 

@@ -1,4 +1,4 @@
-"""Maximum likelihood from innovations and their covariances, (5.3)-(5.13) of the summary.
+"""Maximum likelihood from innovations and their covariances, (5.3)-(5.13) of docs/references.md.
 
 A filter with the parameters theta (n,) gives at N times innovations e (q,) with covariances Lambda (q, q). With
 derivatives by theta this module has

@@ -1,4 +1,4 @@
-"""The output-error method of the summary, section 5.2: maximum likelihood where the state equations have no noise.
+"""The output-error method: maximum likelihood where the state equations have no noise; numbers: docs/references.md.
 
     y(k) = h_g(k; theta, eta_g) + v(k),  v ~ N(0, R),  R diagonal and unknown,
 

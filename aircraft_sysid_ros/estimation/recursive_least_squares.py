@@ -1,4 +1,4 @@
-"""Recursive least squares, (4.9)-(4.14) of the summary: three forms, and directional forgetting.
+"""Recursive least squares, (4.9)-(4.14) of docs/references.md: three forms, and directional forgetting.
 
 Vector measurements ``y(k) = H(k) theta + e(k)`` with e of covariance W(k), shapes y (m,), H (m, n), W (m, m):
 

@@ -1,4 +1,4 @@
-"""Recursive maximum likelihood, (5.8) and (5.10)-(5.13) of the summary, on plain arrays.
+"""Recursive maximum likelihood, (5.8) and (5.10)-(5.13) of docs/references.md, on plain arrays.
 
 A filter that depends on theta (q,) gives the innovation e (m,), its covariance L (m, m) and their derivatives.
 One innovation adds to the cost (5.7) a gradient (5.10) and a Fisher information (5.11)

@@ -1,4 +1,4 @@
-"""Smoothing: estimates of state and process noise from later measurements too, (2.14)-(2.23) of the summary.
+"""Smoothing: estimates of state and process noise from later measurements too, (2.14)-(2.23) of docs/references.md.
 
 The system is (2.1), (2.2) of ``kalman_filter``. Both steps correct by what the future says about the prediction:
 

@@ -1,1 +1,1 @@
-"""The aircraft of chapter 6 of the summary as a dynamic system with its Kalman filter."""
+"""The aircraft of (6.1)-(6.25) in docs/references.md as a dynamic system with its Kalman filter."""

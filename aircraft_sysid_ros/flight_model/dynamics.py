@@ -1,4 +1,4 @@
-"""f(x, u, theta) of the aircraft, (6.8)-(6.19), and one Runge-Kutta step.
+"""f(x, u, theta) of the aircraft, (6.8)-(6.19) of docs/references.md, and one Runge-Kutta step.
 
 Below MINIMUM_AIRSPEED the speed in denominators is held there: no state is singular.
 """

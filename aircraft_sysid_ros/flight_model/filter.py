@@ -1,4 +1,4 @@
-"""One step of the extended Kalman filter (3.10)-(3.14) of the flight model, or of its simulation.
+"""One step of the extended Kalman filter (3.10)-(3.14), docs/references.md, of the flight model, or of its simulation.
 
 The mean is advanced by Runge-Kutta, the covariance by exp(A dt). The outputs present at a time are fused one after
 the other with the derivatives at the prediction, R being diagonal: output i has then the innovation

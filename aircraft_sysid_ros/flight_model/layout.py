@@ -1,4 +1,4 @@
-"""The aircraft of chapter 6 of the summary as a dynamic system: what its vectors hold.
+"""The aircraft of (6.1)-(6.25) in docs/references.md as a dynamic system: what its vectors hold.
 
 State, 16 numbers: velocity over ground and position NED of the centre of gravity, quaternion body to NED, angular
 rates p q r, wind NED:

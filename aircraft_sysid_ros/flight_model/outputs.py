@@ -1,4 +1,4 @@
-"""h(x, u, theta): the 18 outputs of (6.3) and their derivatives by the error of the state.
+"""h(x, u, theta): the 18 outputs of (6.3) in docs/references.md and their derivatives by the error of the state.
 
 The IMU reads the specific force f + omega' x r + omega x (omega x r) at its place r, with the angular acceleration
 of the model. Air data are V, alpha and beta of u + omega x r at the probe.

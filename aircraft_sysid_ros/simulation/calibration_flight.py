@@ -1,7 +1,7 @@
 """A calibration flight with known truth: instruments with errors in a steady wind.
 
 The errors are drawn from a seed: of the probe evenly within the constraints of Table 6 of the two-stage paper; of
-magnetometer, air data and attitude as large as such instruments have them.
+magnetometer, air data and attitude as large as such instruments have them. Equation numbers: docs/references.md.
 """
 
 from __future__ import annotations

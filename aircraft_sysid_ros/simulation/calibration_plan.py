@@ -1,4 +1,4 @@
-"""What a calibration flight flies: the manoeuvres of Table 5 of the two-stage paper.
+"""What a calibration flight flies: the manoeuvres of Table 5 of the two-stage paper (docs/references.md).
 
 Wind circles at three airspeeds and pushover-pullups, then multisines, pitch and yaw chirps, a rudder doublet.
 """

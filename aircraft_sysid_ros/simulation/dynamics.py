@@ -1,4 +1,4 @@
-"""Six degrees of freedom of one aeroplane whose aerodynamics are exactly the terms of its file: (6.8)-(6.19).
+"""Six degrees of freedom of one aeroplane whose aerodynamics are those of its file: (6.8)-(6.19), docs/references.md.
 
 The velocity over ground is the state and the air-relative velocity follows from it with the wind, so that the
 motion is right while the wind changes, which (6.16)-(6.18) with air-relative u, v, w are not.

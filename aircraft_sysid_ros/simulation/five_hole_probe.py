@@ -1,4 +1,4 @@
-"""Pressures of a five-hole probe whose calibration is known: (36) of the two-stage paper, turned round."""
+"""Pressures of a five-hole probe of known calibration: (36) of the two-stage paper (docs/references.md) backwards."""
 
 from __future__ import annotations
 

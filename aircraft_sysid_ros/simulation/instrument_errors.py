@@ -1,4 +1,4 @@
-"""Systematic errors of the instruments of a simulated flight: what calibrations look for."""
+"""Systematic errors of the instruments of a simulated flight: what calibrations look for (docs/references.md)."""
 
 from __future__ import annotations
 

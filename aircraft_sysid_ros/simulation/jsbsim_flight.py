@@ -292,7 +292,7 @@ def trimmed(name: str, folder: Path | None = None, ground: float = GROUND) -> An
 def mended_flow_rates(source: Path, target: Path) -> None:
     """A copy of an aeroplane's folder that reads the derivatives of the flow angles from FLOW_RATES.
 
-    JSBSim (1.2) works them out from the inertial velocity: in a steady wind W a roll or a pitch then seems to change
+    JSBSim 1.2 works them out from the inertial velocity: in a steady wind W a roll or a pitch then seems to change
     alpha by (p W_y - q W_x) / V, which the air does not know.
     """
     shutil.copytree(source, target)

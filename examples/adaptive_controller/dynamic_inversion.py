@@ -1,4 +1,4 @@
-"""Nonlinear dynamic inversion with whatever aerodynamic parameters it is given, (6.8)-(6.13) and (6.19) of the summary.
+"""Nonlinear dynamic inversion with whatever aerodynamic parameters it is given; numbers: docs/references.md.
 
 Wanted bank and pitch go through critically damped reference models; attitude errors ask for angular rates, rate errors
 for angular accelerations. The model of the aeroplane says which elevator, aileron and rudder give these:

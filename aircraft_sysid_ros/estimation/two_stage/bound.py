@@ -1,4 +1,4 @@
-"""The bound on the cost of stage 1: (7) to (13) of the two-stage paper, for fixed R.
+"""The bound on the cost of stage 1: (7) to (13) of the two-stage paper (docs/references.md), for fixed R.
 
 With J the sum of squares of (6), 1/2 sum |z - A xi1 - b|^2 in the norm of R^-1, J* its minimum and Jp the minimum over
 xi1 at a sample xi2p,

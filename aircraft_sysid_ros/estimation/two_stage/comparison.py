@@ -1,4 +1,4 @@
-"""The two benchmarks of the two-stage paper, section III: one-stage optimisation, and the Haupt-Kasdin two steps."""
+"""The two benchmarks of the two-stage paper (docs/references.md), section III: one stage, and Haupt-Kasdin's two."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conditions (17) and (18) of the two-stage paper on a sample of xi2.
+"""Conditions (17) and (18) of the two-stage paper (docs/references.md) on a sample of xi2.
 
 (17), that the model is close to linear, reads in the scan without its l2:
 

@@ -1,4 +1,4 @@
-"""Hessian of J (6) and the covariance of the estimate, for fixed R.
+"""Hessian of J, (6) of the two-stage paper (docs/references.md), and the covariance of the estimate, for fixed R.
 
 With the whitened derivatives h = R^-1/2 [A, G] the gradient is -h' R^-1/2 r, and the Hessian
 

@@ -1,4 +1,4 @@
-"""Step 4 of section II.C of the two-stage paper: has Tr R one clear minimum?
+"""Step 4 of section II.C of the two-stage paper (docs/references.md): has Tr R one clear minimum?
 
 The paper looks at its figures. Here the candidates of stage 1 are followed downhill, xi2 alone with R = I, and the
 minimum is unique and clear if

@@ -1,4 +1,4 @@
-"""The two-stage estimator of the two-stage paper, from a problem to its estimate: steps 2 to 5 of section II.C."""
+"""From a problem to its estimate: steps 2 to 5 of section II.C of the two-stage paper (docs/references.md)."""
 
 from __future__ import annotations
 

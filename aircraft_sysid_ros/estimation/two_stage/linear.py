@@ -1,4 +1,4 @@
-"""The linear half of the two-stage paper: xi1 by least squares at a fixed xi2, by orthogonal factors.
+"""The linear half of the two-stage paper (docs/references.md): xi1 at a fixed xi2, by orthogonal factors.
 
 The rows are divided by the root of R and compressed by QR, block by block, to a triangle of the number of columns:
 all that follows works on that triangle. The printed solution (A'A)^-1 A'(Z - B) of (19) squares A and is not used.

@@ -1,4 +1,4 @@
-"""Second stage of the two-stage paper: (24), (26), (27), steps 5 of section II.C.
+"""Second stage of the two-stage paper (docs/references.md): (24), (26), (27), step 5 of section II.C.
 
 With R fixed, J of (6) is a sum of squares. Its Gauss-Newton step comes from the triangle of the whitened columns
 [A, G, r], G = d(A xi1 + b)/dxi2, r the residual:

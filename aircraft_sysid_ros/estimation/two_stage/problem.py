@@ -1,4 +1,4 @@
-"""A problem of the two-stage paper: (1), (4),
+"""A problem of the two-stage paper (docs/references.md): (1), (4),
 
     z_k = A_k(xi2) xi1 + b_k(xi2) + v_k,   v ~ N(0, R),  R diagonal and unknown,
 

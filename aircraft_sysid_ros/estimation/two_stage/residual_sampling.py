@@ -1,4 +1,4 @@
-"""First stage of the two-stage paper: steps 2 and 3 of section II.C.
+"""First stage of the two-stage paper (docs/references.md): steps 2 and 3 of section II.C.
 
 For every sample of xi2: xi1 by linear least squares with R = I, its residuals v, and
 
@@ -112,8 +112,8 @@ def candidates(problem: Problem, samples: ResidualSamples, conditions: Condition
     samples = replace(samples, verdict=verdict)
     if not accepted:
         raise InputError(
-            f"all samples were rejected, {samples.count(Verdict.NOT_LINEAR)} by (17) and "
-            f"{samples.count(Verdict.NOT_CONVEX)} by (18): take more samples, narrower bounds or weaker conditions"
+            f"all samples were rejected, {samples.count(Verdict.NOT_LINEAR)} as not linear and "
+            f"{samples.count(Verdict.NOT_CONVEX)} not convex: take more samples, narrower bounds or weaker conditions"
         )
     return samples, accepted
 

@@ -1,4 +1,4 @@
-"""Prior samples of xi2 within its bounds: step 2 of the procedure of the two-stage paper, section II.C."""
+"""Prior samples of xi2 within its bounds: step 2 of section II.C of the two-stage paper (docs/references.md)."""
 
 from __future__ import annotations
 
