@@ -20,9 +20,10 @@ from aircraft_sysid_ros.mavlink.airspeed import (
     true_of_impact_pressure,
 )
 from aircraft_sysid_ros.mavlink.calibration import Calibration
-from aircraft_sysid_ros.mavlink.quantities import Array, Quantity, Reading, Stamps, Table, rank
+from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Array, Quantity, Reading, Stamps, Table, rank
 from aircraft_sysid_ros.recordings.ros_conversion import (
     NANOSECONDS,
+    NO_FIX,
     TOPICS,
     enu_from_ned,
     flu_from_frd,
@@ -46,7 +47,9 @@ USUAL_MEANING = {
 }  # fmt: skip
 #: Flow angles that ArduPilot works out from its own estimates, unless a vane is said to be behind them.
 COMPUTED_ANGLES = ("AOA_SSA", "AOA")
+OWN_POSITION = "GLOBAL_POSITION_INT"  # of the autopilot's filter
 _FRAMES = {"gps/fix": "gps", "gps/vel": "gps", WIND_TOPIC: "map", ATTITUDE_TOPIC: "map"}
+_TOLD_AS_ASKED = ("HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "VFR_HUD", "AIRSPEED", "SCALED_PRESSURE")
 SILENCE = 2.0  # [s] after which the next best source takes over
 # How old [s] a value may be that another quantity needs.
 _PRESSURE_AGE, _DESCENT_AGE, _PROPELLER_AGE, _NAMED_AGE, _ATTITUDE_AGE, _SENSOR_AGE = 5.0, 0.5, 1.0, 1.0, 0.1, 30.0
@@ -122,7 +125,7 @@ class Assembler:
         self._ranks = {quantity: rank(table, quantity) for quantity in Quantity}
         if self.calibration.filtered_velocity:
             names = self._ranks[Quantity.VELOCITY]
-            self._ranks[Quantity.VELOCITY] = tuple(sorted(names, key=lambda name: name != "GLOBAL_POSITION_INT"))
+            self._ranks[Quantity.VELOCITY] = tuple(sorted(names, key=lambda name: name != OWN_POSITION))
         named = self.calibration.airspeed_source
         if named is not None:
             self._ranks[Quantity.AIRSPEED] = (named,)
@@ -131,6 +134,7 @@ class Assembler:
         self._active: dict[Quantity, tuple[str, int]] = {}
         self._held = {quantity: Held() for quantity in Quantity}
         self._named: dict[str, Held] = {target: Held() for target in self.calibration.named_values.values()}
+        self._told: dict[Quantity, Array] = {}
         self._attitude_used = np.iinfo(np.int64).min
         self._keep: int | None = _KEPT
 
@@ -229,11 +233,22 @@ class Assembler:
             self._attitude_used = int(taken[-1])
 
     def _magnetic_field(self, reading: Reading) -> Output:
-        return Output("imu/mag", reading.stamp, {"magnetic_field": flu_from_frd(reading.values)}, reading.source)
+        rows = self._news(reading)
+        fields = {"magnetic_field": flu_from_frd(reading.values[rows])}
+        return Output("imu/mag", reading.stamp[rows], fields, reading.source)
+
+    def _news(self, reading: Reading) -> npt.NDArray[np.bool_]:
+        """Values (n,) that are not the one before: MAVLink tells as often as it is asked what a sensor last showed."""
+        if reading.source not in _TOLD_AS_ASKED:
+            return np.ones(len(reading.stamp), np.bool_)
+        before = self._told.get(reading.quantity, np.full(reading.values.shape[1], np.nan))
+        self._told[reading.quantity] = reading.values[-1]
+        return np.any(reading.values != np.vstack([before, reading.values[:-1]]), axis=1)
 
     def _position(self, reading: Reading) -> Output:
         values, n = reading.values, len(reading.values)
-        fields = dict(gps_fix_fields(values[:, 0], values[:, 1], values[:, 2]))
+        status = values[:, FIX_STATUS].astype(np.int8)
+        fields = dict(gps_fix_fields(values[:, 0], values[:, 1], values[:, 2], status=status))
         known = np.all(np.isfinite(values[:, 3:6]), axis=1)
         covariance = np.zeros((n, 9))
         covariance[:, [4, 0, 8]] = np.where(known[:, None], values[:, 3:6], 0.0)
@@ -249,6 +264,8 @@ class Assembler:
             vertical = self.source(Quantity.DESCENT)
             source += f", vertical of {vertical}" if vertical else ""
         rows = np.all(np.isfinite(velocity), axis=1)
+        if reading.source == OWN_POSITION:  # without a fix the autopilot's filter is dead reckoning
+            rows &= self._held[Quantity.POSITION].at(reading.stamp, SILENCE, FIX_STATUS) != NO_FIX
         return Output("gps/vel", reading.stamp[rows], dict(gps_velocity_fields(velocity[rows])), source)
 
     def _air(self, stamp: Stamps) -> tuple[Array, Array]:
@@ -273,7 +290,7 @@ class Assembler:
         speed = self.calibration.airspeed_scale * reading.values[:, 0] + self.calibration.airspeed_offset
         speed = np.maximum(speed, 0.0)
         true = true_airspeed(speed, meaning, pressure, temperature)
-        rows = np.isfinite(true) & self._has_airspeed_sensor(reading.stamp)
+        rows = np.isfinite(true) & self._has_airspeed_sensor(reading.stamp) & self._news(reading)
         return self._flow(reading.stamp, true, rows, pressure, temperature, f"{reading.source} ({meaning})")
 
     def _flow(
@@ -288,7 +305,8 @@ class Assembler:
         pressure, temperature = self._air(reading.stamp)
         impact = self.calibration.airspeed_scale**2 * reading.values[:, 0]
         true = true_of_impact_pressure(impact, pressure, temperature)
-        return self._flow(reading.stamp, true, np.isfinite(true), pressure, temperature, f"{reading.source} pressure")
+        rows = np.isfinite(true) & self._news(reading)
+        return self._flow(reading.stamp, true, rows, pressure, temperature, f"{reading.source} pressure")
 
     def _pressure(self, reading: Reading) -> Output | None:
         """Pressure alone; with an airspeed it goes along with that."""

@@ -140,8 +140,9 @@ class AutopilotClock:
 # -- the time since start that messages carry ------------------------------------------------------------------
 
 _EPOCH_BEGINS = 10**15  # [us] more is Unix time (2001), less is time since start
-_WRAP = 2**32  # [us] 71.6 min: SERVO_OUTPUT_RAW counts in 32 bits
-_NARROW = ("SERVO_OUTPUT_RAW",)
+_WRAP = 2**32  # [us] 71.6 min
+_NARROW = ("SERVO_OUTPUT_RAW", "AOA_SSA")  # ArduPilot counts in 32 bits there, whatever the field could hold
+_FIX, _FIX_2D = "GPS_RAW_INT", 2  # told again and again until there is another
 _BACKWARDS = NANOSECONDS  # [ns] UDP may exchange packets by less
 _LEAP = 5 * NANOSECONDS  # [ns] ahead of what our clock allows
 _CONFIRM = 10 * NANOSECONDS
@@ -162,6 +163,17 @@ class BootTime:
         self._arrival = 0
         self._unix_minus_boot: int | None = None  # [ns]
         self._suspect: _Suspect | None = None
+        self._last_fix: int | None = None
+
+    def is_repeated(self, name: str, boot: int) -> bool:
+        """Whether a message that was taken at ``boot`` is one that was heard before: to be asked once of each.
+
+        ArduPilot sends GPS_RAW_INT as often as it is asked, with the fix that it has.
+        """
+        if name != _FIX:
+            return False
+        before, self._last_fix = self._last_fix, boot
+        return before == boot
 
     def of(self, name: str, fields: Mapping[str, Any], arrival: int) -> int | None:
         """Time since start of a message that came at ``arrival`` [ns]; None where it cannot be told.
@@ -179,8 +191,8 @@ class BootTime:
         if "time_boot_ms" in fields:
             milliseconds = int(fields["time_boot_ms"])
             return milliseconds * 1_000_000 or None
-        if "time_usec" not in fields:
-            return None
+        if "time_usec" not in fields or (name == _FIX and int(fields["fix_type"]) < _FIX_2D):
+            return None  # without a fix GPS_RAW_INT has the time of the last
         microseconds = int(fields["time_usec"])
         if microseconds == 0:
             return None

@@ -16,12 +16,13 @@ from aircraft_sysid_ros.mavlink.quantities import (
     Table,
     columns,
     entry,
+    position_of_fix,
     quaternion_of_euler,
 )
 
 _TESLA_PER_MILLIGAUSS = 1e-7
 _KELVIN = 273.15
-_FIX_2D, _FIX_3D = 2, 3
+_FIX_2D = 2
 SERVO_COUNT = 14
 
 
@@ -43,8 +44,7 @@ def _magnetic(fields: Fields) -> Array:
 
 def _position(fields: Fields) -> Array:
     place = np.concatenate([np.radians(columns(fields, "Lat Lng")), columns(fields, "Alt")], axis=1)
-    place[fields["Status"] < _FIX_3D] = np.nan
-    return _first(fields, np.concatenate([place, np.full((len(place), 3), np.nan)], axis=1))
+    return _first(fields, position_of_fix(place, np.full((len(place), 3), np.nan), fields["Status"]))
 
 
 def _velocity(fields: Fields) -> Array:

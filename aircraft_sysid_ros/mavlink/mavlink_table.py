@@ -18,14 +18,17 @@ from aircraft_sysid_ros.mavlink.quantities import (
     Table,
     columns,
     entry,
+    position_of_fix,
     quaternion_of_euler,
 )
+from aircraft_sysid_ros.recordings.ros_conversion import NO_FIX, UNKNOWN_FIX
 
 _MILLI_G = 1e-3 * STANDARD_GRAVITY
 _TESLA_PER_GAUSS = 1e-4
+_LARGEST_FIELD = 1.0  # [T] the earth's is 7e-5
 _KELVIN = 273.15
 _UNKNOWN_16 = 65535
-_FIX_2D, _FIX_3D = 2, 3
+_FIX_2D = 2
 _DIFFERENTIAL_PRESSURE = 16  # bit of MAV_SYS_STATUS_SENSOR
 SERVO_COUNT = 16
 
@@ -46,9 +49,12 @@ def _scaled_imu(fields: Fields) -> Array:
 
 
 def _magnetic(scale: float) -> Entry:
+    """Field by a scale of the definition; ArduPilot up to 4.6 multiplies HIGHRES_IMU's milligauss by 1000."""
+
     def values(fields: Fields) -> Array:
         field = columns(fields, "xmag ymag zmag", scale)
         field[np.all(field == 0.0, axis=1)] = np.nan  # there is no magnetometer
+        field[np.linalg.norm(field, axis=1) > _LARGEST_FIELD] *= 1e-6
         return field
 
     return entry(Quantity.MAGNETIC_FIELD, values, "xmag ymag zmag")
@@ -60,8 +66,7 @@ def _gps_position(fields: Fields) -> Array:
     across, up = columns(fields, "h_acc", 1e-3)[:, 0], columns(fields, "v_acc", 1e-3)[:, 0]
     variance = np.stack([0.5 * across**2, 0.5 * across**2, up**2], axis=1)  # h_acc is a radius
     variance[~((across > 0.0) & (up > 0.0))] = np.nan
-    place[fields["fix_type"] < _FIX_3D] = np.nan
-    return np.concatenate([place, np.where(np.isnan(place), np.nan, variance)], axis=1)
+    return position_of_fix(place, variance, fields["fix_type"])
 
 
 def _gps_velocity(fields: Fields) -> Array:
@@ -74,9 +79,11 @@ def _gps_velocity(fields: Fields) -> Array:
 
 
 def _global_position(fields: Fields) -> Array:
+    """Of the autopilot's filter, which does not say what fix it has."""
     place = np.concatenate([np.radians(columns(fields, "lat lon", 1e-7)), columns(fields, "alt", 1e-3)], axis=1)
     place[(fields["lat"] == 0) & (fields["lon"] == 0)] = np.nan
-    return np.concatenate([place, np.full((len(place), 3), np.nan)], axis=1)
+    status = np.where(np.isnan(place[:, :1]), NO_FIX, UNKNOWN_FIX)
+    return np.concatenate([place, np.full((len(place), 3), np.nan), status], axis=1)
 
 
 def _pressure(fields: Fields) -> Array:

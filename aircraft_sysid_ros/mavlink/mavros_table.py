@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from aircraft_sysid_ros.mavlink.quantities import Array, Fields, Quantity, Table, columns, entry
-from aircraft_sysid_ros.recordings.ros_conversion import frd_from_flu, ned_from_enu, quaternion_ned_frd
-
-_NO_FIX = -1
+from aircraft_sysid_ros.recordings.ros_conversion import (
+    frd_from_flu,
+    has_no_fix,
+    ned_from_enu,
+    quaternion_ned_frd,
+)
 
 
 def _imu(fields: Fields) -> Array:
@@ -25,8 +28,9 @@ def _position(fields: Fields) -> Array:
     place = np.concatenate([np.radians(columns(fields, "latitude longitude")), columns(fields, "altitude")], axis=1)
     variance = columns(fields, "position_covariance")[:, [4, 0, 8]]
     variance[(fields["position_covariance_type"] == 0) | ~np.all(variance > 0.0, axis=1)] = np.nan
-    place[fields["status.status"] <= _NO_FIX] = np.nan
-    return np.concatenate([place, np.where(np.isnan(place), np.nan, variance)], axis=1)
+    status = np.asarray(fields["status.status"], dtype=np.float64)
+    place[has_no_fix(status, place[:, 0], place[:, 1])] = np.nan
+    return np.concatenate([place, np.where(np.isnan(place), np.nan, variance), status[:, None]], axis=1)
 
 
 def _velocity(fields: Fields) -> Array:

@@ -14,11 +14,12 @@ from aircraft_sysid_ros.mavlink.quantities import (
     Table,
     columns,
     entry,
+    position_of_fix,
 )
 
 _TESLA_PER_GAUSS = 1e-4
 _KELVIN = 273.15
-_FIX_2D, _FIX_3D = 2, 3
+_FIX_2D = 2
 #: Fields that say when a sample was taken, best first.
 TIMES = ("timestamp_sample", "timestamp")
 
@@ -34,8 +35,7 @@ def _with_variance(fields: Fields, place: Array) -> Array:
     across, up = columns(fields, "eph")[:, 0], columns(fields, "epv")[:, 0]
     variance = np.stack([0.5 * across**2, 0.5 * across**2, up**2], axis=1)
     variance[~((across > 0.0) & (up > 0.0))] = np.nan
-    place[fields["fix_type"] < _FIX_3D] = np.nan
-    return np.concatenate([place, np.where(np.isnan(place), np.nan, variance)], axis=1)
+    return position_of_fix(place, variance, fields["fix_type"])
 
 
 def _position(fields: Fields) -> Array:

@@ -10,6 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.recordings.ros_conversion import (
+    FIX,
+    GROUND_AUGMENTED_FIX,
+    NO_FIX,
+    SATELLITE_AUGMENTED_FIX,
+)
+
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 Fields = Mapping[str, npt.NDArray[Any]]
@@ -20,7 +27,7 @@ class Quantity(Enum):
 
     IMU = "specific force (3) [m/s^2] and angular rate (3) [rad/s], FRD"
     MAGNETIC_FIELD = "field (3) [T], FRD"
-    POSITION = "latitude, longitude [rad], altitude [m], variance north, east, down [m^2]"
+    POSITION = "latitude, longitude [rad], altitude [m], variance north, east, down [m^2], status of the fix"
     VELOCITY = "over ground, NED (3) [m/s]; down may be NaN"
     DESCENT = "down velocity [m/s] for a VELOCITY without it"
     AIRSPEED = "[m/s], of the meaning that source or calibration says"
@@ -35,6 +42,10 @@ class Quantity(Enum):
     WIND = "NED (3) [m/s], the direction the air moves to; variances (3) [m^2/s^2]"
     NAMED = "value of a named float"
     AIRSPEED_SENSOR = "1 where the autopilot has one, else 0"
+
+
+#: Column of POSITION, as in sensor_msgs/NavSatStatus.
+FIX_STATUS = 6
 
 
 @dataclass(frozen=True)
@@ -65,6 +76,7 @@ class Entry:
     needs: tuple[str, ...]
 
 
+_NO_RECEIVER, _FIX_3D, _DIFFERENTIAL_FIX, _RTK_FLOAT, _RTK_FIXED = 0, 3, 4, 5, 6
 #: The message that brings what MAVLink has no message for.
 NAMED_VALUES = "NAMED_VALUE_FLOAT"
 #: Entries by name of the message. Of several messages with one quantity the first in the table is preferred.
@@ -109,6 +121,20 @@ def _named(batch: Batch) -> list[Reading]:
     values = np.asarray(batch.fields["value"], dtype=np.float64)[:, None]
     each = ((name, np.flatnonzero(names == name)) for name in np.unique(names).tolist())
     return [Reading(Quantity.NAMED, name, batch.stamp[rows], values[rows]) for name, rows in each]
+
+
+def position_of_fix(place: Array, variance: Array, fix_type: npt.NDArray[Any]) -> Array:
+    """POSITION (n, 7) of latitude, longitude [rad], altitude [m] and variances, each (n, 3), and types of fix (n,).
+
+    MAVLink's GPS_FIX_TYPE, DataFlash and PX4 count alike: 0 no receiver, 1 no fix, 2 without altitude, 3 whole, 4 with
+    differential corrections, 5 and 6 with those of a base station (RTK). Without a receiver there is no sample.
+    """
+    kinds = [fix_type < _FIX_3D, fix_type == _DIFFERENTIAL_FIX, (fix_type == _RTK_FLOAT) | (fix_type == _RTK_FIXED)]
+    status = np.select(kinds, [float(NO_FIX), float(SATELLITE_AUGMENTED_FIX), float(GROUND_AUGMENTED_FIX)], float(FIX))
+    status[fix_type == _NO_RECEIVER] = np.nan
+    numbers = np.concatenate([place, variance], axis=1)
+    numbers[fix_type < _FIX_3D] = np.nan
+    return np.concatenate([numbers, status[:, None]], axis=1)
 
 
 def text(value: Any) -> str:

@@ -109,7 +109,7 @@ class Session:
         if stamp is None:
             self.unstamped += 1
             return []
-        if name not in MAVLINK and name != NAMED_VALUES:
+        if (name not in MAVLINK and name != NAMED_VALUES) or self.boot_time.is_repeated(name, boot):
             return []
         return self.assembler.take(readings_of(MAVLINK, batch_of(name, stamp, fields)))
 

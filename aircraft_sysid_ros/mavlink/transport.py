@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra
 
 DEFAULT_BAUD = 57600
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 5.0  # [s] between tries to open again
@@ -170,5 +171,5 @@ def _open_serial(device: str, baud: int) -> Any:
     try:
         import serial
     except ImportError:
-        raise InputError("serial ports need pyserial: pip install pyserial") from None
+        raise MissingExtra("serial ports", "pyserial", "bridge") from None
     return serial.Serial(device, baud, timeout=0, write_timeout=0.5)

@@ -72,6 +72,8 @@ USED_FIELDS: dict[str, dict[str, str]] = {
         "center_of_gravity": "x y z",
     },
 }
+#: Status of a fix in sensor_msgs/NavSatStatus; UNKNOWN is what a driver leaves that does not set it.
+UNKNOWN_FIX, NO_FIX, FIX, SATELLITE_AUGMENTED_FIX, GROUND_AUGMENTED_FIX = -2, -1, 0, 1, 2
 RADIANS_PER_DEGREE = np.pi / 180.0
 NANOSECONDS = 1_000_000_000
 _SQRT_HALF = np.sqrt(0.5)
@@ -172,13 +174,18 @@ def gps_fix_fields(
     altitude: npt.ArrayLike,
     *,
     variance_ned: tuple[float, float, float] | None = None,
+    status: npt.ArrayLike = FIX,
 ) -> dict[str, npt.NDArray[Any]]:
-    """Fields of sensor_msgs/NavSatFix: latitude, longitude [rad], altitude [m] (n,), variances [m^2]."""
+    """Fields of sensor_msgs/NavSatFix: latitude, longitude [rad], altitude [m] (n,), variances [m^2].
+
+    ``status``: of sensor_msgs/NavSatStatus, (n,) or one for all.
+    """
     latitude, longitude = np.atleast_1d(latitude), np.atleast_1d(longitude)
     fields: dict[str, npt.NDArray[Any]] = {
         "latitude": latitude / RADIANS_PER_DEGREE,
         "longitude": longitude / RADIANS_PER_DEGREE,
         "altitude": np.atleast_1d(np.asarray(altitude, dtype=np.float64)),
+        "status.status": np.full(len(latitude), status, dtype=np.int8),
         "status.service": np.ones(len(latitude), dtype=np.uint16),
     }
     if variance_ned is not None:
@@ -244,9 +251,17 @@ def _magnetic_field(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]
     return [_all_rows(samples_of(Kind.MAGNETIC_FIELD, stamp, frd_from_flu(fields["magnetic_field"])))]
 
 
+def has_no_fix(status: npt.NDArray[Any], latitude: Array, longitude: Array) -> npt.NDArray[np.bool_]:
+    """Whether messages (n,) say that there is no fix, by their status or by a place of 0, 0.
+
+    A status that is unknown says nothing: the numbers count.
+    """
+    return np.asarray((status == NO_FIX) | ((latitude == 0.0) & (longitude == 0.0)))
+
+
 def _gps_position(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
     latitude, longitude = fields["latitude"], fields["longitude"]
-    no_fix = (fields["status.status"] < 0) | ((latitude == 0.0) & (longitude == 0.0))
+    no_fix = has_no_fix(fields["status.status"], latitude, longitude)
     position = np.stack(
         [latitude * RADIANS_PER_DEGREE, longitude * RADIANS_PER_DEGREE, fields["altitude"]], axis=-1
     )

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, Batch
@@ -49,7 +50,7 @@ def read_tlog(path: Path) -> LogContent:
         from aircraft_sysid_ros.mavlink.decoder import Decoder, fields_of
         from aircraft_sysid_ros.mavlink.session import is_vehicle
     except ImportError:
-        raise InputError("telemetry logs need pymavlink: pip install pymavlink") from None
+        raise MissingExtra("telemetry logs", "pymavlink", "logs") from None
     packets, lost = _packets(path.read_bytes(), Decoder())
     heartbeat = next((m for _, m in packets if m.get_type() == "HEARTBEAT" and is_vehicle(m)), None)
     if heartbeat is None:
@@ -69,7 +70,7 @@ def read_tlog(path: Path) -> LogContent:
         segment = boot_time.reboots
         if "time_boot_ms" in fields:
             offsets[segment] = min(offsets.get(segment, arrival - boot), arrival - boot)
-        if name in MAVLINK or name == NAMED_VALUES:
+        if (name in MAVLINK or name == NAMED_VALUES) and not boot_time.is_repeated(name, boot):
             kept = by_name.setdefault(name, _Messages())
             kept.segment.append(segment)
             kept.boot.append(boot)

@@ -196,7 +196,7 @@ class _Suite:
         geodetic = np.array([earth.geodetic_from_ned(p, seen.origin) for p in position])
         north, east, down = self.variance("gps_position")
         fields = ros_conversion.gps_fix_fields(*geodetic.T, variance_ned=(north, east, down))
-        return self.stream("gps/fix", time, {**fields, "status.status": np.zeros(len(time), dtype=np.int8)})
+        return self.stream("gps/fix", time, fields)
 
     def gps_velocity(self) -> Stream:
         time = self.times("gps/vel", "gps_velocity")

@@ -72,7 +72,7 @@ def _fields(sensed: Sensed) -> dict[str, Any]:
     if sensed.topic == "imu/data":
         return dict(ros_conversion.imu_fields(v[:3], v[3:]))
     if sensed.topic == "gps/fix":
-        return {**ros_conversion.gps_fix_fields(v[0], v[1], v[2]), "status.status": np.zeros(1, dtype=np.int8)}
+        return ros_conversion.gps_fix_fields(v[0], v[1], v[2])
     if sensed.topic == "gps/vel":
         return dict(ros_conversion.gps_velocity_fields(v))
     return {name: np.array([value]) for name, value in zip(USED_FIELDS[sensed.topic], v, strict=True)}

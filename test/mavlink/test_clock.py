@@ -103,6 +103,34 @@ def test_the_32_bits_of_servo_outputs_wrap_after_71_minutes():
     assert boot.reboots == 0
 
 
+def test_ardupilots_flow_angles_wrap_too_though_their_field_is_wide():
+    boot, start = BootTime(), 2**32 * 1000 - SECOND + 500_000
+    for k in range(100):
+        t = start + k * SECOND // 50
+        boot.of("ATTITUDE", {"time_boot_ms": t // 1_000_000}, NOW + t)
+        for _ in range(2):  # two in a row must not look like a restart
+            assert boot.of("AOA_SSA", {"time_usec": (t // 1000) % 2**32}, NOW + t) == t // 1000 * 1000
+    assert boot.reboots == 0
+
+
+def test_the_time_of_the_last_fix_is_no_restart_once_there_is_none():
+    """GPS lost for a minute: GPS_RAW_INT goes on with the time of its last fix."""
+    boot = BootTime()
+    for k in range(60):
+        now = (100 + k) * SECOND
+        assert boot.of("SYSTEM_TIME", {"time_boot_ms": now // 1_000_000, "time_unix_usec": 0}, NOW + now) == now
+        for _ in range(2):
+            assert boot.of("GPS_RAW_INT", {"time_usec": 100_000_000, "fix_type": 1}, NOW + now) == now
+    assert boot.reboots == 0
+
+
+def test_a_fix_that_is_told_again_is_known_by_its_time():
+    boot = BootTime()
+    told = [boot.is_repeated("GPS_RAW_INT", time) for time in (100, 100, 300, 300, 300, 500)]
+    assert told == [False, True, False, True, True, False]
+    assert not boot.is_repeated("ATTITUDE", 500) and not boot.is_repeated("ATTITUDE", 500)
+
+
 def test_unix_time_becomes_time_since_start_by_system_time():
     boot = BootTime()
     unix = 1_760_000_000_000_000

@@ -11,6 +11,7 @@ from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.esc_status import EscStatus
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.quantities import Quantity, readings_of
+from aircraft_sysid_ros.recordings.ros_conversion import to_samples
 
 STAMP = 1_760_000_000_123_456_789
 G = 9.80665
@@ -47,16 +48,35 @@ def test_gps():
     )
     found = readings(message)
     np.testing.assert_allclose(found[Quantity.POSITION][:3], [np.radians(44.5), np.radians(-93.25), 310.5], rtol=1e-12)
-    np.testing.assert_allclose(found[Quantity.POSITION][3:], [0.5, 0.5, 4.0], rtol=1e-12)  # of a radius of 1 m
+    np.testing.assert_allclose(found[Quantity.POSITION][3:6], [0.5, 0.5, 4.0], rtol=1e-12)  # of a radius of 1 m
     north, east, down = found[Quantity.VELOCITY]
     np.testing.assert_allclose((north, east), (12.0, -9.0), atol=2e-3)  # course 323.13 deg
     assert np.isnan(down)
     nothing = readings(dialect.MAVLink_gps_raw_int_message(1, 1, 0, 0, 0, 65535, 65535, 65535, 65535, 0))
-    assert Quantity.POSITION not in nothing and Quantity.VELOCITY not in nothing
+    assert np.isnan(nothing[Quantity.POSITION][:6]).all() and Quantity.VELOCITY not in nothing
     place = (445_000_000, -932_500_000, 310_500)
     own = readings(dialect.MAVLink_global_position_int_message(1, *place, 0, 1200, -900, 150, 0))
     np.testing.assert_allclose(own[Quantity.VELOCITY], [12.0, -9.0, 1.5], rtol=1e-12)
     np.testing.assert_allclose(own[Quantity.DESCENT], [1.5])
+
+
+def test_the_field_of_ardupilot_up_to_4_6_is_brought_back_to_gauss():
+    """It sends milligauss times 1000 as gauss (ardupilot pull request 32286)."""
+    motion = (0.0, 0.0, -G, 0.0, 0.0, 0.0)
+    found = readings(dialect.MAVLink_highres_imu_message(1, *motion, 2e5, -1e4, 4.5e5, 970, 0, 0, 25, 63))
+    np.testing.assert_allclose(found[Quantity.MAGNETIC_FIELD], [2e-5, -1e-6, 4.5e-5], rtol=1e-6)
+
+
+def test_what_a_slow_sensor_shows_is_told_once():
+    """ArduPilot sends IMU messages at the rate asked for with the field and the airspeed that it last read."""
+    assembler, motion, made = Assembler(MAVLINK), (0.0, 0.0, -G, 0.0, 0.0, 0.0), []
+    outputs(assembler, pressure())
+    for k in range(20):
+        slow = k // 10
+        imu = dialect.MAVLink_highres_imu_message(1, *motion, 0.2, 0.01 * slow, 0.45, 0, 0, 0, 25, 63)
+        hud = dialect.MAVLink_vfr_hud_message(17.0 + slow, 15.0, 90, 50, 310.0, 2.5)
+        made += [o.topic for message in (hud, imu) for o in outputs(assembler, message)]
+    assert (made.count("imu/data"), made.count("imu/mag"), made.count("air_data")) == (20, 2, 2)
 
 
 def test_climb_is_up_and_wind_is_where_it_goes():
@@ -155,6 +175,52 @@ def test_an_angle_of_the_autopilot_is_used_only_where_a_vane_is_said_to_be_behin
     angles = [both.fields[name][0] for name in ("angle_of_attack", "sideslip")]
     np.testing.assert_allclose(angles, np.radians([4.0, -3.0]), rtol=1e-6)
     assert np.isnan(both.fields["true_airspeed"][0])
+
+
+PLACE = (445_000_000, -932_500_000, 310_500)
+
+
+def fix_message(fix_type):
+    return dialect.MAVLink_gps_raw_int_message(1, fix_type, *PLACE, 80, 120, 1500, 0, 12)
+
+
+@pytest.mark.parametrize(
+    ("fix_type", "status"),
+    [
+        (dialect.GPS_FIX_TYPE_NO_FIX, -1), (dialect.GPS_FIX_TYPE_2D_FIX, -1), (dialect.GPS_FIX_TYPE_3D_FIX, 0),
+        (dialect.GPS_FIX_TYPE_DGPS, 1), (dialect.GPS_FIX_TYPE_RTK_FLOAT, 2), (dialect.GPS_FIX_TYPE_RTK_FIXED, 2),
+        (dialect.GPS_FIX_TYPE_PPP, 0),
+    ],
+)  # fmt: skip
+def test_the_type_of_fix_becomes_the_status_and_without_one_no_place_counts(fix_type, status):
+    (made,) = [o for o in outputs(Assembler(MAVLINK), fix_message(fix_type)) if o.topic == "gps/fix"]
+    assert made.fields["status.status"].tolist() == [status] and made.fields["status.status"].dtype == np.int8
+    (samples,) = to_samples("gps/fix", made.stamp, made.fields)
+    assert np.isfinite(samples.values[0, :3]).all() == (status >= 0)
+
+
+def test_without_a_receiver_there_is_no_fix_to_speak_of():
+    assert not outputs(Assembler(MAVLINK), fix_message(dialect.GPS_FIX_TYPE_NO_GPS))
+
+
+def test_the_filters_own_position_does_not_say_what_fix_it_has_and_counts():
+    (made,) = [
+        o for o in outputs(Assembler(MAVLINK), dialect.MAVLink_global_position_int_message(1, *PLACE, 0, 0, 0, 0, 0))
+        if o.topic == "gps/fix"
+    ]  # fmt: skip
+    assert made.fields["status.status"].tolist() == [-2]
+    (samples,) = to_samples("gps/fix", made.stamp, made.fields)
+    assert np.isfinite(samples.values[0, :3]).all()
+
+
+def test_dead_reckoning_of_the_autopilot_is_no_gps():
+    """GPS lost: its filter goes on by airspeed and wind, which must not come in as a measured velocity."""
+    assembler = Assembler(MAVLINK, calibration_from_dict({"gps_velocity": "filtered"}))
+    own = dialect.MAVLink_global_position_int_message(1, *PLACE, 0, 1490, 0, -250, 0)
+    outputs(assembler, fix_message(dialect.GPS_FIX_TYPE_3D_FIX))
+    assert [o.topic for o in outputs(assembler, own)] == ["gps/vel"]
+    outputs(assembler, fix_message(dialect.GPS_FIX_TYPE_NO_FIX))
+    assert not outputs(assembler, own)
 
 
 def test_gps_velocity_waits_for_its_vertical_part_and_uses_the_newest():

@@ -168,6 +168,19 @@ def test_no_fix_is_counted_but_useless(change):
     assert np.isnan(samples.values[0, :3]).all()
 
 
+@pytest.mark.parametrize("status", [-2, 0, 1, 2])
+def test_a_place_counts_whose_status_is_a_fix_or_unknown(status):
+    assert np.isfinite(one("gps/fix", fix(**{"status.status": np.array([status])})).values[0, :3]).all()
+
+
+def test_a_driver_that_leaves_the_status_as_ros_made_it_has_a_fix():
+    """STATUS_UNKNOWN in Jazzy, STATUS_FIX before."""
+    messages = pytest.importorskip("sensor_msgs.msg")
+    message = messages.NavSatFix(latitude=45.0, longitude=-93.0, altitude=300.0)
+    (samples,) = ros.to_samples("gps/fix", *ros.message_fields("gps/fix", message))
+    assert np.isfinite(samples.values[0, :3]).all()
+
+
 def test_a_fix_on_the_equator_or_at_greenwich_is_a_fix():
     assert np.isfinite(one("gps/fix", fix(latitude=np.zeros(1))).values[0, :3]).all()
     assert np.isfinite(one("gps/fix", fix(longitude=np.zeros(1))).values[0, :3]).all()

@@ -92,7 +92,5 @@ def samples_of_outputs(outputs: Sequence[Output]) -> Samples:
             continue
         n = len(output.stamp)
         fields = {name: output.fields.get(name, np.full(n, np.nan)) for name in USED_FIELDS[output.topic]}
-        if output.topic == "gps/fix":
-            fields["status.status"] = np.zeros(n)
         batches += [samples for samples, _ in samples_and_rows(output.topic, output.stamp, fields)]
     return concatenate(batches)
