@@ -31,7 +31,7 @@ from aircraft_sysid_ros.modelling.trust import Trust, check_bounds
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
 from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
-from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
 from aircraft_sysid_ros.run_folder import RunWriter
@@ -42,6 +42,12 @@ Array = npt.NDArray[np.float64]
 NEEDED = ("imu/data", "gps/fix", "gps/vel", "air_data")
 #: With a calibrated probe its pressures take the place of the air data.
 NEEDED_WITH_PROBE = ("imu/data", "gps/fix", "gps/vel", "five_hole_probe")
+#: What the filter starts with, by kind of sample: name, topic, and what is wrong with samples that are invalid.
+_START_WITH = {
+    "imu": ("IMU", "imu/data", "no usable numbers"),
+    "gps_position": ("GPS position", "gps/fix", "no fix (status -1, or latitude and longitude 0) or no usable numbers"),
+    "gps_velocity": ("GPS velocity", "gps/vel", "no usable numbers"),
+}
 #: Time of flight [s] between parameter sets in the run.
 PARAMETERS_PERIOD = 1.0
 #: A silence [s] of a sensor that is worth a note.
@@ -98,7 +104,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         begin = None if args.stage_1 is None else start_by_stage_1(recording.samples, aircraft, args.stage_1)
         feed(pipeline, recording, writer, begin)
         if not pipeline.state.has_been_aligned:
-            raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline)}")
+            raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
         result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started)
     return {"run": str(args.out), "notes": notes(recording, pipeline), **result}
 
@@ -265,21 +271,28 @@ def control_notes(samples: Samples) -> list[str]:
     return [text] if share > 0.01 else []
 
 
-def why_no_start(pipeline: Pipeline) -> str:
-    """What a recording lacks that the filter could start with."""
-    counts = pipeline.state.counts()
-    for kind, name in (("imu", "IMU"), ("gps_position", "GPS position"), ("gps_velocity", "GPS velocity")):
-        c = counts[kind]
-        if c["received"] == c["invalid"] + c["late"] + c["wrong_stamp"]:
-            return (
-                f"of {c['received']} {name} samples {c['invalid']} have no usable numbers and "
-                f"{c['late'] + c['wrong_stamp']} a stamp that does not fit the IMU"
-            )
-    speed = pipeline.state.aircraft.minimum_airspeed
+def why_no_start(state: StateEstimator) -> str:
+    """What the filter lacks to start with: sensors of which nothing can be used, and why; else time or motion."""
+    counts = state.counts()
+    useless = [_why_useless(counts[kind], *words) for kind, words in _START_WITH.items()]
+    if any(useless):
+        return "; ".join(reason for reason in useless if reason)
+    speed = state.aircraft.minimum_airspeed
     return (
         "it needs a second of IMU and GPS together, and then an attitude, a magnetometer, or motion of more than "
         f"{0.8 * speed:.1f} m/s (from minimum_airspeed, or from mass and wing_area of the aircraft file)"
     )
+
+
+def _why_useless(count: dict[str, int], name: str, topic: str, invalid: str) -> str:
+    """Why nothing of a sensor can be used, by what became of its samples; empty where something can."""
+    received, misfits = count["received"], count["late"] + count["wrong_stamp"]
+    if not received:
+        return f"no {name} came on {topic}"
+    if received > count["invalid"] + misfits:
+        return ""
+    reasons = ((count["invalid"], invalid), (misfits, "a stamp that does not fit the IMU"))
+    return f"of {received} samples of the {name} " + " and ".join(f"{n} have {why}" for n, why in reasons if n)
 
 
 def render(result: dict[str, Any]) -> str:
