@@ -1,0 +1,64 @@
+"""Why no state was estimated, as ``replay`` and ``live`` say it."""
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.commands.replay import why_no_start
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.recordings.ros_conversion import NO_FIX, gps_fix_fields, to_samples
+from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
+
+SECOND = 10**9
+
+
+def imu(count):
+    """At rest."""
+    stamp = np.arange(count) * SECOND // 100
+    still = [np.zeros((count, 2)), np.full((count, 1), -9.81), np.zeros((count, 3)), np.full((count, 2), np.nan)]
+    return samples_of(Kind.IMU, stamp, *still)
+
+
+def fixes(stamp, status):
+    n = len(stamp)
+    fields = gps_fix_fields(np.full(n, 0.8), np.full(n, -1.6), np.full(n, 300.0), status=status)
+    unknown = {"position_covariance": np.zeros((n, 9)), "position_covariance_type": np.zeros(n, np.uint8)}
+    return to_samples("gps/fix", stamp, {**fields, **unknown})
+
+
+@pytest.fixture
+def said(aircraft):
+    """What is said of samples."""
+
+    def say(*batches):
+        state, samples = StateEstimator(aircraft), concatenate(list(batches))
+        state.push(samples[np.argsort(samples.stamp, kind="stable")])
+        state.flush()
+        assert state.last_row is None
+        return why_no_start(state)
+
+    return say
+
+
+def test_every_sensor_that_is_missing_is_named_with_its_topic(said):
+    assert said(imu(300)) == "no GPS position came on gps/fix; no GPS velocity came on gps/vel"
+
+
+def test_a_gps_without_a_fix_is_said_with_its_numbers(said):
+    stamp = np.arange(10) * SECOND // 5
+    velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.zeros((10, 3)))
+    text = said(imu(300), *fixes(stamp, NO_FIX), velocity)
+    assert text.startswith("of 10 samples of the GPS position 10 have no fix (status -1, ")
+    assert "velocity" not in text
+
+
+def test_a_gps_on_another_clock_does_not_fit_the_imu(said):
+    stamp = np.arange(10) * SECOND // 5
+    velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.zeros((10, 3)))
+    text = said(imu(300), *fixes(stamp + 10_000 * SECOND, 0), velocity)
+    assert text == "of 10 samples of the GPS position 10 have a stamp that does not fit the IMU"
+
+
+def test_where_every_sensor_works_it_is_motion_that_lacks(said):
+    stamp = np.arange(10) * SECOND // 5
+    velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.zeros((10, 3)))
+    assert "motion of more than" in said(imu(300), *fixes(stamp, 0), velocity)
