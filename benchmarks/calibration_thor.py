@@ -85,7 +85,7 @@ def flat(pair: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def triangle(data: five_hole_probe.ProbeData, speed: Array, alpha: Array, beta: Array, mount: Array) -> Array:
-    """Wind NED (n, 3) of (37)."""
+    """Wind NED (n, 3) of (37) of the two-stage paper."""
     flow = np.stack([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)], axis=1)
     body = speed[:, None] * flow @ mount.T - data.arm
     return np.asarray(data.velocity - np.einsum("nij,nj->ni", data.rotation, body))

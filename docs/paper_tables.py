@@ -1,4 +1,4 @@
-"""Tables of docs/paper.md from benchmarks/results/paper.json: header and rows of each."""
+"""Tables of docs/paper.md from benchmarks/results/paper.json, with equations of the two-stage paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One place for the misprints of the summary that EQUATIONS.md lists: which test would fail for the printed form.
+"""One place for the misprints that docs/references.md lists: which test would fail for the printed form.
 
 (2.16), (2.17): estimation/test_smoothing; (4.14): estimation/test_recursive_least_squares; (5.11):
 estimation/test_maximum_likelihood and test_recursive_maximum_likelihood; (6.9), (6.11):

@@ -1,4 +1,4 @@
-"""Laws of rigid-body mechanics, for (6.14)-(6.19) of the summary and their inverses."""
+"""Laws of rigid-body mechanics, for (6.14)-(6.19) of docs/references.md and their inverses."""
 
 import numpy as np
 import pytest

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.simulation.sensors import SensorOptions
 
 @pytest.fixture(scope="session")
 def calibration_aircraft():
-    """The aeroplane, with IMU biases that do not walk, as (B5) has them."""
+    """The aeroplane, with IMU biases that do not walk, as (B5) of the two-stage paper has them."""
     source = load_aircraft(config_path(CALIBRATION_AIRCRAFT)).source
     walks = {**source["process_noise"], "accelerometer_bias": 0.0, "gyro_bias": 0.0}
     return aircraft_from_dict({**source, "process_noise": walks})

@@ -23,7 +23,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 @pytest.fixture
 def data():
-    """Random flow without noise: what (36), (37) say of a wind and errors, and the unknowns."""
+    """Random flow without noise: what (36), (37) of the two-stage paper say of a wind and errors, and the unknowns."""
     rng, n = np.random.default_rng(0), 40
     xi = np.array([0.2, -1.5, 4.0, -3.0, 0.5, -0.3, 0.03, 0.25, -0.04, 0.15])
     speed, alpha, beta = rng.uniform(15, 25, n), rng.uniform(-0.1, 0.2, n), rng.uniform(-0.15, 0.15, n)

@@ -1,4 +1,4 @@
-"""Magnetometer: the model against (B1), its derivatives, and the answer against the truth."""
+"""Magnetometer: the model against (B1) of the two-stage paper, its derivatives, and the answer against the truth."""
 
 import numpy as np
 import pytest

@@ -97,7 +97,7 @@ def gauss_newton(y):
 
 
 def test_the_density_of_54_has_two_pi_to_the_number_of_outputs():
-    """Its integral is one. With the exponent of the summary, the number of parameters, it would be (2 pi)^-1 here."""
+    """Its integral is one. With the printed exponent, the number of parameters, it would be (2 pi)^-1 here."""
     axis = np.linspace(-8.0, 8.0, 161)
     e = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     covariance = np.array([[1.0, 0.6], [0.6, 2.0]])

@@ -1,4 +1,4 @@
-"""The whole estimator, and the benchmarks beside it."""
+"""The whole estimator of the two-stage paper, and the benchmarks beside it."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Stage 2: variable projection and all unknowns, bounds, and R in turn."""
+"""Stage 2 of the two-stage paper: variable projection and all unknowns, bounds, and R in turn."""
 
 from dataclasses import replace
 

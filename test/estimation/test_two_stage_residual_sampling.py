@@ -1,4 +1,4 @@
-"""Stage 1: linear least squares at samples, conditions (17) and (18), and the decision."""
+"""Stage 1 of the two-stage paper: linear least squares at samples, conditions (17) and (18), and the decision."""
 
 import os
 from dataclasses import replace

@@ -56,7 +56,7 @@ def test_rows_are_derivatives(kind, setup):  # noqa: F811
 
 
 def test_the_sensor_shows_what_its_correction_undoes(setup):  # noqa: F811
-    """(36) of what h(x) shows is the flow without errors."""
+    """(36) of the two-stage paper, of what h(x) shows is the flow without errors."""
     x, rate = random_state(4, 0.1), np.zeros(3)
     for kind in AIR_DATA:
         plain, shown = np.empty(3), np.empty(3)
