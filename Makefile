@@ -17,7 +17,7 @@ unexport LD_LIBRARY_PATH
 endif
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test lint types colcon pytest demo bench certificate hidden-effects paper calibration closed-loop workbench docs clean distclean FORCE
+.PHONY: help env test lint types colcon release-tree pytest demo bench certificate hidden-effects paper calibration closed-loop workbench docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -92,21 +92,25 @@ pytest: export ROS_LOG_DIR := $(abspath build/ros_log)
 pytest: env ## the tests alone; ARGS='-k name -x' selects
 	$(BIN)/python -m pytest -n $(shell nproc) --dist loadgroup $(ARGS)
 
+# What is built is what is released: the tree of `make release-tree`, in a workspace, without options.
 COLCON_WS := build/colcon
-COLCON_SOURCES = $(shell find aircraft_sysid_ros msg_defs resource config launch setup.py setup.cfg package.xml -type f -not -path '*/__pycache__/*')
+COLCON_SOURCES = $(shell find aircraft_sysid_ros msg_defs resource config launch setup.py setup.cfg pyproject.toml package.xml MANIFEST.in tools/release_tree.sh -type f -not -path '*/__pycache__/*')
 NODES := $(COLCON_WS)/install/aircraft_sysid_ros/lib/aircraft_sysid_ros
 
 colcon: env $(COLCON_WS)/complete ## both packages in a workspace, as on an ordinary ROS 2
 
 $(COLCON_WS)/complete: $(COLCON_SOURCES) $(STAMPS)/messages
 	@if [ ! $@ -nt $(STAMPS)/messages ]; then rm -rf $(COLCON_WS); fi
-	@rm -rf $(COLCON_WS)/*/aircraft_sysid_ros && mkdir -p $(COLCON_WS)
-	PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH="$(abspath $(VENV))" CMAKE_PREFIX_PATH="$(abspath $(VENV))" \
-	colcon --log-base $(COLCON_WS)/log build --base-paths . msg_defs \
-	    --build-base $(COLCON_WS)/build --install-base $(COLCON_WS)/install --event-handlers console_direct- summary+ \
-	    --cmake-args -G Ninja -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$(abspath $(BIN))/python"
+	@rm -rf $(COLCON_WS)/src $(COLCON_WS)/*/aircraft_sysid_ros
+	tools/release_tree.sh $(BIN)/python $(COLCON_WS)/src
+	cd $(COLCON_WS) && PATH="$(abspath $(BIN)):$$PATH" VIRTUAL_ENV="$(abspath $(VENV))" CMAKE_GENERATOR=Ninja \
+	    AMENT_PREFIX_PATH="$(abspath $(VENV))" CMAKE_PREFIX_PATH="$(abspath $(VENV))" colcon build
 	test -x $(NODES)/state_estimator -a -x $(NODES)/parameter_estimator -a -x $(NODES)/mavlink_bridge -a -x $(NODES)/aircraft-sysid
 	touch $@
+
+release-tree: ## both packages side by side in DIR=..., for a workspace, rosdep and bloom
+	@test -n "$(DIR)" || { echo "make release-tree: say where: make release-tree DIR=../ws/src" >&2; exit 1; }
+	@tools/release_tree.sh "$(if $(wildcard $(BIN)/python),$(BIN)/python,$(PYTHON))" "$(DIR)"
 
 # --- use --------------------------------------------------------------------------------------------------
 

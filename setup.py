@@ -5,10 +5,14 @@ platforms and of a new virtual environment read the same thing.
 """
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.build_py import build_py
 
 PACKAGE = "aircraft_sysid_ros"
+# What an installed program reads of the files beside the package: put into it under the same names.
+SHIPPED = sorted([*glob("msg_defs/msg/*.msg"), *glob("config/*")])
 
 # The rclpy of the wheels and the interfaces that nodes use; exact versions in constraints.txt.
 ROS = ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"]
@@ -44,9 +48,20 @@ TEST = [
     "playwright>=1.50,<2",  # drives a Chromium that is there; it is not asked to download one
     "pytest>=8,<10",
     "pytest-xdist>=3.5,<4",
+    "rosdep>=0.26,<1",
     "ruff==0.17.5",
     "types-PyYAML",
 ]
+
+
+class BuildWithFiles(build_py):
+    """Copies SHIPPED into the package; an editable install finds them where they are, beside it."""
+
+    def run(self):
+        if not self.editable_mode:
+            self.data_files = [*self.data_files, (PACKAGE, ".", str(Path(self.build_lib, PACKAGE)), SHIPPED)]
+        super().run()
+
 
 setup(
     name=PACKAGE,
@@ -57,7 +72,7 @@ setup(
     maintainer_email="maintainers@aircraft-sysid-ros.invalid",
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    include_package_data=True,
+    cmdclass={"build_py": BuildWithFiles},
     package_data={PACKAGE: ["**/*.html", "**/*.css", "**/*.js", "**/*.svg", "**/*.yaml", "**/*.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

@@ -1,37 +1,24 @@
-"""Where the configuration files that come with the package are, in a source tree and after installation."""
+"""Files that come with the package: aircraft files and the definitions of its messages."""
 
 from __future__ import annotations
 
-import os
-import site
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 from aircraft_sysid_ros.errors import InputError
 
-PACKAGE = "aircraft_sysid_ros"
 DEFAULT_AIRCRAFT = "ultra_stick_25e.yaml"
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def shipped_folder(name: str) -> Path:
+    """The folder `config` or `msg_defs`: in the package where setup.py built it, beside it in the source tree."""
+    inside = _PACKAGE / name
+    return inside if inside.is_dir() else _PACKAGE.parent / name
 
 
 def config_path(name: str) -> Path:
-    """Path of a configuration file by its name; InputError lists the folders where it is not."""
-    folders = list(_folders())
-    for folder in folders:
-        if (folder / name).is_file():
-            return folder / name
-    raise InputError(
-        f"the configuration file {name} is in none of {', '.join(map(str, folders))}: reinstall the package"
-    )
-
-
-def _folders() -> Iterator[Path]:
-    """Source tree (also pip -e), then what colcon and pip install."""
-    yield Path(__file__).resolve().parents[1] / "config"
-    prefixes = [
-        *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)),
-        sys.prefix,
-        site.getuserbase(),
-    ]
-    for prefix in dict.fromkeys(prefixes):
-        yield Path(prefix) / "share" / PACKAGE / "config"
+    """Path of a configuration file by its name; InputError says where it is not."""
+    path = shipped_folder("config") / name
+    if not path.is_file():
+        raise InputError(f"the configuration file {path} is missing: reinstall the package")
+    return path

@@ -12,6 +12,7 @@ import pytest
 from setuptools import find_packages
 
 import aircraft_sysid_ros
+from aircraft_sysid_ros import config_files
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import message_definitions as definitions
 
@@ -64,20 +65,12 @@ def test_message_definitions_hold_every_message_unchanged():
         )
 
 
-def test_message_definitions_are_found_in_the_source_tree_alone(monkeypatch, tmp_path):
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+def test_what_is_not_shipped_is_said_with_the_folder(monkeypatch, tmp_path):
+    monkeypatch.setattr(config_files, "_PACKAGE", tmp_path / "aircraft_sysid_ros")
+    with pytest.raises(InputError, match=rf"{tmp_path}/config/nowhere\.yaml is missing: reinstall"):
+        config_files.config_path("nowhere.yaml")
     definitions.message_definitions.cache_clear()
-    try:
-        assert len(definitions.message_definitions()) == len(MESSAGES)
-    finally:
-        definitions.message_definitions.cache_clear()
-
-
-def test_missing_message_definitions_say_where_they_were_looked_for(monkeypatch, tmp_path):
-    monkeypatch.setattr(definitions, "definition_folders", lambda: iter([tmp_path / "share"]))
-    definitions.message_definitions.cache_clear()
-    with pytest.raises(InputError, match=re.escape(str(tmp_path / "share"))):
+    with pytest.raises(InputError, match=f"not in {tmp_path}/msg_defs/msg: reinstall"):
         definitions.message_definitions()
 
 

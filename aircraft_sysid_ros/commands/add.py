@@ -8,6 +8,7 @@ from textwrap import shorten
 from typing import Any
 
 from aircraft_sysid_ros.commands.compare import percent
+from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.additions import Outcome, add
 from aircraft_sysid_ros.diagnosis.effects import BY_ID
@@ -46,7 +47,8 @@ def described(run: str, outcome: Outcome, word: str) -> dict[str, Any]:
     """What ``add`` and ``remove`` say of an outcome, and its figure in the folder of the version."""
     folder = Path(run) / MODELS / outcome.version.identifier
     label = shorten(outcome.label, 50, placeholder=" …")
-    figure = errors_figure(outcome.axes, folder / FIGURE, f"{word} {label}: {outcome.verdict}")
+    title = f"{word} {label}: {outcome.verdict}"
+    figure, notes = picture(lambda: errors_figure(outcome.axes, folder / FIGURE, title))
     settings = [{"key": ".".join(key), "value": value} for key, value in outcome.change.settings]
     return {
         "axes": outcome.axes,
@@ -56,7 +58,8 @@ def described(run: str, outcome: Outcome, word: str) -> dict[str, Any]:
         "verdict": outcome.verdict,
         "parents": list(outcome.version.parents),
         "aircraft": str(folder / AIRCRAFT),
-        "figure": str(figure),
+        "figure": figure,
+        "notes": notes,
     }
 
 
@@ -72,5 +75,5 @@ def render(result: dict[str, Any]) -> str:
     for p in result["parameters"]:
         lines.append(f"{p['name']} = {p['value']:.4g} ± {p['std']:.2g}")
     lines += [f"{s['key']} = {s['value']:.4g} in the aircraft file" for s in result["settings"]]
-    lines += [result["verdict"], f"aircraft file {result['aircraft']}", f"figure {result['figure']}"]
+    lines += [result["verdict"], f"aircraft file {result['aircraft']}", *picture_lines(result)]
     return "\n".join(lines)

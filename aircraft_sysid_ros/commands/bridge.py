@@ -10,6 +10,7 @@ from typing import Any
 
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra, missing_ros
 
 DEFAULT_CONNECTION = "udp:0.0.0.0:14550"
 
@@ -47,7 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start, stop_signals
         from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
     except ImportError as error:
-        raise InputError(f"ROS 2 or MAVLink is not in this environment ({error}): use `make env`") from None
+        raise missing_ros(error) from None
     _check_namespace(args.namespace)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node: Any = None
@@ -99,8 +100,8 @@ def _check(args: argparse.Namespace) -> None:
         from aircraft_sysid_ros.mavlink.calibration import load_calibration
         from aircraft_sysid_ros.mavlink.requests import Requests
         from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
-    except ImportError as error:
-        raise InputError(f"the bridge needs pymavlink ({error}): pip install pymavlink") from None
+    except ImportError:
+        raise MissingExtra("bridges", "pymavlink", "bridge") from None
     address = parse_address(args.connection)
     if args.calibration:
         Requests(load_calibration(args.calibration).rates)

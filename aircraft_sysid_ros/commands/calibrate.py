@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from aircraft_sysid_ros.calibration.report import (
     calibrate_magnetometer,
     calibrate_probe,
 )
+from aircraft_sysid_ros.commands.pictures import picture
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.errors import InputError
@@ -185,11 +187,12 @@ def _write(
     content[SECTIONS[args.what]] = report.section
     content["source"] = {"recording": str(args.bag), "aircraft": result["aircraft"]}
     files.calibration_from_dict(content)
-    names = [f"{args.what}-trace.png", f"{args.what}-residuals.png", RESULT, CALIBRATION]
+    figures = {f"{args.what}-trace.png": trace_figure, f"{args.what}-residuals.png": before_after_figure}
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as part:
-        trace_figure(report, Path(part) / names[0])
-        before_after_figure(report, Path(part) / names[1])
+        drawn = [picture(partial(draw, report, Path(part, name))) for name, draw in figures.items()]
+        result["notes"] = [*result["notes"], *dict.fromkeys(note for _, notes in drawn for note in notes)]
+        names = [*(name for name, (file, _) in zip(figures, drawn, strict=True) if file), RESULT, CALIBRATION]
         Path(part, RESULT).write_text(json_text(result) + "\n", encoding="utf8")
         Path(part, CALIBRATION).write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf8")
         folder.mkdir(exist_ok=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.versions import open_run
@@ -35,11 +36,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if opened.samples is None:
         note = "the run holds no samples: errors are those of the filter, with its settling; replay the recording again"
         result["notes"] = [*result["notes"], note]
-    try:
-        result["figure"] = str(comparison_figure(comparison, opened.path / FIGURE, title))
-    except OSError as error:  # the answer is worth more than its picture
-        result["figure"] = None
-        result["notes"] = [*result["notes"], f"no picture, {opened.path} cannot be written to: {error.strerror}"]
+    result["figure"], notes = picture(lambda: comparison_figure(comparison, opened.path / FIGURE, title))
+    result["notes"] = [*result["notes"], *notes]
     return result
 
 
@@ -61,10 +59,7 @@ def render(result: dict[str, Any]) -> str:
         lines += [f"  {w['text']}: {percent(w['nrmse'])} %, {w['times_noise']:.1f} times" for w in result["worst"]]
     else:
         lines.append("no stretch of time and no part of the flight envelope is worse than noise")
-    lines += [f"note: {note}" for note in result["notes"]]
-    if result["figure"]:
-        lines.append(f"figure {result['figure']}")
-    return "\n".join(lines)
+    return "\n".join([*lines, *picture_lines(result)])
 
 
 def percent(value: float) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.commands.options import parameter_table
+from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.versions import Version, folder_of, open_run, run_data, version_named
 from aircraft_sysid_ros.errors import InputError
@@ -54,10 +55,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         result = refine(data, args.method, options, show)
     content = {**_about(version, opened.current), **result.content, "elapsed": time.perf_counter() - started}
     path = folder / f"refined-{args.method}.json"
-    picture = path.with_suffix(".png")
-    _draw(picture, result, f"{args.method}: {data.aircraft.name}, model {version.identifier}")
+    title = f"{args.method}: {data.aircraft.name}, model {version.identifier}"
+    figure, notes = picture(lambda: _draw(path.with_suffix(".png"), result, title))
     _write(path, json_text(content) + "\n")
-    return {**content, "file": str(path), "figure": str(picture)}
+    return {**content, "file": str(path), "figure": figure, "notes": notes}
 
 
 def _about(version: Version, current: Version) -> dict[str, Any]:
@@ -66,12 +67,13 @@ def _about(version: Version, current: Version) -> dict[str, Any]:
     return {"model": version.identifier, "changes": list(version.changes), "is_current": is_current}
 
 
-def _draw(path: Path, result: Any, title: str) -> None:
+def _draw(path: Path, result: Any, title: str) -> Path:
     from aircraft_sysid_ros.report.figures import outputs_figure
 
     part = path.with_name(f".{path.name}.part.png")
     outputs_figure(result.time, result.measured, result.modelled, part, title)
     os.replace(part, path)
+    return path
 
 
 def _write(path: Path, text: str) -> None:
@@ -107,5 +109,4 @@ def render(result: dict[str, Any]) -> str:
             f"WORSE THAN BEFORE: where nothing was fitted, {axes} predicted worse than by the parameters that it began "
             "with. The model seems to lack something, see aircraft-sysid diagnose RUN: do not use what was refined"
         )
-    lines += [f"figure {result['figure']}", f"file {result['file']}"]
-    return "\n".join(lines)
+    return "\n".join([*lines, *picture_lines(result), f"file {result['file']}"])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from aircraft_sysid_ros.commands.folders import check_folder
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra
 
 if TYPE_CHECKING:
     from aircraft_sysid_ros.workbench.run_view import FlightRecord, RunView
@@ -40,10 +41,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_folder(args.run)
     try:
         import plotly  # noqa: F401
-    except ImportError as error:
-        raise InputError(
-            f"the file needs more packages ({error}): pip install 'aircraft_sysid_ros[workbench]'"
-        ) from None
+    except ImportError:
+        raise MissingExtra("reports", "plotly", "workbench") from None
     from aircraft_sysid_ros.workbench.calibration_view import calibration_folder, is_calibration, load_calibration_view
     from aircraft_sysid_ros.workbench.report import calibration_html, report_html
     from aircraft_sysid_ros.workbench.run_view import load_truth_view

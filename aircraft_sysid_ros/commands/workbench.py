@@ -19,6 +19,7 @@ from typing import Any
 from aircraft_sysid_ros.commands.folders import check_folder
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra
 
 Tell = Callable[[str, float], None]
 Make = Callable[[str | None], object]
@@ -78,9 +79,7 @@ def _server() -> ModuleType:
     try:
         from aircraft_sysid_ros.workbench import server
     except ImportError as error:
-        raise InputError(
-            f"the page needs more packages ({error}): pip install 'aircraft_sysid_ros[workbench]'"
-        ) from None
+        raise MissingExtra("pages", str(error.name), "workbench") from None
     return server
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
 from aircraft_sysid_ros.mavlink.quantities import Batch
@@ -49,7 +50,7 @@ def read_dataflash(path: Path) -> LogContent:
     try:
         from pymavlink.DFReader import DFReader_binary
     except ImportError:
-        raise InputError("DataFlash logs need pymavlink: pip install pymavlink") from None
+        raise MissingExtra("DataFlash logs", "pymavlink", "logs") from None
     with path.open("rb") as file:
         if file.read(2) != _MAGIC:
             raise InputError("it is not a DataFlash log: it does not begin with A3 95")

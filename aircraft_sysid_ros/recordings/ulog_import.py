@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES
 from aircraft_sysid_ros.mavlink.quantities import Batch
@@ -32,7 +33,7 @@ def read_ulog(path: Path) -> LogContent:
     try:
         from pyulog import ULog
     except ImportError:
-        raise InputError("ULog files need pyulog: pip install pyulog") from None
+        raise MissingExtra("ULog files", "pyulog", "logs") from None
     try:
         log = ULog(str(path))
     except Exception as error:  # pyulog raises TypeError, struct.error and its own

@@ -8,14 +8,12 @@ import numpy as np
 
 from aircraft_sysid_ros.calibration.report import Report
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR
+from aircraft_sysid_ros.report.pyplot import pyplot
 
 
 def trace_figure(report: Report, path: str | Path) -> Path:
     """Write Tr R of every sample of stage 1 over each sampled parameter, and where the estimate is, to a PNG file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     answer = report.answer
     names2 = answer.problem.names2
@@ -46,10 +44,7 @@ def trace_figure(report: Report, path: str | Path) -> Path:
 
 def before_after_figure(report: Report, path: str | Path) -> Path:
     """Write the residuals of every output, uncalibrated and calibrated, over time to a PNG file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     count = len(report.outputs)
     figure, axes = plt.subplots(

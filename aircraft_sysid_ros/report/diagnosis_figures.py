@@ -12,6 +12,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FOLDS
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR
+from aircraft_sysid_ros.report.pyplot import pyplot
 
 _WORST_COLOUR = "#E69F00"
 _FLOOR_COLOUR = "#009E73"
@@ -24,10 +25,7 @@ def comparison_figure(comparison: Comparison, path: str | Path, title: str) -> P
 
     One fold of the held-out blocks is shaded; worst places in time are marked on the residuals.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     figure, plots = plt.subplots(6, 2, figsize=(14, 13), sharex=True, width_ratios=(3, 2), layout="constrained")
     flight, time = comparison.flight, _time_of(comparison)
@@ -77,10 +75,7 @@ def errors_figure(axes: Mapping[str, Mapping[str, float]], path: str | Path, tit
 
     ``axes``: error_before, error_after and noise_floor by axis, as NRMSE.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     figure, plot = plt.subplots(figsize=(2.5 + 1.4 * len(axes), 4.2), layout="constrained")
     at = np.arange(len(axes))

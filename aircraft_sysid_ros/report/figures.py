@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.report.pyplot import pyplot
 from aircraft_sysid_ros.run_folder import PARAMETERS, POINTS
 
 Array = npt.NDArray[np.float64]
@@ -55,10 +56,7 @@ def nrmse(measured: Array, predicted: Array) -> float:
 
 def coefficients_figure(run: str | Path, path: str | Path, title: str) -> Path:
     """Write measured against predicted coefficients, six axes with their residuals, to a PNG file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     points = load_points(run)
     figure, axes = plt.subplots(
@@ -95,10 +93,7 @@ def learning_figure(run: str | Path, path: str | Path, title: str, window: float
     Every sample is predicted by the parameters from before it was seen. The error of each axis is the rms
     over ``window`` [s], over the standard deviation of the coefficient in the whole flight.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     points = load_points(run)
     figure, (above, below) = plt.subplots(2, 1, figsize=(11, 6.5), sharex=True, layout="constrained")
@@ -143,10 +138,7 @@ def outputs_figure(time: Array, measured: Array, modelled: Array, path: str | Pa
 
     Where nothing was fitted the model is NaN and leaves a gap; outputs that were never measured are left out.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     from aircraft_sysid_ros.flight_model.layout import OUTPUT_NAMES
 

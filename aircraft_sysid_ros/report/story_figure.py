@@ -10,6 +10,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR
+from aircraft_sysid_ros.report.pyplot import pyplot
 
 _AFTER_COLOUR, _FLOOR_COLOUR = "#0072B2", "#009E73"
 _SYMBOLS = {axis: f"$C_{{{axis[1]}}}$" for axis in AXES}
@@ -22,10 +23,7 @@ def story_figure(before: Comparison, after: Comparison, axis: str, path: str | P
 
     ``words``: titles of the two models. Lines have gaps where no point is judged, at the borders of held-out blocks.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     figure = plt.figure(figsize=(13, 5.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(2.1, 1))

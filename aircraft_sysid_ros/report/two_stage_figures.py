@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import ResidualSamples
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR
+from aircraft_sysid_ros.report.pyplot import pyplot
 
 Array = npt.NDArray[np.float64]
 
@@ -30,10 +31,7 @@ def trace_figure(
     Two: the plane, coloured by Tr R (figure 4). More: Tr R over the distance from the final estimate, in half ranges
     of the samples (figure 6 has the norm of xi2, which adds radians to scales).
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    plt = pyplot()
 
     figure, plot = plt.subplots(figsize=(7.0, 4.6), layout="constrained")
     draw = (_line, _plane)[len(names2) - 1] if len(names2) < 3 else _distances

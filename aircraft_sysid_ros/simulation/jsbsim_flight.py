@@ -23,6 +23,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, text
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.simulation.autopilot import (
     Autopilot,
     autopilot_controls,
@@ -257,7 +258,7 @@ def trimmed(name: str, folder: Path | None = None, ground: float = GROUND) -> An
     try:
         import jsbsim
     except ImportError:
-        raise InputError("the JSBSim simulator is not installed: pip install jsbsim") from None
+        raise MissingExtra("aeroplanes of JSBSim", "jsbsim", "simulation") from None
     if name not in MODELS:
         raise InputError(f"unknown JSBSim aircraft '{name}': use one of {' '.join(MODELS)}")
     os.environ.setdefault("JSBSIM_DEBUG", "0")  # or it prints a banner on standard output

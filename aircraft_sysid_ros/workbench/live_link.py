@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from multiprocessing.connection import Connection
 from typing import Any
 
+from aircraft_sysid_ros.installation import missing_ros
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.recordings.ros_conversion import nanoseconds_of
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE
@@ -93,7 +94,7 @@ def _serve(pipe: Connection, namespace: str) -> None:
         import rclpy
         from rclpy.exceptions import NameValidationException
     except ImportError as error:
-        pipe.send((NO_ROS, f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS"))
+        pipe.send((NO_ROS, str(missing_ros(error))))
         return
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     try:

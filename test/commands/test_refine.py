@@ -37,7 +37,7 @@ def test_refine_writes_file_and_figure(run, capsys):
     assert main(["refine", str(run), "--method", "output-error", "--segment", "6", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     stored = json.loads((run / "refined-output-error.json").read_text())
-    assert {k: v for k, v in printed.items() if k not in ("file", "figure")} == stored
+    assert {k: v for k, v in printed.items() if k not in ("file", "figure", "notes")} == stored
     assert stored["method"] == "output-error" and len(stored["parameters"]) == 32
     assert (run / "refined-output-error.png").stat().st_size > 10_000
     assert not list(run.glob(".*"))  # no leftovers of writing at once

@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import yaml
@@ -89,14 +88,3 @@ def test_an_aircraft_file_without_coefficients_is_refused(tmp_path):
     path.write_text(yaml.safe_dump(data))
     with pytest.raises(InputError, match="lacks the coefficients CZ_alpha"):
         call("--out", tmp_path / "bag", "--aircraft", path)
-
-
-def test_configuration_files_are_found_where_ros_installs_them(tmp_path, monkeypatch):
-    folder = tmp_path / "share" / config_files.PACKAGE / "config"
-    folder.mkdir(parents=True)
-    (folder / "only_here.yaml").write_text("")
-    with pytest.raises(InputError, match=r"only_here\.yaml is in none of"):
-        config_files.config_path("only_here.yaml")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/opt/elsewhere{os.pathsep}{tmp_path}")
-    assert config_files.config_path("only_here.yaml") == folder / "only_here.yaml"
-    assert Path(config_files.config_path(config_files.DEFAULT_AIRCRAFT)).is_file()

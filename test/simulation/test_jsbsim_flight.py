@@ -134,7 +134,7 @@ def test_unknown_aeroplanes_and_a_missing_simulator_are_said(monkeypatch):
     with pytest.raises(InputError, match="use one of c172p"):
         prepare_jsbsim("spitfire")
     monkeypatch.setitem(sys.modules, "jsbsim", None)
-    with pytest.raises(InputError, match="pip install jsbsim"):
+    with pytest.raises(InputError, match=r"need jsbsim.*aircraft_sysid_ros\[simulation\]"):
         prepare_jsbsim("c172p")
 
 
