@@ -77,7 +77,7 @@ def test_condition_17_is_the_relative_change_within_reach():
     few = np.linspace(0.0, 1.0, 4)[:, None]
     samples, _, _ = first_stage(problem, few, Conditions(t1=1.001 * expected))  # reach of 4 samples is 0.125
     assert samples.count(Verdict.NOT_LINEAR) == 0
-    with pytest.raises(InputError, match=r"4 by \(17\)"):
+    with pytest.raises(InputError, match="4 as not linear and 0 not convex"):
         first_stage(problem, few, Conditions(t1=0.01))
 
 
@@ -108,7 +108,7 @@ def test_samples_at_the_top_of_the_cost_are_not_convex():
     problem = wave([0.0, 3.0])
     top = sample_residuals(problem, np.array([[0.5 + np.pi / 2.0]]))
     assert cond.judge(problem, top.xi1[0], top.xi2[0], np.array([0.1]), Conditions()) == Verdict.NOT_CONVEX
-    with pytest.raises(InputError, match=r"1 by \(18\)"):
+    with pytest.raises(InputError, match="0 as not linear and 1 not convex"):
         candidates(problem, top, Conditions(t1=np.inf))
 
 
