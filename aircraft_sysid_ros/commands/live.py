@@ -1,23 +1,30 @@
-"""``live``: all nodes on ROS 2 topics in one process, and with --out the same run folder as ``replay``."""
+"""``live``: all nodes on ROS 2 topics in one process, and with --out the same run folder as ``replay``.
+
+Ctrl-C or a termination ends it: what has come is used, and then the run is written. Exit status 1: with --reliable
+messages were lost all the same; the run is of those that came.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from rich.progress import Progress
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.commands.replay import render as render_run
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.commands.replay import why_no_start
+from aircraft_sysid_ros.errors import IncompleteError, InputError
+from aircraft_sysid_ros.installation import missing_ros
+from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
 from aircraft_sysid_ros.run_folder import RunWriter, state_json
-
-#: How long [s] the last states may take from one node to the other at the end.
-_LAST_STATES_TIMEOUT = 20.0
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -62,11 +69,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from rclpy.exceptions import NameValidationException
         from rclpy.signals import SignalHandlerOptions
 
-        from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start, stop_signals
+        from aircraft_sysid_ros.nodes.common import all_have_it, make_executor, spin_until, start, stop_signals
     except ImportError as error:
-        raise InputError(
-            f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS"
-        ) from None
+        raise missing_ros(error) from None
     arguments = _node_arguments(args, *options)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # else Ctrl-C takes the context away
     from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
@@ -76,6 +81,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     try:
         nodes.extend(kind(**arguments) for kind in (StateEstimatorNode, ParameterEstimatorNode))
         state, parameters = nodes
+        state.on_states, parameters.hears_states = parameters.take_states, False
         if writer is not None:
             state.on_rows, parameters.on_points = writer.add_rows, writer.add_points
             parameters.on_parameters = writer.add_parameters
@@ -83,14 +89,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if not (start(state) and start(parameters)):
             raise InputError("the nodes did not start: see the messages above")
         executor = make_executor([state, parameters])
-        print("listening", file=sys.stderr, flush=True)
-        _say_ready(args.ready_file)
-        started = time.perf_counter()
-        _spin(executor, state, args.until_idle, spin_until, stop_signals)
-        state.finish()
-        _wait_for_last_states(executor, state, parameters, spin_until)
-        parameters.finish()
-        return _result(args, state, parameters, writer, started)
+        with progress_bar() as progress, stop_signals() as stop:
+            print("listening", file=sys.stderr, flush=True)
+            _say_ready(args.ready_file)
+            started = time.perf_counter()
+            spin_until(executor, _finished(state, args.until_idle, stop, progress))
+            drain([*state.inputs, *parameters.inputs], stop.left)
+            state.end()
+            parameters.end()
+            stop.doing = "stopping: the run is being written"
+            result = _result(args, state, parameters, writer, started)
+            all_have_it([*state.publishers_that_matter(), *parameters.publishers_that_matter()], stop)
+        missing = lost_in_words(result["lost"])
+        if args.reliable and missing:
+            raise IncompleteError(f"{missing}; the result is of those that came", result)
+        return result
     except NameValidationException as error:
         raise InputError(f"--namespace {args.namespace} is no namespace: {error}") from None
     finally:
@@ -134,32 +147,19 @@ def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> di
     return {"parameter_overrides": overrides, "namespace": f"/{namespace}" if namespace else None}
 
 
-def _spin(
-    executor: Any, state: Any, until_idle: float | None, spin_until: Any, stop_signals: Any
-) -> None:
-    """Callbacks until Ctrl-C or silence, with the time of flight as progress."""
+def _finished(state: Any, until_idle: float | None, stop: Any, progress: Progress) -> Callable[[], bool]:
+    """Whether to end: after Ctrl-C or silence; shows what has come."""
     last = {"count": 0, "time": time.perf_counter()}
-    with progress_bar() as progress:
-        task = progress.add_task("listening", total=None)
+    task = progress.add_task("listening", total=None)
 
-        def finished() -> bool:
-            count, now = sum(state.received.values()), time.perf_counter()
-            if count != last["count"]:
-                last.update(count=count, time=now)
-                progress.update(task, description=f"{count} samples, {state.rows_published} states")
-            return until_idle is not None and count > 0 and now - last["time"] > until_idle
+    def finished() -> bool:
+        count, now = sum(state.received.values()), time.perf_counter()
+        if count != last["count"]:
+            last.update(count=count, time=now)
+            progress.update(task, description=f"{count} samples, {state.rows_published} states")
+        return stop.is_set() or (until_idle is not None and count > 0 and now - last["time"] > until_idle)
 
-        with stop_signals() as stop:
-            spin_until(executor, lambda: stop.is_set() or finished())
-
-
-def _wait_for_last_states(executor: Any, state: Any, parameters: Any, spin_until: Any) -> None:
-    """Until the parameter node has every state that the state node has published."""
-    deadline = time.perf_counter() + _LAST_STATES_TIMEOUT
-    spin_until(
-        executor,
-        lambda: parameters.states_received >= state.rows_published or time.perf_counter() > deadline,
-    )
+    return finished
 
 
 def _late(state: Any, parameters: Any) -> dict[str, int]:
@@ -174,21 +174,26 @@ def _late_note(late: dict[str, int]) -> str:
     return f"samples came too late for their own time ({kinds}): a longer --horizon waits for them"
 
 
+def _why_no_state(state: Any) -> str:
+    count = sum(state.received.values())
+    if not count:
+        return "no message came: the drivers or `bridge` must run with the same ROS_DOMAIN_ID and --namespace"
+    return f"no state was estimated from {count} messages: {why_no_start(state.estimator)}"
+
+
 def _result(
     args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float
 ) -> dict[str, Any]:
     if state.estimator.last_row is None:
-        raise InputError(
-            f"no state was estimated from {sum(state.received.values())} messages: "
-            "check that IMU and GPS are published on imu/data, gps/fix and gps/vel"
-        )
+        raise InputError(_why_no_state(state))
     flight_time = state.estimator.flight_time
-    late = _late(state.estimator, parameters.estimator)
+    late, lost = _late(state.estimator, parameters.estimator), {**state.lost, **parameters.lost}
     result: dict[str, Any] = {
         "received": {**state.received, **parameters.received},
         "states": [state.rows_published, parameters.states_received],
         "late": late,
-        "notes": [_late_note(late)] if late else [],
+        "lost": lost,
+        "notes": [note for note in (_late_note(late) if late else "", lost_in_words(lost)) if note],
     }
     if writer is None:
         from aircraft_sysid_ros.modelling.model_file import parameters_json

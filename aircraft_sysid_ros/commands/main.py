@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import IncompleteError, InputError
+from aircraft_sysid_ros.installation import unmet_requirement
 from aircraft_sysid_ros.json_text import json_text
 
 #: Command, the module that has it and its purpose, in the order in which a user meets them.
@@ -71,8 +72,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:  # while modules are imported
         print("aircraft-sysid: stopped", file=sys.stderr)
         return STOPPED
+    except ImportError as error:
+        return _failed("aircraft-sysid", error)
+    status = 0
     try:
         result = args.module.run(args)
+    except IncompleteError as error:
+        print(f"{args.prog}: {error}", file=sys.stderr)
+        result, status = error.result, FAILED
     except InputError as error:
         print(f"{args.prog}: {' '.join(str(error).split())}", file=sys.stderr)
         return BAD_INPUT
@@ -84,11 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{args.prog}: the system refused{where}: {error.strerror or error}", file=sys.stderr)
         return BAD_INPUT
     except Exception as error:
-        if os.environ.get(TRACEBACK):
-            raise
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        print(f"{args.prog}: failed, {text} ({TRACEBACK}=1 shows where)", file=sys.stderr)
-        return FAILED
+        return _failed(args.prog, error)
     try:
         print(json_text(result) if args.json else args.module.render(result))
         sys.stdout.flush()
@@ -98,7 +101,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         print(f"{args.prog}: the answer cannot be written: {error.strerror or error}", file=sys.stderr)
         return BAD_INPUT
-    return 0
+    return status
+
+
+def _failed(prog: str, error: Exception) -> int:
+    """Say what should not have happened, or the required package that it comes from; returns the exit status."""
+    if os.environ.get(TRACEBACK):
+        raise error
+    if unmet := unmet_requirement():
+        print(f"{prog}: {unmet}", file=sys.stderr)
+        return BAD_INPUT
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    print(f"{prog}: failed, {text} ({TRACEBACK}=1 shows where)", file=sys.stderr)
+    return FAILED
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 
 The messages go out as they were recorded, byte for byte, with their original stamps, in the order of arrival.
 Publishers are reliable by default, since a reliable publisher matches every subscriber, whereas a best-effort
-one is deaf to those who ask for every sample; --best-effort plays as a sensor driver would. No reliability
-reaches into a subscriber's program: at --rate 0 a slow one loses what its own queue does not hold.
+one is deaf to those who ask for every sample; --best-effort plays as a sensor driver would. A reliable playback
+waits for subscribers that are behind, and ends when they have everything. One that keeps every sample, as
+`live --reliable` does, loses none at any rate; another loses what its own queue does not hold.
 """
 
 from __future__ import annotations
@@ -16,14 +17,15 @@ import numpy as np
 
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import missing_ros
 from aircraft_sysid_ros.recordings.playback import Schedule, every
 from aircraft_sysid_ros.recordings.raw_messages import RawMessages
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
 from aircraft_sysid_ros.recordings.storage import read_raw
 
-RELIABLE_DEPTH, BEST_EFFORT_DEPTH = 1000, 100
-#: The middleware asks for acknowledgements every 3 s when nothing more is sent.
-ACKNOWLEDGEMENT_TIMEOUT = 4.0  # [s]
+BEST_EFFORT_DEPTH = 100
+#: How long [s] to wait at a time for subscribers that are behind.
+PATIENCE = 0.1
 #: Without --wait: as long as this [s], and when some topics have listeners and no more appear for the shorter
 #: time [s], the rest is taken to have none. A busy machine can take longer to find them all.
 LONGEST_WAIT, DISCOVERY_SETTLED = 5.0, 1.5
@@ -72,9 +74,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
-        raise InputError(
-            f"ROS 2 is not in this environment ({error}): use `make env` or source your ROS"
-        ) from None
+        raise missing_ros(error) from None
     rclpy.init(
         signal_handler_options=SignalHandlerOptions.NO
     )  # Ctrl-C then ends the loop, not the context under it
@@ -119,12 +119,12 @@ def _publishers(
 ) -> tuple[dict[int, Any], dict[str, str]]:
     """Publisher by channel, and for topics that cannot be played the reason."""
     from rclpy.exceptions import InvalidTopicNameException
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
     from aircraft_sysid_ros.nodes.common import message_class
     from aircraft_sysid_ros.recordings.message_types import is_as_known
 
-    quality = QoSProfile(depth=RELIABLE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+    quality = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
     if args.best_effort:
         quality = QoSProfile(depth=BEST_EFFORT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
     publishers: dict[int, Any] = {}
@@ -171,7 +171,7 @@ def _play(raw: RawMessages, publishers: dict[int, Any], args: argparse.Namespace
         task = progress.add_task("playing", total=duration)
         for row, key, log_time in zip(rows.tolist(), channels, log_times, strict=True):
             schedule.wait(log_time)
-            publishers[key].publish(raw[row])
+            _publish(publishers[key], raw[row])
             counts[key] += 1
             if next(show):
                 progress.update(task, completed=(log_time - log_times[0]) / NANOSECONDS)
@@ -186,12 +186,29 @@ def _play(raw: RawMessages, publishers: dict[int, Any], args: argparse.Namespace
     return {**timing, "messages": messages, "subscribers": subscribers}
 
 
-def _let_arrive(publishers: list[Any], best_effort: bool) -> None:
-    """Until reliable subscribers have what was sent; best-effort ones never say, and get a moment."""
+def _publish(publisher: Any, message: bytes) -> None:
+    """Publish; while the queue is full because subscribers are behind, wait for them."""
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+
+    while True:
+        try:
+            publisher.publish(message)
+            return
+        except rclpy_implementation.RCLError:
+            if _all_have_it(publisher):
+                raise  # there was room
+
+
+def _all_have_it(publisher: Any) -> bool:
+    """Whether reliable subscribers have, before long, what was sent."""
     from rclpy.duration import Duration
 
+    return bool(publisher.wait_for_all_acked(Duration(nanoseconds=int(PATIENCE * NANOSECONDS))))
+
+
+def _let_arrive(publishers: list[Any], best_effort: bool) -> None:
+    """Until reliable subscribers have what was sent, or are gone; best-effort ones never say, and get a moment."""
     time.sleep(LAST_MESSAGES)
-    deadline = time.perf_counter() + ACKNOWLEDGEMENT_TIMEOUT
     for publisher in publishers if not best_effort else []:
-        left = max(deadline - time.perf_counter(), 0.0)
-        publisher.wait_for_all_acked(Duration(nanoseconds=int(left * NANOSECONDS)))
+        while not _all_have_it(publisher):
+            pass

@@ -16,6 +16,8 @@ NAME_LENGTH = 10
 ARRAY_LENGTH = 58
 ARRAY_NAME = "SYSID"
 FORMS = ("named", "array")
+#: Largest rate [Hz] of what goes back.
+FASTEST = 50.0
 #: Id of the array with the values, and of that with their standard errors.
 VALUES_ARRAY, ERRORS_ARRAY = 1, 2
 
@@ -62,8 +64,8 @@ def check_back_options(options: BackOptions) -> BackOptions:
     if len(options.parameters) > ARRAY_LENGTH:
         raise InputError(f"at most {ARRAY_LENGTH} parameters can be sent back, not {len(options.parameters)}")
     for name in ("wind_rate", "parameter_rate"):
-        if not 0.0 <= getattr(options, name) <= 50.0:
-            raise InputError(f"{name} must be from 0 to 50 Hz, not {getattr(options, name):g}")
+        if not 0.0 <= getattr(options, name) <= FASTEST:
+            raise InputError(f"{name} must be from 0 to {FASTEST:g} Hz, not {getattr(options, name):g}")
     return options
 
 

@@ -53,7 +53,8 @@ class NowAndBefore:
 
     def __init__(self, model: AerodynamicModel, forgetting: float) -> None:
         """``forgetting`` per evaluation."""
-        self._model, self._fade = model, forgetting**BLOCK
+        self._model = model
+        self.forget_at(forgetting)
         self._blocks: list[deque[Array]] = [deque() for _ in AXES]
         self._open = [self._nothing(axis) for axis in range(len(AXES))]
         self._before = [self._nothing(axis) for axis in range(len(AXES))]
@@ -63,6 +64,10 @@ class NowAndBefore:
     def _nothing(self, axis: int) -> Array:
         n = len(self._model.terms[AXES[axis]])
         return np.zeros((n + 2, n + 2))
+
+    def forget_at(self, forgetting: float) -> None:
+        """Forget at another rate, per evaluation, from now on."""
+        self._fade = forgetting**BLOCK
 
     def forget(self, axis: int) -> None:
         """Begin an axis anew."""

@@ -32,7 +32,12 @@ class ErrorWindow:
     """Keeps the measured and predicted coefficients of the last ``length`` [s]."""
 
     def __init__(self, length: float, step: float) -> None:
-        self._rows: deque[Array] = deque(maxlen=max(round(length / step), 2))
+        self._rows: deque[Array] = deque()
+        self.resize(length, step)
+
+    def resize(self, length: float, step: float) -> None:
+        """Keep another length [s] of points, which are ``step`` [s] apart."""
+        self._rows = deque(self._rows, maxlen=max(round(length / step), 2))
 
     def add(self, points: Array) -> None:
         """Take points, rows of ``Point``."""

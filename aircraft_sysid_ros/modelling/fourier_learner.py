@@ -90,9 +90,13 @@ class FourierLearner:
     def __init__(self, aircraft: Aircraft, options: ParameterOptions) -> None:
         self._model, self._options = aircraft.model, options
         self._code, self._body = self._model.linked, body_of(aircraft)
-        self._setting = setting_of(aircraft, options)
+        self._aircraft, self._setting = aircraft, setting_of(aircraft, options)
         self._kept = kept_by_interpolation(aircraft, self._setting.frequencies)
         self.reset()
+
+    def change_options(self, options: ParameterOptions) -> None:
+        """See ``Learner``; band and memory are those of the transforms."""
+        self._options, self._setting = options, setting_of(self._aircraft, options)
 
     def reset(self) -> None:
         """Forget all that was learnt."""

@@ -125,6 +125,11 @@ class Gates:
         self.count = 0  # how often axes were held
         self.restart()
 
+    def forget_at(self, forgetting: float) -> None:
+        """What is compared is forgotten at another rate, per evaluation, from now on."""
+        self._forgetting = forgetting
+        self.now_and_before.forget_at(forgetting)
+
     def restart(self) -> None:
         """The clock began anew."""
         self.signs.restart()

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.regression import Body
 from aircraft_sysid_ros.samples import Samples
 
@@ -32,6 +33,18 @@ class ParameterOptions:
     highest_frequency: float = 2.0  # [Hz]
     relearn: bool = True  # after a sudden change of the aeroplane learn the changed axis anew
     rml_rate: float = 100.0  # [Hz] at which the estimator "rml" takes the IMU; faster samples are averaged
+
+
+#: Options that an estimator is made of: they cannot change while it learns.
+STRUCTURE = ("half_width", "step", "lag_time", "estimator", "lowest_frequency", "highest_frequency", "rml_rate")
+
+
+def check_change(before: ParameterOptions, after: ParameterOptions) -> None:
+    """Raises InputError where an estimator that is learning cannot go on with other options."""
+    weighted = ("forgetting_time",) if before.estimator == "fourier" else ()  # the transforms are
+    for name in (*STRUCTURE, *weighted):
+        if getattr(before, name) != getattr(after, name):
+            raise InputError(f"{name} cannot change while the estimator {before.estimator} learns: it is made of it")
 
 
 class AxisEstimate(NamedTuple):
@@ -72,6 +85,9 @@ class Learner(Protocol):
         Returns times [s] (k,), ascending, and all parameters (k, parameters) as they were known at those
         times from the rows up to then, 0 where nothing is known: predictions from then on are made with them.
         """
+
+    def change_options(self, options: ParameterOptions) -> None:
+        """Go on with other options, which have passed ``check_change``."""
 
     def axis(self, axis: int) -> AxisEstimate:
         """Parameters of one axis now, in the order of the model's terms."""

@@ -106,6 +106,11 @@ class LikelihoodLearner:
 
     # -- starting over ----------------------------------------------------------------------------------------------
 
+    def change_options(self, options: ParameterOptions) -> None:
+        """See ``Learner``."""
+        self.options = options
+        self._tuning = self._new_tuning()
+
     def reset(self) -> None:
         """Forget all that was learnt."""
         self.recursion = self._new_recursion()

@@ -18,7 +18,7 @@ from aircraft_sysid_ros.modelling.error_window import AxisError, ErrorWindow
 from aircraft_sysid_ros.modelling.gates import Gates
 from aircraft_sysid_ros.modelling.good_sets import KnownSet, copied, go_back
 from aircraft_sysid_ros.modelling.inferred_angles import InferredAngles
-from aircraft_sysid_ros.modelling.learner import Learner, ParameterOptions
+from aircraft_sysid_ros.modelling.learner import Learner, ParameterOptions, check_change
 from aircraft_sysid_ros.modelling.learners import LEARNERS, make_learner
 from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.modelling.regression import (
@@ -83,11 +83,20 @@ class ParameterEstimator:
     # -- starting over --------------------------------------------------------------------------------------
 
     def _reset_learning(self) -> None:
+        self.learning = self.empty_learning(self.model)
+        self.tuning = self._new_tuning()
+        self.changes = Changes(self.options.step)
+        self.gates = Gates(self.aircraft, self.options.step, self.tuning.forgetting, self.learner is not None)
+        self.newest_point: Array | None = None
+        self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
+        self._ranges = np.full((3, 2), np.nan)
+        self._predictions: list[tuple[float, Array]] = []
+
+    def _new_tuning(self) -> Tuning:
         options = self.options
         accelerometer = self.aircraft.sensors["accelerometer"]
         window = max(options.half_width * accelerometer.rate, 1.0)
-        self.learning = self.empty_learning(self.model)
-        self.tuning = Tuning(
+        return Tuning(
             half_width=options.half_width,
             step=options.step,
             largest_gap=options.largest_gap,
@@ -96,12 +105,21 @@ class ParameterEstimator:
             excitation=options.excitation,
             force_noise=self.aircraft.mass * accelerometer.noise[0] / np.sqrt(window),
         )
-        self.changes = Changes(options.step)
-        self.gates = Gates(self.aircraft, options.step, self.tuning.forgetting, self.learner is not None)
-        self.newest_point: Array | None = None
-        self._signals_seen = np.zeros(len(SIGNALS), np.bool_)
-        self._ranges = np.full((3, 2), np.nan)
-        self._predictions: list[tuple[float, Array]] = []
+
+    def change_options(self, options: ParameterOptions) -> None:
+        """Go on with other options: what is learnt from now on is learnt with them. Raises InputError.
+
+        Those that the estimator is made of cannot change, see ``learner.check_change``.
+        """
+        check_change(self.options, options)
+        if options.relearn and not self.options.relearn:
+            self.changes.restart()  # its memory is from before it was switched off
+        self.options = options
+        self.tuning = self._new_tuning()
+        self.gates.forget_at(self.tuning.forgetting)
+        self.errors.resize(options.error_window, options.step)
+        if self.learner is not None:
+            self.learner.change_options(options)
 
     def empty_learning(self, model: AerodynamicModel) -> Learning:
         """Nothing learnt yet of a model."""

@@ -1,21 +1,19 @@
-"""What the nodes share: parameters from options, quality of service, messages from dictionaries, spinning."""
+"""What the nodes share: quality of service, messages from dictionaries, spinning, and the end of a process."""
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import gc
 import importlib
 import os
 import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -24,9 +22,6 @@ from rclpy.logging import get_logger
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
-from aircraft_sysid_ros.errors import InputError
-
 NANOSECONDS = 1_000_000_000
 #: Period [s] of the diagnostics.
 DIAGNOSTICS_PERIOD = 1.0
@@ -34,89 +29,9 @@ DIAGNOSTICS_PERIOD = 1.0
 SPIN_TIMEOUT = 0.1
 
 
-@dataclasses.dataclass(frozen=True)
-class Option:
-    """Description and range of one ROS parameter."""
-
-    text: str
-    low: float
-    high: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Choice:
-    """Description of one ROS parameter that names one of several things."""
-
-    text: str
-    choices: tuple[str, ...]
-
-
-def declare_options(node: LifecycleNode, defaults: Any, described: Mapping[str, Option | Choice]) -> None:
-    """Declare a ROS parameter for every described field of the dataclass instance ``defaults``."""
-    for name, option in described.items():
-        default = getattr(defaults, name)
-        descriptor = ParameterDescriptor(description=option.text)
-        if isinstance(option, Choice):
-            descriptor.additional_constraints = f"one of {', '.join(option.choices)}"
-        elif isinstance(default, int):
-            low, high = int(option.low), int(option.high)
-            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
-        else:
-            span = FloatingPointRange(from_value=option.low, to_value=option.high)
-            descriptor.floating_point_range = [span]
-        node.declare_parameter(name, default, descriptor)
-
-
-def read_options(node: LifecycleNode, kind: Callable[..., Any], described: Mapping[str, Option | Choice]) -> Any:
-    """Options of the dataclass ``kind`` from the parameters of the node; raises InputError for a wrong choice."""
-    values = {name: node.get_parameter(name).value for name in described}
-    for name, option in described.items():
-        if isinstance(option, Choice) and values[name] not in option.choices:
-            listed = ", ".join(option.choices)
-            raise InputError(f"the parameter {name} must be one of {listed}, not '{values[name]}'")
-    return kind(**values)
-
-
-def declare_common(node: LifecycleNode) -> None:
-    """Parameters that every node has."""
-    text = ParameterDescriptor(description="Path of the aircraft file (YAML).")
-    node.declare_parameter("aircraft_file", "", text)
-    autostart = ParameterDescriptor(description="Configure and activate at the start, without a manager.")
-    node.declare_parameter("autostart", True, autostart)
-    reliability = ParameterDescriptor(
-        description=(
-            "best_effort matches every publisher of sensor data; "
-            "reliable asks for every sample of a playback."
-        )
-    )
-    node.declare_parameter("input_reliability", "best_effort", reliability)
-    depth = ParameterDescriptor(
-        description="Samples that may wait per topic: 10 lose some when the machine stalls, 100 lost none.",
-        integer_range=[IntegerRange(from_value=1, to_value=100000, step=1)],
-    )
-    node.declare_parameter("input_depth", 100, depth)
-
-
-def configured_aircraft(node: LifecycleNode) -> Aircraft:
-    """The aircraft of the parameter ``aircraft_file``; raises InputError."""
-    path = node.get_parameter("aircraft_file").value
-    if not path:
-        raise InputError("the parameter aircraft_file is empty: set it to the path of the aircraft file")
-    return load_aircraft(path)
-
-
-def input_quality(node: LifecycleNode) -> QoSProfile:
-    """Best effort with a deep queue by default: a reliable subscription does not match MAVROS."""
-    wanted = node.get_parameter("input_reliability").value
-    if wanted not in ("best_effort", "reliable"):
-        raise InputError(f"input_reliability must be best_effort or reliable, not '{wanted}'")
-    reliability = ReliabilityPolicy.RELIABLE if wanted == "reliable" else ReliabilityPolicy.BEST_EFFORT
-    return QoSProfile(depth=node.get_parameter("input_depth").value, reliability=reliability)
-
-
 def state_quality() -> QoSProfile:
-    """Between our own nodes nothing may be lost."""
-    return QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
+    """Between our own nodes nothing may be lost. Fast DDS takes 5000 at once; what is more waits at the publisher."""
+    return QoSProfile(depth=50_000, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def message_class(type_name: str) -> Any:
@@ -204,24 +119,64 @@ def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
             get_logger("aircraft_sysid_ros").error(" ".join(str(error).split()))
 
 
+class Stop:
+    """Whether a signal asked the process to end. Further ones tear nothing apart: they are told what is still done."""
+
+    def __init__(self) -> None:
+        self.count = 0  # of signals
+        self.doing = "stopping"
+
+    def is_set(self) -> bool:
+        """Whether to stop."""
+        return self.count > 0
+
+    def set(self, *_: Any) -> None:
+        """Ask to stop; a signal handler."""
+        self.count += 1
+        if self.count > 1:
+            with contextlib.suppress(OSError):
+                os.write(2, f"{self.doing}\n".encode())  # a print could meet itself
+
+    def left(self, messages: int) -> None:
+        """So many messages have come and are not used yet."""
+        self.doing = f"stopping: {messages} messages that have come are used first"
+
+
 @contextlib.contextmanager
-def stop_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C or a termination sets: no callback is torn apart.
+def stop_signals() -> Iterator[Stop]:
+    """What Ctrl-C or a termination sets: no callback is torn apart. After one the process ends, and keeps it.
 
     An exception from a signal inside the events executor would abort the process.
     """
-    stop = threading.Event()
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
+    stop = Stop()
+    before = {number: signal.signal(number, stop.set) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stop
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        if not stop.is_set():
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
-def run_node(kind: Callable[[], LifecycleNode], arguments: Sequence[str] | None = None) -> int:
-    """Entry point of a node's executable: start and spin until a signal. Exit status 2: it did not start."""
+def all_have_it(publishers: Sequence[Any], stop: Stop) -> bool:
+    """Wait until every reliable subscriber has what was published: one that is gone is given up by the middleware.
+
+    False if another signal came before that.
+    """
+    asked = stop.count
+    for publisher in publishers:
+        while not publisher.wait_for_all_acked(Duration(seconds=SPIN_TIMEOUT)):
+            if stop.count > asked:
+                return False
+    return True
+
+
+def run_node(kind: Callable[[], Any], arguments: Sequence[str] | None = None) -> int:
+    """Entry point of a node's executable: start, spin until a signal, use what has come, and end.
+
+    Exit status 1: something did not come or did not arrive, which is said; 2: it did not start.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # until it runs there is nothing to lose
     try:
         own = None if arguments is None else list(arguments)
         rclpy.init(args=own, signal_handler_options=SignalHandlerOptions.NO)
@@ -230,14 +185,28 @@ def run_node(kind: Callable[[], LifecycleNode], arguments: Sequence[str] | None 
         print(" ".join(str(error).split()), file=sys.stderr)
         rclpy.try_shutdown()
         return 2
+    except KeyboardInterrupt:
+        return 0
     try:
         if node.get_parameter("autostart").value and not start(node):
             return 2
         with stop_signals() as stop:
             spin_until(make_executor([node]), stop.is_set)
+            return _end(node, stop)
     except KeyboardInterrupt:
-        pass
+        return 0
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+
+
+def _end(node: Any, stop: Stop) -> int:
+    """Exit status of a node that was asked to stop."""
+    node.end(stop.left)
+    stop.doing = "stopping: the last messages are on their way"
+    problems = [node.unfinished()]
+    if not all_have_it(node.publishers_that_matter(), stop):
+        problems.append("the last messages may not have arrived everywhere")
+    for problem in filter(None, problems):
+        node.get_logger().error(problem)
+    return 1 if any(problems) else 0

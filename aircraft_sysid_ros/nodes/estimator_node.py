@@ -2,45 +2,90 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.calibration.calibration_file import load_calibration
+from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes.inputs import Input, drain, lost_in_words
+from aircraft_sysid_ros.nodes.options import ConfigurableNode, Option, When
 from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
 
+#: Topic that a calibrated probe is heard on.
+PROBE_TOPIC = "five_hole_probe"
+_MADE = "subscriptions are made when the node is activated"
+#: Default and description of the parameters that both nodes have.
+COMMON: dict[str, tuple[Any, Option]] = {
+    "aircraft_file": (
+        "",
+        Option(
+            "Path of the aircraft file (YAML).",
+            check=lambda path: load_aircraft(path) if path else None,
+            when=When.CONFIGURED,
+            why="what was estimated is of this aircraft",
+        ),
+    ),
+    "calibration_file": (
+        "",
+        Option(
+            "Path of a calibration file (YAML) of `aircraft-sysid calibrate`; empty: samples are taken as they are.",
+            check=lambda path: load_calibration(path) if path else None,
+            when=When.CONFIGURED,
+            why="samples that were corrected by it are in what was estimated",
+        ),
+    ),
+    "autostart": (True, Option("Configure and activate at the start, without a manager.", when=When.STARTED)),
+    "input_reliability": (
+        "best_effort",
+        Option(
+            "best_effort matches every publisher of sensor data; reliable asks for every sample of a playback, and a "
+            "publisher that keeps all waits for a slow node.",
+            choices=("best_effort", "reliable"),
+            when=When.ACTIVATED,
+            why=_MADE,
+        ),
+    ),
+    "input_depth": (
+        100,
+        Option(
+            "Samples that may wait per topic with best_effort: 10 lose some when the machine stalls, 100 lost none.",
+            1,
+            100000,
+            when=When.ACTIVATED,
+            why=_MADE,
+        ),
+    ),
+}
 
-class EstimatorNode(LifecycleNode):
+
+class EstimatorNode(ConfigurableNode):
     """Lifecycle, inputs, diagnostics; a node adds its estimator and what it publishes."""
 
     def __init__(
-        self,
-        name: str,
-        inputs: tuple[str, ...],
-        defaults: Any,
-        options: Mapping[str, common.Option | common.Choice],
-        **arguments: Any,
+        self, name: str, inputs: tuple[str, ...], described: Mapping[str, tuple[Any, Option]], **arguments: Any
     ) -> None:
-        super().__init__(name, **arguments)
-        common.declare_common(self)
-        common.declare_options(self, defaults, options)
+        super().__init__(name, {**COMMON, **described}, **arguments)
         self.estimator: Any = None
+        self.correction: Correction | None = None  # of the samples, by the calibration file
         self.received = dict.fromkeys(inputs, 0)
+        self.inputs: list[Input] = []  # while active
         self.numerical_faults = 0
-        self._option_kind, self._described = type(defaults), options
+        self._lost: dict[str, int] = {}  # before the newest activation
         self._offered_publishers: list[Any] = []
         self._offered_services: list[Any] = []
-        self._heard: list[Any] = []
 
     # -- what a node adds ------------------------------------------------------------------------------------
 
-    def make_estimator(self, aircraft: Aircraft, options: Any) -> Any:
+    def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> Any:
         """The estimator, compiled and ready."""
         raise NotImplementedError
 
@@ -66,38 +111,39 @@ class EstimatorNode(LifecycleNode):
 
     # -- lifecycle -------------------------------------------------------------------------------------------
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the aircraft file, compile, create publishers and services."""
-        try:
-            aircraft = common.configured_aircraft(self)
-            self._quality = common.input_quality(self)
-            options = common.read_options(self, self._option_kind, self._described)
-        except InputError as error:
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
+    def configure(self, values: Mapping[str, Any]) -> None:
+        """Load the files, compile, create publishers and services."""
+        if not values["aircraft_file"]:
+            raise InputError("the parameter aircraft_file is empty: set it to the path of the aircraft file")
+        aircraft = load_aircraft(values["aircraft_file"])
+        self.correction = None
+        if values["calibration_file"]:
+            self.correction = Correction(load_calibration(values["calibration_file"]))
+            self.correction.warm_up()
         self.get_logger().info("preparing; the first start compiles, up to a minute")
-        self.estimator = self.make_estimator(aircraft, options)
+        self._lost.clear()
+        self.estimator = self.make_estimator(aircraft, values)
         self.offer()
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics", 10)
-        return TransitionCallbackReturn.SUCCESS
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def activate(self) -> None:
         """Listen."""
         self._process_times = common.process_times()
+        quality = self._input_quality()
         for topic in self.received:
-            self.hear(common.message_class(TOPICS[topic]), topic, partial(self._receive, topic), self._quality)
+            self.hear(common.message_class(TOPICS[topic]), topic, partial(self._receive, topic), quality)
         diagnose = partial(self._survive, self._publish_diagnostics)
         self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, diagnose)
-        return super().on_activate(state)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening; use what was held back."""
-        self.finish()
-        for subscription in self._heard:
-            self.destroy_subscription(subscription)
-        self._heard.clear()
+    def deactivate(self, left: Callable[[int], None]) -> None:
+        """Receive what has come, use what was held back, and stop listening."""
+        drain(self.inputs, left)
+        self._survive(self.finish)
+        self._lost = self.lost
+        for heard in self.inputs:
+            heard.close()
+        self.inputs.clear()
         self.destroy_timer(self._timer)
-        return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget the flight."""
@@ -112,7 +158,7 @@ class EstimatorNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop, from whatever state."""
-        return self.on_deactivate(state) if self._heard else TransitionCallbackReturn.SUCCESS
+        return self.on_deactivate(state) if self.is_active else TransitionCallbackReturn.SUCCESS
 
     # -- for the nodes ---------------------------------------------------------------------------------------
 
@@ -126,8 +172,36 @@ class EstimatorNode(LifecycleNode):
         self._offered_services.append(self.create_service(kind, name, answer))
 
     def hear(self, kind: Any, topic: str, receive: Callable[[Any], None], quality: Any) -> None:
-        """A subscription that lives while the node is active."""
-        self._heard.append(self.create_subscription(kind, topic, partial(self._survive, receive), quality))
+        """An input that lives while the node is active."""
+        self.inputs.append(Input(self, kind, topic, partial(self._survive, receive), quality))
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Messages that were sent and did not come, by topic; of those that some were lost of."""
+        lost = dict(self._lost)
+        for heard in self.inputs:
+            if heard.lost:
+                lost[heard.topic] = lost.get(heard.topic, 0) + heard.lost
+        return lost
+
+    def must_have(self, topic: str) -> bool:
+        """Whether no message of a topic may be lost."""
+        return bool(self.get_parameter("input_reliability").value == "reliable")
+
+    def unfinished(self) -> str:
+        """Messages that were lost where none may be."""
+        return lost_in_words({topic: count for topic, count in self.lost.items() if self.must_have(topic)})
+
+    def publishers_that_matter(self) -> Sequence[Any]:
+        """All."""
+        return self._offered_publishers
+
+    def _input_quality(self) -> QoSProfile:
+        """Best effort with a deep queue by default: a reliable subscription does not match MAVROS."""
+        if self.get_parameter("input_reliability").value == "reliable":
+            return QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
+        depth = self.get_parameter("input_depth").value
+        return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
     def _survive(self, work: Callable[..., None], *arguments: Any) -> None:
         """Do some work; a matrix that cannot be solved costs what was estimated, and not the node in flight."""
@@ -148,6 +222,7 @@ class EstimatorNode(LifecycleNode):
         self._process_times = times
         problem, values = self.condition()
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
-        values = {"cpu_share": share, "numerical_faults": self.numerical_faults, **values}
+        lost = {f"{topic}.lost": count for topic, count in self.lost.items()}
+        values = {"cpu_share": share, "numerical_faults": self.numerical_faults, **lost, **values}
         message = common.diagnostics(self, level, problem or "ok", values)
         self._diagnostics_publisher.publish(message)

@@ -4,115 +4,150 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from aircraft_sysid_msgs.msg import AirData, ControlSurfaces, Parameter, Parameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, Output
-from aircraft_sysid_ros.mavlink.back_channel import BackChannel, BackOptions, Known, Wind
+from aircraft_sysid_ros.mavlink.back_channel import (
+    FASTEST,
+    FORMS,
+    BackChannel,
+    BackOptions,
+    Known,
+    Wind,
+    check_back_options,
+)
 from aircraft_sysid_ros.mavlink.bridge import STEP, Bridge
 from aircraft_sysid_ros.mavlink.calibration import Calibration, load_calibration
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes.options import ConfigurableNode, Option, When
 from aircraft_sysid_ros.recordings.ros_conversion import ned_from_enu
 
 #: Topics that the node hears for the way back.
 WIND, PARAMETERS = "state_estimator/wind", "parameter_estimator/parameters"
 _VECTORS = {3: ("x", "y", "z"), 4: ("x", "y", "z", "w")}
 _DEPTH = 100
-_PARAMETERS: dict[str, tuple[Any, str]] = {
-    "connection": ("udp:0.0.0.0:14550", "udp:HOST:PORT listens; udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD."),
-    "calibration_file": ("", "Path of the calibration file (YAML); without one, no control surfaces."),
-    "system": (0, "System id of the vehicle; 0 is the first that is heard."),
-    "topics": ([""], "Publish these topics only, such as air_data; empty: all."),
-    "back_parameters": ([""], "Names of the parameters to send to the autopilot."),
-    "back_form": ("named", "named: NAMED_VALUE_FLOAT; array: DEBUG_FLOAT_ARRAY with their standard errors."),
-    "back_wind_rate": (1.0, "Rate [Hz] of WIND_COV; 0: none."),
-    "back_parameter_rate": (1.0, "Rate [Hz] of the parameters; 0: none."),
-    "autostart": (True, "Configure and activate at the start, without a manager."),
+
+
+def _listed(values: Sequence[str]) -> list[str]:
+    """Strings of a ROS array, which has one that is empty where there are none."""
+    return [value for value in values if value]
+
+
+def _check_topics(topics: Sequence[str]) -> None:
+    for topic in set(_listed(topics)) - ALL_TOPICS.keys():
+        raise InputError(f"the parameter topics names {topic}: known are {', '.join(ALL_TOPICS)}")
+
+
+_of_link = partial(Option, when=When.CONFIGURED, why="the link is opened with it")
+#: Default and description of each parameter.
+OPTIONS: dict[str, tuple[Any, Option]] = {
+    "connection": (
+        "udp:0.0.0.0:14550",
+        _of_link("udp:HOST:PORT listens; udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD.", check=parse_address),
+    ),
+    "calibration_file": (
+        "",
+        _of_link(
+            "Path of the calibration file (YAML); without one, no control surfaces.",
+            check=lambda path: load_calibration(path) if path else None,
+        ),
+    ),
+    "system": (0, _of_link("System id of the vehicle; 0 is the first that is heard.", 0, 255)),
+    "topics": ([""], _of_link("Publish these topics only, such as air_data; empty: all.", check=_check_topics)),
+    "back_parameters": ([""], Option("Names of the parameters to send to the autopilot.")),
+    "back_form": (
+        "named",
+        Option("named: NAMED_VALUE_FLOAT; array: DEBUG_FLOAT_ARRAY with their standard errors.", choices=FORMS),
+    ),
+    "back_wind_rate": (1.0, Option("Rate [Hz] of WIND_COV; 0: none.", 0.0, FASTEST)),
+    "back_parameter_rate": (1.0, Option("Rate [Hz] of the parameters; 0: none.", 0.0, FASTEST)),
+    "autostart": (True, Option("Configure and activate at the start, without a manager.", when=When.STARTED)),
 }
 
 
-class MavlinkBridgeNode(LifecycleNode):
+class MavlinkBridgeNode(ConfigurableNode):
     """Lifecycle node; a thread of its own reads the link while it is active, so that arrivals are timed well."""
 
     def __init__(self, **arguments: Any) -> None:
-        super().__init__("mavlink_bridge", **arguments)
-        for name, (default, text) in _PARAMETERS.items():
-            self.declare_parameter(name, default, ParameterDescriptor(description=text))
+        super().__init__("mavlink_bridge", OPTIONS, **arguments)
         self.bridge: Bridge | None = None
         self.failure: BaseException | None = None
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._topics: set[str] = set()
         self._made: dict[str, Any] = {}
-        self._heard: list[Any] = []
-
-    def _value(self, name: str) -> Any:
-        value = self.get_parameter(name).value
-        return [item for item in value if item] if isinstance(value, (list, tuple)) else value
+        self._heard: dict[str, Any] = {}
 
     # -- lifecycle -------------------------------------------------------------------------------------------
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def configure(self, values: Mapping[str, Any]) -> None:
         """Read the calibration, open the connection, create publishers."""
-        try:
-            self._make_bridge()
-        except InputError as error:
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
+        path = values["calibration_file"]
+        calibration = load_calibration(path) if path else Calibration()
+        transport = Transport(parse_address(values["connection"]))
+        session = Session(calibration, values["system"] or None)
+        back = BackChannel(_back_options(values))
+        transport.open()
+        self.bridge = Bridge(transport, session, back, lambda: self.get_clock().now().nanoseconds)
+        self._topics = set(_listed(values["topics"])) or set(ALL_TOPICS)
         for topic in sorted(self._topics):
             kind = common.message_class(ALL_TOPICS[topic])
             self._made[topic] = self.create_lifecycle_publisher(kind, topic, QoSProfile(depth=_DEPTH))
         self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
-        return TransitionCallbackReturn.SUCCESS
 
-    def _make_bridge(self) -> None:
-        path = self._value("calibration_file")
-        calibration = load_calibration(path) if path else Calibration()
-        topics = set(self._value("topics"))
-        for topic in topics - ALL_TOPICS.keys():
-            raise InputError(f"the parameter topics names {topic}: known are {', '.join(ALL_TOPICS)}")
-        options = BackOptions(
-            tuple(self._value("back_parameters")), self._value("back_form"),
-            float(self._value("back_wind_rate")), float(self._value("back_parameter_rate")),
-        )  # fmt: skip
-        back, transport = BackChannel(options), Transport(parse_address(self._value("connection")))
-        session = Session(calibration, self._value("system") or None)
-        transport.open()
-        self.bridge = Bridge(transport, session, back, lambda: self.get_clock().now().nanoseconds)
-        self._topics = topics or set(ALL_TOPICS)
+    def check_together(self, values: Mapping[str, Any]) -> None:
+        """What goes back must fit into its messages."""
+        check_back_options(_back_options(values))
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def use_options(self, values: Mapping[str, Any]) -> None:
+        """Send other things back, or at other rates, from now on."""
+        if self.bridge is not None:
+            self.bridge.back.options = _back_options(values)
+            if self.is_active:
+                self._hear(self.bridge.back.options)
+
+    def activate(self) -> None:
         """Read the link; hear what goes back."""
-        result = super().on_activate(state)
-        if self._value("back_wind_rate") > 0.0:
-            self._heard.append(self.create_subscription(TwistWithCovarianceStamped, WIND, self._on_wind, 10))
-        if self._value("back_parameters"):
-            self._heard.append(self.create_subscription(Parameters, PARAMETERS, self._on_parameters, 10))
+        assert self.bridge is not None
+        self._hear(self.bridge.back.options)
         self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self._process_times = common.process_times()
         self._stop.clear()
         self._thread = threading.Thread(target=self._read, name="mavlink", daemon=True)
         self._thread.start()
-        return result
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def deactivate(self, left: Callable[[int], None]) -> None:
         """Stop reading."""
         self._end_thread()
-        for subscription in self._heard:
+        for subscription in self._heard.values():
             self.destroy_subscription(subscription)
         self._heard.clear()
         self.destroy_timer(self._timer)
-        return super().on_deactivate(state)
+
+    def _hear(self, options: BackOptions) -> None:
+        """Subscribe to what goes back, and to no more."""
+        wanted: dict[str, tuple[Any, Any]] = {}
+        if options.wind_rate > 0.0:
+            wanted[WIND] = (TwistWithCovarianceStamped, self._on_wind)
+        if options.parameters:
+            wanted[PARAMETERS] = (Parameters, self._on_parameters)
+        for topic in self._heard.keys() - wanted.keys():
+            self.destroy_subscription(self._heard.pop(topic))
+        for topic in wanted.keys() - self._heard.keys():
+            kind, receive = wanted[topic]
+            self._heard[topic] = self.create_subscription(kind, topic, receive, 10)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the connection."""
@@ -124,7 +159,7 @@ class MavlinkBridgeNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop, from whatever state."""
-        self._end_thread()
+        self.end()
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
@@ -201,6 +236,11 @@ class MavlinkBridgeNode(LifecycleNode):
             parts = value if isinstance(value, dict) else {"": value}
             values.update({f"{name}.{key}".rstrip("."): v for key, v in parts.items()})
         self._diagnostics.publish(common.diagnostics(self, level, problem or "ok", values))
+
+
+def _back_options(values: Mapping[str, Any]) -> BackOptions:
+    names, form = tuple(_listed(values["back_parameters"])), values["back_form"]
+    return BackOptions(names, form, values["back_wind_rate"], values["back_parameter_rate"])
 
 
 def _forget_numbers(message: Any) -> None:

@@ -27,7 +27,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.model_change import change_model, with_terms
 from aircraft_sysid_ros.modelling.point_memory import PointMemory
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.common import Option
+from aircraft_sysid_ros.nodes.options import Option
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, Column
 
 Array = npt.NDArray[np.float64]
@@ -56,28 +56,31 @@ class ModelServices:
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        common.declare_options(node, DiagnosisOptions(), DIAGNOSIS_OPTIONS)
         self.memory = PointMemory()
         self._added: dict[str, Terms] = {}
-        self._period = 0.0
+        self._period, self._share = 0.0, 1.0
         self._worker: LiveWorker | None = None
         self._accuracy: tuple[Array, float] = (np.full(3, np.nan), np.nan)
-        self._restart(0.0)
+        self._restart()
 
-    def _restart(self, share: float) -> None:
-        self._due, self._rest_until, self._begun, self._stamp = -np.inf, 0.0, 0.0, 0
-        self._share = share
+    def _restart(self) -> None:
+        self._due, self._begun, self._spent, self._stamp = -np.inf, 0.0, 0.0, 0
 
     # -- lifecycle -----------------------------------------------------------------------------------------------
 
-    def configure(self) -> None:
+    def configure(self, options: DiagnosisOptions) -> None:
         """Begin a flight."""
-        options = common.read_options(self._node, DiagnosisOptions, DIAGNOSIS_OPTIONS)
         self.close()
         self.memory.clear()
         self._added.clear()
-        self._period = options.diagnosis_period
-        self._restart(options.diagnosis_share)
+        self._restart()
+        self.use(options)
+
+    def use(self, options: DiagnosisOptions) -> None:
+        """Search with other options from the next search on; a period that is set begins with a search."""
+        if options.diagnosis_period != self._period:
+            self._due = -np.inf
+        self._period, self._share = options.diagnosis_period, options.diagnosis_share
 
     def offer(self) -> None:
         """Publishers and services."""
@@ -114,7 +117,7 @@ class ModelServices:
         """Begin a search at the time of flight [s] and the stamp [ns] where one is due and the processor has rested."""
         busy = self._worker is not None and self._worker.busy
         waits = self._period <= 0.0 or self._due - self._period <= now < self._due
-        if busy or waits or time.monotonic() < self._rest_until:
+        if busy or waits or time.monotonic() < self._begun + self._spent / self._share:
             return
         estimator = self._node.estimator
         flights = windows(estimator.aircraft, self.memory, estimator.options.step)
@@ -129,7 +132,7 @@ class ModelServices:
         answer = self._worker.answer() if self._worker is not None else None
         if answer is None:
             return
-        self._rest_until = self._begun + answer.processor_time / self._share
+        self._spent = answer.processor_time
         if answer.content is None:
             self._node.get_logger().warning(answer.failure)
             self.close()

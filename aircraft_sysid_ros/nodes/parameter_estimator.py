@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from aircraft_sysid_msgs.msg import AircraftState, AxisError, ModelError, Parameter, Parameters
 from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
-from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling import error_window as modelling
+from aircraft_sysid_ros.modelling.learner import check_change
 from aircraft_sysid_ros.modelling.model_file import load_model, save_model
 from aircraft_sysid_ros.modelling.parameter_estimator import (
     LEARNERS,
@@ -26,10 +25,10 @@ from aircraft_sysid_ros.modelling.parameter_estimator import (
 from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.calibration import PROBE_TOPIC, configured_correction, declare_calibration
-from aircraft_sysid_ros.nodes.common import Choice, Option
-from aircraft_sysid_ros.nodes.estimator_node import EstimatorNode
-from aircraft_sysid_ros.nodes.model_services import ModelServices
+from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
+from aircraft_sysid_ros.nodes.model_services import DIAGNOSIS_OPTIONS, DiagnosisOptions, ModelServices
+from aircraft_sysid_ros.nodes.options import Option, When, described, options_from
+from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
 from aircraft_sysid_ros.recordings.output_messages import (
     model_error_content,
@@ -41,20 +40,23 @@ from aircraft_sysid_ros.recordings.ros_conversion import message_fields, nanosec
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
 #: What an estimator hears besides: the measurements that it predicts.
 MORE_INPUTS = {"rml": ("air_data", "gps/fix", "gps/vel")}
-OPTIONS: dict[str, Option | Choice] = {
-    "half_width": Option("Half-width [s] of the differentiating window: its delay.", 0.01, 1.0),
-    "step": Option("Time [s] between evaluations.", 0.005, 1.0),
+_window = partial(Option, when=When.CONFIGURED, why="the windows that were learnt from are made of it")
+_chosen = partial(Option, when=When.CONFIGURED, why="what was learnt is in its form")
+OPTIONS: dict[str, Option] = {
+    "half_width": _window("Half-width [s] of the differentiating window: its delay.", 0.01, 1.0),
+    "step": _window("Time [s] between evaluations.", 0.005, 1.0),
     "forgetting_time": Option("Seconds of motion that the estimates rest on.", 1.0, 1e6),
     "excitation": Option("How many sigma of its noise a term must move before its axis learns.", 0.0, 100.0),
     "settle": Option("How much later [s] than the state a control sample may come.", 0.0, 5.0),
     "largest_gap": Option("Longest time [s] between states inside a window.", 0.01, 1.0),
-    "lag_time": Option("Time [s] over which residuals may be correlated.", 0.1, 10.0),
+    "lag_time": _window("Time [s] over which residuals may be correlated.", 0.1, 10.0),
     "error_window": Option("Length [s] of the sliding window of the model error.", 1.0, 600.0),
-    "estimator": Choice("Estimator whose parameters are published.", tuple(LEARNERS)),
-    "lowest_frequency": Option("Lowest frequency [Hz] that the estimator fourier uses.", 0.01, 10.0),
-    "highest_frequency": Option("Highest frequency [Hz] that the estimator fourier uses.", 0.1, 20.0),
-    "rml_rate": Option("Rate [Hz] at which the estimator rml takes the IMU; faster is averaged.", 10.0, 400.0),
+    "estimator": _chosen("Estimator whose parameters are published.", choices=tuple(LEARNERS)),
+    "lowest_frequency": _chosen("Lowest frequency [Hz] that the estimator fourier uses.", 0.01, 10.0),
+    "highest_frequency": _chosen("Highest frequency [Hz] that the estimator fourier uses.", 0.1, 20.0),
+    "rml_rate": _chosen("Rate [Hz] at which the estimator rml takes the IMU, or means of it.", 10.0, 400.0),
 }
+SWITCHES = {"relearn": Option("After a sudden change of the aeroplane learn the changed axis anew.")}
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
 PERIOD = 1.0
@@ -64,11 +66,10 @@ class ParameterEstimatorNode(EstimatorNode):
     """Lifecycle node that owns a ParameterEstimator while it is configured."""
 
     def __init__(self, **arguments: Any) -> None:
-        super().__init__("parameter_estimator", INPUTS, ParameterOptions(), OPTIONS, **arguments)
-        declare_calibration(self)
-        text = "After a sudden change of the aeroplane learn the changed axis anew."
-        self.declare_parameter("relearn", ParameterOptions().relearn, ParameterDescriptor(description=text))
+        options = described(ParameterOptions(), OPTIONS | SWITCHES) | described(DiagnosisOptions(), DIAGNOSIS_OPTIONS)
+        super().__init__("parameter_estimator", INPUTS, options, **arguments)
         self.states_received = 0
+        self.hears_states = True  # False before it is activated: a node of this process gives them to `take_states`
         self.on_points: Callable[[Any], None] | None = None  # `live --out` keeps both for the run folder
         self.on_parameters: Callable[[Any, Any], None] | None = None
         self.on_samples: Callable[[Any], None] | None = None
@@ -76,19 +77,34 @@ class ParameterEstimatorNode(EstimatorNode):
         self._due = -np.inf
         self.model_services = ModelServices(self)
 
-    def make_estimator(self, aircraft: Aircraft, options: ParameterOptions) -> ParameterEstimator:
+    def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> ParameterEstimator:
         """The estimator, compiled."""
         self._epoch, self._due = None, -np.inf
-        options = replace(options, relearn=bool(self.get_parameter("relearn").value))
-        self._correction = configured_correction(self)
+        options = options_from(ParameterOptions, values)
         more = MORE_INPUTS.get(options.estimator, ())
-        if "air_data" in more and self._correction is not None and self._correction.uses_probe:
+        if "air_data" in more and self.correction is not None and self.correction.uses_probe:
             more = (*more, PROBE_TOPIC)
         self.received = dict.fromkeys(INPUTS + more, 0)
         estimator = ParameterEstimator(aircraft, options)
         estimator.warm_up()
-        self.model_services.configure()
+        self.model_services.configure(options_from(DiagnosisOptions, values))
         return estimator
+
+    def check_together(self, values: Mapping[str, Any]) -> None:
+        """The band of frequencies must rise; what the chosen estimator is made of cannot change in flight."""
+        low, high = values["lowest_frequency"], values["highest_frequency"]
+        if not low < high:
+            raise InputError(
+                f"lowest_frequency must be below highest_frequency, not {low:g} and {high:g} Hz: set both together"
+            )
+        if self.is_active:
+            check_change(self.estimator.options, options_from(ParameterOptions, values))
+
+    def use_options(self, values: Mapping[str, Any]) -> None:
+        """Learn with other options from the next state on."""
+        if self.estimator is not None:
+            self.estimator.change_options(options_from(ParameterOptions, values))
+            self.model_services.use(options_from(DiagnosisOptions, values))
 
     def offer(self) -> None:
         """Parameters, model error, services on the model."""
@@ -99,16 +115,21 @@ class ParameterEstimatorNode(EstimatorNode):
         self.service(LoadModel, "~/load_model", self._on_load)
         self.model_services.offer()
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def activate(self) -> None:
         """Listen to the first step too."""
-        self.hear(AircraftState, STATES, self._on_state, common.state_quality())
+        if self.hears_states:
+            self.hear(AircraftState, STATES, self._on_state, common.state_quality())
         self.model_services.start()
-        return super().on_activate(state)
+        super().activate()
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def deactivate(self, left: Callable[[int], None]) -> None:
         """Stop listening."""
         self.model_services.stop()
-        return super().on_deactivate(state)
+        super().deactivate(left)
+
+    def must_have(self, topic: str) -> bool:
+        """States always."""
+        return topic == STATES or super().must_have(topic)
 
     def destroy_node(self) -> None:
         """End what runs beside the node too."""
@@ -118,8 +139,8 @@ class ParameterEstimatorNode(EstimatorNode):
     def take(self, topic: str, message: Any) -> None:
         """One message of controls, height or mass, or of what the chosen estimator hears besides."""
         for samples in to_samples(topic, *message_fields(topic, message)):
-            if self._correction is not None:
-                samples = self._correction.apply(samples)
+            if self.correction is not None:
+                samples = self.correction.apply(samples)
             if self.on_samples is not None and topic in INPUTS:
                 self.on_samples(samples)
             self.estimator.push_samples(samples, self._epoch)
@@ -151,14 +172,24 @@ class ParameterEstimatorNode(EstimatorNode):
             return f"{self.count_publishers(STATES)} nodes publish {STATES}: give each aircraft a namespace", values
         return "" if self.estimator.newest_point is not None else "waiting for states in flight", values
 
+    def take_states(self, rows: Any, stamps: Any) -> None:
+        """States (n, Column.WIDTH) with stamps (n,) [ns] from a node of this process: none can be lost."""
+        if self.is_active:
+            self._survive(self._learn, rows, stamps)
+
     def _on_state(self, message: AircraftState) -> None:
-        self.states_received += 1
-        stamp = np.array([nanoseconds_of(message)], dtype=np.int64)
+        self._learn(row_from_state(message, np.nan), np.array([nanoseconds_of(message)], dtype=np.int64))
+
+    def _learn(self, rows: Any, stamps: Any) -> None:
+        """Learn from states one by one, so that what is published does not depend on how they come."""
         if self._epoch is None:
-            self._epoch = epoch_of(int(stamp[0]))
-        row = row_from_state(message, float(seconds(stamp, self._epoch)[0]))
-        self._keep(self.estimator.push_states(row, self._epoch), row)
-        self._publish_due()
+            self._epoch = epoch_of(int(stamps[0]))
+        rows = rows.copy()
+        rows[:, Column.TIME] = seconds(stamps, self._epoch)
+        for row in np.split(rows, len(rows)):
+            self.states_received += 1
+            self._keep(self.estimator.push_states(row, self._epoch), row)
+            self._publish_due()
 
     def _keep(self, points: Any, row: Any = None) -> None:
         self.model_services.keep(points, row)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,14 +14,8 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.calibration import (
-    PROBE_TOPIC,
-    configured_correction,
-    declare_air_data_errors,
-    declare_calibration,
-)
-from aircraft_sysid_ros.nodes.common import Option
-from aircraft_sysid_ros.nodes.estimator_node import EstimatorNode
+from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
+from aircraft_sysid_ros.nodes.options import Option, When, described, options_from
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
 from aircraft_sysid_ros.reconstruction.state_estimator import (
     StateEstimator,
@@ -45,6 +38,13 @@ OPTIONS = {
     ),
     "divergence_time": Option("GPS rejected for this long [s] without a break: align anew.", 1.0, 60.0),
 }
+SWITCHES = {
+    "air_data_errors": Option(
+        "Scales and offsets of airspeed, alpha and beta are states of the filter too, begun by calibration_file.",
+        when=When.CONFIGURED,
+        why="they are states of the filter",
+    ),
+}
 #: Samples are pushed together that came within this part of the horizon, by which states are late anyway: one push
 #: costs nearly the same for one sample as for ten. The numbers do not depend on it.
 TOGETHER = 0.02
@@ -55,28 +55,32 @@ class StateEstimatorNode(EstimatorNode):
     """Lifecycle node that owns a StateEstimator while it is configured."""
 
     def __init__(self, **arguments: Any) -> None:
-        super().__init__("state_estimator", INPUTS, StateOptions(), OPTIONS, **arguments)
-        declare_calibration(self)
-        declare_air_data_errors(self)
+        super().__init__("state_estimator", INPUTS, described(StateOptions(), OPTIONS | SWITCHES), **arguments)
         self.rows_published = 0
         self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
         self.on_samples: Callable[[Any], None] | None = None  # and the samples
+        self.on_states: Callable[[Any, Any], None] | None = None  # rows and stamps [ns], after they were published
         self._waiting: list[Samples] = []
         self._pushed_until = 0  # newest IMU stamp [ns] at the last push
 
-    def make_estimator(self, aircraft: Aircraft, options: StateOptions) -> StateEstimator:
-        """The filter, compiled, and the correction of its samples."""
-        self._correction = configured_correction(self)
-        probe = (PROBE_TOPIC,) if self._correction is not None and self._correction.uses_probe else ()
+    def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> StateEstimator:
+        """The filter, compiled."""
+        probe = (PROBE_TOPIC,) if self.correction is not None and self.correction.uses_probe else ()
         self.received = dict.fromkeys(INPUTS + probe, 0)
+        self._waiting.clear()
         warm_up(aircraft)
-        options = replace(options, air_data_errors=bool(self.get_parameter("air_data_errors").value))
-        return self._started(StateEstimator(aircraft, options))
+        return self._started(StateEstimator(aircraft, options_from(StateOptions, values)))
+
+    def use_options(self, values: Mapping[str, Any]) -> None:
+        """Fuse with other options from the next sample on; what came before is fused with the old ones."""
+        if self.estimator is not None:
+            self._survive(self._push)
+            self.estimator.change_options(options_from(StateOptions, values))
 
     def _started(self, estimator: StateEstimator) -> StateEstimator:
         """The filter, told what the calibration says of the air data."""
-        if self._correction is not None and estimator.options.air_data_errors:
-            estimator.take_start(start_of_calibration(self._correction.calibration))
+        if self.correction is not None and estimator.options.air_data_errors:
+            estimator.take_start(start_of_calibration(self.correction.calibration))
         return estimator
 
     def offer(self) -> None:
@@ -88,8 +92,8 @@ class StateEstimatorNode(EstimatorNode):
     def take(self, topic: str, message: Any) -> None:
         """One sensor message: convert and, when it is time, push and publish the states that are complete."""
         samples = to_samples(topic, *message_fields(topic, message))
-        if self._correction is not None:
-            samples = [left for part in samples if len(left := self._correction.apply(part))]
+        if self.correction is not None:
+            samples = [left for part in samples if len(left := self.correction.apply(part))]
         self._waiting.extend(samples)
         newest = int(samples[0].stamp[0]) if samples and samples[0].kind[0] == Kind.IMU else self._pushed_until
         period = TOGETHER * self.estimator.options.horizon * common.NANOSECONDS
@@ -141,6 +145,8 @@ class StateEstimatorNode(EstimatorNode):
             message.status_text = STATUS_TEXT[message.status]
             self._state_publisher.publish(common.stamp_of(message, int(stamp)))
         self._publish_wind(wind, int(stamps[-1]))
+        if self.on_states is not None:
+            self.on_states(rows, stamps)
 
     def _publish_wind(self, wind: dict[str, Any], stamp: int) -> None:
         message = TwistWithCovarianceStamped()

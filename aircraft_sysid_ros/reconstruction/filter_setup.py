@@ -50,6 +50,17 @@ def gate_thresholds(sigma: float) -> Array:
     return np.array([0.0] + [2.0 * float(gammaincinv(0.5 * m, inside)) for m in (1, 2, 3)])
 
 
+def with_options(setup: Setup, options: StateOptions, gate: Array) -> Setup:
+    """The setup with other options, of which ``gate`` is that of ``gate_thresholds``."""
+    return setup._replace(
+        gate=gate,
+        maximum_iterations=int(options.maximum_iterations),
+        tolerance=float(options.tolerance),
+        maximum_gap=float(options.maximum_gap),
+        divergence_time=float(options.divergence_time),
+    )
+
+
 def new_setup(aircraft: Aircraft, options: StateOptions, gate: Array, origin: Array, imu: Array) -> Setup:
     """Setup of a flight with the origin (3,) of its positions; the first IMU sample may carry variances."""
     variance, given = np.ones((len(Kind), 3)), np.zeros(len(Kind), np.bool_)

@@ -51,12 +51,17 @@ class TimeOrder:
 
     def __init__(self, horizon: float, delays: npt.NDArray[np.float64]) -> None:
         self._delays = np.rint(np.asarray(delays) * NANOSECONDS).astype(np.int64)
-        self._lag = round(horizon * NANOSECONDS) + int(self._delays.max())
+        self.change_horizon(horizon)
         self._clock: int | None = None
+        self._released_until = -_NEVER  # by this clock
         self._suspect: Samples | None = None
         self._held = concatenate([])
         self.elapsed = 0  # [ns] by the clock, leaps left out
         self.counts = OrderCounts()
+
+    def change_horizon(self, horizon: float) -> None:
+        """Hold samples that come from now on for ``horizon`` [s]."""
+        self._lag = round(horizon * NANOSECONDS) + int(self._delays.max())
 
     @property
     def clock(self) -> int | None:
@@ -89,6 +94,7 @@ class TimeOrder:
         """Everything that is still held, in time order: the recording ended or the clock began anew."""
         held, self._held = self._held, concatenate([])
         if len(held):
+            self._released_until = max(self._released_until, int(held.stamp[-1]))
             yield Released(held)
 
     def _valid(self, samples: Samples) -> npt.NDArray[np.bool_]:
@@ -122,7 +128,7 @@ class TimeOrder:
         elif self._suspect is not None and abs(stamp - int(self._suspect.stamp[0])) <= _CONFIRMATION:
             first, self._suspect = self._suspect, None
             yield from self.flush()
-            self._clock = None
+            self._clock, self._released_until = None, -_NEVER
             self.counts.restarts += 1
             yield Released(concatenate([]), restarted=True)
             yield from self._advance(concatenate([first, sample]))
@@ -136,7 +142,7 @@ class TimeOrder:
         taken = samples.stamp - self._delays[samples.kind]
         clock = self._clock_at_arrival(samples)
         known = clock > np.iinfo(np.int64).min
-        late = known & (taken < np.where(known, clock, 0) - self._lag)
+        late = known & (taken < np.maximum(np.where(known, clock, 0) - self._lag, self._released_until))
         ahead = known & (samples.stamp > np.where(known, clock, 0) + _FUTURE) & (samples.kind != Kind.IMU)
         np.add.at(self.counts.late, samples.kind[late], 1)
         np.add.at(self.counts.wrong_stamp, samples.kind[ahead], 1)
@@ -150,6 +156,7 @@ class TimeOrder:
         held = held[np.lexsort((held.kind, held.stamp))]  # stable: equals stay in the order of arrival
         due = 0
         if self._clock is not None:
+            self._released_until = max(self._released_until, self._clock - self._lag)
             due = int(np.searchsorted(held.stamp, self._clock - self._lag, side="left"))
         self._held = held[max(due, len(held) - _MOST_HELD) :]
         if due:

@@ -19,7 +19,13 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import (
     without_errors,
 )
 from aircraft_sysid_ros.reconstruction.alignment import Alignment, keep_biases
-from aircraft_sysid_ros.reconstruction.filter_setup import SENSOR_OF_KIND, gate_thresholds, new_setup, sensor_scales
+from aircraft_sysid_ros.reconstruction.filter_setup import (
+    SENSOR_OF_KIND,
+    gate_thresholds,
+    new_setup,
+    sensor_scales,
+    with_options,
+)
 from aircraft_sysid_ros.reconstruction.flight_tape import STEP_WIDTH, FlightTape
 from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
@@ -137,6 +143,19 @@ class StateEstimator:
         values = samples.values.copy()
         values[:, 0] /= factor
         return Samples(samples.stamp, samples.kind, values)
+
+    def change_options(self, options: StateOptions) -> None:
+        """Go on with other options: what is fused from now on is fused with them.
+
+        Whether errors of the air data are states cannot change.
+        """
+        if options.air_data_errors != self.options.air_data_errors:
+            raise ValueError("air_data_errors decides on the states of the filter")
+        self.options = options
+        self.order.change_horizon(options.horizon)
+        self._gate = gate_thresholds(options.gate)
+        if self._setup is not None:
+            self._setup = with_options(self._setup, options, self._gate)
 
     def flush(self) -> Array:
         """Process what is still held, at the end of a recording."""

@@ -18,7 +18,6 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
-from aircraft_sysid_ros.nodes.common import Choice
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 
@@ -106,7 +105,7 @@ def test_activated_again_the_state_goes_on(bench, raw):
     bench.spin_until(lambda: len(states) == node.rows_published)
     first = len(states)
     assert first > 400
-    assert not node._heard
+    assert not node.inputs
     assert change(bench, "state_estimator", ACTIVATE)
     bench.play(raw, 6.0, 10.0, node)
     assert change(bench, "state_estimator", DEACTIVATE)
@@ -137,7 +136,7 @@ def test_shut_down_while_active_it_listens_no_more(bench, kind):
     for transition in (CONFIGURE, ACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN):
         assert change(bench, node.get_name(), transition)
     assert label(bench, node.get_name()) == "finalized"
-    assert not node._heard
+    assert not node.inputs
 
 
 def test_a_transition_that_does_not_exist_stops_nothing(bench):
@@ -171,7 +170,7 @@ def test_parameters_are_described_and_keep_their_ranges(bench, module):
     values = bench.call(GetParameters, f"/{name}/get_parameters", names=ours).values
     assert values[ours.index("aircraft_file")].string_value == bench.aircraft_file
     for option, limits in module.OPTIONS.items():
-        if isinstance(limits, Choice):
+        if limits.choices:
             continue
         default = node.get_parameter(option).value
         assert limits.low <= default <= limits.high

@@ -45,7 +45,8 @@ def default_node(bench, tmp_path):
 def test_every_input_is_heard_with_best_effort_and_a_depth_of_100(bench, default_node, kind, parameters, inputs):
     node = default_node(kind, **parameters)
     wanted = {f"/{topic}" for topic in inputs}
-    profiles = {s.topic_name: s.qos_profile for s in node._heard if s.topic_name in wanted}
+    heard = [each.subscription for each in node.inputs]
+    profiles = {s.topic_name: s.qos_profile for s in heard if s.topic_name in wanted}
     assert profiles.keys() == wanted
     for topic, profile in profiles.items():
         assert (profile.reliability, profile.depth) == (ReliabilityPolicy.BEST_EFFORT, 100), topic

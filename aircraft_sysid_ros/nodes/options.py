@@ -1,0 +1,194 @@
+"""Parameters of a node: described, checked before they are set, and never set in vain.
+
+A parameter takes effect at once where it can, in flight too. Where it cannot, it is refused while the node is active,
+with the reason; set while the node is inactive it takes effect when the node is activated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from aircraft_sysid_ros.errors import InputError
+
+Options = TypeVar("Options")
+
+
+class When(Enum):
+    """When a new value takes effect, in words that its description ends with."""
+
+    AT_ONCE = "takes effect at once, in flight too"
+    ACTIVATED = "takes effect when the node is activated"
+    CONFIGURED = "takes effect when the node is configured, or activated again, which begins anew"
+    STARTED = "read when the process starts"
+
+
+@dataclasses.dataclass(frozen=True)
+class Option:
+    """Description of one parameter: a number from ``low`` to ``high``, one of ``choices``, or what ``check`` accepts.
+
+    ``check`` raises InputError. ``why`` says why the value cannot change while the node is active.
+    """
+
+    text: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    check: Callable[[Any], object] | None = None
+    when: When = When.AT_ONCE
+    why: str = ""
+
+    def descriptor(self, default: Any) -> ParameterDescriptor:
+        """What ROS is told of the parameter."""
+        constraints = [f"one of {self._listed()}"] if self.choices else []
+        descriptor = ParameterDescriptor(
+            description=self.text,
+            additional_constraints="; ".join([*constraints, self.when.value]),
+            read_only=self.when is When.STARTED,
+        )
+        if self.low is None or self.high is None:
+            return descriptor
+        if isinstance(default, int):
+            descriptor.integer_range = [IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)]
+        else:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high)]
+        return descriptor
+
+    def accept(self, name: str, value: Any) -> None:
+        """Raises InputError for a value that is none of the choices, or that ``check`` refuses."""
+        if self.choices and value not in self.choices:
+            raise InputError(f"the parameter {name} must be one of {self._listed()}, not '{value}'")
+        if self.check is not None:
+            self.check(value)
+
+    def _listed(self) -> str:
+        return f"{', '.join(self.choices[:-1])} or {self.choices[-1]}"
+
+
+def options_from(kind: Callable[..., Options], values: Mapping[str, Any]) -> Options:
+    """The dataclass ``kind`` from values by name."""
+    return kind(**{field.name: values[field.name] for field in dataclasses.fields(kind)})  # type: ignore[arg-type]
+
+
+def described(defaults: Any, options: Mapping[str, Option]) -> dict[str, tuple[Any, Option]]:
+    """Options with their defaults, which are fields of the dataclass instance ``defaults``."""
+    return {name: (getattr(defaults, name), option) for name, option in options.items()}
+
+
+class ConfigurableNode(LifecycleNode):
+    """A lifecycle node with described parameters; ``is_active`` between its activation and its deactivation."""
+
+    def __init__(self, name: str, options: Mapping[str, tuple[Any, Option]], **arguments: Any) -> None:
+        """``options``: default and description of each parameter."""
+        super().__init__(name, **arguments)
+        self.is_active = False
+        self._described = {key: option for key, (_, option) in options.items()}
+        self._configured_with: dict[str, Any] = {}
+        for key, (default, option) in options.items():
+            self.declare_parameter(key, default, option.descriptor(default))
+        self.add_on_set_parameters_callback(self._may_be_set)
+        self.add_post_set_parameters_callback(self._has_been_set)
+
+    # -- what a node adds ----------------------------------------------------------------------------------------
+
+    def configure(self, values: Mapping[str, Any]) -> None:
+        """Make what the node works with from the values of its parameters; raises InputError."""
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self, left: Callable[[int], None]) -> None:
+        """Work no more; what has come is used first, and ``left`` told how many messages of it there still are."""
+
+    def check_together(self, values: Mapping[str, Any]) -> None:
+        """Raises InputError where values do not fit each other, or cannot change from what they are now."""
+
+    def use_options(self, values: Mapping[str, Any]) -> None:
+        """Values of all parameters, after one was set that takes effect at once."""
+
+    def unfinished(self) -> str:
+        """What the node should have got and did not, in words, when it has ended; empty: nothing."""
+        return ""
+
+    def publishers_that_matter(self) -> Sequence[Any]:
+        """Publishers whose last messages must arrive before the process ends."""
+        return ()
+
+    # -- lifecycle -----------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Check the parameters and configure; FAILURE with one sentence in the log."""
+        try:
+            values = self.values()
+            for name, option in self._described.items():
+                option.accept(name, values[name])
+            self.check_together(values)
+            self.configure(values)
+        except InputError as error:
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        self._configured_with = self._needing_configuration()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate; before that configure again if a parameter was set that needs it."""
+        if self._configured_with != self._needing_configuration():
+            self._configured_with = {}
+            self.on_cleanup(state)
+            result = self.on_configure(state)
+            if result != TransitionCallbackReturn.SUCCESS:
+                return result
+        self.activate()
+        self.is_active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate."""
+        self.end()
+        return super().on_deactivate(state)
+
+    def end(self, left: Callable[[int], None] = lambda count: None) -> None:
+        """Deactivate if active, without a transition: the process ends."""
+        if self.is_active:
+            self.is_active = False
+            self.deactivate(left)
+
+    # -- parameters ----------------------------------------------------------------------------------------------
+
+    def values(self) -> dict[str, Any]:
+        """Values of all described parameters."""
+        return {name: self.get_parameter(name).value for name in self._described}
+
+    def _needing_configuration(self) -> dict[str, Any]:
+        return {
+            name: self.get_parameter(name).value
+            for name, option in self._described.items()
+            if option.when is When.CONFIGURED
+        }
+
+    def _may_be_set(self, parameters: list[Any]) -> SetParametersResult:
+        now = self.values()
+        wanted = {p.name: p.value for p in parameters if p.name in now and p.value != now[p.name]}
+        try:
+            for name, value in wanted.items():
+                option = self._described[name]
+                if self.is_active and option.when is not When.AT_ONCE:
+                    raise InputError(
+                        f"{name} cannot change while the node is active, since {option.why}: deactivate the node first"
+                    )
+                option.accept(name, value)
+            if wanted:
+                self.check_together({**now, **wanted})
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _has_been_set(self, parameters: list[Any]) -> None:
+        names = [p.name for p in parameters if p.name in self._described]
+        if any(self._described[name].when is When.AT_ONCE for name in names):
+            self.use_options(self.values())
