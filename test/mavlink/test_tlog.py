@@ -64,7 +64,7 @@ def test_a_telemetry_log_on_the_autopilots_own_time(tmp_path, events, calibratio
     assert 0.0 <= error.mean() < 0.004  # … the least delay
     sent = [e for e in events if e.topic == "imu/data"]
     force = np.array([sent[i].fields["linear_acceleration"][0] for i in rows]) * [1.0, -1.0, -1.0]
-    assert np.abs(imu.values[:, :3] - force).max() < 0.51e-3 * 9.81
+    assert np.abs(imu.values[:, :3] - force).max() < 1.01e-3 * 9.81  # whole milli-g, cut off
     assert report["topics"]["imu/data"]["source"] == "RAW_IMU"
     assert report["found"]["HEARTBEAT"]["state"] == "unused"
     controls = samples.values[samples.kind == Kind.CONTROLS]

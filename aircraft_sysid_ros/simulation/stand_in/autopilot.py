@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.decoder import Decoder
+from aircraft_sysid_ros.simulation.sensors import EPOCH
 from aircraft_sysid_ros.simulation.stand_in.messages import MESSAGES_OF, Encoder
 from aircraft_sysid_ros.simulation.stand_in.sensors import Event
 
@@ -28,16 +29,33 @@ STREAMS = {
     1: ("RAW_IMU", "SCALED_PRESSURE"), 2: ("GPS_RAW_INT", "SYS_STATUS"), 3: ("SERVO_OUTPUT_RAW",),
     6: ("GLOBAL_POSITION_INT",), 10: ("ATTITUDE", "AOA_SSA"), 11: ("VFR_HUD",), 12: ("WIND", "RPM", "SYSTEM_TIME"),
 }  # fmt: skip
-#: Messages of the stand-in by number; AIRSPEED it does not know, as most ArduPlane versions in use.
+#: Messages of the stand-in by number, those of ArduPlane 4.6.
 KNOWN = {
     getattr(dialect, f"MAVLINK_MSG_ID_{name}"): name
     for name in {name for names in MESSAGES_OF.values() for name in names} | FIRST_RATES.keys()
-    if name != "AIRSPEED"
 }
 _TOLERANCE = 0.3  # of an interval: a sample that comes so early is sent
+MAVLINK_VERSION = 3
 START_TIME = 3.0  # [s] of silence after a restart
 _MOST_HEARD = 10_000
-_SENSORS = 0x3F  # with an airspeed sensor
+#: Armed, in mode AUTO, with stick mixing.
+_MODE = (
+    dialect.MAV_MODE_FLAG_SAFETY_ARMED | dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED | dialect.MAV_MODE_FLAG_GUIDED_ENABLED
+    | dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+)  # fmt: skip
+_SENSORS = (
+    dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO | dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG | dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | dialect.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE | dialect.MAV_SYS_STATUS_SENSOR_GPS
+    | dialect.MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL | dialect.MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION
+    | dialect.MAV_SYS_STATUS_SENSOR_YAW_POSITION | dialect.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
+    | dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL | dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    | dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER | dialect.MAV_SYS_STATUS_AHRS | dialect.MAV_SYS_STATUS_LOGGING
+    | dialect.MAV_SYS_STATUS_SENSOR_BATTERY | dialect.MAV_SYS_STATUS_PREARM_CHECK
+)  # fmt: skip
+_POWER = (300, 12000, 100, 90)  # load of the processor [d%], battery [mV], [cA], left [%]
+_QUESTION_PERIOD = 10.0  # [s] between its own questions of TIMESYNC
 
 
 @dataclass(frozen=True)
@@ -65,6 +83,7 @@ class StandIn:
     calibration: Calibration
     faults: Faults = field(default_factory=Faults)
     seed: int = 0
+    unix_start: int = EPOCH  # [ns] when the flight begins, as its GPS says
 
     def __post_init__(self) -> None:
         self.encoder = Encoder(self.calibration)
@@ -82,7 +101,7 @@ class StandIn:
         self._decoder.component = COMPONENT
         self._rates = {name: _Schedule(rate) for name, rate in FIRST_RATES.items()}
         self._packets: list[bytes] = []
-        self._next_second = -np.inf
+        self._next_second = self._next_question = -np.inf
 
     def boot(self, time: float) -> int:
         """The autopilot's time since start [ns]."""
@@ -100,21 +119,25 @@ class StandIn:
             return
         for name in MESSAGES_OF.get(event.topic, ()):
             if self._is_due(name, event.time):
-                message = self.encoder.message(name, event, self.boot(event.time))
+                message = self.encoder.message(name, event, self.boot(self.encoder.sampled(name, event)))
                 if message is not None:
                     self._send(message)
 
     def tick(self, time: float) -> None:
-        """Heartbeat, system time and status, once a second."""
+        """Heartbeat, system time and status, once a second; now and then a question of TIMESYNC."""
         if time < self._speaks_from or time < self._next_second:
             return
         self._next_second = time + 1.0
         kind, autopilot = dialect.MAV_TYPE_FIXED_WING, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
-        self._send(dialect.MAVLink_heartbeat_message(kind, autopilot, 217, 10, 4, 3))
-        if "SYSTEM_TIME" in self._rates:
-            self._send(dialect.MAVLink_system_time_message(0, self.boot(time) // 1_000_000))
-        sensors = (_SENSORS, _SENSORS, _SENSORS)
-        self._send(dialect.MAVLink_sys_status_message(*sensors, 300, 12000, 100, 90, 0, 0, 0, 0, 0, 0))
+        state = (_MODE, dialect.PLANE_MODE_AUTO, dialect.MAV_STATE_ACTIVE, MAVLINK_VERSION)
+        self._send(dialect.MAVLink_heartbeat_message(kind, autopilot, *state))
+        unix = (self.unix_start + round(time * NANOSECONDS)) // 1000
+        self._send(dialect.MAVLink_system_time_message(unix, self.boot(time) // 1_000_000))
+        sensors, no_errors = (_SENSORS, _SENSORS, _SENSORS), (0,) * 6
+        self._send(dialect.MAVLink_sys_status_message(*sensors, *_POWER, *no_errors))
+        if time >= self._next_question:
+            self._next_question = time + _QUESTION_PERIOD
+            self._send(dialect.MAVLink_timesync_message(0, self.boot(time)))
 
     def receive(self, data: bytes, time: float) -> None:
         """Bytes of the bridge: questions are answered, what is for the autopilot is kept in ``heard``."""
@@ -143,10 +166,12 @@ class StandIn:
         if name == "TIMESYNC" and message.tc1 == 0 and self.faults.answers_timesync:
             yield dialect.MAVLink_timesync_message(self.boot(time), message.ts1)
         elif name == "COMMAND_LONG":
-            yield dialect.MAVLink_command_ack_message(message.command, self._set_interval(message))
+            done, sender = 0, (message.get_srcSystem(), message.get_srcComponent())
+            yield dialect.MAVLink_command_ack_message(message.command, self._set_interval(message), done, 0, *sender)
         elif name == "REQUEST_DATA_STREAM":
+            rate = float(message.req_message_rate) if message.start_stop else 0.0
             for each in STREAMS.get(message.req_stream_id, ()):
-                self._rates[each] = _Schedule(float(message.req_message_rate))
+                self._rates[each] = _Schedule(rate)
         elif name in ("WIND_COV", "NAMED_VALUE_FLOAT", "DEBUG_FLOAT_ARRAY"):
             self.heard.append(message)
 
@@ -157,7 +182,8 @@ class StandIn:
         name = KNOWN.get(int(message.param1))
         if name is None or (name == "HIGHRES_IMU" and not self.faults.highres_imu):
             return int(dialect.MAV_RESULT_FAILED)
-        self._rates[name] = _Schedule(1e6 / message.param2 if message.param2 > 0.0 else 0.0)
+        usual = FIRST_RATES.get(name, 0.0) if message.param2 == 0.0 else 0.0  # negative: none
+        self._rates[name] = _Schedule(1e6 / message.param2 if message.param2 > 0.0 else usual)
         return int(dialect.MAV_RESULT_ACCEPTED)
 
     def _send(self, message: Any) -> None:

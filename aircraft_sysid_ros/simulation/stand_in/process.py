@@ -62,6 +62,7 @@ class Radio:
     def begin(self) -> None:
         """Time 0 of the flight is now."""
         self.started, self.wall_start = time.monotonic(), time.time_ns()
+        self.stand_in.unix_start = self.wall_start
 
     def add(self, events: Sequence[Event]) -> None:
         """Samples to be sent when their time comes."""

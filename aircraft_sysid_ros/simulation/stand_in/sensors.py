@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
 from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, flu_from_frd, samples_and_rows
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.samples import Samples, concatenate
@@ -19,7 +20,7 @@ from aircraft_sysid_ros.simulation.truth import Truth
 Array = npt.NDArray[np.float64]
 
 NANOSECONDS = 1_000_000_000
-#: What the autopilot's own filter tells, to be encoded: attitude, velocity and wind, with the noise of a good filter.
+#: What the autopilot's own filter tells, to be encoded: attitude with rates, velocity with place, and wind.
 ATTITUDE, VELOCITY, WIND = "autopilot/attitude", "autopilot/velocity", "autopilot/wind"
 _FILTER_RATES = {ATTITUDE: 50.0, VELOCITY: 50.0, WIND: 1.0}  # [Hz]
 _VELOCITY_NOISE = 0.05  # [m/s]
@@ -41,13 +42,13 @@ class FlightSensors:
 
     def __init__(self, aircraft: Aircraft, seed: int, *, vanes: bool = True, noise_scale: float = 1.0) -> None:
         sensors = {name: replace(sensor, delay=0.0) for name, sensor in aircraft.sensors.items()}
-        self.aircraft = replace(aircraft, sensors=sensors)
+        self.aircraft = replace(aircraft, sensors=sensors, process_noise=dict.fromkeys(aircraft.process_noise, 0.0))
         self._seed, self._vanes, self._piece = seed, vanes, 0
         rng = generator(seed, "biases of the stand-in")
         self.accelerometer_bias = _ACCELEROMETER_BIAS * rng.standard_normal(3)
         self.gyro_bias = _GYRO_BIAS * rng.standard_normal(3)
         self._options = SensorOptions(
-            noise_scale=noise_scale, accelerometer_bias=0.0, gyro_bias=0.0, transport_scale=0.0
+            noise_scale=noise_scale, accelerometer_bias=0.0, gyro_bias=0.0, transport_scale=0.0, magnetometer=True
         )
 
     def events(self, truth: Truth) -> list[Event]:
@@ -81,11 +82,19 @@ class FlightSensors:
         for topic, rate in _FILTER_RATES.items():
             count = int(np.ceil((truth.time[-1] - truth.time[0] - _PHASE) * rate - 1e-9))
             seen = truth.at(truth.time[0] + _PHASE + np.arange(count) / rate)
-            values = {ATTITUDE: seen.quaternion, VELOCITY: seen.velocity, WIND: seen.wind}[topic]
-            if topic == VELOCITY:
-                values = values + _VELOCITY_NOISE * rng.standard_normal(values.shape)
-            found += [Event(float(t), topic, {"value": v[None]}) for t, v in zip(seen.time, values, strict=True)]
+            fields = _filtered(topic, seen, self._options.noise_scale * rng.standard_normal((count, 3)))
+            found += [Event(float(t), topic, _row(fields, i)) for i, t in enumerate(seen.time)]
         return found
+
+
+def _filtered(topic: str, seen: Truth, noise: Array) -> dict[str, npt.NDArray[Any]]:
+    """What the autopilot's filter tells at n times, with unit noise (n, 3) for its velocity."""
+    if topic == ATTITUDE:
+        return {"attitude": seen.quaternion, "rates": seen.rates}
+    if topic == WIND:
+        return {"wind": seen.wind}
+    place = np.array([geodetic_from_ned(position, seen.origin) for position in seen.position])
+    return {"velocity": seen.velocity + _VELOCITY_NOISE * noise, "place": place, "above_home": -seen.position[:, 2]}
 
 
 def _row(fields: dict[str, npt.NDArray[Any]], i: int) -> dict[str, npt.NDArray[Any]]:
