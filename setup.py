@@ -83,12 +83,14 @@ setup(
     zip_safe=False,
     install_requires=[
         "PyYAML>=5.4",
+        "lz4>=4",
         "mcap>=1.1,<2",
         "numba>=0.60",
         "numpy>=1.26,<3",
         "rich>=13",
         "rosbags>=0.10,<0.12",
         "scipy>=1.11,<2",
+        "zstandard>=0.18",
     ],
     extras_require={
         "ros": ROS,

@@ -16,8 +16,7 @@ class MissingExtra(InputError):
     """A package that only some commands need: ``purpose``, in the plural, needs ``package``, which is in ``extra``."""
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
-        install = f"python3 -m pip install '{PACKAGE}[{extra}]'"
-        super().__init__(f"{purpose} need {package}, which is not installed: {install}")
+        super().__init__(f"{purpose} need {package}: python3 -m pip install '{PACKAGE}[{extra}]'")
 
 
 def missing_ros(error: ImportError) -> InputError:

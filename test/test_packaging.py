@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -9,6 +10,8 @@ from importlib import import_module, metadata
 from pathlib import Path
 
 import pytest
+import yaml
+from packaging.requirements import Requirement
 from setuptools import find_packages
 
 import aircraft_sysid_ros
@@ -173,6 +176,111 @@ def test_package_xml_names_every_ros_package_that_is_imported():
     ros = interfaces | (imported_packages() & {"rclpy", "launch", "launch_ros"})
     declared = {element.text for element in package_xml("package.xml").iter("exec_depend")}
     assert ros <= declared
+
+
+#: Keys of rosdep for what setup.py requires, where they are not python3-NAME.
+ROSDEP_KEYS = {
+    "PyYAML": "python3-yaml", "lz4": "mcap-ros2-support", "mcap": "mcap-ros2-support",
+    "pymavlink": "python3-pymavlink-pip", "pyserial": "python3-serial", "rosbags": "python3-rosbags-pip",
+    "zstandard": "mcap-ros2-support",
+}  # fmt: skip
+
+
+def test_package_xml_names_what_nodes_and_recordings_need_of_python():
+    """The bridge is a node, so that the extra of pip is no extra for rosdep."""
+    requirements = [Requirement(line) for line in metadata.requires("aircraft_sysid_ros")]
+    plain = {r.name for r in requirements if r.marker is None or r.marker.evaluate({"extra": "bridge"})}
+    keys = {ROSDEP_KEYS.get(name, f"python3-{name}") for name in plain}
+    declared = {element.text for element in package_xml("package.xml").iter("exec_depend")}
+    assert keys == {key for key in declared if key.startswith("python3-")} | {"mcap-ros2-support"}
+
+
+@pytest.fixture(scope="module")
+def release_tree(tmp_path_factory):
+    """Both packages side by side, as `make release-tree` writes them."""
+    folder = tmp_path_factory.mktemp("release") / "src"
+    subprocess.run([ROOT / "tools/release_tree.sh", sys.executable, folder], check=True)
+    return folder
+
+
+def test_standard_tools_find_both_packages_in_the_release_tree(release_tree):
+    packages = find_release_packages(release_tree)
+    assert set(packages) == {"aircraft_sysid_msgs", "aircraft_sysid_ros"}
+    assert {package.version for package in packages.values()} == {aircraft_sysid_ros.__version__}
+    assert colcon_list(release_tree) == {
+        "aircraft_sysid_msgs\taircraft_sysid_msgs\t(ros.ament_cmake)",
+        "aircraft_sysid_ros\taircraft_sysid_ros\t(ros.ament_python)",
+    }
+    licence = (ROOT / "LICENSE").read_bytes()
+    assert all((release_tree / package / "LICENSE").read_bytes() == licence for package in packages)
+
+
+def find_release_packages(folder):
+    from catkin_pkg.packages import find_packages
+
+    return find_packages(str(folder))
+
+
+def colcon_list(folder):
+    """What colcon finds without options, of a user who has none of his own."""
+    command = [Path(sys.executable).with_name("colcon"), "--log-base", os.devnull, "list"]
+    environment = os.environ | {"COLCON_HOME": str(folder / "nowhere")}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines())
+
+
+def test_colcon_finds_both_packages_in_the_checkout_without_options():
+    assert colcon_list(ROOT) == {
+        "aircraft_sysid_msgs\tmsg_defs\t(ros.ament_cmake)",
+        "aircraft_sysid_ros\t.\t(ros.ament_python)",
+    }
+
+
+def test_the_release_tree_is_not_written_over_anything(release_tree):
+    command = [ROOT / "tools/release_tree.sh", sys.executable, release_tree]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "is already there" in done.stderr
+
+
+def test_the_release_tree_carries_the_definitions_that_recordings_are_written_with(release_tree):
+    folders = (release_tree / "aircraft_sysid_ros/msg_defs/msg", release_tree / "aircraft_sysid_msgs/msg")
+    expected = {file.name: file.read_bytes() for file in (ROOT / "msg_defs/msg").iterdir()}
+    for folder in folders:
+        assert {file.name: file.read_bytes() for file in folder.iterdir()} == expected
+
+
+@pytest.mark.skipif(shutil.which("dpkg-query") is None, reason="rosdep asks dpkg what is installed")
+def test_rosdep_knows_every_key_and_reports_what_is_not_installed(release_tree, tmp_path):
+    """With the part of rosdep's database that our keys are in, since the whole of it is on the network."""
+    data = ROOT / "test" / "rosdep"
+    (tmp_path / "sources").mkdir()
+    (tmp_path / "sources" / "20-default.list").write_text(f"yaml file://{data}/keys.yaml\n")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("ROS_")} | {
+        "ROSDEP_SOURCE_PATH": str(tmp_path / "sources"),
+        "ROSDISTRO_INDEX_URL": f"file://{data}/index-v4.yaml",
+        "ROS_HOME": str(tmp_path / "home"),
+        "ROS_PYTHON_VERSION": "3",
+    }
+
+    def rosdep(*arguments):
+        command = [Path(sys.executable).with_name("rosdep"), *arguments]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+    assert rosdep("update").returncode == 0
+    where = ("--from-paths", release_tree, "--ignore-src", "--rosdistro", "jazzy", "--os", "ubuntu:noble")
+    checked = rosdep("check", *where)
+    assert checked.stderr == ""
+    declared = {
+        element.text
+        for path in ("package.xml", "msg_defs/package.xml")
+        for element in package_xml(path)
+        if element.tag.endswith("depend") and element.text != "aircraft_sysid_msgs"
+    }
+    assert declared == set(yaml.safe_load((data / "keys.yaml").read_text()))
+    reported = {line.split("\t")[1] for line in checked.stdout.splitlines() if line.startswith("apt\tros-")}
+    of_ros = {f"ros-jazzy-{key.replace('_', '-')}" for key in declared if "-" not in key}
+    assert reported == (set() if Path("/opt/ros/jazzy").is_dir() else of_ros)
 
 
 def test_ros_wheels_are_the_set_that_fits_together():

@@ -21,7 +21,6 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 "$python" setup.py --quiet egg_info --egg-base "$scratch"
 mkdir -p "$ros" "$messages"
-grep -v '\.egg-info/' "$scratch"/*.egg-info/SOURCES.txt |
-    grep -v -e '^msg_defs/[^/]*$' -e '^msg_defs/srv/' -e '^tools/' |
+grep -v -e '\.egg-info/' -e '^msg_defs/[^/]*$' -e '^msg_defs/srv/' -e '^tools/' -e '^MANIFEST.in$' "$scratch"/*.egg-info/SOURCES.txt |
     tar -c -T - | tar -x -C "$ros"
 tar -c LICENSE -C msg_defs . | tar -x -C "$messages"

@@ -78,8 +78,8 @@ def _server() -> ModuleType:
     """The module of the server. Raises InputError where its packages are not installed."""
     try:
         from aircraft_sysid_ros.workbench import server
-    except ImportError as error:
-        raise MissingExtra("pages", str(error.name), "workbench") from None
+    except ImportError:
+        raise MissingExtra("pages", "nicegui and plotly", "workbench") from None
     return server
 
 
