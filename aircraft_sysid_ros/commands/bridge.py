@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
-from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra, missing_ros
 
@@ -55,12 +54,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     try:
         node = MavlinkBridgeNode(**_node_arguments(args))
         if not start(node):
-            raise InputError("the bridge did not start: see the message above")
-        if args.ready_file:
-            Path(args.ready_file).touch()
-        print(f"listening on {args.connection}", file=sys.stderr, flush=True)
+            raise node.failure or InputError("the bridge did not start: see the message above")
         ends = None if args.duration is None else time.monotonic() + args.duration
         with progress_bar() as progress, stop_signals() as stop:
+            _say_listening(args)
             task = progress.add_task("waiting", total=None)
 
             def finished() -> bool:
@@ -77,10 +74,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         rclpy.try_shutdown()
 
 
+def _say_listening(args: argparse.Namespace) -> None:
+    print(f"listening on {args.connection}", file=sys.stderr)
+    if not args.calibration:
+        print("without --calibration it is not known what the outputs move: no control surfaces", file=sys.stderr)
+    sys.stderr.flush()
+    say_ready(args.ready_file)
+
+
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
     clock = result["clock"]
-    lines = [f"{result['vehicle'] or 'no vehicle was found'} on {result['connection']}"]
+    heard = f"{result['vehicle']} on {result['connection']}"
+    lines = [heard if result["vehicle"] else f"no autopilot was heard on {result['connection']}: does it send there?"]
     lines += [f"  {name:<28} {count:>8} received" for name, count in sorted(result["received"].items())]
     lines += [f"  /{topic:<27} {count:>8} published" for topic, count in sorted(result["published"].items())]
     if clock["std"] is not None:

@@ -10,7 +10,6 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from rich.progress import Progress
@@ -18,7 +17,7 @@ from rich.progress import Progress
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
-from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.commands.replay import render as render_run
 from aircraft_sysid_ros.commands.replay import why_no_start
 from aircraft_sysid_ros.errors import IncompleteError, InputError
@@ -91,7 +90,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         executor = make_executor([state, parameters])
         with progress_bar() as progress, stop_signals() as stop:
             print("listening", file=sys.stderr, flush=True)
-            _say_ready(args.ready_file)
+            say_ready(args.ready_file)
             started = time.perf_counter()
             spin_until(executor, _finished(state, args.until_idle, stop, progress))
             drain([*state.inputs, *parameters.inputs], stop.left)
@@ -115,14 +114,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
     return render_run(result)
-
-
-def _say_ready(path: str | None) -> None:
-    if path:
-        try:
-            Path(path).touch()
-        except OSError as error:
-            raise InputError(f"cannot write {path}: {error.strerror}") from None
 
 
 def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> dict[str, Any]:

@@ -9,6 +9,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import select
 import socket
 import time
@@ -21,6 +23,12 @@ from aircraft_sysid_ros.installation import MissingExtra
 DEFAULT_BAUD = 57600
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 5.0  # [s] between tries to open again
 _AT_ONCE = 65536
+_WHAT_TO_DO = {
+    errno.EADDRINUSE: "another program has this port, perhaps a ground station; end that or take another port",
+    errno.ECONNREFUSED: "nobody listens there; start the autopilot or its simulator first",
+    errno.ENOENT: "is it plugged in, and is this its name?",
+    errno.EACCES: "its group, usually dialout, has to have you as a member",
+}
 _KINDS = ("udp", "udpin", "udpout", "tcp", "serial")
 
 
@@ -69,8 +77,10 @@ class Transport:
         try:
             self._open()
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot open {self.address}: {reason}") from None
+            number = getattr(error, "errno", None)
+            reason = os.strerror(number) if number in _WHAT_TO_DO else getattr(error, "strerror", None) or error
+            hint = f": {_WHAT_TO_DO[number]}" if number in _WHAT_TO_DO else ""
+            raise InputError(f"cannot open {self.address}: {reason}{hint}") from None
 
     def read(self, timeout: float) -> bytes:
         """What has come, after at most ``timeout`` [s]; empty when nothing has."""

@@ -99,7 +99,11 @@ class MavlinkBridgeNode(ConfigurableNode):
         transport = Transport(parse_address(values["connection"]))
         session = Session(calibration, values["system"] or None)
         back = BackChannel(_back_options(values))
-        transport.open()
+        try:
+            transport.open()
+        except InputError as error:
+            self.failure = error  # for who started the node in this process
+            raise
         self.bridge = Bridge(transport, session, back, lambda: self.get_clock().now().nanoseconds)
         self._topics = set(_listed(values["topics"])) or set(ALL_TOPICS)
         for topic in sorted(self._topics):

@@ -47,7 +47,8 @@ def test_a_port_that_is_taken_is_said(capfd):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        assert f"cannot open udpin:127.0.0.1:{port}" in refused(capfd, "bridge", f"udp:127.0.0.1:{port}")
+        line = refused(capfd, "bridge", f"udp:127.0.0.1:{port}")
+    assert f"cannot open udpin:127.0.0.1:{port}" in line and "take another port" in line
 
 
 def test_a_bad_namespace_is_one_line():
@@ -58,10 +59,24 @@ def test_a_bad_namespace_is_one_line():
     assert done.returncode == 2 and "--namespace 1a is no namespace: " in line and "starts with a number" in line
 
 
+def test_a_simulator_that_does_not_run_is_said_with_what_to_do():
+    pytest.importorskip("rclpy")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", f"tcp:127.0.0.1:{port}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert "cannot open tcp:127.0.0.1:" in last and "start the autopilot or its simulator first" in last
+
+
 def test_a_bridge_that_hears_nothing_ends_and_says_so():
     command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", "udpout:127.0.0.1:9"]
     options = {"capture_output": True, "text": True, "timeout": 60}
+    assert "no autopilot was heard" in subprocess.run([*command, "--duration", "1"], check=True, **options).stdout
     done = subprocess.run([*command, "--duration", "1", "--json"], check=True, **options)
+    assert "without --calibration" in done.stderr and "no control surfaces" in done.stderr
     result = json.loads(done.stdout)
     assert result["vehicle"] is None and result["received"] == {} and result["clock"]["std"] is None
 

@@ -76,6 +76,7 @@ def test_what_cannot_be_written_is_said_before_the_flight(capfd, tmp_path):
         (["--reboot", "nan"], "--reboot must be from 0 to the --duration of 120 s, not nan"),
         (["--reboot", "10", "-5"], "--reboot must be from 0 to the --duration of 120 s, not -5"),
         (["--reboot", "121"], "not 121"),
+        (["--simulator", "jsbsim", "--aircraft", "x.yaml"], "--aircraft is for --simulator textbook"),
         (["--loss", "nan"], "--loss is from 0 to 0.9"),
     ],
 )

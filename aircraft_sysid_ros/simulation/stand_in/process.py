@@ -155,7 +155,7 @@ def parser() -> argparse.ArgumentParser:
     add("--reboot", type=float, nargs="+", default=[], metavar="S", help="times of flight at which it starts anew")
     add("--record", metavar="BAG", help="the samples themselves as a recording, to compare with")
     add("--overwrite", action="store_true", help="replace a recording that is there")
-    add("--write-aircraft", metavar="FILE", help="write the aircraft file of the JSBSim aeroplane there")
+    add("--write-aircraft", metavar="FILE", help="write the aircraft file of the aeroplane there")
     return options
 
 
@@ -207,6 +207,8 @@ def _check(args: argparse.Namespace) -> None:
     """Numbers that would otherwise fail in flight."""
     if not (0.0 <= args.loss <= 0.9 and 5.0 <= args.duration <= 36000.0 and abs(args.drift) <= 500.0):
         raise InputError("--loss is from 0 to 0.9, --duration from 5 to 36000 s, --drift at most 500 ppm")
+    if args.aircraft and args.simulator != "textbook":
+        raise InputError("--aircraft is for --simulator textbook: JSBSim flies its own (--jsbsim-aircraft)")
     if args.seed < 0:
         raise InputError(f"--seed must not be negative, not {args.seed}")
     if not 0.0 <= args.clock_offset <= MOST_OFFSET:
