@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +33,20 @@ class RawMessages:
     length: Integers  # (n,)
     channels: dict[int, Channel] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # what was wrong with the recording
+    #: Messages by topic that the writer of the recording counted and that could not be read.
+    missing: Mapping[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of_parts(
+        cls, channels: dict[int, Channel], places: Sequence[tuple[int, int]], parts: Sequence[bytes]
+    ) -> RawMessages:
+        """From n serialised messages with their channels and log times [ns], in any order."""
+        length = np.array([len(part) for part in parts], dtype=np.int64)
+        channel, log_time = np.array(places, dtype=np.int64).reshape(-1, 2).T
+        order = np.argsort(log_time, kind="stable")
+        start = np.cumsum(length) - length
+        data = np.frombuffer(b"".join(parts), np.uint8)
+        return cls(data, channel[order], log_time[order], start[order], length[order], channels)
 
     def __len__(self) -> int:
         return len(self.log_time)
@@ -39,9 +55,21 @@ class RawMessages:
         """The serialised message i."""
         return self.data[self.start[i] : self.start[i] + self.length[i]].tobytes()
 
+    def with_notes(self, before: Iterable[str] = (), after: Iterable[str] = ()) -> RawMessages:
+        """The same with more notes before and after its own, each once."""
+        return replace(self, notes=tuple(dict.fromkeys((*before, *self.notes, *after))))
+
     def topic_names(self) -> str:
         """The topics, for messages to the user."""
         return ", ".join(sorted({channel.topic for channel in self.channels.values()})) or "no topics"
+
+    def counts(self) -> Counter[str]:
+        """Number of messages by topic."""
+        of_channel = np.bincount(self.channel, minlength=max(self.channels, default=0) + 1)
+        counts: Counter[str] = Counter()
+        for key, channel in self.channels.items():
+            counts[channel.topic] += int(of_channel[key])
+        return counts
 
     def rows(self, channel: int) -> Integers:
         """Which messages are of a channel, in order."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS, USED_FIELDS, samples_and_rows
 from aircraft_sysid_ros.recordings.storage import read_raw
@@ -74,15 +75,23 @@ def read_recording(path: str | Path) -> Recording:
         skipped[topic] = skipped.get(topic, 0) + table.skipped
         if not len(table.rows):
             continue
-        for place, (samples, rows) in enumerate(samples_and_rows(topic, table.stamp, table.fields)):
+        with np.errstate(invalid="ignore"):  # what a damaged message holds may be no number
+            converted = samples_and_rows(topic, table.stamp, table.fields)
+        for place, (samples, rows) in enumerate(converted):
             batches.append(samples)
             orders.append(table.rows[rows] * _SAMPLES_PER_MESSAGE + place)
     _require_samples(path, batches, raw, skipped)
-    order = np.argsort(np.concatenate(orders), kind="stable")
     skipped = {topic: count for topic, count in skipped.items() if count}
-    notes += [f"{count} messages of /{topic} could not be decoded" for topic, count in skipped.items()]
+    notes += [note for topic, count in skipped.items() for note in losses.undecoded_notes(count, "/" + topic)]
     ignored = _counts(raw, raw.channels.keys() - wanted.keys())
-    return Recording(Path(path), concatenate(batches)[order], topics, ignored, skipped, (*raw.notes, *notes))
+    samples = _in_order(concatenate(batches), np.concatenate(orders))
+    return Recording(Path(path), samples, topics, ignored, skipped, (*raw.notes, *notes))
+
+
+def _in_order(samples: Samples, key: Integers) -> Samples:
+    """Samples (n,) by rising key (n,), ties as they are; ``take`` copies rows several times faster than an index."""
+    order = np.argsort(key, kind="stable")
+    return Samples(samples.stamp[order], samples.kind[order], samples.values.take(order, axis=0))
 
 
 def _counts(raw: RawMessages, keys: Iterable[int]) -> dict[str, int]:

@@ -2,141 +2,173 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.mcap_file import read_mcap
+from aircraft_sysid_ros.recordings import losses
+from aircraft_sysid_ros.recordings.decompression import ZSTD_MAGIC, decompress_prefix
+from aircraft_sysid_ros.recordings.mcap_file import read_mcap, read_mcap_data
 from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
+from aircraft_sysid_ros.recordings.sqlite_file import read_sqlite
+
+METADATA = "metadata.yaml"
+_READERS = {".mcap": read_mcap, ".db3": read_sqlite}
+_COMPRESSED = ".zstd"
 
 
 def read_raw(path: str | Path) -> RawMessages:
-    """Messages of a rosbag2 folder (MCAP or sqlite3) or of one .mcap or .db3 file.
+    """Messages of a rosbag2 folder (MCAP or sqlite3) or of one .mcap or .db3 file, as far as they can be read.
 
-    Raises InputError, one sentence, for what is missing, empty or not a recording.
+    The notes say what could not. Raises InputError, one sentence, for what is missing, empty or not a recording, and
+    where nothing of it can be read.
     """
     path = Path(path)
     if not path.exists():
         raise InputError(f"there is no recording {path}")
     try:
-        messages = _read(path)
+        messages = _read_folder(path) if path.is_dir() else _read_file(path)
     except OSError as error:
         raise InputError(f"cannot read the recording {path}: {error.strerror or error}") from None
     if len(messages) == 0:
-        reason = "; ".join(messages.notes)
-        raise InputError(f"the recording {path} holds no messages" + (f" ({reason})" if reason else ""))
-    return messages
+        reasons = [note for note in messages.notes if note != losses.NO_CHECKSUMS]
+        raise InputError(f"the recording {path} holds no messages" + (f" ({'; '.join(reasons)})" if reasons else ""))
+    return replace(messages, notes=tuple(sorted(messages.notes, key=losses.NO_CHECKSUMS.__eq__)))
 
 
-def _read(path: Path) -> RawMessages:
-    if path.is_file():
-        if path.suffix == ".mcap":
-            return read_mcap(path)
-        if path.suffix == ".db3":
-            return _read_with_rosbags(path)
+def _read_file(path: Path) -> RawMessages:
+    """One file, which rosbag2 may have compressed."""
+    if path.suffix in _READERS:
+        return _READERS[path.suffix](path)
+    inner = Path(path.stem)
+    if path.suffix != _COMPRESSED or inner.suffix not in _READERS:
         raise InputError(f"{path} is not a recording: give a rosbag2 folder, an .mcap or a .db3 file")
-    if not (path / "metadata.yaml").exists():
-        return _read_without_metadata(path)
-    files = _plain_mcap_files(path)
-    return _join([read_mcap(file) for file in files]) if files else _read_with_rosbags(path)
+    content, is_whole = decompress_prefix(path.read_bytes())
+    notes = [] if is_whole else [f"{path.name} cannot be decompressed to its end: read up to there"]
+    if inner.suffix == ".mcap":
+        return read_mcap_data(np.frombuffer(content, np.uint8), path).with_notes(notes)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / inner
+        file.write_bytes(content)
+        return read_sqlite(file).with_notes(notes)
 
 
-def _plain_mcap_files(folder: Path) -> list[Path]:
-    """The files of a rosbag2 folder when they are MCAP that is not compressed once more by rosbag2."""
+@dataclass(frozen=True)
+class _Metadata:
+    """What metadata.yaml says: the files, messages in all and by topic, whether each message is compressed alone."""
+
+    files: tuple[str, ...] = ()
+    count: int = 0
+    counted: Counter[str] = field(default_factory=Counter)
+    is_compressed: bool = False
+
+    def notes(self, messages: RawMessages) -> list[str]:
+        """How its numbers differ from the messages that were read, unless their files have said the same."""
+        notes = losses.count_notes(METADATA, self.counted, messages.counts(), messages.missing)
+        by_topic = self.counted.total()
+        if self.count != by_topic:
+            notes.append(f"{METADATA} contradicts itself: it counts {self.count} messages in all, {by_topic} by topic")
+        return notes
+
+
+def _read_folder(folder: Path) -> RawMessages:
+    metadata, problems = _read_metadata(folder / METADATA)
+    notes = [f"{problem}: read without it" for problem in problems]
+    files = [folder / name for name in metadata.files]
+    missing = [f"its file {file.name} is missing" for file in files if not file.exists()]
+    if missing or not files:
+        files = _recording_files(folder)
+    if not files:
+        reasons = "; ".join([*problems, *missing])
+        raise InputError(f"{folder} is not a recording: {reasons}, and it holds no .mcap or .db3 file")
+    messages = _join(*_read_files(files))
+    if metadata.is_compressed or (len(messages) and messages[0].startswith(ZSTD_MAGIC)):
+        messages = _decompressed(messages)
+    return messages.with_notes([*notes, *missing], metadata.notes(messages))
+
+
+def _read_metadata(path: Path) -> tuple[_Metadata, list[str]]:
+    """The content, and what is wrong with it."""
     import yaml
 
-    metadata = folder / "metadata.yaml"
+    if not path.exists():  # rosbag2 writes it last
+        return _Metadata(), [f"{path.name} is missing"]
     try:
-        content = yaml.load(
-            metadata.read_text(encoding="utf8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        )
+        content = yaml.load(path.read_bytes(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
         information = content["rosbag2_bagfile_information"]
-        names = [Path(name).name for name in information["relative_file_paths"]]
-        plain = information["storage_identifier"] == "mcap" and not information.get("compression_format")
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError):
-        raise InputError(f"{metadata} is damaged: delete it to read the files beside it without it") from None
-    if not plain:
-        return []
-    missing = [name for name in names if not (folder / name).exists()]
-    if missing or not names:
-        raise InputError(
-            f"the recording {folder} is not complete: its file {missing[0] if missing else ''} is missing"
-        )
-    return [folder / name for name in names]
+        mode = str(information.get("compression_mode") or "none").lower()
+        counted: Counter[str] = Counter()
+        for topic in information["topics_with_message_count"]:
+            counted[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
+        files = tuple(Path(name).name for name in information["relative_file_paths"])
+        metadata = _Metadata(files, int(information["message_count"]), counted, mode == "message")
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, OverflowError):
+        metadata, mode = _Metadata(), ""
+    if mode not in ("none", "file", "message"):
+        return _Metadata(), [f"{path.name} is damaged"]
+    return metadata, []
 
 
-def _read_without_metadata(folder: Path) -> RawMessages:
-    """rosbag2 writes metadata.yaml last: without it, the recorder died."""
-    files = sorted(folder.glob("*.mcap"))
-    if files:
-        return _join([read_mcap(file) for file in files], "metadata.yaml is missing: read without it")
-    files = sorted(folder.glob("*.db3"))
-    if files:
-        return _join(
-            [_read_with_rosbags(file) for file in files], "metadata.yaml is missing: read without it"
-        )
-    raise InputError(f"{folder} is not a recording: it has no metadata.yaml and no .mcap or .db3 file")
+def _recording_files(folder: Path) -> list[Path]:
+    """What is there, when nothing says what should be; a file that is there uncompressed is not read twice."""
+    files = {path.name: path for path in folder.iterdir() if path.is_file()}
+    plain = [path for name, path in files.items() if path.suffix in _READERS]
+    others = [path for name, path in files.items() if path.suffix == _COMPRESSED and path.stem not in files]
+    return sorted(plain + [path for path in others if Path(path.stem).suffix in _READERS])
 
 
-def _read_with_rosbags(path: Path) -> RawMessages:
-    """sqlite3, and whatever rosbag2 compressed, by way of rosbags."""
-    from rosbags.rosbag2 import Reader
+def _read_files(files: Sequence[Path]) -> tuple[list[RawMessages], list[str]]:
+    """Those that can be read, their notes with their names where they are many, and why the others cannot.
 
-    channels: dict[int, Channel] = {}
-    table: list[tuple[int, int]] = []
-    parts: list[bytes] = []
-    try:
-        with Reader(path) as reader:
-            channels = {c.id: _channel(c) for c in reader.connections}
-            for connection, log_time, content in reader.messages():
-                table.append((connection.id, log_time))
-                parts.append(bytes(content))
-    except OSError:
-        raise
-    except Exception as error:  # rosbags lets errors of yaml, sqlite3, zstd and struct through
-        raise InputError(f"cannot read the recording {path}: {' '.join(str(error).split())}") from None
-    return _raw_messages(channels, table, parts)
-
-
-def _raw_messages(
-    channels: dict[int, Channel], table: list[tuple[int, int]], parts: list[bytes]
-) -> RawMessages:
-    length = np.array([len(part) for part in parts], dtype=np.int64)
-    channel, log_time = np.array(table, dtype=np.int64).reshape(-1, 2).T
-    order = np.argsort(log_time, kind="stable")
-    start = np.cumsum(length) - length
-    data = np.frombuffer(b"".join(parts), np.uint8)
-    return RawMessages(data, channel[order], log_time[order], start[order], length[order], channels)
+    Raises InputError where none can be read.
+    """
+    parts, failures = [], []
+    for file in files:
+        try:
+            part = _read_file(file)
+        except InputError as error:
+            failures.append(str(error))
+            continue
+        if len(files) > 1:
+            named = (note if note == losses.NO_CHECKSUMS else f"{file.name}: {note}" for note in part.notes)
+            part = replace(part, notes=tuple(named))
+        parts.append(part)
+    if not parts:
+        raise InputError(failures[0])
+    return parts, failures
 
 
-def _channel(connection: Any) -> Channel:
-    encodings = {"MSG": "ros2msg", "IDL": "ros2idl"}
-    encoding = encodings.get(connection.msgdef.format.name, "")
-    return Channel(connection.topic, connection.msgtype, encoding, connection.msgdef.data if encoding else "")
+def _decompressed(messages: RawMessages) -> RawMessages:
+    """Messages that rosbag2 compressed one by one."""
+    parts = [decompress_prefix(messages[i]) for i in range(len(messages))]
+    good = [i for i, (_, is_whole) in enumerate(parts) if is_whole]
+    places = [(int(messages.channel[i]), int(messages.log_time[i])) for i in good]
+    found = RawMessages.of_parts(messages.channels, places, [parts[i][0] for i in good])
+    notes = losses.undecoded_notes(len(parts) - len(good), "the recording")
+    return replace(found, notes=messages.notes, missing=messages.missing).with_notes(notes)
 
 
-def _join(files: list[RawMessages], *notes: str) -> RawMessages:
+def _join(files: list[RawMessages], notes: Sequence[str]) -> RawMessages:
     """The files of one recording as one: channels numbered anew; ties of log time in the order of files."""
     if len(files) == 1:
-        return _with_notes(files[0], notes)
+        return files[0].with_notes(notes)
     channels: dict[int, Channel] = {}
     columns: list[tuple[Integers, Integers, Integers, Integers]] = []
+    missing: Counter[str] = Counter()
     size = 0
     for file in files:
         shift = max(channels, default=-1) + 1
         channels.update({shift + key: channel for key, channel in file.channels.items()})
         columns.append((file.channel + shift, file.log_time, file.start + size, file.length))
+        missing.update(file.missing)
         size += len(file.data)
     channel, log_time, start, length = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.argsort(log_time, kind="stable")
     data = np.concatenate([file.data for file in files])
-    joined = RawMessages(data, channel[order], log_time[order], start[order], length[order], channels)
-    return _with_notes(joined, (*notes, *dict.fromkeys(note for file in files for note in file.notes)))
-
-
-def _with_notes(messages: RawMessages, notes: tuple[str, ...]) -> RawMessages:
-    from dataclasses import replace
-
-    return replace(messages, notes=(*notes, *messages.notes))
+    joined = RawMessages(data, channel[order], log_time[order], start[order], length[order], channels, missing=missing)
+    return joined.with_notes((*notes, *(note for file in files for note in file.notes)))

@@ -115,7 +115,7 @@ class RecordingWriter:
             raise InputError(f"cannot write the recording {self.path}: {error.strerror or error}") from None
 
     def _write_bag(self, folder: Path) -> None:
-        from rosbags.rosbag2 import StoragePlugin, Writer
+        from aircraft_sysid_ros.recordings.mcap_storage import BagWriter
 
         log_times = np.concatenate([batch.log_time for batch in self._batches] or [np.empty(0, np.int64)])
         batch_of = np.repeat(np.arange(len(self._batches)), [len(batch.log_time) for batch in self._batches])
@@ -124,7 +124,7 @@ class RecordingWriter:
         )
         order = np.argsort(log_times, kind="stable")
         contents = [(batch.connection[0], _split(batch.messages)) for batch in self._batches]
-        with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        with BagWriter(folder) as writer:
             connections = {
                 topic: writer.add_connection(topic, type_name, typestore=known_types())
                 for topic, type_name in self._connections.items()

@@ -258,7 +258,7 @@ def test_folders_that_are_no_recording(tmp_path, flight):
         read_recording(tmp_path / "nowhere")
     empty = tmp_path / "empty"
     empty.mkdir()
-    with pytest.raises(InputError, match=r"no metadata\.yaml"):
+    with pytest.raises(InputError, match=r"metadata\.yaml is missing"):
         read_recording(empty)
     (empty / "metadata.yaml").write_text("{: not yaml")
     with pytest.raises(InputError, match="damaged"):
