@@ -123,8 +123,15 @@ def decode(
     if len(messages) == 0 or not np.all(messages[:, :2] == np.frombuffer(HEADER[:2], np.uint8)):
         return None
     first = messages[0].tobytes()
+
+    def string_size(name: str, at: int) -> int:
+        size = int.from_bytes(first[at : at + 4], "little")
+        if size > len(first) - at:  # damaged
+            raise NoFixedLayout(name)
+        return size
+
     try:
-        structure = layout(definitions, type_name, lambda _, at: int.from_bytes(first[at : at + 4], "little"))
+        structure = layout(definitions, type_name, string_size)
     except (NoFixedLayout, KeyError):
         return None
     if not 0 <= messages.shape[1] - structure.itemsize <= 3:  # writers may pad to four bytes

@@ -169,6 +169,22 @@ def test_a_wrong_bit_in_a_recording_of_ours_is_always_said(flight):
         assert after_flip(flight, file, bit, whole) in ("said", "refused"), bit
 
 
+def test_a_wrong_bit_in_a_first_message_does_not_decide_for_its_topic(flight, tmp_path):
+    """The layout of all is read off the first: its lengths of texts are not to be trusted."""
+    path = tmp_path / "bag"
+    WRITERS["no chunks"](flight, path)
+    whole, raw = read_recording(path), read_raw(path)
+    file = path / "file.mcap"
+    for key in raw.channels:
+        begin = 8 * int(raw.start[raw.rows(key)[0]])
+        for bit in [*range(begin, begin + 32), *range(begin + 96, begin + 128)]:  # representation, length of the frame
+            assert after_flip(path, file, bit, whole) in ("same", "unseen", "said"), bit
+            flip(file, bit)
+            found = read_recording(path).topics
+            flip(file, bit)
+            assert sum(found.values()) >= len(raw) - 1
+
+
 def message_headers(file):
     """Offsets of kind and length of all messages of an MCAP file whose chunks are not compressed."""
     data = np.fromfile(file, np.uint8)
