@@ -2,7 +2,7 @@
 
     estimates.mcap   states, wind, parameters and model error over the flight
     parameters.json  final parameters with standard errors and verdicts
-    state.json       final biases and wind, what became of every sample, duration, speed
+    state.json       final biases and wind, what became of every sample, notes on the recording, duration, speed
     points.npz       measured coefficients and regressors, from which models are compared
     samples.npz      every sample as it arrived (stamp, kind, values of samples.Samples): the run needs no recording
     aircraft.yaml    the aircraft file that was used
@@ -14,6 +14,7 @@ import os
 import shutil
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -93,13 +94,19 @@ class RunWriter:
             self._errors.append((estimates.time, errors))
 
     def finish(
-        self, state: StateEstimator, parameters: ParameterEstimator, duration: float, started: float
+        self,
+        state: StateEstimator,
+        parameters: ParameterEstimator,
+        duration: float,
+        started: float,
+        notes: Sequence[str] = (),
     ) -> dict[str, Any]:
         """Write the folder; returns the content of its JSON files under "state" and "parameters".
 
-        ``duration`` of the flight [s] and the reading of time.perf_counter() when the work began.
+        ``duration`` of the flight [s], the reading of time.perf_counter() when the work began, and ``notes`` on what
+        could not be read of the recording.
         """
-        result = {"state": state_json(state), "parameters": parameters_json(parameters)}
+        result = {"state": {**state_json(state), "notes": list(notes)}, "parameters": parameters_json(parameters)}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:

@@ -31,6 +31,7 @@ from aircraft_sysid_ros.calibration.report import (
     calibrate_magnetometer,
     calibrate_probe,
 )
+from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.pictures import picture
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
@@ -93,6 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         **report.json(),
         "elapsed": time.perf_counter() - started,
     }
+    result["notes"] = [*recording.notes, *result["notes"]]
     if args.out:
         result["files"] = _write(Path(args.out), args, report, before, result)
     return result
@@ -218,7 +220,7 @@ def render(result: dict[str, Any]) -> str:
         lines.append(f"  {m['model']:<30}{m['held_out_rms']:>8.4g}{'  used' if m['used'] else ''}")
     lines += ["", f"stage 1: {result['decision']}"]
     lines.append(f"stage 2: {result['stage_2']}")
-    lines += [f"note: {note}" for note in result["notes"]]
+    lines += note_lines(result["notes"])
     lines.append(f"{result['seconds_used']:.0f} s of flight used, {result['elapsed']:.1f} s of work")
     lines += [f"file {name}" for name in result.get("files", [])]
     return "\n".join(lines)

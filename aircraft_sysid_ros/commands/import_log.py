@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def render(report: dict[str, Any]) -> str:
         *_found_lines(report["found"]),
         "missing",
         *(f"  {name}: {why}" for name, why in report["missing"].items()),
-        *(f"note: {note}" for note in report["notes"]),
+        *note_lines(report["notes"]),
         f"recording {report['out']}",
     ]
     return "\n".join(lines)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.installation import MissingExtra
 
 
@@ -21,4 +22,4 @@ def picture(draw: Callable[[], Any]) -> tuple[str | None, list[str]]:
 def picture_lines(result: Mapping[str, Any]) -> list[str]:
     """The notes of a result and where its figure is, for people."""
     figure = [f"figure {result['figure']}"] if result["figure"] else []
-    return [*(f"note: {note}" for note in result["notes"]), *figure]
+    return [*note_lines(result["notes"]), *figure]

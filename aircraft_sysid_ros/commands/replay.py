@@ -17,6 +17,7 @@ from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.calibration.filter_start import LONGEST, start_by_stage_1, start_of_calibration
 from aircraft_sysid_ros.calibration.segments import SHORTEST
+from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.options import (
     add_estimator_options,
     estimator_options,
@@ -105,7 +106,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         feed(pipeline, recording, writer, begin)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
-        result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started)
+        result = writer.finish(
+            pipeline.state, pipeline.parameters, pipeline.state.flight_time, started, recording.notes
+        )
     return {"run": str(args.out), "notes": notes(recording, pipeline), **result}
 
 
@@ -299,7 +302,7 @@ def render(result: dict[str, Any]) -> str:
     """The result for people."""
     state = result["state"]
     lines = [parameter_table(result["parameters"]["parameters"]), "", state_table(state), ""]
-    lines += [f"note: {note}" for note in result["notes"]]
+    lines += note_lines(result["notes"])
     lines.append(f"{state['duration']:.1f} s of flight, {state['realtime_factor']:.0f} times real time")
     lines.append(f"run {result['run']}")
     return "\n".join(lines)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from aircraft_sysid_ros.commands.folders import check_folder
+from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
@@ -86,6 +87,6 @@ def _write(out: Path, text: str) -> None:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
-    lines = [f"note: {note}" for note in result["notes"]]
+    lines = note_lines(result["notes"])
     model = f", model {result['model']}" if "model" in result else ""
     return "\n".join([*lines, f"{result['file']}, {result['bytes'] / 1e6:.1f} MB{model}"])
