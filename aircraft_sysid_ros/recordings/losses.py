@@ -26,23 +26,24 @@ class Damage:
 
 
 def damage_notes(damages: Sequence[Damage], log_times: Integers) -> list[str]:
-    """A sentence for each place: what is wrong, and between which times messages may be missing.
+    """A sentence for each place: what is wrong, and from when to when messages may be missing.
 
     ``log_times`` (n,) [ns] are those of the messages that were read, in the order of the file.
     """
     if not damages:
         return []
-    start = int(log_times.min(initial=2**63 - 1))
-    seconds = (log_times - start) / NANOSECONDS
-    notes = [f"{d.what}: messages may be missing {_span(d.messages_before, seconds)}" for d in damages[:_MOST_PLACES]]
+    seconds = (log_times - log_times.min(initial=2**63 - 1)) / NANOSECONDS
+    notes = [damage.what + _span(damage.messages_before, seconds) for damage in damages[:_MOST_PLACES]]
     more = len(damages) - len(notes)
     return [*notes, f"{more} more places of the recording are damaged"] if more else notes
 
 
 def _span(before: int, seconds: npt.NDArray[np.float64]) -> str:
-    first = f"from {seconds[before - 1]:.2f} s" if before else ""
-    last = f"to {seconds[before]:.2f} s" if before < len(seconds) else ""
-    return f"{first} {last}".strip() or "everywhere"
+    if not len(seconds):
+        return ""
+    first = f" from {seconds[before - 1]:.2f} s" if before else ""
+    last = f" to {seconds[before]:.2f} s" if before < len(seconds) else ""
+    return f": messages may be missing{first}{last}"
 
 
 def undescribed_notes(count: int) -> list[str]:

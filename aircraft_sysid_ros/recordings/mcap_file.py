@@ -34,7 +34,7 @@ _COUNT = struct.Struct("<HQ")  # channel and its messages in that map
 _CHECKSUM = 4  # bytes, the last ones of the footer
 
 DAMAGED_END = "the end of the recording is damaged: the numbers of messages that it states there are not used"
-STATISTICS = "the statistics"
+SUMMARY = "its summary"
 
 
 def read_mcap(path: Path) -> RawMessages:
@@ -271,10 +271,10 @@ class _Statistics:
     def notes(self, raw: RawMessages) -> list[str]:
         """How they differ from the messages that were read."""
         outside = int(np.sum((raw.log_time < self.first) | (raw.log_time > self.last)))
-        times = [f"{outside} messages have log times outside of those that the statistics state"] if outside else []
+        times = [f"{outside} messages have log times outside of those that its summary states"] if outside else []
         if not self.messages:
-            return [*losses.count_notes(STATISTICS, {"in all": self.count}, {"in all": len(raw)}), *times]
-        return [*losses.count_notes(STATISTICS, self.by_topic(raw), raw.counts()), *times]
+            return [*losses.count_notes(SUMMARY, {"in all": self.count}, {"in all": len(raw)}), *times]
+        return [*losses.count_notes(SUMMARY, self.by_topic(raw), raw.counts()), *times]
 
     def by_topic(self, raw: RawMessages) -> Counter[str]:
         """Messages by topic."""

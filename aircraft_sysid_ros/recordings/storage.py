@@ -20,6 +20,7 @@ from aircraft_sysid_ros.recordings.sqlite_file import read_sqlite
 METADATA = "metadata.yaml"
 _READERS = {".mcap": read_mcap, ".db3": read_sqlite}
 _COMPRESSED = ".zstd"
+_MOST_REASONS = 3  # why nothing can be read
 
 
 def read_raw(path: str | Path) -> RawMessages:
@@ -37,7 +38,8 @@ def read_raw(path: str | Path) -> RawMessages:
         raise InputError(f"cannot read the recording {path}: {error.strerror or error}") from None
     if len(messages) == 0:
         reasons = [note for note in messages.notes if note != losses.NO_CHECKSUMS]
-        raise InputError(f"the recording {path} holds no messages" + (f" ({'; '.join(reasons)})" if reasons else ""))
+        why = f" that can be read: {'; '.join(reasons[:_MOST_REASONS])}" if reasons else ""
+        raise InputError(f"the recording {path} holds no messages{why}")
     return replace(messages, notes=tuple(sorted(messages.notes, key=losses.NO_CHECKSUMS.__eq__)))
 
 

@@ -266,7 +266,7 @@ def test_a_damaged_chunk_says_what_is_missing_and_from_when_to_when(flight):
     assert what == f"the chunk at byte {start} of the file has a wrong checksum"
     begin, end = (float(word) for word in times.replace(" s", "").split(" to "))
     assert begin <= (first - START) / 1e9 and (last - START) / 1e9 <= end <= begin + 0.3
-    assert counts.startswith(f"{sum(lost.values())} of the 102 messages that the statistics counts could not be read: ")
+    assert counts.startswith(f"{sum(lost.values())} of the 102 messages that its summary counts could not be read: ")
     assert f"/imu/data {lost['/imu/data']}" in counts
     assert is_subsequence(raw, whole)
 
