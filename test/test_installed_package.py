@@ -232,6 +232,17 @@ def test_a_command_that_needs_ros_says_that_it_is_not_there(run, installed, plac
     )
 
 
+def test_a_required_package_that_is_too_old_is_named(installed, place, tmp_path):
+    """As where rosdep installed it, which knows no versions."""
+    (tmp_path / "numba.py").write_text("raise ImportError('numba needs another NumPy')")
+    (tmp_path / "numba-0.57.1.dist-info").mkdir()
+    (tmp_path / "numba-0.57.1.dist-info" / "METADATA").write_text("Name: numba\nVersion: 0.57.1\n")
+    said = complaint(installed.command, "replay", "flight", "--out", "old", cwd=place, PYTHONPATH=tmp_path)
+    assert said == (
+        "aircraft-sysid: the required package numba is too old, 0.57.1: python3 -m pip install 'numba>=0.60'"
+    )
+
+
 EXTRAS = [
     (("simulate", "--simulator", "jsbsim", "--duration", "20", "--out", "other"), "jsbsim", "simulation"),
     (("import", "log.ulg", "--out", "other"), "pyulog", "logs"),

@@ -250,6 +250,33 @@ def test_the_release_tree_carries_the_definitions_that_recordings_are_written_wi
         assert {file.name: file.read_bytes() for file in folder.iterdir()} == expected
 
 
+INSTALLED = ROOT / "build" / "colcon" / "install"
+WHERE = """
+import aircraft_sysid_msgs, aircraft_sysid_ros.config_files as files
+from aircraft_sysid_ros.recordings.message_definitions import message_definitions
+assert message_definitions()
+print(files.__file__, aircraft_sysid_msgs.__file__, files.shipped_folder("msg_defs"), files.shipped_folder("config"))
+"""
+
+
+def in_workspace(command, folder):
+    """What a command prints in a shell that has sourced the workspace of `make colcon`."""
+    prefix = Path(sys.executable).parents[1]
+    environment = {"PATH": f"{prefix}/bin:{os.environ['PATH']}", "AMENT_PREFIX_PATH": str(prefix)}
+    sourced = ["bash", "-c", '. "$0"/setup.bash; "$@"', INSTALLED, *command]
+    done = subprocess.run(sourced, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+@pytest.mark.skipif(not (INSTALLED.parent / "complete").exists(), reason="make colcon builds the workspace")
+def test_what_colcon_installed_finds_its_files_in_itself(tmp_path):
+    found = in_workspace(["python", "-c", WHERE], tmp_path).split()
+    assert len(found) == 4
+    assert all(Path(path).is_relative_to(INSTALLED) for path in found)
+    program = INSTALLED / "aircraft_sysid_ros/lib/aircraft_sysid_ros/aircraft-sysid"
+    assert "COMMAND" in in_workspace([program, "--help"], tmp_path)
+
+
 @pytest.mark.skipif(shutil.which("dpkg-query") is None, reason="rosdep asks dpkg what is installed")
 def test_rosdep_knows_every_key_and_reports_what_is_not_installed(release_tree, tmp_path):
     """With the part of rosdep's database that our keys are in, since the whole of it is on the network."""
