@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms, term_label
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, one_line, parse_expression
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
 from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect
@@ -27,17 +28,17 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     try_setting,
 )
 from aircraft_sysid_ros.diagnosis.reconstruction import (
-    Reconstruction,
+    as_flown,
     as_noisy_as,
-    in_its_gusts,
     log_likelihood,
     reconstruct,
 )
 from aircraft_sysid_ros.diagnosis.replicas import worker_pool
-from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.search import Bench, new_terms, undetermined
 from aircraft_sysid_ros.diagnosis.versions import Change, Run, Version, changing, open_run, version_with, write_version
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.trust import Evidence, TrustRules, judge
+from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -162,13 +163,6 @@ def missing_signals(flight: FlightData, *texts: str) -> list[str]:
     return [name for name in SIGNALS if name in model.signals_used and not np.isfinite(flight.signal(name)).any()]
 
 
-def undetermined(flight: FlightData, axis: str, texts: tuple[str, ...]) -> list[str]:
-    """Terms whose parameters the flight does not determine beside those of the model."""
-    columns = flight.columns([parse_expression(text) for text in texts])
-    result = fit_axis(flight, axis).extended(columns, texts).fit
-    return [text for text in texts if text in result.not_determined]
-
-
 def _of_effect(flight: FlightData, effect: Effect) -> Change:
     missing = [name for name in SIGNALS if name in effect.signals and not np.isfinite(flight.signal(name)).any()]
     trial = None if missing else Bench(flight).best_of(effect)
@@ -176,13 +170,7 @@ def _of_effect(flight: FlightData, effect: Effect) -> Change:
         raise InputError(
             f"'{effect.identifier}' needs {' and '.join(missing) or 'signals'}, which this flight does not have"
         )
-    new: dict[str, tuple[str, ...]] = {}
-    for axis in trial.gains:
-        texts = tuple(parse_expression(text).text for text in trial.candidate.terms[axis])
-        texts = tuple(text for text in texts if text not in flight.model.terms[axis])
-        unknown = undetermined(flight, axis, texts) if texts else []
-        if len(unknown) < len(texts):
-            new[axis] = tuple(text for text in texts if text not in unknown)
+    new = new_terms(flight, trial)
     if not new:
         raise InputError(f"this flight does not determine '{effect.identifier}', or the model has it already")
     return Change(terms=new)
@@ -197,14 +185,14 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
     if run.samples is None:
         raise InputError(f"{run.path} holds no samples to reconstruct from: replay the recording again")
     samples = run.samples
-    as_filed = reconstruct(as_noisy_as(run.current.aircraft, samples), samples, with_covariance=False)
-    flight, calm = in_its_gusts(as_filed)
+    flown, calm = as_flown(run.current.aircraft, samples)
     if not calm and all(variant.setting[-1] == "scale" for variant in effect.variants):
         raise InputError(
             f"in these gusts '{effect.identifier}' cannot be told from gusts: fly in calm air, or set "
             f"{'.'.join(effect.variants[0].setting)} in the aircraft file"
         )
-    jobs = list(_gust_jobs(as_filed, effect)) or list(jobs_of(flight, [effect], calm))
+    jobs = list(_gust_jobs(run.current.aircraft, samples, effect))
+    jobs = jobs or list(jobs_of(reconstruct(flown, samples, with_covariance=False), [effect], calm))
     tried: list[Setting] = []
     with worker_pool(min(max(len(jobs), 1), len(os.sched_getaffinity(0)))) as pool:
         for setting in pool.map(try_setting, jobs):
@@ -213,20 +201,20 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
     best = max(tried, key=lambda setting: setting.evidence, default=None)
     if best is None:
         raise InputError(f"'{effect.identifier}' cannot be tried on this flight: it has no samples of that sensor")
-    value = float(f"{best.value:.4g}")
-    if value == best.nominal or not best.gain > 0.0:
+    if best.value == best.nominal or not best.gain > 0.0:
         raise InputError(
             f"'{effect.identifier}' is not missing: the sensors of this flight fit best with the aircraft file as it is"
         )
-    return Change(settings=((best.variant.setting, value),)), best
+    return Change(settings=((best.variant.setting, best.value),)), best
 
 
-def _gust_jobs(flight: Reconstruction, effect: Effect) -> Iterator[Job]:
+def _gust_jobs(aircraft: Aircraft, samples: Samples, effect: Effect) -> Iterator[Job]:
     """The random walk of the wind, which ``diagnose`` leaves to the filter; a user may ask for it."""
     for variant in effect.variants:
         if variant.setting[0] == "process_noise":
-            samples = stretch_of(flight)
-            yield flight, samples, effect, variant, effect.inner[0], log_likelihood(flight.aircraft, samples), True
+            flight = reconstruct(as_noisy_as(aircraft, samples), samples, with_covariance=False)
+            stretch = stretch_of(flight)
+            yield flight, stretch, effect, variant, effect.inner[0], log_likelihood(flight.aircraft, stretch), True
 
 
 # -- bookkeeping of changes ----------------------------------------------------------------------------------
@@ -304,31 +292,34 @@ def _finish(
     other = run.flight(version.aircraft) if change.settings else replace(flight, aircraft=version.aircraft)
     before, after = fits_of(flight), fits_of(other)
     touched = list(AXES) if change.settings else [*change.terms, *change.without]
-    axes = {axis: _errors(before[axis], after[axis], other) for axis in AXES if axis in touched and axis in after}
+    pairs = {axis: (before[axis], after[axis]) for axis in AXES if axis in touched and axis in after}
+    axes = {a: {**_errors(*p), "noise_floor": compare_axis(other, p[1]).floor.nrmse} for a, p in pairs.items()}
     if not axes:
         raise InputError(f"no axis that '{label}' enters can be fitted on this flight")
     names = [] if removed else [f"{axis}_{term_label(t)}" for axis, texts in change.terms.items() for t in texts]
     parameters = parameters_of(other, after)
     write_version(run, version, parameters, axes)
     new = [p for p in parameters if p["name"] in names]
-    falls = [1.0 - e["error_after"] / e["error_before"] for e in axes.values()]
-    logs = [np.log(e["error_after"] / e["error_before"]) for e in axes.values()]
+    shared = {axis: _errors(*_on_shared_points(*pair)) for axis, pair in pairs.items()}
+    falls = [1.0 - e["error_after"] / e["error_before"] for e in shared.values()]
+    logs = [np.log(e["error_after"] / e["error_before"]) for e in shared.values()]
     improved = bool(max(falls) > LEAST_FALL and sum(logs) < 0.0)
-    verdict = _verdict(label, axes, improved, removed)
+    partly = any(shared[axis] != _errors(*pair) for axis, pair in pairs.items())
+    verdict = _verdict(label, shared, improved, removed, " where both models have values" if partly else "")
     if setting is not None:
         improved, verdict = setting.evidence > 1.0, _verdict_of(setting, axes)
     return Outcome(version, label, change, axes, new, improved, verdict)
 
 
-def _errors(before: AxisFit, after: AxisFit, flight: FlightData) -> dict[str, float]:
-    """Held-out errors over the points that both have, and the floor under the new model."""
-    if len(before.rows) == len(after.rows) and not np.array_equal(before.rows, after.rows):
-        before, after = before.on(after.rows), after.on(before.rows)
-    return {
-        "error_before": before.nrmse_held_out,
-        "error_after": after.nrmse_held_out,
-        "noise_floor": compare_axis(flight, after).floor.nrmse,
-    }
+def _errors(before: AxisFit, after: AxisFit) -> dict[str, float]:
+    return {"error_before": before.nrmse_held_out, "error_after": after.nrmse_held_out}
+
+
+def _on_shared_points(before: AxisFit, after: AxisFit) -> tuple[AxisFit, AxisFit]:
+    """Two fits of one flight over the points that both have: else a term without values at some would gain by that."""
+    if len(before.rows) != len(after.rows) or np.array_equal(before.rows, after.rows):
+        return before, after
+    return before.on(after.rows), after.on(before.rows)
 
 
 def _verdict_of(setting: Setting, axes: Mapping[str, Mapping[str, float]]) -> str:
@@ -346,8 +337,8 @@ def _largest_change(axes: Mapping[str, Mapping[str, float]]) -> str:
     return f"{100 * errors['error_before']:.1f} % to {100 * errors['error_after']:.1f} % in {axis}"
 
 
-def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool, removed: bool) -> str:
-    numbers = _largest_change(axes)
+def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool, removed: bool, where: str) -> str:
+    numbers = _largest_change(axes) + where
     if improved:
         return f"the held-out error falls from {numbers}"
     if removed:
@@ -368,7 +359,7 @@ def parameters_of(flight: FlightData, fits: Mapping[str, AxisFit]) -> list[dict[
                 continue
             value, std = float(fit.fit.parameters[j]), float(fit.fit.std[j])
             share = std * float(np.std(fit.columns[fit.rows, j])) / fit.spread
-            verdict = judge(Evidence(name, value, std, np.inf, share, len(fit.y), ()), TrustRules())
+            verdict = judge(Evidence(name, value, std, np.inf, share, len(fit.y), ""), TrustRules())
             reason = "not determined by this flight" if np.isnan(value) else verdict.reason
             listed.append({"name": name, "value": value, "std": std, "status": verdict.status.name, "reason": reason})
     return listed

@@ -12,15 +12,16 @@ cause is not in the library: the verdict is "unexplained", with the expression, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.effect import Effect
 from aircraft_sysid_ros.diagnosis.fit import Gain
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.replicas import Replica
-from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions, log_ratio, size_of
+from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions, log_ratio, new_terms, size_of
 from aircraft_sysid_ros.diagnosis.sudden_change import sudden_change
 
 Array = npt.NDArray[np.float64]
@@ -56,6 +57,7 @@ class Finding:
     """A significant candidate, with its evidence."""
 
     trial: Trial
+    flight: FlightData = field(repr=False)  # under the model that lacks it: with what was found before
     excess: float  # of the score over that in replicas
     evidence: float  # the same in standard deviations over replicas
     p_value: float  # allowing for the number of candidates
@@ -131,8 +133,9 @@ def diagnose(
         if best is None:
             break
         found.append(best)
-        bench = bench.extended(best.trial.candidate)
-        empty = [other.extended(best.trial.candidate) for other in empty]
+        terms = new_terms(bench.data, best.trial)
+        bench = bench.extended(terms)
+        empty = [other.extended(terms) for other in empty]
     progress(1.0)
     names = {f.trial.candidate.family for f in found}
     order = found + [f for f in listed if f.trial.candidate.family not in names]
@@ -168,7 +171,7 @@ class _Round:
         self.trials: list[Trial] = []
         for i, effect in enumerate(library):
             progress(0.7 * i / len(library))
-            again = changed & set(effect.axes) or effect.identifier not in tried
+            again = changed & {*effect.axes, *effect.reads} or effect.identifier not in tried
             trial = bench.best_of(effect) if again else tried[effect.identifier]
             if trial is not None:
                 self.trials.append(trial)
@@ -197,7 +200,7 @@ class _Round:
     def _test(self, trial: Trial) -> Finding:
         excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score, len(self.trials))
         gain = trial.gains[trial.main_axis]
-        return Finding(trial, excess, evidence, p_value, size_of(gain), blocks=_blocks(trial))
+        return Finding(trial, self.bench.data, excess, evidence, p_value, size_of(gain), blocks=_blocks(trial))
 
     def _outside(self, best: Finding | None, first: bool) -> Finding | None:
         """The generic expression that explains most, if it explains clearly more than the best effect."""
@@ -225,7 +228,7 @@ class _Round:
         null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
         excess, evidence, p_value = null.test(trial.candidate.family, trial.score, len(self.outside))
         size = size_of(trial.gains[trial.main_axis])
-        return Finding(trial, excess, evidence, p_value, size, blocks=_blocks(trial))
+        return Finding(trial, self.bench.data, excess, evidence, p_value, size, blocks=_blocks(trial))
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
         """The finding with the candidates that this flight cannot tell from it."""
@@ -239,9 +242,7 @@ class _Round:
             alike = _correlation(own, self.bench.contribution(other.trial, axis))
             if alike >= ALIKE and other.excess >= AS_GOOD * finding.excess:
                 names.append(candidate.family)
-        return Finding(
-            finding.trial, finding.excess, finding.evidence, finding.p_value, finding.size, tuple(names), finding.blocks
-        )
+        return replace(finding, confounded_with=tuple(names))
 
 
 def explains_more(outside: Trial, inside: Trial) -> bool:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_GROUPS, Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, parse_expression
 
@@ -75,6 +76,12 @@ class Effect:
         """Axes that any variant enters."""
         found = {axis: None for variant in self.variants for axis in variant.terms}
         return tuple(found)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Axes whose present model stands in a term."""
+        terms = (term for variant in self.variants for term in _terms(variant.terms.values()))
+        return tuple(dict.fromkeys(name for term in terms for name in placeholders(term) if name in AXES))
 
     @property
     def signals(self) -> frozenset[str]:

@@ -307,6 +307,16 @@ def _orthonormal(z: Array, size: Array) -> tuple[Array, Array, Mask]:
     return q @ u[:, :rank], transform, determined
 
 
+def held_out_error(flight: FlightData, axis: str) -> float:
+    """The held-out error of the model of a flight in one axis [-], the one that every command and page shows.
+
+    Least squares on the terms of the model, no more and no fewer, on three of the four groups of blocks in turn,
+    judged on the fourth; an NRMSE over all points at which the coefficient and the terms have values. Raises
+    InputError where it has no data. docs/compare.md says what the flight is.
+    """
+    return fit_axis(flight, axis).nrmse_held_out
+
+
 def fit_axis(flight: FlightData, axis: str) -> AxisFit:
     """The fit of one axis on the terms of the flight's own model. Raises InputError where it has no data."""
     model = flight.model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_rows, link
 from aircraft_sysid_ros.errors import InputError
@@ -68,6 +69,11 @@ class FlightData:
     def with_signals(self, signals: Array) -> FlightData:
         """The same flight with other signals (n, len(SIGNALS))."""
         return replace(self, signals=signals)
+
+    def with_terms(self, terms: Mapping[str, Sequence[str]]) -> FlightData:
+        """The same flight under a model with more terms by axis. Raises InputError for those that it has."""
+        model = model_from_terms({axis: [*known, *terms.get(axis, ())] for axis, known in self.model.terms.items()})
+        return replace(self, aircraft=replace(self.aircraft, model=model))
 
     def signal(self, name: str) -> Array:
         """One signal (n,)."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.diagnose import (
     FALSE_ALARM,
@@ -24,18 +25,16 @@ from aircraft_sysid_ros.diagnosis.diagnose import (
 )
 from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
-from aircraft_sysid_ros.diagnosis.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.fit import fit_axis, held_out_error
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
 from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
 from aircraft_sysid_ros.diagnosis.reconstruction import (
     Reconstruction,
-    as_noisy_as,
-    in_its_gusts,
-    reconstruct,
+    reconstruct_as_flown,
     settled_flight,
 )
 from aircraft_sysid_ros.diagnosis.replicas import COUNT, Replica, replicas_of
-from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.search import Bench, errors_of, new_terms
 from aircraft_sysid_ros.diagnosis.where import unusual
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Samples
@@ -111,8 +110,10 @@ class FlightDiagnosis:
 
     def _of_finding(self, finding: Finding) -> dict[str, Any]:
         trial, axis = finding.trial, finding.trial.main_axis
-        effect, gain = trial.candidate.effect, trial.gains[axis]
+        effect = trial.candidate.effect
         terms = {a: list(texts) for a, texts in trial.candidate.terms.items() if a in trial.gains}
+        added = finding.flight.with_terms(new_terms(finding.flight, trial))
+        before, after = errors_of(finding.flight, trial, axis)
         return {
             **_about(effect, trial.candidate.label),
             "expression": None if effect else "; ".join(f"{a}: {text}" for a, ts in terms.items() for text in ts),
@@ -120,16 +121,16 @@ class FlightDiagnosis:
             "main_axis": axis,
             "evidence": finding.evidence,
             "p_value": finding.p_value,
-            "error_before": gain.nrmse_before,
-            "error_after": gain.nrmse_after,
+            "error_before": before,
+            "error_after": after,
             "confounded_with": list(finding.confounded_with),
             "where": self._where(finding),
             "inner": dict(trial.candidate.inner),
             "terms": terms,
             "parameters": [
-                {"axis": a, "term": text, "value": float(value)}
+                {"axis": a, "term": text, "value": value}
                 for a, texts in terms.items()
-                for text, value in zip(texts, trial.gains[a].parameters, strict=True)
+                for text, value in zip(texts, _fitted(added, a, texts), strict=True)
             ],
             "found": finding in self.diagnosis.found,
         }
@@ -178,7 +179,7 @@ def diagnose_flight(
     ``progress`` hears what is being done and its share from 0 to 1.
     """
     progress("reconstruct the flight", 0.0)
-    flight, calm = in_its_gusts(reconstruct(as_noisy_as(aircraft, samples), samples, with_covariance=False))
+    flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
     data = settled_flight(flight)
     check_length("the flight", data.time, data.step)
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]
@@ -187,10 +188,10 @@ def diagnose_flight(
     for _ in range(_MOST_SETTINGS):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
         faults = [f for f in faults if all(f.effect is not s.setting.effect for s in settings)]
-        mended = _mended(faults, flight, data, calm, len(measuring))
+        mended = _mended(faults, aircraft, flight, calm, len(measuring))
         if mended is None:
             break
-        flight, finding = mended
+        aircraft, flight, finding = mended
         data = settled_flight(flight)
         settings.append(finding)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
@@ -201,18 +202,18 @@ def diagnose_flight(
 
 
 def _mended(
-    faults: Sequence[Setting], flight: Reconstruction, data: FlightData, calm: bool, tried: int
-) -> tuple[Reconstruction, MeasurementFinding] | None:
-    """The flight with the best of some settings, and what that says; None where there is none.
+    faults: Sequence[Setting], aircraft: Aircraft, flight: Reconstruction, calm: bool, tried: int
+) -> tuple[Aircraft, Reconstruction, MeasurementFinding] | None:
+    """The aircraft and the flight with the best of some settings, and what that says; None where there is none.
 
     In gusts a setting may make likelier what is only a gust: there it must lower the error of an axis by SIZE, too.
     """
     for number, fault in enumerate(faults):
-        better = with_setting(flight.aircraft, fault.variant.setting, fault.value)
-        mended = reconstruct(better, flight.samples, with_covariance=False)
-        finding = _judged(faults[number:], data, settled_flight(mended), tried)
+        better = with_setting(aircraft, fault.variant.setting, fault.value)
+        mended, _ = reconstruct_as_flown(better, flight.samples, with_covariance=False)
+        finding = _judged(faults[number:], settled_flight(flight), settled_flight(mended), tried)
         if calm or any(after <= (1.0 - SIZE) * before for before, after in finding.errors.values()):
-            return mended, finding
+            return better, mended, finding
     return None
 
 
@@ -228,10 +229,16 @@ def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tr
     errors = {}
     for axis in AXES:
         try:
-            errors[axis] = (fit_axis(before, axis).nrmse_held_out, fit_axis(after, axis).nrmse_held_out)
+            errors[axis] = (held_out_error(before, axis), held_out_error(after, axis))
         except InputError:
             continue
     return MeasurementFinding(best, p_value, company, errors or {"CZ": (np.nan, np.nan)})
+
+
+def _fitted(flight: FlightData, axis: str, texts: Sequence[str]) -> list[float]:
+    """Values of terms of an axis; NaN for one that the model of the flight does not have or determine."""
+    known = dict(zip(flight.model.terms[axis], fit_axis(flight, axis).fit.parameters.tolist(), strict=True))
+    return [known.get(parse_expression(text).text, np.nan) for text in texts]
 
 
 def _about(effect: Effect | None, label: str) -> dict[str, Any]:

@@ -22,7 +22,7 @@ diluted.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -49,7 +49,7 @@ from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.diagnosis.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, SHORTEST, FlightData
 from aircraft_sysid_ros.diagnosis.reconstruction import SETTLED
-from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions
+from aircraft_sysid_ros.diagnosis.search import Bench, Trial, errors_of, expressions, new_terms
 from aircraft_sysid_ros.diagnosis.where import unusual
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.modelling.point_memory import Kept, PointMemory
@@ -93,6 +93,7 @@ class LiveFinding:
     size: float
     window: str
     where: str
+    errors: tuple[float, float]  # held out, without it and with it
     confounded_with: tuple[str, ...] = ()
 
 
@@ -212,9 +213,8 @@ def _finding(flight: LiveFlight, bench: Bench, trial: Trial, tried: int) -> Live
     gain = trial.gains[axis]
     size = 1.0 - gain.nrmse_after / gain.nrmse_before
     score = sum(ratios[name] for name in passed)
-    return LiveFinding(
-        trial, axis, score, passed[axis], size, flight.window, _where(flight.data, trial, axis, flight.window)
-    )
+    where, errors = _where(flight.data, trial, axis, flight.window), errors_of(flight.data, trial, axis)
+    return LiveFinding(trial, axis, score, passed[axis], size, flight.window, where, errors)
 
 
 # -- the search ---------------------------------------------------------------------------------------------------
@@ -309,8 +309,7 @@ def _advice(findings: Sequence[LiveFinding]) -> str:
 
 
 def _candidate_content(finding: LiveFinding) -> dict[str, Any]:
-    trial, gain = finding.trial, finding.trial.gains[finding.axis]
-    candidate = trial.candidate
+    trial, candidate = finding.trial, finding.trial.candidate
     axes = sorted(trial.gains, key=lambda axis: (axis != finding.axis, -trial.log_ratios[axis]))
     return {
         "effect": candidate.effect.identifier if candidate.effect is not None else "",
@@ -318,8 +317,8 @@ def _candidate_content(finding: LiveFinding) -> dict[str, Any]:
         "axes": axes,
         "evidence": finding.score,
         "p_value": finding.p_value,
-        "error_before": gain.nrmse_before,
-        "error_after": gain.nrmse_after,
+        "error_before": finding.errors[0],
+        "error_after": finding.errors[1],
         "confounded_with": list(finding.confounded_with),
         "where": finding.where,
     }
@@ -362,17 +361,7 @@ def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Terms:
     if trial is None:
         needed = " and ".join(missing) or "signals"
         raise InputError(f"'{effect.identifier}' needs {needed}, which this flight does not have")
-    terms = dict(_new_terms(trial, data))
+    terms = new_terms(data, trial)
     if not terms:
         raise InputError(f"this flight does not determine '{effect.identifier}', or the model has it already")
     return terms
-
-
-def _new_terms(trial: Trial, data: FlightData) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What a trial has by axis that the model lacks and the flight determines."""
-    for axis, gain in trial.gains.items():
-        texts = [parse_expression(text).text for text in trial.candidate.terms[axis]]
-        known = np.isfinite(gain.parameters)
-        chosen = [t for t, k in zip(texts, known, strict=True) if k and t not in data.model.terms[axis]]
-        if chosen:
-            yield axis, tuple(chosen)

@@ -141,7 +141,7 @@ def try_setting(job: Job) -> Setting:
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if variant.setting[-1] == "delay" and not of_controls:
         needed *= GUST_LAG / max(abs(value - start), 1e-3)
-    return Setting(effect, variant, start, value, best, best / needed, std)
+    return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std)
 
 
 def maximum(

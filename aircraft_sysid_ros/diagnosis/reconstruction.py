@@ -2,7 +2,8 @@
 
 A smoothed reconstruction has two virtues here. Biases are known from the first moment on, so that their settling does
 not look like a slow change of a coefficient; and errors of the angles of attack and sideslip, which stand on both
-sides of the regression in turbulence, are smaller and no longer late.
+sides of the regression in turbulence, are smaller and no longer late. For the same reason sensors are as noisy as they
+were in the flight, and the wind walks as much as it did (``as_flown``); all else is as the aircraft file says.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ class Reconstruction:
     epoch: int  # [ns] from which times of rows and points count
     points: Array
     gusts: float  # random walk of the wind [m/s per sqrt(s)] at the end
+    filter_std: Array  # (n,) [m/s] of the air velocity across the flow, as the filter knew it before it was smoothed
 
     @property
     def data(self) -> FlightData:
@@ -74,15 +76,14 @@ def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = Tr
     """
     tape = FlightTape()
     state, parameters = StateEstimator(aircraft, tape=tape), ParameterEstimator(aircraft)
-    state.push(samples)
-    state.flush()
+    filtered = [rows[:, Column.AIR_VELOCITY_STD].copy() for rows in (state.push(samples), state.flush())]
     if state.epoch is None or not state.has_been_aligned:
         raise InputError("the filter does not start on the samples of this flight: replay says why")
     rows = np.array(state.smooth(with_covariance))
     parameters.push_samples(samples, state.epoch)
     points = [parameters.push_states(rows, state.epoch), parameters.flush()]
     gusts = float(state.memory.wind_walk[0])
-    return Reconstruction(aircraft, samples, rows, state.epoch, np.vstack(points), gusts)
+    return Reconstruction(aircraft, samples, rows, state.epoch, np.vstack(points), gusts, np.concatenate(filtered))
 
 
 def as_noisy_as(aircraft: Aircraft, samples: Samples) -> Aircraft:
@@ -112,36 +113,56 @@ def log_likelihood(aircraft: Aircraft, samples: Samples) -> float:
     The covariance of each sensor's innovations is scaled to what they are, or a scale that makes the numbers of a
     noisy sensor smaller would always win.
     """
+    return _filtered(aircraft, samples)[0]
+
+
+def _filtered(aircraft: Aircraft, samples: Samples) -> tuple[float, float]:
+    """Log-likelihood of a flight, and the random walk of the wind [m/s per sqrt(s)] at its end."""
     state = StateEstimator(aircraft)
     state.push(samples)
     state.flush()
+    walk = float(state.memory.wind_walk[0])
     if not state.has_been_aligned:
-        return -np.inf
+        return -np.inf, walk
     outputs, squares, determinants = state.memory.likelihood[state.memory.likelihood[:, 1] > 0.0].T
     total = -0.5 * float(np.sum(outputs * np.log(squares / outputs) + determinants))
     for name, kind in AIR_DATA.items():
         total -= float(state.memory.likelihood[kind, 0]) * np.log(aircraft.sensors[name].scale)
-    return total
+    return total, walk
 
 
-def in_its_gusts(flight: Reconstruction) -> tuple[Reconstruction, bool]:
-    """The flight with the random walk of the wind under which its innovations are likeliest, and whether it is calm.
+def as_flown(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
+    """The aircraft with the noise and the gusts of a recording, and whether it is calm."""
+    return in_its_gusts(as_noisy_as(aircraft, samples), samples)
+
+
+def reconstruct_as_flown(
+    aircraft: Aircraft, samples: Samples, with_covariance: bool = True
+) -> tuple[Reconstruction, bool]:
+    """The flight with the noise and the gusts that it had, on which all errors count, and whether it is calm."""
+    flown, calm = as_flown(aircraft, samples)
+    return reconstruct(flown, samples, with_covariance), calm
+
+
+def in_its_gusts(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
+    """The aircraft with the random walk of the wind under which innovations are likeliest, and whether it is calm.
 
     Calm: no gusts beyond CALM and beyond what the aircraft file says of the wind. The filter in flight follows gusts
     cautiously and from one side; what it takes for noise then stands as an error in the flow angles, larger than any
     replica would show.
     """
-    given = flight.aircraft.process_noise["wind"]
-    best, likeliest, walk = -np.inf, flight.aircraft, max(flight.gusts, given)
+    given = aircraft.process_noise["wind"]
+    of_file, gusts = _filtered(aircraft, samples)
+    best, likeliest, walk = -np.inf, aircraft, max(gusts, given)
     while walk <= LARGEST_WALK:
-        gustier = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
-        likelihood = log_likelihood(gustier, flight.samples)
+        gustier = aircraft if walk == given else with_setting(aircraft, ("process_noise", "wind"), walk)
+        likelihood = of_file if walk == given else log_likelihood(gustier, samples)
         if likelihood <= best:
             break
         best, likeliest, walk = likelihood, gustier, WALK_STEP * walk
     if likeliest.process_noise["wind"] <= max(CALM, 1.01 * given):
-        return flight, True
-    return reconstruct(likeliest, flight.samples, with_covariance=False), False
+        return aircraft, True
+    return likeliest, False
 
 
 def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:
@@ -157,9 +178,8 @@ def settled_flight(made: Reconstruction) -> FlightData:
 
     It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is.
     """
-    std = made.rows[:, Column.AIR_VELOCITY_STD]
-    usual = float(np.nanmedian(std))
-    settled = made.rows[int(np.argmax(std < SETTLED * usual)), Column.TIME]
+    std = made.filter_std
+    settled = made.rows[int(np.argmax(std < SETTLED * float(np.nanmedian(std)))), Column.TIME]
     times = made.points[:, Point.TIME]
     keep = times >= settled
     for begin, end in given_up(made.rows):
@@ -170,7 +190,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
         time=data.time[keep],
         measured=data.measured[keep],
         signals=data.signals[keep],
-        air_velocity_std=usual,
+        air_velocity_std=float(np.nanmedian(made.rows[:, Column.AIR_VELOCITY_STD])),
         smoothed=True,
     )
 

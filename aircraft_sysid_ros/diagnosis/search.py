@@ -8,14 +8,14 @@ explains nothing counts as nothing.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
 from aircraft_sysid_ros.diagnosis.candidates import (
     Candidate,
     base_texts,
@@ -24,7 +24,7 @@ from aircraft_sysid_ros.diagnosis.candidates import (
     with_inner,
 )
 from aircraft_sysid_ros.diagnosis.effect import Effect, Inner
-from aircraft_sysid_ros.diagnosis.fit import AxisFit, Gain, fit_axis
+from aircraft_sysid_ros.diagnosis.fit import AxisFit, Gain, fit_axis, held_out_error
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.errors import InputError
 
@@ -83,6 +83,8 @@ class Bench:
         self.data = data
         self.fits = dict(fits) if fits is not None else _fits(data)
         self._base: dict[str, str] | None = None
+        if not self.fits:
+            raise InputError("no axis of the model can be fitted on this flight: it lacks air data or controls")
 
     @property
     def base(self) -> dict[str, str]:
@@ -90,8 +92,10 @@ class Bench:
         if self._base is None:
             parameters = dict.fromkeys(self.data.model.parameter_names, 0.0)
             for axis in self.fits:
-                fit = fit_axis(self.data, axis).fit
-                parameters |= dict(zip(fit.names, np.nan_to_num(fit.parameters).tolist(), strict=True))
+                with contextlib.suppress(InputError):
+                    fit = fit_axis(self.data, axis)
+                    known = np.where(fit.determined, fit.parameters, 0.0)
+                    parameters |= dict(zip(fit.names, known.tolist(), strict=True))
             self._base = base_texts(self.data.model, parameters)
         return self._base
 
@@ -127,17 +131,11 @@ class Bench:
             best = refined(best, numbers[name], self.data, at, lambda trial: trial.score)
         return best
 
-    def extended(self, candidate: Candidate) -> Bench:
-        """The bench with a candidate added to the model in all of its axes."""
-        fits = dict(self.fits)
-        for axis, terms in candidate.terms.items():
-            if axis in fits:
-                with contextlib.suppress(InputError):
-                    columns = self.data.columns([parse_expression(term) for term in terms])
-                    fits[axis] = fits[axis].extended(columns, [f"{axis}_{term}" for term in terms])
-        other = Bench(self.data, fits)
-        other._base = self.base
-        return other
+    def extended(self, terms: Mapping[str, Sequence[str]]) -> Bench:
+        """The bench of the model with more terms by axis; an axis that they leave without data stays as it is."""
+        data = self.data.with_terms(terms)
+        tilted = {"CX"} if {"CY", "CZ"} & set(terms) else set()
+        return Bench(data, {**self.fits, **_fits(data, {*terms, *tilted} & set(self.fits))})
 
     def contribution(self, trial: Trial, axis: str) -> Array:
         """What a candidate explains in an axis beyond the model, (n,), 0 where it has no data."""
@@ -172,10 +170,37 @@ def refined(
     return best
 
 
-def _fits(data: FlightData) -> dict[str, AxisFit]:
+def new_terms(flight: FlightData, trial: Trial) -> dict[str, tuple[str, ...]]:
+    """What a candidate has by axis that the model lacks and the flight determines beside it: what ``add`` adds."""
+    found: dict[str, tuple[str, ...]] = {}
+    for axis in trial.gains:
+        texts = [parse_expression(text).text for text in trial.candidate.terms[axis]]
+        texts = [text for text in texts if text not in flight.model.terms[axis]]
+        with contextlib.suppress(InputError):
+            unknown = undetermined(flight, axis, texts)
+            if len(unknown) < len(texts):
+                found[axis] = tuple(text for text in texts if text not in unknown)
+    return found
+
+
+def errors_of(flight: FlightData, trial: Trial, axis: str) -> tuple[float, float]:
+    """Held-out errors of an axis without a candidate and with it, as ``compare`` has them before and after ``add``."""
+    return held_out_error(flight, axis), held_out_error(flight.with_terms(new_terms(flight, trial)), axis)
+
+
+def undetermined(flight: FlightData, axis: str, texts: Sequence[str]) -> list[str]:
+    """Terms whose parameters the flight does not determine beside those of the model. Raises InputError."""
+    if not texts:
+        return []
+    columns = flight.columns([parse_expression(text) for text in texts])
+    determined = fit_axis(flight, axis).extended(columns, texts).determined[-len(texts) :]
+    return [text for text, known in zip(texts, determined, strict=True) if not known]
+
+
+def _fits(data: FlightData, axes: Collection[str] = AXES) -> dict[str, AxisFit]:
     """The fit of every axis that has data, with the tilt of the lift vector in C_X."""
     fits = {}
-    for axis in AXES:
+    for axis in axes:
         with contextlib.suppress(InputError):
             fits[axis] = fit_axis(data, axis)
     if "CX" in fits:
@@ -183,8 +208,6 @@ def _fits(data: FlightData) -> dict[str, AxisFit]:
         columns = data.columns([parse_expression(term) for term in tilt])
         with contextlib.suppress(InputError):
             fits["CX"] = fits["CX"].extended(columns, [f"CX_{term}" for term in tilt])
-    if not fits:
-        raise InputError("no axis of the model can be fitted on this flight: it lacks air data or controls")
     return fits
 
 
@@ -198,7 +221,7 @@ def tilt_terms(data: FlightData) -> list[str]:
     present, model = set(data.model.terms["CX"]), data.model.terms
     tilted = [f"alpha*({term})" for term in model["CZ"] if term not in ("1", "alpha")]
     tilted += [f"beta*({term})" for term in model["CY"] if term not in ("1", "beta")]
-    texts = [parse_expression(term).text for term in tilted]
+    texts = [parse_expression(term).text for term in tilted if len(term) <= MAXIMUM_LENGTH]
     return [text for text in texts if text not in present]
 
 
@@ -230,13 +253,3 @@ def moves(column: Array) -> bool:
     """Whether a signal has numbers in most of the flight, and more than one."""
     finite = column[np.isfinite(column)]
     return len(finite) > 0.5 * len(column) and float(np.ptp(finite)) > 0.0
-
-
-def ranked(trials: Sequence[Trial]) -> list[Trial]:
-    """Best first."""
-    return sorted(trials, key=lambda trial: -trial.score)
-
-
-def on_other_flight(trial: Trial, bench: Bench) -> Trial | None:
-    """The same candidate, inner numbers and all, on another bench."""
-    return bench.trial(replace(trial.candidate))

@@ -31,14 +31,14 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.diagnosis.effect import with_setting
 from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check_length, load_flight_data
-from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.run_data import RunData, load_run, load_run_aircraft
-from aircraft_sysid_ros.run_files import PARAMETERS, SAMPLES, UNREADABLE, not_a_run, read_parameters
+from aircraft_sysid_ros.run_files import PARAMETERS, SAMPLES, UNREADABLE, not_a_run, read_parameters, read_points
 from aircraft_sysid_ros.samples import Samples
 
 MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
@@ -92,16 +92,23 @@ class Run:
     def flight(self, aircraft: Aircraft | None = None) -> FlightData:
         """The flight as the sensor settings of an aircraft file see it, by default those of the current version.
 
-        Reconstructed from all samples, smoothed; without samples, as the filter saw it with the root's settings.
+        Reconstructed from all samples, smoothed, with the noise and the gusts that it had; without samples, as the
+        filter saw it with the root's settings.
         """
+        return self.flight_from(aircraft)[0]
+
+    def flight_from(self, aircraft: Aircraft | None = None) -> tuple[FlightData, int]:
+        """``flight``, and the stamp [ns] from which the signal ``time`` counts."""
         aircraft = self.current.aircraft if aircraft is None else aircraft
         if self.samples is None:
             if settings_of(aircraft) != settings_of(self.root):
                 raise InputError(f"{self.path} holds no samples to reconstruct from: replay the recording again")
-            return replace(load_flight_data(self.path), aircraft=aircraft)
-        made = reconstruct(aircraft, self.samples)
-        check_length(str(self.path), made.data.time, made.data.step)
-        return settled_flight(made)
+            flight, first = load_flight_data(self.path), int(read_points(self.path)["stamp"][0])
+        else:
+            made, _ = reconstruct_as_flown(aircraft, self.samples)
+            check_length(str(self.path), made.data.time, made.data.step)
+            flight, first = settled_flight(made), made.epoch + int(1e9 * made.points[0, Point.TIME])
+        return replace(flight, aircraft=aircraft), first - int(1e9 * flight.begin)
 
 
 def open_run(path: str | Path) -> Run:

@@ -15,8 +15,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.commands.demo_story import true_values
 from aircraft_sysid_ros.commands.diagnose import RESULT
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
-from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, POINTS, FlightData, check_length
-from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, POINTS, FlightData
 from aircraft_sysid_ros.diagnosis.versions import (
     CURRENT,
     Run,
@@ -28,7 +27,6 @@ from aircraft_sysid_ros.diagnosis.versions import (
     versions_of,
 )
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.recordings.tables import Table, read_table
 from aircraft_sysid_ros.run_files import ESTIMATES, PARAMETERS, SAMPLES, STATE, not_a_run
@@ -182,22 +180,10 @@ class _Flights:
         for others, flight in self._made:
             if others == settings:
                 return replace(flight, aircraft=aircraft)
-        flight, zero = _flight(self._run, aircraft)
+        flight, zero = self._run.flight_from(aircraft)
         self.zero = self.zero or zero
         self._made.append((settings, flight))
         return flight
-
-
-def _flight(run: Run, aircraft: Aircraft) -> tuple[FlightData, int]:
-    """``run.flight(aircraft)``, and the stamp [ns] from which times of the recording count."""
-    if run.samples is None:
-        with np.load(run.path / POINTS) as stored:
-            flight, first = run.flight(aircraft), int(stored["stamp"][0])
-        return flight, first - int(1e9 * flight.begin)
-    made = reconstruct(aircraft, run.samples)
-    check_length(str(run.path), made.data.time, made.data.step)
-    flight = settled_flight(made)
-    return flight, made.epoch + int(1e9 * (made.points[0, Point.TIME] - flight.begin))
 
 
 def _diagnosis(folder: Path, notes: list[str]) -> Mapping[str, Any] | None:

@@ -133,7 +133,7 @@ def test_a_wrong_scale_of_the_vane_is_found_before_aerodynamics_is_blamed(aircra
     truth = with_setting(aircraft, ("sensors", "angle_of_attack", "scale"), 1.15)
     samples = simulate_samples(truth, seed=4, duration=60.0).samples
     made = reconstruct(aircraft, samples, with_covariance=False)
-    faults = measurement_faults(made, [BY_ID["alpha_scale"], BY_ID["beta_scale"]], in_its_gusts(made)[1])
+    faults = measurement_faults(made, [BY_ID["alpha_scale"], BY_ID["beta_scale"]], in_its_gusts(aircraft, samples)[1])
     assert [f.effect.identifier for f in faults][:1] == ["alpha_scale"]
     assert faults[0].value == pytest.approx(1.15, abs=0.03)
     assert not measurement_faults(reconstruct(truth, samples, with_covariance=False), [BY_ID["alpha_scale"]], True)
@@ -162,7 +162,7 @@ def test_noise_that_the_file_does_not_know_is_no_fault_of_a_scale(aircraft, scal
         assert 0.9 * scale < factor < (1.0 if scale < 1.0 else 1.2 * scale)  # quiet sensors show fast motion too
     made = reconstruct(seen, flight.samples, with_covariance=False)
     scales = [BY_ID[name] for name in ("alpha_scale", "airspeed_scale")]
-    assert not measurement_faults(made, scales, in_its_gusts(made)[1])
+    assert not measurement_faults(made, scales, in_its_gusts(seen, flight.samples)[1])
 
 
 @pytest.mark.parametrize(("start", "top"), [(0.0, 0.31), (0.0, -0.4), (1.0, 1.07)])

@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,14 @@ from aircraft_sysid_ros.diagnosis import additions, versions
 from aircraft_sysid_ros.diagnosis.additions import add, parse_request, remove
 from aircraft_sysid_ros.diagnosis.effect import Effect, Inner
 from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.diagnosis.fit import fit_axis, held_out_error
 from aircraft_sysid_ros.diagnosis.measurement import measurement_faults
-from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, reconstruct
+from aircraft_sysid_ros.diagnosis.reconstruction import (
+    Reconstruction,
+    as_noisy_as,
+    reconstruct,
+    reconstruct_as_flown,
+)
 from aircraft_sysid_ros.diagnosis.versions import open_run, version_identifier, version_with
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.refinement.run_data import load_run
@@ -32,22 +39,19 @@ def run(hidden_run, tmp_path, monkeypatch) -> Path:
     """A copy of the run; its flight is reconstructed once for all tests."""
     path = tmp_path / "run"
     shutil.copytree(hidden_run, path)
-    monkeypatch.setattr(versions, "reconstruct", _once)
+    monkeypatch.setattr(versions, "reconstruct_as_flown", _once)
     return path
 
 
-_made: dict[str, object] = {}
+_made: dict[str, tuple[Reconstruction, bool]] = {}
 
 
 def _once(aircraft, samples):
-    from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, reconstruct
-
     key = str(samples.stamp.sum()) + repr(aircraft.sensors) + repr(aircraft.imu_position) + str(len(samples))
     if key not in _made:
-        _made[key] = reconstruct(aircraft, samples)
-    made = _made[key]
-    assert isinstance(made, Reconstruction)
-    return Reconstruction(aircraft, made.samples, made.rows, made.epoch, made.points, made.gusts)
+        _made[key] = reconstruct_as_flown(aircraft, samples)
+    made, calm = _made[key]
+    return replace(made, aircraft=aircraft), calm
 
 
 def snapshot(path: Path) -> dict[str, bytes]:
@@ -97,6 +101,19 @@ def test_a_needless_term_is_said_to_be_one(run) -> None:
     errors = outcome.axes["Cl"]
     assert not outcome.improved and "does not lower the held-out error" in outcome.verdict
     assert errors["error_after"] == pytest.approx(errors["error_before"], rel=0.02)
+
+
+def test_a_term_without_values_at_some_points_does_not_gain_by_leaving_them_out(run) -> None:
+    """Each error is that of ``compare``, over the points of its own model; the verdict is on those that both have."""
+    before = held_out_error(open_run(run).flight(), "CZ")
+    outcome = add(run, "CZ: sqrt(beta)")  # without values in sideslip to the left
+    after = open_run(run).flight()
+    assert outcome.axes["CZ"]["error_before"] == before
+    assert outcome.axes["CZ"]["error_after"] == held_out_error(after, "CZ") != before
+    assert not outcome.improved and "in CZ where both models have values" in outcome.verdict
+    shared = fit_axis(after, "CZ").rows
+    known = fit_axis(replace(after, aircraft=open_run(run).root), "CZ").on(shared)
+    assert f"({100 * known.nrmse_held_out:.1f} % to" in outcome.verdict
 
 
 def test_additions_build_on_each_other(run, aircraft) -> None:

@@ -199,13 +199,19 @@ EFFECTS: tuple[Effect, ...] = (
         "sideslip_drag",
         "Drag of sideslip",
         AERODYNAMIC,
-        "Across the flow the fuselage and the fin have more drag, and the side force has a part along the flow. Drag "
-        "does not depend on the side from which the air comes.",
+        "Across the flow the fuselage and the fin have more drag, and the side force has a part along the flow, which "
+        "grow with the square of a small sideslip and in proportion to a large one. Drag does not depend on the side "
+        "from which the air comes.",
         "S. Hoerner, Fluid-Dynamic Drag; B. Stevens, F. Lewis and E. Johnson, Aircraft Control and Simulation",
-        "C_X += a β² or a |β|",
-        (Variant("quadratic", {"CX": ("beta**2",)}), Variant("linear", {"CX": ("abs(beta)",)})),
+        "C_X += a β², a |β|, or a β₀ (√(1 + (β/β₀)²) - 1), which is the first below β₀ and the second above",
+        (
+            Variant("quadratic", {"CX": ("beta**2",)}),
+            Variant("linear", {"CX": ("abs(beta)",)}),
+            Variant("quadratic, then linear", {"CX": ("{knee}*(sqrt(1+(beta/{knee})**2)-1)",)}),
+        ),
         "Error of C_X in sideslips of either sign.",
-        "Steady sideslips to both sides.",
+        "Steady sideslips to both sides, small and large.",
+        (Inner("knee", "rad", 0.01, 0.25, 9),),
     ),
     Effect(
         "sideslip_pitching",
