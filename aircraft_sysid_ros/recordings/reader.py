@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
-from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages
+from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
 from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS, USED_FIELDS, samples_and_rows
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import table_of
@@ -107,15 +107,28 @@ def _wanted_channels(raw: RawMessages) -> tuple[dict[int, str], list[str]]:
     namespace = _namespace(raw)
     wanted: dict[int, str] = {}
     notes = []
+    others = []
     for key, channel in raw.channels.items():
         topic = channel.topic.strip("/").removeprefix(namespace)
-        if topic not in TOPICS or not len(raw.rows(key)):
+        if not len(raw.rows(key)):
             continue
-        if channel.type == TOPICS[topic]:
+        if topic not in TOPICS:
+            others.append(channel)
+        elif channel.type == TOPICS[topic]:
             wanted[key] = topic
         else:
             notes.append(f"{channel.topic} is ignored: its type is {channel.type}, not {TOPICS[topic]}")
-    return wanted, notes
+    return wanted, notes + _name_notes(others, set(wanted.values()))
+
+
+def _name_notes(others: Iterable[Channel], found: Collection[str]) -> list[str]:
+    """That a topic has the type of one that the recording lacks: its name may be wrong, or one bit of it."""
+    lacking = {type_name: topic for topic, type_name in TOPICS.items() if topic not in found}
+    return [
+        f"{channel.topic} is ignored: it has the type of /{lacking[channel.type]}, but another name"
+        for channel in others
+        if channel.type in lacking
+    ]
 
 
 def _namespace(raw: RawMessages) -> str:
