@@ -7,10 +7,12 @@ from pymavlink.generator.mavcrc import x25crc
 
 from aircraft_sysid_ros.mavlink.assembler import Assembler
 from aircraft_sysid_ros.mavlink.calibration import calibration_from_dict
+from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
 from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.esc_status import EscStatus
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
-from aircraft_sysid_ros.mavlink.quantities import Quantity, readings_of
+from aircraft_sysid_ros.mavlink.px4_table import PX4
+from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Batch, Quantity, readings_of
 from aircraft_sysid_ros.recordings.ros_conversion import to_samples
 
 STAMP = 1_760_000_000_123_456_789
@@ -197,6 +199,19 @@ def test_the_type_of_fix_becomes_the_status_and_without_one_no_place_counts(fix_
     assert made.fields["status.status"].tolist() == [status] and made.fields["status.status"].dtype == np.int8
     (samples,) = to_samples("gps/fix", made.stamp, made.fields)
     assert np.isfinite(samples.values[0, :3]).all() == (status >= 0)
+
+
+def test_logs_count_fixes_as_mavlink_does():
+    kinds, n = np.array([0, 1, 2, 3, 4, 5, 6]), 7
+    place = {"Lat": np.full(n, 44.5), "Lng": np.full(n, -93.25), "Alt": np.full(n, 310.5)}
+    dataflash = {"Status": kinds, **place}
+    numbers = {"latitude_deg": place["Lat"], "longitude_deg": place["Lng"], "altitude_msl_m": place["Alt"]}
+    px4 = {"fix_type": kinds, **numbers, "eph": np.ones(n), "epv": np.ones(n)}
+    for table, name, fields in ((DATAFLASH, "GPS", dataflash), (PX4, "sensor_gps", px4)):
+        (position,) = readings_of(table, Batch(name, np.arange(n), fields))
+        assert position.stamp.tolist() == [1, 2, 3, 4, 5, 6]  # without a receiver there is nothing to say
+        assert position.values[:, FIX_STATUS].tolist() == [-1, -1, 0, 1, 2, 2]
+        assert np.isfinite(position.values[:, 0]).tolist() == [False, False, True, True, True, True]
 
 
 def test_without_a_receiver_there_is_no_fix_to_speak_of():
