@@ -69,7 +69,8 @@ def _read(run: str) -> tuple[RunView, FlightRecord | None, list[str]]:
         task = progress.add_task("read the run", total=1.0)
         view = load_run_view(run, progress=lambda what, share: progress.update(task, description=what, completed=share))
         try:
-            return view, load_flight_record(run, view.zero), []
+            record = load_flight_record(run, view.zero)
+            return view, record, list(record.notes)
         except InputError as error:  # the model is worth a file without it
             return view, None, [f"without the state: {error}"]
 

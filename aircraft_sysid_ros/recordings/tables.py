@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ class Table:
     fields: dict[str, npt.NDArray[Any]]
     rows: Integers  # which messages of the recording they are
     skipped: int = 0  # messages that could not be decoded
+    notes: tuple[str, ...] = ()  # what could not be read of the recording
 
 
 def read_table(path: str | Path, topic: str) -> Table:
@@ -39,7 +40,7 @@ def read_table(path: str | Path, topic: str) -> Table:
     raw = read_raw(path)
     for key, channel in raw.channels.items():
         if channel.topic.lstrip("/") == topic.lstrip("/") and len(raw.rows(key)):
-            return table_of(raw, key)
+            return replace(table_of(raw, key), notes=raw.notes)
     raise InputError(f"the recording {path} has no messages of {topic}: it holds {raw.topic_names()}")
 
 

@@ -97,6 +97,7 @@ class FlightRecord:
     state: StateHistory
     parameters: ParameterHistory
     summary: Mapping[str, Any]  # content of state.json
+    notes: tuple[str, ...] = ()  # what of it could not be read
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,7 @@ def load_run_view(
             if name == run.current.identifier:
                 raise
     current = comparisons[run.current.identifier]
+    recorded, unread = _recorded(run.path)
     if run.samples is None:
         notes.append("the run holds no samples: errors are those of the filter; replay the recording again")
     return RunView(
@@ -151,19 +153,20 @@ def load_run_view(
         comparisons=comparisons,
         diagnosis=_diagnosis(run.path, notes),
         parameters={v.identifier: _parameters(run, v) for v in versions},
-        notes=(*current.notes, *notes),
+        notes=(*unread, *current.notes, *notes),
         can_diagnose=run.samples is not None,
         signature=signature,
-        recorded=_recorded(run.path),
+        recorded=recorded,
     )
 
 
-def _recorded(folder: Path) -> float | None:
-    """Length [s] of the recording as replay says it; None where it is not known."""
+def _recorded(folder: Path) -> tuple[float | None, list[str]]:
+    """Length [s] of the recording as replay says it, None where it is not known; what could not be read of it."""
     try:
-        return float(json.loads((folder / STATE).read_text(encoding="utf8"))["duration"])
-    except (OSError, KeyError, TypeError, ValueError):
-        return None
+        state = json.loads((folder / STATE).read_text(encoding="utf8"))
+        return float(state["duration"]), [f"recording: {note}" for note in state.get("notes", ())]
+    except (OSError, KeyError, TypeError, ValueError, AttributeError):
+        return None, []
 
 
 class _Flights:
@@ -253,7 +256,8 @@ def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
         measured_time={name: pair[0] for name, pair in measured.items()},
         measured={name: pair[1] for name, pair in measured.items()},
     )
-    return FlightRecord(state, _parameter_history(parameters, zero), summary)
+    notes = tuple(f"{ESTIMATES}: {note}" for note in states.notes)
+    return FlightRecord(state, _parameter_history(parameters, zero), summary, notes)
 
 
 def _parameter_history(table: Table, zero: int) -> ParameterHistory:

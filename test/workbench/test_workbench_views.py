@@ -279,6 +279,24 @@ def test_a_diagnosis_that_cannot_be_read_is_a_note(view, run, content) -> None:
     assert damaged.diagnosis is None and "diagnosis.json of the run cannot be read: diagnose again" in damaged.notes
 
 
+def test_what_could_not_be_read_of_the_recording_is_a_note(view, run) -> None:
+    state = json.loads((run / "state.json").read_text(encoding="utf8"))
+    assert state["notes"] == [] and not any(note.startswith("recording: ") for note in view.notes)
+    (run / "state.json").write_text(json.dumps({**state, "notes": ["a chunk is damaged"]}), encoding="utf8")
+    assert load_run_view(run, view).notes[0] == "recording: a chunk is damaged"
+
+
+def test_damaged_estimates_are_shown_as_far_as_they_go(view, run) -> None:
+    whole = load_flight_record(run, view.zero)
+    assert whole.notes == ()
+    data = bytearray((run / "estimates.mcap").read_bytes())
+    data[len(data) // 2] ^= 1
+    (run / "estimates.mcap").write_bytes(data)
+    damaged = load_flight_record(run, view.zero)
+    assert damaged.notes[0].startswith("estimates.mcap: the chunk at byte ")
+    assert 0 < len(damaged.state.time) < len(whole.state.time)
+
+
 def test_a_version_that_cannot_be_read_is_left_out_with_a_note(run) -> None:
     assert main(["add", str(run), "Cl: alpha*beta"]) == 0
     assert main(["remove", str(run), "Cl: alpha*beta"]) == 0

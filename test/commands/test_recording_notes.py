@@ -1,0 +1,108 @@
+"""What could not be read of a recording is said by every command that reads one: real processes, one wrong bit."""
+
+import json
+import struct
+import subprocess
+import sys
+
+import pytest
+
+from aircraft_sysid_ros.recordings import mcap_records
+from aircraft_sysid_ros.recordings.ros_conversion import gps_velocity_fields
+from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+
+
+def command(*arguments):
+    line = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, arguments)]
+    return subprocess.run(line, capture_output=True, text=True, timeout=600, check=False)
+
+
+def chunks_of(data):
+    """Start and length of the content of each chunk of a whole MCAP file, by its lengths alone."""
+    at, found = 8, []
+    while data[at] != mcap_records.DATA_END:
+        length = struct.unpack_from("<Q", data, at + 1)[0]
+        if data[at] == mcap_records.CHUNK:
+            found.append((at + 9, length))
+        at += 9 + length
+    return found
+
+
+@pytest.fixture(scope="module")
+def damaged(tmp_path_factory):
+    """A simulated flight with one wrong bit in the length of the last message of its middle chunk."""
+    bag = tmp_path_factory.mktemp("damaged") / "flight"
+    done = command("simulate", "--out", bag, "--duration", 90, "--json")
+    messages = json.loads(done.stdout)["messages"]
+    file = bag / "flight.mcap"
+    data = bytearray(file.read_bytes())
+    chunks = chunks_of(data)
+    start, length = chunks[len(chunks) // 2]
+    at, end = start + 40, start + length
+    while (after := at + 9 + struct.unpack_from("<Q", data, at + 1)[0]) != end:
+        at = after
+    data[at + 1] ^= 1
+    file.write_bytes(data)
+    return bag, messages
+
+
+def check_notes(notes, messages):
+    place, counts = notes[:2]
+    assert place.startswith("the chunk at byte ") and "has a wrong checksum: messages may be missing from " in place
+    assert f" of the {sum(messages.values())} messages that its summary counts could not be read: /imu/data " in counts
+
+
+def test_replay_says_it_in_text_in_json_and_in_the_run(damaged, aircraft_file, tmp_path):
+    bag, messages = damaged
+    done = command("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    notes = json.loads(done.stdout)["notes"]
+    check_notes(notes, messages)
+    assert json.loads((tmp_path / "run" / "state.json").read_text())["notes"] == notes[:2]
+    done = command("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "text")
+    assert done.returncode == 0
+    assert all(f"\nnote: {note}\n" in done.stdout for note in notes)
+
+
+def test_import_says_it(damaged, tmp_path):
+    bag, messages = damaged
+    done = command("import", bag, "--out", tmp_path / "bag", "--json")
+    check_notes(json.loads(done.stdout)["notes"], messages)
+    assert read_raw(tmp_path / "bag").notes == ()
+
+
+def test_calibrate_says_it(damaged, aircraft_file):
+    bag, messages = damaged
+    options = ["--aircraft", aircraft_file, "--samples", 200]
+    done = command("calibrate", "compatibility", bag, *options, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    notes = json.loads(done.stdout)["notes"]
+    check_notes(notes, messages)
+    assert len(notes) > 2, "those of the calibration itself"
+
+
+def test_play_says_it(damaged):
+    pytest.importorskip("rclpy")
+    bag, messages = damaged
+    done = command("play", bag, "--rate", 0, "--wait", 0.1, "--best-effort", "--json")
+    result = json.loads(done.stdout)
+    check_notes(result["notes"], messages)
+    assert 0 < sum(messages.values()) - sum(result["messages"].values()) < 1000
+
+
+def test_a_recording_of_which_nothing_can_be_read_is_refused_in_a_sentence(aircraft_file, tmp_path):
+    bag = tmp_path / "bag"
+    with RecordingWriter(bag) as writer:
+        writer.write("gps/vel", "geometry_msgs/msg/TwistStamped", [1, 2], gps_velocity_fields([[1, 2, 3], [4, 5, 6]]))
+    data = bytearray((bag / "bag.mcap").read_bytes())
+    ((start, length),) = chunks_of(data)
+    data[start + length - 5] ^= 1
+    (bag / "bag.mcap").write_bytes(data)
+    done = command("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run", "--json")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        f"aircraft-sysid replay: the recording {bag} holds no messages that can be read: the chunk at byte {start} of "
+        "the file has a wrong checksum; 2 of the 2 messages that its summary counts could not be read: /gps/vel 2\n"
+    )
+    assert not (tmp_path / "run").exists()
