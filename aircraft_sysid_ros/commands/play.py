@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import missing_ros
@@ -86,7 +87,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 f"no message type of {args.recording} is installed: {', '.join(unknown.values())}"
             )
         _wait_for_subscribers(publishers, args.wait)
-        return {"recording": str(args.recording), **_play(raw, publishers, args), "not_played": unknown}
+        played = _play(raw, publishers, args)
+        return {"recording": str(args.recording), **played, "not_played": unknown, "notes": list(raw.notes)}
     finally:
         rclpy.try_shutdown()
 
@@ -98,6 +100,7 @@ def render(result: dict[str, Any]) -> str:
         listeners = result["subscribers"][topic]
         lines.append(f"  {topic:<32} {count:>8}  {listeners} subscriber{'' if listeners == 1 else 's'}")
     lines += [f"  {topic:<32} not played: {why}" for topic, why in result["not_played"].items()]
+    lines += note_lines(result["notes"])
     return "\n".join(lines)
 
 
