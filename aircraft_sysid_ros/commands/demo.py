@@ -18,6 +18,8 @@ from typing import Any
 from aircraft_sysid_ros.commands.options import state_table
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import missing_ros
+from aircraft_sysid_ros.report.pyplot import pyplot
 
 #: What the flight hides, and the flight that has all manoeuvres in it.
 HIDDEN, MANOEUVRES = "dihedral_alpha", "standard"
@@ -46,6 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate, play through the live nodes, find what is missing; returns what `live` found, the story, the truth."""
     if not 0.1 <= args.rate <= 50.0:
         raise InputError(f"--rate must be between 0.1 and 50, not {args.rate:g}")
+    _check_installation()
     folder, started = Path(args.out), time.monotonic()
     folder.mkdir(parents=True, exist_ok=True)
     bag, run_folder, aircraft = folder / "flight", folder / "run", config_path(DEFAULT_AIRCRAFT)
@@ -66,6 +69,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("the live nodes ended early: see the messages above")
     truth = json.loads(_truth_path(bag).read_text(encoding="utf8"))
     return {**json.loads(output), "truth": truth, "sent": sent, **_tell(folder, run_folder, truth, started)}
+
+
+def _check_installation() -> None:
+    """What is missing, said before the work. Raises InputError."""
+    try:
+        import aircraft_sysid_msgs  # noqa: F401
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        raise missing_ros(error) from None
+    pyplot()
 
 
 def _tell(folder: Path, run_folder: Path, truth: dict[str, Any], started: float) -> dict[str, Any]:
