@@ -88,7 +88,10 @@ def _read_folder(folder: Path) -> RawMessages:
     if not files:
         reasons = "; ".join([*problems, *missing])
         raise InputError(f"{folder} is not a recording: {reasons}, and it holds no .mcap or .db3 file")
-    messages = _join(*_read_files(files))
+    parts, failures = _read_files(files)
+    if not parts:
+        raise InputError("; ".join([failures[0], *problems, *missing]))
+    messages = _join(parts, failures)
     if metadata.is_compressed or (len(messages) and messages[0].startswith(ZSTD_MAGIC)):
         messages = _decompressed(messages)
     return messages.with_notes([*notes, *missing], metadata.notes(messages))
@@ -125,10 +128,7 @@ def _recording_files(folder: Path) -> list[Path]:
 
 
 def _read_files(files: Sequence[Path]) -> tuple[list[RawMessages], list[str]]:
-    """Those that can be read, their notes with their names where they are many, and why the others cannot.
-
-    Raises InputError where none can be read.
-    """
+    """Those that can be read, their notes with their names where they are many, and why the others cannot."""
     parts, failures = [], []
     for file in files:
         try:
@@ -140,8 +140,6 @@ def _read_files(files: Sequence[Path]) -> tuple[list[RawMessages], list[str]]:
             named = (note if note == losses.NO_CHECKSUMS else f"{file.name}: {note}" for note in part.notes)
             part = replace(part, notes=tuple(named))
         parts.append(part)
-    if not parts:
-        raise InputError(failures[0])
     return parts, failures
 
 
