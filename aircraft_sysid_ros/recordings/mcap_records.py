@@ -148,6 +148,24 @@ def _is_doubtful(data, record):
 
 
 @njit(cache=True)
+def _look_back(data, records, count, at, stop, allowed):
+    """Where records follow one another inside the last ones, behind which none begins at ``at``, and how many are left.
+
+    ``at`` and ``count`` where there are none: the records before are then as they should be.
+    """
+    found, left, limit = at, count, at
+    while count and _is_doubtful(data, records[count - 1]):
+        count -= 1
+        anchor = _find_anchor(data, records[count, START], limit, stop, allowed)
+        if anchor < limit:
+            found, left = anchor, count
+        elif records[count, KIND] <= LAST_KNOWN:
+            break
+        limit = records[count, START] - RECORD_HEADER  # a record that was none is no proof of the one before
+    return found, left
+
+
+@njit(cache=True)
 def find_records(data, start, stop, allowed):
     """Records and gaps that fill ``data[start:stop]``: rows of kind, start and length of the content, shape (n, 5).
 
@@ -168,10 +186,8 @@ def find_records(data, start, stop, allowed):
         if not is_record:
             begin, end = at, at
             kind = np.int64(GAP)
-            if count and _is_doubtful(data, records[count - 1]):
-                end = _find_anchor(data, records[count - 1, START], at, stop, allowed)
+            end, count = _look_back(data, records, count, at, stop, allowed)
             if end < at:
-                count -= 1
                 begin = records[count, START] - RECORD_HEADER
             else:
                 end = _find_anchor(data, at + 1, stop, stop, allowed)

@@ -214,6 +214,21 @@ def test_a_wrong_length_without_checksums_costs_its_message_and_not_those_behind
         flip(file, bit)
 
 
+def test_a_length_that_leaps_over_thousands_of_messages_costs_one_or_two(tmp_path):
+    """Where it lands, bytes may look like a record of an unknown kind: that is no proof of the leap."""
+    write_with_rosbags(write_flight(tmp_path / "flight", n=3000), tmp_path / "bag", "MCAP", "NONE")
+    file, whole = tmp_path / "bag" / "bag.mcap", read_raw(tmp_path / "bag")
+    headers = message_headers(file)
+    random = np.random.default_rng(3)
+    for at in random.choice(headers[: len(headers) // 2], 60).tolist():
+        bit = 8 * (at + 1) + int(random.integers(10, 19))
+        flip(file, bit)
+        raw = read_raw(tmp_path / "bag")
+        flip(file, bit)
+        assert len(whole) - 2 <= len(raw) <= len(whole), bit
+        assert any("are no records: messages may be missing from " in note for note in raw.notes)
+
+
 def chunks(file):
     """Start of the content, and the messages by topic, of every chunk, by the reader of the mcap package."""
     from mcap.records import Channel, Chunk, Message
