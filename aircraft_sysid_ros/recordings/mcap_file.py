@@ -98,6 +98,18 @@ def _data_checksum_holds(data: Bytes, end: int) -> bool | None:
     return crc32(data[first[mcap.START] + first[mcap.LENGTH] : stop].data) == checksum
 
 
+def _chosen(table: Integers, is_chosen: npt.NDArray[np.bool_]) -> Integers:
+    """Rows that are chosen; nothing is copied where all are."""
+    return table if is_chosen.all() else table[is_chosen]
+
+
+def _in_order(table: Integers) -> Integers:
+    """Rows by log time, ties as they are; nothing is copied where they are in order."""
+    log_time = table[:, mcap.LOG_TIME]
+    is_ordered = bool(np.all(log_time[1:] >= log_time[:-1]))
+    return table if is_ordered else table.take(np.argsort(log_time, kind="stable"), axis=0)
+
+
 def _without_cut_ends(data: Bytes, records: Integers) -> Integers:
     """Without the gaps that a recorder leaves which dies: the head of the chunk that it was writing, the last bytes."""
     is_gap, is_chunk = records[:, mcap.KIND] == mcap.GAP, records[:, mcap.KIND] == mcap.CHUNK
@@ -217,8 +229,7 @@ class _Contents:
         in_file = np.concatenate([np.empty((0, mcap.COLUMNS), np.int64), *self.tables])
         is_described = np.zeros(1 << 16, dtype=np.bool_)  # by the number of the channel
         is_described[list(self.channels)] = True
-        table = in_file[is_described[in_file[:, mcap.MESSAGE_CHANNEL]]]
-        table = table.take(np.argsort(table[:, mcap.LOG_TIME], kind="stable"), axis=0)
+        table = _in_order(_chosen(in_file, is_described[in_file[:, mcap.MESSAGE_CHANNEL]]))
         raw = RawMessages(
             self.data if len(self.buffers) == 1 else np.concatenate(self.buffers),
             channel=table[:, mcap.MESSAGE_CHANNEL].copy(),
