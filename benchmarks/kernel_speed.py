@@ -121,11 +121,12 @@ def run_ours(n, every, imu, air, fixes, terms, measured, offsets, dt, forgetting
              x, p, theta, rls_p, sums, recent):  # fmt: skip
     """The kernels of the estimators in the order of ``run`` in step.c."""
     values = np.full(WIDTH, np.nan)
+    density = np.array([setup.accelerometer_variance * dt, setup.gyro_variance * dt])
     for k in range(1, n + 1):
         rate = imu[k, 3:]
         if every[0] and k % every[0] == 0:
             middle = imu[k - 1] + 0.5 * (imu[k] - imu[k - 1])
-            propagate(x, p, middle[:3], middle[3:], dt, dt, setup.wind_walk, setup)
+            propagate(x, p, middle[:3], middle[3:], dt, density, setup.wind_walk, setup)
         if every[1] and k % every[1] == 0:
             for i in range(3):
                 values[0] = air[k, i]

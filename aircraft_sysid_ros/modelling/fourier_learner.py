@@ -61,7 +61,8 @@ from aircraft_sysid_ros.modelling.fourier_transforms import (
     transform_rows,
     weigh,
 )
-from aircraft_sysid_ros.modelling.learner import AxisEstimate, Opening, ParameterOptions
+from aircraft_sysid_ros.modelling.learner import AxisEstimate, Opening, ParameterOptions, force_noise
+from aircraft_sysid_ros.modelling.pace import Pace
 from aircraft_sysid_ros.modelling.parameter_set import within_prior
 from aircraft_sysid_ros.modelling.regression import TERM, TIME, Body
 from aircraft_sysid_ros.modelling.relearning import MEMORY
@@ -90,13 +91,21 @@ class FourierLearner:
     def __init__(self, aircraft: Aircraft, options: ParameterOptions) -> None:
         self._model, self._options = aircraft.model, options
         self._code, self._body = self._model.linked, body_of(aircraft)
-        self._aircraft, self._setting = aircraft, setting_of(aircraft, options)
-        self._kept = kept_by_interpolation(aircraft, self._setting.frequencies)
+        self._aircraft = aircraft
+        self.keep_pace(Pace())
         self.reset()
 
     def change_options(self, options: ParameterOptions) -> None:
         """See ``Learner``; band and memory are those of the transforms."""
-        self._options, self._setting = options, setting_of(self._aircraft, options)
+        self._options = options
+        self.keep_pace(self._pace)
+
+    def keep_pace(self, pace: Pace) -> None:
+        """See ``Learner``."""
+        self._pace, seen = pace, pace.seen_by(self._aircraft)
+        setting = setting_of(seen, self._options)
+        self._setting = setting._replace(largest_gap=pace.largest_gap(self._options.largest_gap))
+        self._kept = kept_by_interpolation(seen, setting.frequencies)
 
     def reset(self) -> None:
         """Forget all that was learnt."""
@@ -304,7 +313,6 @@ def setting_of(aircraft: Aircraft, options: ParameterOptions) -> Setting:
     if not 0.0 < low < high < np.inf:
         raise InputError(f"the band of the estimator fourier must rise, not go from {low:g} to {high:g} Hz")
     count = int(np.clip(np.ceil((high - low) / _SPACING), 2, _MOST_FREQUENCIES)) + 1
-    accelerometer = aircraft.sensors["accelerometer"]
     in_band = np.ones(len(SIGNALS))
     for i, name in enumerate(SIGNALS):
         if name in _WHITE:
@@ -315,6 +323,6 @@ def setting_of(aircraft: Aircraft, options: ParameterOptions) -> Setting:
         step=options.step,
         largest_gap=options.largest_gap,
         excitation=options.excitation,
-        force_noise=aircraft.mass * accelerometer.noise[0] / np.sqrt(max(options.half_width * accelerometer.rate, 1.0)),
+        force_noise=force_noise(aircraft, options),
         in_band=in_band,
     )

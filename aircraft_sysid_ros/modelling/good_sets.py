@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 #: Time [s] between sets that are kept, and for how long they are.
 SPACING, MEMORY = 1.0, 30.0
-_BY_AXIS = ("theta", "p", "sums", "updates", "doubt", "prior", "prior_variance")
+_BY_AXIS = ("theta", "p", "sums", "updates", "doubt", "prior", "prior_variance", "sampling")
 _BY_PARAMETER = ("noise_square", "last_learnt")
 
 

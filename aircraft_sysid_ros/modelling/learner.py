@@ -9,7 +9,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.modelling.pace import Pace
 from aircraft_sysid_ros.modelling.regression import Body
 from aircraft_sysid_ros.samples import Samples
 
@@ -47,6 +49,13 @@ def check_change(before: ParameterOptions, after: ParameterOptions) -> None:
             raise InputError(f"{name} cannot change while the estimator {before.estimator} learns: it is made of it")
 
 
+def force_noise(aircraft: Aircraft, options: ParameterOptions) -> float:
+    """One sigma [N] of the accelerometer's white noise, averaged over a window, times mass."""
+    accelerometer = aircraft.sensors["accelerometer"]
+    window = max(options.half_width * accelerometer.rate, 1.0)
+    return float(aircraft.mass * accelerometer.noise[0] / np.sqrt(window))
+
+
 class AxisEstimate(NamedTuple):
     """What a learner knows of the n parameters of one axis now."""
 
@@ -71,6 +80,9 @@ class Learner(Protocol):
     What it finds must not depend on how samples and rows are cut into batches: live nodes push one at a time,
     replay a thousand.
     """
+
+    def keep_pace(self, pace: Pace) -> None:
+        """States come at another rate from now on."""
 
     def push_samples(self, samples: Samples, epoch: int) -> None:
         """All samples of the flight, of every kind, as they arrive: stamps as sent, sensor delays not removed.

@@ -46,9 +46,11 @@ from aircraft_sysid_ros.flight_model.layout import (
 from aircraft_sysid_ros.modelling import likelihood_state as loop
 from aircraft_sysid_ros.modelling import regression
 from aircraft_sysid_ros.modelling.body import body_of
+from aircraft_sysid_ros.modelling.dense_knots import DenseKnots
 from aircraft_sysid_ros.modelling.learner import AxisEstimate, Opening, ParameterOptions
 from aircraft_sysid_ros.modelling.likelihood_change import Past, copied, put_back, take_axis
 from aircraft_sysid_ros.modelling.likelihood_recursion import run
+from aircraft_sysid_ros.modelling.pace import Pace
 from aircraft_sysid_ros.modelling.regression import Body
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
@@ -70,6 +72,8 @@ _PROCESS_START = (0.3, 0.3, 0.5)
 #: Outputs rest on so many rows per second of each knot that forgetting counts in rows (see ``learn_rows``).
 _ROWS_PER_KNOT = 3.0
 _EARLY_FORGETTING, _EARLY_TIME = 0.998, 10.0  # per row; [s]
+_EARLY_RATE = 100.0  # [Hz] of knots that it is meant for
+_BRIDGED = 3.5  # intervals of sparse states that the filters predict over
 _START_TIME, _LONGEST_START = 20.0, 90.0  # [s] of equation error before the filters
 _FORCE_DOUBT, _MOMENT_DOUBT = 0.02, 0.002  # of the constant terms after it
 _ATTITUDE_STEP = 1.0  # [s]
@@ -95,7 +99,7 @@ class LikelihoodLearner:
         self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
         per_knot = max(round(aircraft.sensors["accelerometer"].rate / options.rml_rate), 1)
         self._model = flight_model_of(aircraft, 9.80665, per_knot)
-        self._tuning = self._new_tuning()
+        self.keep_pace(Pace())
         self._body: Body | None = None
         self._origin: Array | None = None
         self._covariance: tuple[float, Array] = (-1.0, np.empty((0, 0)))
@@ -111,6 +115,11 @@ class LikelihoodLearner:
         self.options = options
         self._tuning = self._new_tuning()
 
+    def keep_pace(self, pace: Pace) -> None:
+        """See ``Learner``."""
+        self._pace = pace
+        self._tuning = self._new_tuning()
+
     def reset(self) -> None:
         """Forget all that was learnt."""
         self.recursion = self._new_recursion()
@@ -122,6 +131,7 @@ class LikelihoodLearner:
         """The clock began anew: drop what refers to old times, keep what was learnt."""
         self._past.clear()
         self._open = (np.empty((0, Column.WIDTH)), np.empty((0, regression.TERM + len(self._names))))
+        self._dense = DenseKnots()
         self._times, self._samples = np.empty(0), np.empty((0, OUTPUT_SIZE))
         self._used_until = -np.inf
         clock = self.recursion.clock
@@ -140,12 +150,15 @@ class LikelihoodLearner:
         return dict(zip(PROCESS_GROUPS + OUTPUT_GROUPS, levels.tolist(), strict=True))
 
     def _new_tuning(self) -> loop.Tuning:
-        options = self.options
-        rows = options.forgetting_time * options.rml_rate * _ROWS_PER_KNOT
+        options, pace = self.options, self._pace
+        rate = min(options.rml_rate, pace.rate) if pace.is_sparse else options.rml_rate
+        rows = options.forgetting_time * rate * _ROWS_PER_KNOT
+        early = _EARLY_FORGETTING ** (_EARLY_RATE / rate) if pace.is_sparse else _EARLY_FORGETTING
+        gap = max(options.largest_gap, 2.0 / options.rml_rate)
         return loop.Tuning(
-            largest_gap=max(options.largest_gap, 2.0 / options.rml_rate),
+            largest_gap=pace.largest_gap(gap, _BRIDGED),
             forgetting=float(np.exp(-1.0 / rows)),
-            early_forgetting=min(_EARLY_FORGETTING, float(np.exp(-1.0 / rows))),
+            early_forgetting=min(early, float(np.exp(-1.0 / rows))),
             early_time=_EARLY_TIME,
             start_time=_START_TIME,
             longest_start=_LONGEST_START,
@@ -217,6 +230,7 @@ class LikelihoodLearner:
     def push(self, rows: Array, history: Array, body: Body) -> tuple[Array, Array]:
         """New states; returns times [s] (k,) and coefficients (k, parameters) that were known then."""
         knots = self._close_knots(rows, history)
+        knots = self._dense.take(knots, self._tuning.largest_gap if self._pace.is_sparse else 0.0)
         known_times, known = np.empty(len(knots.time)), np.empty((len(knots.time), len(self._names)))
         if not len(knots.time):
             return known_times, known

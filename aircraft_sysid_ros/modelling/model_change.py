@@ -191,7 +191,7 @@ def _changed_learning(estimator: ParameterEstimator, new: AerodynamicModel, past
     """Learning of the new model."""
     old, was = estimator.model, estimator.learning
     learning = estimator.empty_learning(new)
-    for array in ("updates", "last_valid", "doubt", "prior_variance"):
+    for array in ("updates", "last_valid", "doubt", "prior_variance", "sampling"):
         getattr(learning, array)[:] = getattr(was, array)
     for i, axis in enumerate(AXES):
         before, after = old.terms[axis], new.terms[axis]

@@ -18,8 +18,9 @@ from aircraft_sysid_ros.modelling.error_window import AxisError, ErrorWindow
 from aircraft_sysid_ros.modelling.gates import Gates
 from aircraft_sysid_ros.modelling.good_sets import KnownSet, copied, go_back
 from aircraft_sysid_ros.modelling.inferred_angles import InferredAngles
-from aircraft_sysid_ros.modelling.learner import Learner, ParameterOptions, check_change
+from aircraft_sysid_ros.modelling.learner import Learner, ParameterOptions, check_change, force_noise
 from aircraft_sysid_ros.modelling.learners import LEARNERS, make_learner
+from aircraft_sysid_ros.modelling.pace import GAP, LOWEST_RATE, Pace
 from aircraft_sysid_ros.modelling.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.modelling.regression import (
     PRIOR_VARIANCE,
@@ -33,8 +34,8 @@ from aircraft_sysid_ros.modelling.regression import (
     new_learning,
 )
 from aircraft_sysid_ros.modelling.relearning import KNOWN, Changes, learn_again
-from aircraft_sysid_ros.modelling.signals import interpolate
-from aircraft_sysid_ros.modelling.trust import check_bounds
+from aircraft_sysid_ros.modelling.signals import interpolate, interpolate_sparse
+from aircraft_sysid_ros.modelling.trust import TrustRules, check_bounds
 from aircraft_sysid_ros.reconstruction.state import Column
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
@@ -51,6 +52,10 @@ _OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
 STALE = 1.0
 #: Batches that wait for the first state; older ones are from before it.
 _MOST_EARLY = 10_000
+#: Signals that stand in the samples of the controls.
+_CONTROL_SIGNALS = frozenset({"de", "da", "dr", "flaps", "Tc", "throttle", "propeller_speed"})
+#: Time [s] between samples of the controls over which they are known, beside sparse states.
+_SPARSEST_CONTROLS = GAP / LOWEST_RATE
 #: Late samples of a kind that are kept, in case the clock began anew and the states have yet to say so.
 _MOST_BEHIND = 1000
 
@@ -73,6 +78,7 @@ class ParameterEstimator:
         self._code = self.model.linked
         check_bounds(aircraft.parameter_bounds)
         self.learner = make_learner(aircraft, self.options)
+        self.pace, self._pace_of_controls = Pace(), Pace()
         self._reset_learning()
         self._restart_time()
         self._lowest = np.inf
@@ -93,17 +99,18 @@ class ParameterEstimator:
         self._predictions: list[tuple[float, Array]] = []
 
     def _new_tuning(self) -> Tuning:
+        """Options, with gaps and noise for the rate at which states come now."""
         options = self.options
-        accelerometer = self.aircraft.sensors["accelerometer"]
-        window = max(options.half_width * accelerometer.rate, 1.0)
         return Tuning(
             half_width=options.half_width,
             step=options.step,
-            largest_gap=options.largest_gap,
+            largest_gap=self.pace.largest_gap(options.largest_gap),
+            sparse=self.pace.is_sparse,
+            sampling=self.pace.sampling_error,
             forgetting=float(np.exp(-options.step / options.forgetting_time)),
             motion_weight=float(1.0 - np.exp(-options.step / 2.0)),
             excitation=options.excitation,
-            force_noise=self.aircraft.mass * accelerometer.noise[0] / np.sqrt(window),
+            force_noise=force_noise(self.pace.seen_by(self.aircraft), options),
         )
 
     def change_options(self, options: ParameterOptions) -> None:
@@ -132,6 +139,7 @@ class ParameterEstimator:
             self._predictions = [(-np.inf, np.concatenate(theta))]  # until the new learner knows better
         self.aircraft, self.model, self._code = aircraft, aircraft.model, aircraft.model.linked
         self.learning, self.history, self.learner = learning, history, learner
+        self._keep_pace()
         self.changes.restart()
         self.gates.adopt(aircraft)
 
@@ -147,6 +155,8 @@ class ParameterEstimator:
         self._newest_time: float | None = None
         self._start_time: float | None = None
         self._next_index = 0
+        self.pace.restart()
+        self._pace_of_controls.restart()
         self.learning.last_valid[:] = -np.inf
         self.changes.restart()
         self.changes.since[:] = -np.inf
@@ -250,15 +260,36 @@ class ParameterEstimator:
         self._waiting = [rows[due:]] if due < len(rows) else []
         if not due:
             return self._no_points()
-        return np.vstack([self._process(part) for part in self._parts_of_one_mass(rows[:due])])
+        return np.vstack([self._process_at_paces(part) for part in self._parts_of_one_mass(rows[:due])])
+
+    def _process_at_paces(self, rows: Array) -> Array:
+        points, interval = [], self.pace.interval
+        for part in self.pace.follow(rows[:, Column.TIME]):
+            if self.pace.interval != interval:
+                interval = self.pace.interval
+                self._keep_pace()
+            points.append(self._process(rows[part]))
+        return np.vstack(points)
+
+    def _keep_pace(self) -> None:
+        self.tuning = self._new_tuning()
+        if self.learner is not None:
+            self.learner.keep_pace(self.pace)
+
+    def _controls(self, times: Array) -> Array:
+        """Controls (n, 7) at times [s] of states, with the signs of the aircraft file."""
+        settle, series = self.options.settle, self._series[Kind.CONTROLS]
+        if self.pace.is_sparse:
+            return interpolate_sparse(*series, times, _SPARSEST_CONTROLS, settle) * self._signs
+        held = 2.0 / self.aircraft.sensors["control_surfaces"].rate
+        return interpolate(*series, times, settle, held) * self._signs
 
     def _process(self, rows: Array) -> Array:
-        times = rows[:, Column.TIME]
+        times, settle = rows[:, Column.TIME], self.options.settle
         if self._start_time is None:
             self._start_time = float(times[0])
             self._next_index = int(np.ceil(times[0] / self.options.step))
-        settle, held = self.options.settle, 2.0 / self.aircraft.sensors["control_surfaces"].rate
-        controls = interpolate(*self._series[Kind.CONTROLS], times, settle, held) * self._signs
+        controls = self._controls(times)
         heights = interpolate(*self._series[Kind.HEIGHT], times, settle, settle)[:, 0]
         heights = np.where(np.isfinite(heights), heights, self._height_from_gps(rows))
         history = np.empty((len(rows), TERM + len(self.model.parameter_names)))
@@ -385,6 +416,8 @@ class ParameterEstimator:
         self._series[kind] = (all_times[order], all_values[order])
 
     def _prune(self, used_until: float) -> None:
+        times = self._series[Kind.CONTROLS][0]
+        self._pace_of_controls.take(times[(times > self._used_until) & (times <= used_until)])
         self._used_until = used_until
         for kind, (times, values) in self._series.items():
             keep = max(int(np.searchsorted(times, used_until)) - 2, 0)
@@ -413,7 +446,7 @@ class ParameterEstimator:
         model, time, point, bounds = self.model, self.time, self.newest_point, self.aircraft.parameter_bounds
         waits = [self.learner is None or self.learner.waits(axis) for axis in range(len(AXES))]
         own = [None if waits[axis] or self.learner is None else self.learner.axis(axis) for axis in range(len(AXES))]
-        missing = [self._missing_signals(axis) for axis in range(len(AXES))]
+        missing = [self._missing(axis) for axis in range(len(AXES))]
         changed, inferred = self.changes.times.tolist(), copy(self.inferred)
         ranges = [(float(low), float(high)) for low, high in self._ranges]
 
@@ -436,12 +469,21 @@ class ParameterEstimator:
         """Measured against predicted coefficients over the sliding window."""
         return self.errors.summary()
 
-    def _missing_signals(self, axis: int) -> tuple[str, ...]:
-        """Signals that the axis needs and that no point of the flight had."""
-        if self.newest_point is None or self.learning.updates[axis]:
-            return ()
+    def _missing(self, axis: int) -> str:
+        """What keeps an axis from being learnt, in words; empty where nothing but motion does."""
+        few = self.learning.updates[axis] < TrustRules().samples
+        if few and self.pace.is_too_slow:
+            return f"the IMU comes at {self.pace.rate:.2g} Hz: derivatives need at least {LOWEST_RATE:g} Hz"
         used = {int(row[1]) for program in self.model.programs[axis] for row in program.code if row[0] == 1}
-        return tuple(SIGNALS[k] for k in sorted(used) if not self._signals_seen[k])
+        needed = [SIGNALS[k] for k in sorted(used)]
+        controls = ", ".join(name for name in needed if name in _CONTROL_SIGNALS)
+        unseen = [name for name in needed if not self._signals_seen[SIGNALS.index(name)]]
+        nothing = self.newest_point is not None and not self.learning.updates[axis]
+        never = (few and self.pace.is_sparse) or (nothing and {*unseen} & _CONTROL_SIGNALS)
+        if controls and never and self._pace_of_controls.interval > _SPARSEST_CONTROLS:
+            rate = f"{self._pace_of_controls.rate:.2g} Hz"
+            return f"needs {controls}, which comes at {rate}: at least {LOWEST_RATE:g} Hz are needed"
+        return f"needs {', '.join(unseen)}, which is not measured" if nothing and unseen else ""
 
     def _widen_ranges(self, points: Array) -> None:
         learnt = points[np.any(points[:, Point.LEARNT] > 0.0, axis=1)]

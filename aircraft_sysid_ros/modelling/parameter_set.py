@@ -56,14 +56,14 @@ def axis_estimates(
     axis: int,
     learning: Learning,
     now: float,
-    missing: tuple[str, ...],
+    missing: str,
     own: AxisEstimate | None = None,
     changed: float = np.nan,
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[list[ParameterEstimate], Array]:
     """Parameters of one axis at the time ``now`` [s] and their covariance (n, n).
 
-    ``missing`` are the signals that the axis needs and that are not measured; ``own`` what another learner
+    ``missing`` says what the axis lacks, empty if nothing; ``own`` is what another learner
     knows of the axis: the parameters are then its, and recursive least squares only says how the terms moved.
     ``changed`` is the time of flight [s] of the newest change of the axis, NaN if it never did; ``bounds`` are those
     of the aircraft file.
@@ -72,7 +72,7 @@ def axis_estimates(
     n, first = len(names), int(model.offsets[axis])
     known, sums = least_squares(model, axis, learning)
     excitation, effect, per_unit = np.zeros(n), np.full(n, np.inf), np.zeros(n)
-    estimate = known if own is None else own
+    estimate = _with_sampling(known if own is None else own, float(learning.sampling[axis]))
     if known.samples > n:
         moments = sums[0] / sums[0, n + 1, n + 1]
         excitation = _excitation(moments, learning.noise_square[first : first + n])
@@ -97,6 +97,13 @@ def axis_estimates(
         age = float(now - estimate.last_learnt[j])
         estimates.append(ParameterEstimate(name, value, std, verdict.status, reason, age, excited))
     return estimates, estimate.covariance
+
+
+def _with_sampling(estimate: AxisEstimate, square: float) -> AxisEstimate:
+    """The estimate with what sparse samples may have taken of each parameter, ``square`` as in Learning.sampling."""
+    if not square > 0.0:
+        return estimate
+    return estimate._replace(covariance=estimate.covariance + square * np.diag(estimate.theta**2))
 
 
 def least_squares(model: AerodynamicModel, axis: int, learning: Learning) -> tuple[AxisEstimate, Array]:

@@ -84,6 +84,7 @@ class Learning(NamedTuple):
     doubt: Array  # (6,) newest variance of the measured coefficient from the accelerometer bias
     prior: Array  # (6, n, n) information of what was known before the axis changed, over the noise; 0: it never did
     prior_variance: Array  # (6,) of the noise before the change
+    sampling: Array  # (6,) running mean square of the share of a parameter that sparse samples may take, while learning
 
 
 def new_learning(model: AerodynamicModel, lags: int) -> Learning:
@@ -105,6 +106,7 @@ def new_learning(model: AerodynamicModel, lags: int) -> Learning:
         doubt=np.zeros(6),
         prior=np.zeros((6, n, n)),
         prior_variance=np.zeros(6),
+        sampling=np.zeros(6),
     )
 
 
@@ -114,6 +116,8 @@ class Tuning(NamedTuple):
     half_width: float  # [s] of the differentiator
     step: float  # [s] between evaluations
     largest_gap: float  # [s] between states inside a window
+    sparse: bool  # states are far apart beside the window, see ``window_average``
+    sampling: float  # share of a parameter that sparse samples may take
     forgetting: float  # per evaluation
     motion_weight: float  # of the running mean that tells motion from rest
     excitation: float  # how many sigma of noise a term must move before the axis learns
@@ -289,6 +293,7 @@ def accumulate(
     learning.prior[axis] *= tuning.forgetting
     learning.last_valid[axis] = time
     learning.updates[axis] += 1
+    learning.sampling[axis] += root_weight**2 / sums[0, n + 1, n + 1] * (tuning.sampling**2 - learning.sampling[axis])
     for j in range(first, last):
         share = root_weight**2 / sums[0, n + 1, n + 1]
         learning.noise_square[j] += share * (noise[j] ** 2 - learning.noise_square[j])
@@ -384,6 +389,6 @@ def learn(
         next_index += 1
         low, high, usable = _window(times, history, low, center, tuning)
         if usable:
-            window_average(times, history, low, high, center, tuning.half_width, means, slopes)
+            window_average(times, history, low, high, center, tuning.half_width, means, slopes, tuning.sparse)
             _evaluate(center, means, slopes, body, code, code_offsets, learning, tuning, points[count])
             count += 1

@@ -116,3 +116,43 @@ def interpolate(times: Array, values: Array, at: Array, longest: float, held: fl
         elif has_before and at[i] - times[before] <= held:
             out[i] = values[before]
     return out
+
+
+def cubic(times: Array, values: Array, at: Array, longest: float, ahead: float = np.inf) -> Array:
+    """Series (n, k) at times ``at`` (m,), cubic through the two samples before and the two after.
+
+    NaN where four samples are not there, where one step between them is longer than ``longest`` [s], or where the last
+    of them is more than ``ahead`` [s] later.
+    """
+    if len(times) < 4:
+        return np.full((len(at), values.shape[1]), np.nan)
+    j = np.clip(np.searchsorted(times, at, side="right"), 2, len(times) - 2)
+    nodes = np.stack([times[j + k] for k in (-2, -1, 0, 1)])
+    steps = np.diff(nodes, axis=0)
+    regular = (at >= nodes[1]) & (at <= nodes[2]) & np.all((steps > 0.0) & (steps <= longest), axis=0)
+    total = np.zeros((len(at), values.shape[1]))
+    for k in range(4):
+        weight = np.ones(len(at))
+        for other in range(4):
+            if other != k:
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    weight *= (at - nodes[other]) / (nodes[k] - nodes[other])
+        total += weight[:, None] * values[j + k - 2]
+    total[~(regular & (nodes[3] - at <= ahead))] = np.nan
+    return total
+
+
+def interpolate_sparse(times: Array, values: Array, at: Array, longest: float, ahead: float) -> Array:
+    """Series (n, k) at times ``at`` (m,) from samples that are far apart beside the motion.
+
+    Cubic as in ``cubic``; a straight line where that is not possible; NaN where the samples on both sides are more
+    than ``longest`` [s] apart, since nobody knows what was between them.
+    """
+    straight = interpolate(times, values, at, longest)
+    j = np.searchsorted(times, at, side="right")
+    inside = (j > 0) & (j < len(times))
+    apart = np.full(len(at), np.inf)
+    apart[inside] = times[j[inside]] - times[j[inside] - 1]
+    straight[apart > longest] = np.nan
+    curved = cubic(times, values, at, longest, ahead)
+    return np.where(np.isfinite(curved), curved, straight)

@@ -43,7 +43,7 @@ class Evidence:
     excitation: float
     effect_of_std: float  # one standard error's share of the coefficient, over the coefficient's spread
     samples: int
-    missing: tuple[str, ...]  # signals that its axis needs and that are not measured
+    missing: str  # what its axis lacks, as the reason says it; empty: nothing
     bounds: tuple[float, float] = (-np.inf, np.inf)  # of the aircraft file
 
 
@@ -86,7 +86,7 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
     """The verdict on one parameter."""
     e = evidence
     if e.missing:
-        return Verdict(Trust.HOLD, f"needs {', '.join(e.missing)}, which is not measured")
+        return Verdict(Trust.HOLD, e.missing)
     if e.samples < rules.samples or not np.isfinite(e.std):
         return Verdict(Trust.HOLD, "not enough motion yet")
     if e.excitation < rules.excitation:

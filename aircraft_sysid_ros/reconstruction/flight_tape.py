@@ -25,18 +25,18 @@ Array = npt.NDArray[np.float64]
 STATE = slice(0, STATE_SIZE)  # filtered, before the step
 _COVARIANCE = STATE_SIZE  # of its error, the lower triangle row by row
 _FORCE = _COVARIANCE + ERROR_SIZE * (ERROR_SIZE + 1) // 2
-FORCE = slice(_FORCE, _FORCE + 3)  # as measured, at the middle of the step
+FORCE = slice(_FORCE, _FORCE + 3)  # as measured, mean over the step
 RATE = slice(_FORCE + 3, _FORCE + 6)
 DT = _FORCE + 6  # [s]
-SAMPLE_TIME = DT + 1  # [s] between the IMU samples
-WIND_WALK = DT + 2  # [m/s per sqrt(s)] that the filter used
-HAS_ROW = DT + 3  # 1: a row of state.Column belongs to the end of the step
-STEP_WIDTH = DT + 4
+DENSITY = slice(DT + 1, DT + 3)  # of the white noise of accelerometer and gyro, see process.add_process_noise
+WIND_WALK = DT + 3  # [m/s per sqrt(s)] that the filter used
+HAS_ROW = DT + 4  # 1: a row of state.Column belongs to the end of the step
+STEP_WIDTH = DT + 5
 
 
 @njit(cache=True)
 def record_step(
-    step: Array, x: Array, p: Array, force: Array, rate: Array, dt: float, sample_time: float, wind_walk: float
+    step: Array, x: Array, p: Array, force: Array, rate: Array, dt: float, density: Array, wind_walk: float
 ) -> None:
     """Write one step: the arguments of ``process.propagate`` before it."""
     step[STATE] = x
@@ -46,7 +46,8 @@ def record_step(
         at += i + 1
     step[FORCE] = force
     step[RATE] = rate
-    step[DT], step[SAMPLE_TIME], step[WIND_WALK] = dt, sample_time, wind_walk
+    step[DENSITY] = density
+    step[DT], step[WIND_WALK] = dt, wind_walk
     step[HAS_ROW] = 0.0
 
 

@@ -14,6 +14,7 @@ from aircraft_sysid_ros.reconstruction.assumptions import is_due, update_by
 from aircraft_sysid_ros.reconstruction.flight_tape import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import propagate
+from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, D_ATTITUDE, ERROR_SIZE, Memory, Setup
 from aircraft_sysid_ros.reconstruction.state_row import write_row
 from aircraft_sysid_ros.samples import Kind
@@ -237,6 +238,44 @@ def _has_diverged(setup: Setup, memory: Memory) -> bool:
 
 
 @njit(cache=True)
+def _look_at_interval(
+    end: float, values: Array, setup: Setup, memory: Memory, bend: Array, density: Array
+) -> None:
+    """Density (2,) of the noise of the IMU up to its sample at ``end`` [s], and its bend (6,), 0 where it is dense."""
+    interval = end - memory.imu[0]
+    of_force, of_rate = setup.accelerometer_variance, setup.gyro_variance
+    bend[:] = 0.0
+    if is_sparse(interval, memory):
+        second_difference(end, values, setup.maximum_gap, memory, bend)
+        beyond = mean_beyond_line(0.0, 1.0, interval)
+        of_force += np.sum((beyond * bend[0:3]) ** 2) / 3.0
+        of_rate += np.sum((beyond * bend[3:6]) ** 2) / 3.0
+    density[0], density[1] = of_force * interval, of_rate * interval
+
+
+@njit(cache=True)
+def _mean_input(now: float, until: float, end: float, values: Array, imu: Array, bend: Array, out: Array) -> None:
+    """Mean of specific force and angular rate from ``now`` to ``until`` [s], into ``out`` (6,).
+
+    imu (7,) is the newest sample, values those of the one at ``end`` [s].
+    """
+    begin, interval = imu[0], end - imu[0]
+    middle = (0.5 * (now + until) - begin) / interval
+    beyond = mean_beyond_line((now - begin) / interval, (until - begin) / interval, interval)
+    for i in range(6):
+        out[i] = imu[1 + i] + middle * (values[i] - imu[1 + i]) + beyond * bend[i]
+
+
+@njit(cache=True)
+def _note_imu(time: float, values: Array, memory: Memory) -> None:
+    """Keep the sample of the IMU that has been reached, and the one before it."""
+    if time > memory.imu[0]:
+        memory.imu_before[:] = memory.imu
+    memory.imu[0] = time
+    memory.imu[1:7] = values[0:6]
+
+
+@njit(cache=True)
 def run(
     times: Array,
     kinds: npt.NDArray[np.int64],
@@ -251,44 +290,44 @@ def run(
 ) -> tuple[int, int, int, int]:
     """Process samples ``start`` onward, up to the last IMU sample among them.
 
-    times (n,) [s] ascending, kinds (n,), values (n, WIDTH). The IMU input is interpolated between its
-    samples, so that every measurement is fused at its own time. Writes rows (at most n, Column.WIDTH), and for
-    a smoother every step of the integration to the tape (at most n, STEP_WIDTH; of length 0: off).
+    times (n,) [s] ascending, kinds (n,), values (n, WIDTH). The IMU input is interpolated between its samples
+    (``sparse_imu``), so that every measurement is fused at its own time. Writes rows (at most n, Column.WIDTH), and
+    for a smoother every step of the integration to the tape (at most n, STEP_WIDTH; of length 0: off).
     Returns the index of the first sample that is not processed, the numbers of rows and of steps, and RUNNING,
     or GAP when the IMU was silent for longer than setup.maximum_gap before that sample, or DIVERGED when GPS and
     state contradict each other for long.
     """
     count, steps, i, n = 0, 0, start, len(times)
-    memory_imu = memory.imu
+    imu, mean, bend, density = memory.imu, np.empty(6), np.zeros(6), np.empty(2)
+    force, rate = mean[0:3], mean[3:6]
     while True:
         j = i
         while j < n and kinds[j] != _IMU:
             j += 1
         if j == n:
             return i, count, steps, RUNNING
-        begin, end = memory_imu[0], times[j]
+        begin, end = imu[0], times[j]
         interval = end - begin
         if interval > setup.maximum_gap:
             return i, count, steps, GAP
-        force0, rate0 = memory_imu[1:4].copy(), memory_imu[4:7].copy()
-        force_step, rate_step = values[j, 0:3] - force0, values[j, 3:6] - rate0
+        _look_at_interval(end, values[j], setup, memory, bend, density)
+        rate0 = imu[4:7].copy()
+        rate_step = values[j, 3:6] - rate0
         now = begin
         for k in range(i, j + 1):
             until = min(max(times[k], now), end)
             if until > now:
-                middle = (0.5 * (now + until) - begin) / interval
-                force, rate = force0 + middle * force_step, rate0 + middle * rate_step
+                _mean_input(now, until, end, values[j], imu, bend, mean)
                 if steps < len(tape):
-                    record_step(tape[steps], x, p, force, rate, until - now, interval, memory.wind_walk[0])
+                    record_step(tape[steps], x, p, force, rate, until - now, density, memory.wind_walk[0])
                     steps += 1
-                propagate(x, p, force, rate, until - now, interval, memory.wind_walk[0], setup)
+                propagate(x, p, force, rate, until - now, density, memory.wind_walk[0], setup)
                 now = until
             if k < j:
                 at = (now - begin) / interval if interval > 0.0 else 0.0
                 _take(kinds[k], values[k], x, p, rate0 + at * rate_step, now, setup, memory)
         _assume(x, p, end, setup, memory)
-        memory_imu[0] = end
-        memory_imu[1:7] = values[j, 0:6]
+        _note_imu(end, values[j], memory)
         i = j + 1
         finite = np.isfinite(np.sum(x) + np.sum(p))
         if interval > 0.0 and finite:  # a stamp that stands twice gives one row

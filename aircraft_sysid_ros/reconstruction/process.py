@@ -3,9 +3,9 @@
     v' = C(q) f + g,  p' = v,  q' = q (x) exp(omega dt),  u' = f + C(q)' g - omega x u  (6.16)-(6.18),
 
 with the velocity over ground v, the air-relative velocity u in body axes, f = f_m - b_a - w_a, omega =
-omega_m - b_g - w_g. Biases are random walks; a random walk of the wind enters u. f and omega are the measured
-specific force (6.4) and rate (6.5) at the middle of the step. White noise of an IMU sample of variance s^2,
-held over T, has the density s^2 T.
+omega_m - b_g - w_g. Biases are random walks; a random walk of the wind enters u. f and omega are the mean measured
+specific force (6.4) and rate (6.5) of the step. White noise of an IMU sample of variance s^2, held over T, has the
+density s^2 T.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Array = npt.NDArray[np.float64]
 
 @njit(cache=True)
 def propagate_state(x: Array, force: Array, rate: Array, dt: float, gravity: float) -> None:
-    """Advance the nominal state x (19,) by dt [s], in place; force and rate (3,) as measured at mid-step."""
+    """Advance the nominal state x (19,) by dt [s], in place; force and rate (3,) as measured, means over the step."""
     f = force - x[ACCELEROMETER_BIAS]
     omega = rate - x[GYRO_BIAS]
     attitude = x[ATTITUDE].copy()
@@ -139,17 +139,15 @@ def _apply_transition(m: Array, blocks: tuple[Array, ...], dt: float) -> None:
 
 
 @njit(cache=True)
-def add_process_noise(
-    p: Array, x: Array, dt: float, sample_time: float, wind_walk: float, setup: Setup
-) -> None:
+def add_process_noise(p: Array, x: Array, dt: float, density: Array, wind_walk: float, setup: Setup) -> None:
     """Add the covariance of Gamma w over dt [s] (3.11) to p (18, 18), at the state after the step.
 
-    The noise of the accelerometer moves both velocities; that of the gyro turns u together with the attitude.
+    ``density`` (2,) of the white noise of accelerometer [(m/s^2)^2 s] and gyro [(rad/s)^2 s]. The noise of the
+    accelerometer moves both velocities; that of the gyro turns u together with the attitude.
     """
     c = rotation_matrix(x[ATTITUDE])
     arm = cross_matrix(x[AIR_VELOCITY])
-    force = setup.accelerometer_variance * sample_time * dt
-    rate = setup.gyro_variance * sample_time * dt
+    force, rate = density[0] * dt, density[1] * dt
     by_rate = product(arm, arm.T)
     for i in range(3):
         p[D_VELOCITY + i, D_VELOCITY + i] += force
@@ -167,14 +165,14 @@ def add_process_noise(
 
 @njit(cache=True)
 def propagate(
-    x: Array, p: Array, force: Array, rate: Array, dt: float, sample_time: float, wind_walk: float, setup: Setup
+    x: Array, p: Array, force: Array, rate: Array, dt: float, density: Array, wind_walk: float, setup: Setup
 ) -> None:
-    """State and covariance (3.10), (3.11) by dt [s], in place; sample_time: interval between IMU samples."""
+    """State and covariance (3.10), (3.11) by dt [s], in place; ``density`` as in ``add_process_noise``."""
     blocks = transition_blocks(x, force, rate, dt, setup.gravity)
     propagate_state(x, force, rate, dt, setup.gravity)
     _apply_transition(p, blocks, dt)
     transposed = p.T.copy()
     _apply_transition(transposed, blocks, dt)
     p[:] = transposed
-    add_process_noise(p, x, dt, sample_time, wind_walk, setup)
+    add_process_noise(p, x, dt, density, wind_walk, setup)
     symmetrise(p)

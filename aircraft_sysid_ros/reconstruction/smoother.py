@@ -25,11 +25,11 @@ from aircraft_sysid_ros.aircraft.frames import (
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky, solve_factored
 from aircraft_sysid_ros.estimation.smoothing import smoothed_covariance, smoother_gain
 from aircraft_sysid_ros.reconstruction.flight_tape import (
+    DENSITY,
     DT,
     FORCE,
     HAS_ROW,
     RATE,
-    SAMPLE_TIME,
     STATE,
     WIND_WALK,
     FlightTape,
@@ -63,13 +63,13 @@ def smooth_step(step: Array, x: Array, p: Array, setup: Setup) -> tuple[Array, A
     Where the predicted covariance is not positive definite the filtered state stays as it is.
     """
     force, rate, dt = step[FORCE], step[RATE], step[DT]
-    sample_time, wind_walk = step[SAMPLE_TIME], step[WIND_WALK]
+    density, wind_walk = step[DENSITY], step[WIND_WALK]
     filtered, p_filtered = step[STATE].copy(), recorded_covariance(step)
     predicted, p_predicted = filtered.copy(), p_filtered.copy()
-    propagate(predicted, p_predicted, force, rate, dt, sample_time, wind_walk, setup)
+    propagate(predicted, p_predicted, force, rate, dt, density, wind_walk, setup)
     phi = transition_matrix(filtered, force, rate, dt, setup.gravity)
     noise = np.zeros((ERROR_SIZE, ERROR_SIZE))
-    add_process_noise(noise, predicted, dt, sample_time, wind_walk, setup)
+    add_process_noise(noise, predicted, dt, density, wind_walk, setup)
     gain = smoother_gain(p_filtered, phi, p_predicted)
     if not np.isfinite(np.sum(gain)):
         gain[:] = 0.0
@@ -90,7 +90,7 @@ def smooth_state(step: Array, x: Array, setup: Setup) -> Array:
     force, rate, dt = step[FORCE], step[RATE], step[DT]
     filtered, p_filtered = step[STATE].copy(), recorded_covariance(step)
     predicted, p_predicted = filtered.copy(), p_filtered.copy()
-    propagate(predicted, p_predicted, force, rate, dt, step[SAMPLE_TIME], step[WIND_WALK], setup)
+    propagate(predicted, p_predicted, force, rate, dt, step[DENSITY], step[WIND_WALK], setup)
     weighted = solve_factored(cholesky(p_predicted), difference(x, predicted))
     if not np.isfinite(np.sum(weighted)):
         return filtered

@@ -113,6 +113,8 @@ class Memory(NamedTuple):
     """What the jitted loop changes besides state and covariance."""
 
     imu: npt.NDArray[np.float64]  # (7,) time, specific force, angular rate as measured
+    imu_before: npt.NDArray[np.float64]  # (7,) the sample before it
+    sparse: npt.NDArray[np.int64]  # (1,) votes for an IMU that is slow, see ``sparse_imu``
     air: npt.NDArray[np.float64]  # (1,) density [kg/m^3]
     fused: npt.NDArray[np.int64]  # (kinds,)
     rejected: npt.NDArray[np.int64]  # (kinds,)
@@ -141,6 +143,8 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
     """
     return Memory(
         imu=np.zeros(7),
+        imu_before=np.full(7, -np.inf),
+        sparse=np.zeros(1, np.int64),
         air=np.array([np.nan]),
         fused=np.zeros(kinds, np.int64),
         rejected=np.zeros(kinds, np.int64),

@@ -341,6 +341,7 @@ class StateEstimator:
         if self._setup is None:
             self._setup = self._new_setup(imu)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
+        self.memory.imu_before[:] = -np.inf
         self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak
         self.memory.last_rejected[:] = self.memory.assumed[:] = -np.inf
         self._aligned = self._has_biases = True

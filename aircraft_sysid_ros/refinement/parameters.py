@@ -105,7 +105,8 @@ def judged(
     for i, name in enumerate(model.parameter_names):
         axis = model.programs[AXES.index(name[:2])]
         read = {SIGNALS[int(row[1])] for program in axis for row in program.code if row[0] == 1}
-        missing = tuple(sorted(read & record.missing))
+        lacking = ", ".join(sorted(read & record.missing))
+        missing = f"needs {lacking}, which is not measured" if lacking else ""
         excitation = run_parameters.get(name, {}).get("excitation")
         excited = np.inf if excitation is None else float(excitation)
         status, reason = "HOLD", "this flight does not tell it: not moved from its start"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.modelling.parameter_estimator import interpolate
+from aircraft_sysid_ros.modelling import signals
 
 Array = npt.NDArray[np.float64]
 
@@ -16,23 +16,8 @@ def cubic(times: Array, values: Array, at: Array, longest: float) -> Array:
     A straight line would take h^2 omega^2 / 12 of a motion away, half a per cent of a servo at 50 Hz. Where four
     samples are not within ``longest`` [s], linear or held, as in the second step; where none is near, NaN.
     """
-    out = interpolate(times, values, at, longest)
-    if len(times) < 4:
-        return np.asarray(out)
-    j = np.clip(np.searchsorted(times, at, side="right"), 2, len(times) - 2)
-    nodes = np.stack([times[j + k] for k in (-2, -1, 0, 1)])
-    steps = np.diff(nodes, axis=0)
-    regular = (at >= nodes[1]) & (at <= nodes[2]) & np.all((steps > 0.0) & (steps <= longest), axis=0)
-    total = np.zeros_like(out)
-    for k in range(4):
-        weight = np.ones(len(at))
-        for other in range(4):
-            if other != k:
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    weight *= (at - nodes[other]) / (nodes[k] - nodes[other])
-        total += weight[:, None] * values[j + k - 2]
-    use = regular[:, None] & np.isfinite(total)
-    return np.where(use, total, out)
+    curved = signals.cubic(times, values, at, longest)
+    return np.where(np.isfinite(curved), curved, signals.interpolate(times, values, at, longest))
 
 
 def sharpened(mean: Array, time: Array, every: int) -> Array:

@@ -1,12 +1,14 @@
 """Means and slopes over a window: both sides of dw/dt = y are treated alike, whatever the frequency."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from aircraft_sysid_ros.estimation.window_average import window_average
 
 
-def averages(times, columns, center, half_width):
+def averages(times, columns, center, half_width, sparse=False):
     """Means and slopes of columns (n, m) by the rows that just span the window."""
     first = int(np.searchsorted(times, center - half_width, side="right")) - 1
     last = int(np.searchsorted(times, center + half_width))
@@ -14,7 +16,7 @@ def averages(times, columns, center, half_width):
         np.full(columns.shape[1], 7.0),
         np.full(columns.shape[1], 7.0),
     )  # what was there is replaced
-    window_average(times, columns, first, last, center, half_width, means, slopes)
+    window_average(times, columns, first, last, center, half_width, means, slopes, sparse)
     return means, slopes
 
 
@@ -112,3 +114,43 @@ def test_the_slope_is_that_of_the_least_squares_line_when_samples_are_dense():
     tau = np.linspace(-0.08, 0.08, 20001)
     window = 3.0 * (0.08**2 - tau**2) / (4.0 * 0.08**3)
     assert means[0] == pytest.approx(np.trapezoid(window * np.exp(3.0 * (1.0 + tau)), tau), rel=1e-6)
+
+
+# -- samples that are not dense ---------------------------------------------------------------------------------
+
+
+@TIMES
+@WINDOWS
+def test_sparse_means_and_slopes_are_exact_integrals_of_the_straight_lines(kind, center, half_width):
+    times = sample_times(kind)[::3]
+    values = np.random.default_rng(3).normal(size=len(times))
+    means, slopes = averages(times, values[:, None], center, half_width, sparse=True)
+    tau, weights = np.polynomial.legendre.leggauss(4)
+    mean = slope = 0.0
+    edges = np.unique(np.clip(times, center - half_width, center + half_width))
+    for a, b in pairwise(edges):
+        at = 0.5 * (a + b) + 0.5 * (b - a) * tau
+        window = 0.75 * (half_width**2 - (at - center) ** 2) / half_width**3
+        shares = 0.5 * (b - a) * weights * window
+        mean += shares @ np.interp(at, times, values)
+        slope += shares.sum() * (np.interp(b, times, values) - np.interp(a, times, values)) / (b - a)
+    assert means[0] == pytest.approx(mean, abs=1e-12)
+    assert slopes[0] == pytest.approx(slope, rel=1e-9)
+
+
+def derivative_of_means(step, frequency, sparse, half_width=0.08):
+    """Slope of a sine over the mean of its derivative, by least squares over many windows and phases."""
+    times, omega = step * np.arange(2000), 2.0 * np.pi * frequency
+    columns = np.column_stack([np.sin(omega * times), omega * np.cos(omega * times)])
+    windows = [averages(times, columns, center, half_width, sparse) for center in np.arange(1.0, 60.0, 0.0371)]
+    found = np.array([[means[1], slopes[0]] for means, slopes in windows])
+    return float(found[:, 0] @ found[:, 1] / (found[:, 0] @ found[:, 0]))
+
+
+@pytest.mark.parametrize("step", [0.04, 0.08, 0.1])
+@pytest.mark.parametrize("frequency", [0.5, 1.0, 2.0])
+def test_sparse_samples_bias_no_derivative(step, frequency):
+    x = np.pi * frequency * step
+    too_large = np.tan(x) / x - 1.0
+    assert derivative_of_means(step, frequency, sparse=False) == pytest.approx(1.0 + too_large, rel=0.02)
+    assert derivative_of_means(step, frequency, sparse=True) == pytest.approx(1.0, abs=0.1 * too_large + 1e-3)

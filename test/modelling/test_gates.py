@@ -28,7 +28,7 @@ BEGIN, END, DURATION = 60.0, 85.0, 150.0  # [s] of the bad time
 
 
 def evidence(value: float, std: float = 0.05, bounds=(-8.0, -2.0)) -> Evidence:
-    return Evidence("CZ_alpha", value, std, 100.0, 0.01, 10_000, (), bounds)
+    return Evidence("CZ_alpha", value, std, 100.0, 0.01, 10_000, "", bounds)
 
 
 @pytest.mark.parametrize(

@@ -123,13 +123,7 @@ def test_process_noise_is_what_noisy_inputs_do(setup: Setup) -> None:
     """Sample covariance of propagation with noisy IMU samples against the noise matrix."""
     x, dt = random_state(4, 0.1), 0.01
     force, rate = np.array([1.0, -2.0, -9.0]), np.array([0.5, -0.2, 0.3])
-    quiet = setup._replace(
-        accelerometer_variance=0.2**2,
-        gyro_variance=0.05**2,
-        accelerometer_walk=0.0,
-        gyro_walk=0.0,
-        wind_walk=0.0,
-    )
+    quiet = setup._replace(accelerometer_walk=0.0, gyro_walk=0.0, wind_walk=0.0)
     end = x.copy()
     propagate_state(end, force, rate, dt, GRAVITY)
     random = np.random.default_rng(0)
@@ -141,7 +135,7 @@ def test_process_noise_is_what_noisy_inputs_do(setup: Setup) -> None:
         errors.append(difference(moved, end))
     sampled = np.cov(np.array(errors).T)
     expected = np.zeros((ERROR_SIZE, ERROR_SIZE))
-    add_process_noise(expected, end, dt, dt, 0.0, quiet)
+    add_process_noise(expected, end, dt, np.array([0.2**2, 0.05**2]) * dt, 0.0, quiet)
     moving = [0, 1, 2, 6, 7, 8, 15, 16, 17]
     scale = np.sqrt(np.diag(expected)[moving])
     assert np.allclose(

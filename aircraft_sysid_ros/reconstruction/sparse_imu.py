@@ -1,0 +1,57 @@
+"""An IMU that is slow beside the motion: what a straight line between two of its samples misses.
+
+Where samples are dense the input of the filter is a straight line between them. At 10 Hz that line takes x^2 / 3 of a
+motion away, x = omega T / 2: 3 % at 1 Hz, 13 % at 2 Hz. Three samples say more. The parabola through them exceeds the
+line by
+
+    b (t - t0) (t - t1),    b = f[t_-1, t0, t1], the second divided difference,
+
+whose mean over the interval T is c = - b T^2 / 6. It is put in, and as its own error: c^2 is added to the variance of
+the sample, as the error of a Runge-Kutta step is taken from a pair of them. In smooth motion it is nothing, after a
+sample that was lost it is much.
+
+Dense and sparse is told by stamps alone: more than half of the newest intervals are longer than LONG.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.reconstruction.state import Memory
+
+Array = npt.NDArray[np.float64]
+
+#: Interval [s] between IMU samples from which they are sparse.
+LONG = 0.025
+#: Votes for sparse go up to this, one per interval: a lost sample here and there does not make half of them.
+_MOST_VOTES = 24
+
+
+@njit(cache=True)
+def is_sparse(interval: float, memory: Memory) -> bool:
+    """Whether samples are sparse; ``interval`` [s] is the newest, and votes."""
+    votes = memory.sparse[0] + (1 if interval > LONG else -1)
+    memory.sparse[0] = min(max(votes, 0), _MOST_VOTES)
+    return bool(2 * memory.sparse[0] > _MOST_VOTES)
+
+
+@njit(cache=True)
+def second_difference(time: float, values: Array, longest: float, memory: Memory, out: Array) -> None:
+    """b of specific force and angular rate into ``out`` (6,), from a new sample and the two before it.
+
+    Zero where the two before it are further apart than ``longest`` [s].
+    """
+    now, before = time - memory.imu[0], memory.imu[0] - memory.imu_before[0]
+    for i in range(6):
+        out[i] = 0.0
+        if 0.0 < before <= longest and now > 0.0:
+            old = (memory.imu[1 + i] - memory.imu_before[1 + i]) / before
+            out[i] = ((values[i] - memory.imu[1 + i]) / now - old) / (now + before)
+
+
+@njit(cache=True)
+def mean_beyond_line(a: float, b: float, interval: float) -> float:
+    """Mean of (t - t0) (t - t1) [s^2] from the share ``a`` to the share ``b`` of an interval [s]."""
+    return interval * interval * ((a * a + a * b + b * b) / 3.0 - 0.5 * (a + b))

@@ -1,0 +1,106 @@
+"""The input of the filter between samples of a slow IMU: parabolas are exact, sines nearly, and the error is stated."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from slow_flights import all_thinned, fast_flight, file_of_users, thinned
+
+from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
+from aircraft_sysid_ros.reconstruction.state import Column, new_memory
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Kind
+
+
+def integral(times: np.ndarray, values: np.ndarray) -> float:
+    """Of samples by line and bend, from the second sample on."""
+    memory, bend, total = new_memory(len(Kind), 0.1), np.empty(6), 0.0
+    sample = np.zeros(6)
+    for k in range(2, len(times)):
+        memory.imu_before[:2], memory.imu[:2] = (times[k - 2], values[k - 2]), (times[k - 1], values[k - 1])
+        sample[0], interval = values[k], times[k] - times[k - 1]
+        second_difference(times[k], sample, 0.5, memory, bend)
+        line = 0.5 * (values[k] + values[k - 1])
+        total += interval * (line + bend[0] * mean_beyond_line(0.0, 1.0, interval))
+    return total
+
+
+def test_parabolas_are_integrated_exactly_on_uneven_samples() -> None:
+    times = np.array([0.0, 0.1, 0.21, 0.3, 0.52, 0.6, 0.7])
+    exact = np.polynomial.Polynomial([0.3, -2.0, 5.0]).integ()
+    assert integral(times, 0.3 - 2.0 * times + 5.0 * times**2) == pytest.approx(exact(0.7) - exact(0.1), rel=1e-12)
+
+
+def test_parts_of_an_interval_add_up_to_the_whole() -> None:
+    edges, interval = np.array([0.0, 0.2, 0.35, 0.9, 1.0]), 0.1
+    parts = [(b - a) * mean_beyond_line(a, b, interval) for a, b in pairwise(edges)]
+    assert sum(parts) == pytest.approx(mean_beyond_line(0.0, 1.0, interval), rel=1e-12)
+    assert mean_beyond_line(0.0, 1.0, interval) == pytest.approx(-(interval**2) / 6.0)
+
+
+@pytest.mark.parametrize("frequency, line_error", [(1.0, 0.033), (2.0, 0.14)])
+def test_a_sine_at_ten_hertz_loses_little_of_its_size(frequency: float, line_error: float) -> None:
+    """Against the projection of the exact integral: the straight line loses ``line_error``, see the module."""
+    omega, times = 2.0 * np.pi * frequency, 0.1 * np.arange(600)
+    values = np.cos(omega * times)
+    curved, straight = np.zeros(len(times)), np.zeros(len(times))
+    for k in range(2, len(times)):
+        curved[k] = curved[k - 1] + integral(times[k - 2 : k + 1], values[k - 2 : k + 1])
+        straight[k] = straight[k - 1] + 0.05 * (values[k] + values[k - 1])
+    exact = np.sin(omega * times) / omega
+    columns = np.column_stack([exact, np.cos(omega * times), np.ones(len(times))])[2:]
+
+    def size(series: np.ndarray) -> float:
+        return float(np.linalg.lstsq(columns, series[2:], rcond=None)[0][0])
+
+    assert size(straight) == pytest.approx(1.0 - line_error, abs=0.01)
+    assert abs(size(curved) - 1.0) < 0.3 * line_error
+
+
+def test_no_bend_across_a_gap_or_a_stamp_that_stands_twice() -> None:
+    memory, bend, sample = new_memory(len(Kind), 0.1), np.empty(6), np.ones(6)
+    memory.imu[0] = 10.0
+    second_difference(10.1, sample, 0.5, memory, bend)  # nothing before it
+    assert not bend.any()
+    memory.imu_before[:] = 0.0
+    memory.imu_before[0] = 9.0
+    second_difference(10.1, sample, 0.5, memory, bend)
+    assert not bend.any()
+    memory.imu_before[0] = 9.9
+    second_difference(10.0, sample, 0.5, memory, bend)
+    assert not bend.any()
+    second_difference(10.1, sample, 0.5, memory, bend)
+    assert bend.all()
+
+
+def test_sparse_is_what_most_intervals_say() -> None:
+    random, memory = np.random.default_rng(0), new_memory(len(Kind), 0.1)
+    assert not any(is_sparse(t, memory) for t in 0.02 * random.choice([1.0, 2.0, 3.0], 5000, p=[0.9, 0.08, 0.02]))
+    verdicts = [is_sparse(0.1, memory) for _ in range(30)]
+    assert not verdicts[0] and all(verdicts[13:])
+    verdicts = [is_sparse(0.01, memory) for _ in range(30)]
+    assert verdicts[0] and not any(verdicts[13:])
+
+
+@pytest.mark.parametrize(
+    "shown",
+    [
+        lambda samples: thinned(samples, 25.0),
+        lambda samples: thinned(samples, 10.0),
+        lambda samples: all_thinned(samples, 10.0),
+        lambda samples: all_thinned(samples, 10.0, jitter=0.2, lost=0.1),
+    ],
+)
+def test_states_of_a_slow_imu_are_as_near_as_the_filter_says(shown) -> None:
+    """In manoeuvres: squared errors over their variance, of the flow across and of the velocity over ground."""
+    flight = fast_flight(7)
+    estimator = StateEstimator(file_of_users())
+    rows = np.vstack([estimator.push(shown(flight.samples)), estimator.flush()])
+    assert estimator.epoch is not None and estimator.realignments == 0
+    time = rows[:, Column.TIME] + (estimator.epoch - int(flight.biases.stamp[0])) * 1e-9
+    truth, late = flight.truth.at(time), time > 20.0
+    across = (truth.air_velocity - rows[:, Column.AIR_VELOCITY])[:, 1:] / rows[:, [Column.AIR_VELOCITY_STD]]
+    ground = (truth.velocity - rows[:, Column.VELOCITY]) / rows[:, Column.STANDARD_DEVIATIONS][:, :3]
+    assert 0.5 < np.mean(across[late] ** 2) < 1.3
+    assert 0.4 < np.mean(ground[late] ** 2) < 1.8
+    assert all(0.6 < value < 1.2 for value in estimator.innovation_consistency().values())
