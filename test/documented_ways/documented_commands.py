@@ -160,8 +160,9 @@ def parser_of_script(name: str) -> argparse.ArgumentParser:
     run: Callable[[], object] = lambda: runpy.run_module(name, run_name="__main__", alter_sys=False)  # noqa: E731
     if name.endswith(".py"):
         run = lambda: runpy.run_path(str(path), run_name="__main__")  # noqa: E731
-    with patch.object(argparse.ArgumentParser, "parse_args", parse_args), patch.object(
-        sys, "path", [str(path.parent), *sys.path]
+    with (
+        patch.object(argparse.ArgumentParser, "parse_args", parse_args),
+        patch.object(sys, "path", [str(path.parent), *sys.path]),
     ):
         try:
             run()

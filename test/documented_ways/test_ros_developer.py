@@ -160,7 +160,7 @@ def recorded(user):
     topics = ("imu/data", "gps/fix", "gps/vel", "air_data", "control_surfaces")
     with (
         Recorder({f"{UAV}/{topic}": TOPICS[topic] for topic in topics}) as recorder,
-        user.start("play", "--topic-prefix", UAV, "--wait", 60, "--json", **{"2": 10}) as playing,
+        user.start("play", "--topic-prefix", UAV, "--wait", 60, "--json", **{"2": 20}) as playing,
     ):
         recorder.spin_until(lambda: playing.process.poll() is not None, PATIENCE)
         sent = json.loads(playing.end())["messages"]
