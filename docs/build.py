@@ -22,6 +22,7 @@ import certificate_tables
 import closed_loop_tables
 import diagnosis_tables
 import mavlink_tables
+import node_tables
 import paper_tables
 import trust_tables
 
@@ -360,6 +361,11 @@ def mavlink(name: str) -> Callable[[], str]:
     return lambda: table(*mavlink_tables.TABLES[name](load("mavlink_bridge")))
 
 
+def nodes(name: str) -> Callable[[], str]:
+    """A table of docs/nodes.md."""
+    return lambda: table(*node_tables.TABLES[name]())
+
+
 def trust(name: str) -> Callable[[], str]:
     """A table of docs/trust.md."""
     return lambda: table(*trust_tables.TABLES[name](load("bad_minute")))
@@ -414,6 +420,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **{f"calibration_{name}": calibration(name) for name in calibration_tables.TABLES},
     "workbench": workbench,
     **{f"mavlink_{name}": mavlink(name) for name in mavlink_tables.TABLES},
+    **{f"nodes_{name}": nodes(name) for name in node_tables.TABLES},
     **{f"trust_{name}": trust(name) for name in trust_tables.TABLES},
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
     **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},

@@ -11,6 +11,8 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 PACKAGE = "aircraft_sysid_ros"
 NODES = ("state_estimator", "parameter_estimator")
+#: How long [s] a node may use what has come by Ctrl-C, before it is asked to end once more, and then killed.
+PATIENCE = "60"
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -43,6 +45,8 @@ def generate_launch_description() -> LaunchDescription:
             parameters=[parameters],
             output="screen",
             emulate_tty=True,
+            sigterm_timeout=PATIENCE,
+            sigkill_timeout=PATIENCE,
         )
         for name in NODES
     ]

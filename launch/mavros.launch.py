@@ -15,6 +15,8 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 PACKAGE = "aircraft_sysid_ros"
 NODES = ("state_estimator", "parameter_estimator")
+#: How long [s] a node may use what has come by Ctrl-C, before it is asked to end once more, and then killed.
+PATIENCE = "60"
 #: Our topic: that of MAVROS. Its raw GPS velocity is horizontal only, so that of the autopilot's filter is taken.
 REMAPPED = {
     "imu/data": "imu/data_raw",
@@ -53,6 +55,7 @@ def generate_launch_description() -> LaunchDescription:
     }
     remappings = [(ours, [mavros, "/", theirs]) for ours, theirs in REMAPPED.items()]
     common = {"package": PACKAGE, "namespace": namespace, "output": "screen", "emulate_tty": True}
+    common |= {"sigterm_timeout": PATIENCE, "sigkill_timeout": PATIENCE}
     nodes = [
         LifecycleNode(executable=name, name=name, parameters=[estimator], remappings=remappings, **common)
         for name in NODES

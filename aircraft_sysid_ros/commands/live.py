@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from rclpy.exceptions import NameValidationException
         from rclpy.signals import SignalHandlerOptions
 
-        from aircraft_sysid_ros.nodes.common import all_have_it, make_executor, spin_until, start, stop_signals
+        from aircraft_sysid_ros.nodes.common import start
     except ImportError as error:
         raise missing_ros(error) from None
     arguments = _node_arguments(args, *options)
@@ -87,28 +87,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             state.on_samples = parameters.on_samples = writer.add_samples
         if not (start(state) and start(parameters)):
             raise InputError("the nodes did not start: see the messages above")
-        executor = make_executor([state, parameters])
-        with progress_bar() as progress, stop_signals() as stop:
-            print("listening", file=sys.stderr, flush=True)
-            say_ready(args.ready_file)
-            started = time.perf_counter()
-            spin_until(executor, _finished(state, args.until_idle, stop, progress))
-            drain([*state.inputs, *parameters.inputs], stop.left)
-            state.end()
-            parameters.end()
-            stop.doing = "stopping: the run is being written"
-            result = _result(args, state, parameters, writer, started)
-            all_have_it([*state.publishers_that_matter(), *parameters.publishers_that_matter()], stop)
-        missing = lost_in_words(result["lost"])
-        if args.reliable and missing:
-            raise IncompleteError(f"{missing}; the result is of those that came", result)
-        return result
+        result = _fly(args, state, parameters, writer)
     except NameValidationException as error:
         raise InputError(f"--namespace {args.namespace} is no namespace: {error}") from None
     finally:
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+    missing = lost_in_words(result["lost"])
+    if args.reliable and missing:
+        raise IncompleteError(f"{missing}; the result is of those that came", result)
+    return result
 
 
 def render(result: dict[str, Any]) -> str:
@@ -124,7 +113,6 @@ def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> di
         "aircraft_file": str(args.aircraft),
         "calibration_file": str(args.calibration or ""),
         "input_reliability": "reliable" if args.reliable else "best_effort",
-        "input_depth": 5000 if args.reliable else 100,
         "horizon": float(state.horizon),
         "air_data_errors": state.air_data_errors,
         "forgetting_time": float(parameters.forgetting_time),
@@ -136,6 +124,25 @@ def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> di
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     namespace = args.namespace.strip("/")
     return {"parameter_overrides": overrides, "namespace": f"/{namespace}" if namespace else None}
+
+
+def _fly(args: argparse.Namespace, state: Any, parameters: Any, writer: RunWriter | None) -> dict[str, Any]:
+    """Listen until it is to end, use what has come by then, and write the run."""
+    from aircraft_sysid_ros.nodes.common import all_have_it, make_executor, spin_until, stop_signals
+
+    executor = make_executor([state, parameters])
+    with progress_bar() as progress, stop_signals() as stop:
+        print("listening", file=sys.stderr, flush=True)
+        say_ready(args.ready_file)
+        started = time.perf_counter()
+        spin_until(executor, _finished(state, args.until_idle, stop, progress))
+        drain([*state.inputs, *parameters.inputs], stop.left)
+        state.end()
+        parameters.end()
+        stop.doing = "stopping: the run is being written"
+        result = _result(args, state, parameters, writer, started)
+        all_have_it([*state.publishers_that_matter(), *parameters.publishers_that_matter()], stop)
+    return result
 
 
 def _finished(state: Any, until_idle: float | None, stop: Any, progress: Progress) -> Callable[[], bool]:
@@ -165,6 +172,11 @@ def _late_note(late: dict[str, int]) -> str:
     return f"samples came too late for their own time ({kinds}): a longer --horizon waits for them"
 
 
+def _changed_note(changed: dict[str, Any]) -> str:
+    listed = ", ".join(f"{name} = {value}" for name, value in changed.items())
+    return f"parameters were set in flight ({listed}): a replay, which has one set of options, gives other numbers"
+
+
 def _why_no_state(state: Any) -> str:
     count = sum(state.received.values())
     if not count:
@@ -175,16 +187,22 @@ def _why_no_state(state: Any) -> str:
 def _result(
     args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float
 ) -> dict[str, Any]:
+    if state.estimator is None or parameters.estimator is None:
+        raise InputError("a node was cleaned up from outside: nothing is left of the flight")
     if state.estimator.last_row is None:
         raise InputError(_why_no_state(state))
     flight_time = state.estimator.flight_time
-    late, lost = _late(state.estimator, parameters.estimator), {**state.lost, **parameters.lost}
+    late, lost = _late(state.estimator, parameters.estimator), dict(state.lost)
+    for topic, count in parameters.lost.items():  # with some estimators both hear a topic
+        lost[topic] = max(count, lost.get(topic, 0))
+    changed = {**state.set_in_flight, **parameters.set_in_flight}
+    told = (_late_note(late) if late else "", lost_in_words(lost), _changed_note(changed) if changed else "")
     result: dict[str, Any] = {
         "received": {**state.received, **parameters.received},
         "states": [state.rows_published, parameters.states_received],
         "late": late,
         "lost": lost,
-        "notes": [note for note in (_late_note(late) if late else "", lost_in_words(lost)) if note],
+        "notes": [note for note in told if note],
     }
     if writer is None:
         from aircraft_sysid_ros.modelling.model_file import parameters_json

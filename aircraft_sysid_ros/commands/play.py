@@ -178,9 +178,10 @@ def _play(raw: RawMessages, publishers: dict[int, Any], args: argparse.Namespace
             counts[key] += 1
             if next(show):
                 progress.update(task, completed=(log_time - log_times[0]) / NANOSECONDS)
-    elapsed = time.perf_counter() - started
-    subscribers = {p.topic_name: p.get_subscription_count() for p in publishers.values()}
-    _let_arrive(list(publishers.values()), args.best_effort)
+        elapsed = time.perf_counter() - started
+        subscribers = {p.topic_name: p.get_subscription_count() for p in publishers.values()}
+        progress.update(task, description="waiting for subscribers that are behind", completed=duration)
+        _let_arrive(list(publishers.values()), args.best_effort)
     messages: dict[str, int] = {}
     for key, count in counts.items():
         topic = publishers[key].topic_name
@@ -193,13 +194,15 @@ def _publish(publisher: Any, message: bytes) -> None:
     """Publish; while the queue is full because subscribers are behind, wait for them."""
     from rclpy.impl.implementation_singleton import rclpy_implementation
 
+    had_room = False
     while True:
         try:
             publisher.publish(message)
             return
         except rclpy_implementation.RCLError:
-            if _all_have_it(publisher):
-                raise  # there was room
+            if had_room:
+                raise
+            had_room = _all_have_it(publisher)
 
 
 def _all_have_it(publisher: Any) -> bool:

@@ -144,7 +144,7 @@ class Stop:
 
 @contextlib.contextmanager
 def stop_signals() -> Iterator[Stop]:
-    """What Ctrl-C or a termination sets: no callback is torn apart. After one the process ends, and keeps it.
+    """What Ctrl-C or a termination sets: no callback is torn apart. After one the process ends, and hears no more.
 
     An exception from a signal inside the events executor would abort the process.
     """
@@ -153,9 +153,8 @@ def stop_signals() -> Iterator[Stop]:
     try:
         yield stop
     finally:
-        if not stop.is_set():
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_IGN if stop.is_set() else handler)
 
 
 def all_have_it(publishers: Sequence[Any], stop: Stop) -> bool:

@@ -87,6 +87,7 @@ class ConfigurableNode(LifecycleNode):
         """``options``: default and description of each parameter."""
         super().__init__(name, **arguments)
         self.is_active = False
+        self.set_in_flight: dict[str, Any] = {}  # parameters that were set while active, with their newest values
         self._described = {key: option for key, (_, option) in options.items()}
         self._configured_with: dict[str, Any] = {}
         for key, (default, option) in options.items():
@@ -132,7 +133,11 @@ class ConfigurableNode(LifecycleNode):
         except InputError as error:
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # rclpy would keep it to itself
+            self.get_logger().fatal(f"a fault of the program, {type(error).__name__}: {error}")
+            raise
         self._configured_with = self._needing_configuration()
+        self.set_in_flight.clear()
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -189,6 +194,11 @@ class ConfigurableNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _has_been_set(self, parameters: list[Any]) -> None:
-        names = [p.name for p in parameters if p.name in self._described]
-        if any(self._described[name].when is When.AT_ONCE for name in names):
-            self.use_options(self.values())
+        given = {p.name: p.value for p in parameters if p.name in self._described}
+        used = {name: value for name, value in given.items() if self._described[name].when is When.AT_ONCE}
+        if not used:
+            return
+        self.use_options(self.values())
+        if self.is_active:
+            self.set_in_flight.update(used)
+            self.get_logger().info("from now on " + ", ".join(f"{name} = {value}" for name, value in used.items()))

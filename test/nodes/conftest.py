@@ -1,115 +1,14 @@
-"""A bench for nodes: a recording, both nodes in this process, and whoever listens, all on one executor."""
+"""A bench for nodes, and a recording to play to them."""
 
 from __future__ import annotations
 
-import time
+import os
 
 import pytest
+from bench import Bench
 
 pytest.importorskip("rclpy")
 pytest.importorskip("aircraft_sysid_msgs.msg")
-
-#: The first start compiles the filter.
-PATIENCE = 180.0
-
-
-class Bench:
-    """Nodes on one executor, and messages of a recording onto their topics."""
-
-    def __init__(self, aircraft_file):
-        import rclpy
-
-        from aircraft_sysid_ros.nodes.common import make_executor
-
-        rclpy.init()
-        self.aircraft_file = str(aircraft_file)
-        self.helper = rclpy.create_node("helper")
-        self.executor = make_executor([self.helper])
-        self.nodes = [self.helper]
-        self.publishers = {}
-
-    def node(self, kind, **parameters):
-        """A node of ours that is not configured yet; parameters as for its executable."""
-        from rclpy.parameter import Parameter
-
-        values = {"aircraft_file": self.aircraft_file, "input_reliability": "reliable", "input_depth": 5000}
-        values |= parameters
-        node = kind(parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
-        self.nodes.append(node)
-        self.executor.add_node(node)
-        return node
-
-    def spin_until(self, done, timeout=PATIENCE):
-        """Run callbacks until ``done()``, as the executables do; fails after the timeout."""
-        from aircraft_sysid_ros.nodes.common import spin_until
-
-        deadline = time.monotonic() + timeout
-        spin_until(self.executor, lambda: done() or time.monotonic() > deadline)
-        assert done(), "nothing came in time"
-
-    def listen(self, kind, topic):
-        """The list that receives the messages of a topic."""
-        from rclpy.qos import QoSProfile
-
-        messages = []
-        self.helper.create_subscription(kind, topic, messages.append, QoSProfile(depth=5000))
-        return messages
-
-    def call(self, kind, name, **request):
-        """The response of a service; a client that does not discover it is made anew, the middleware loses some."""
-        from aircraft_sysid_ros.nodes.common import spin_until
-
-        for _ in range(9):
-            client = self.helper.create_client(kind, name)
-            deadline = time.monotonic() + PATIENCE / 9
-            spin_until(self.executor, lambda: client.service_is_ready() or time.monotonic() > deadline)  # noqa: B023
-            if client.service_is_ready():
-                break
-            self.helper.destroy_client(client)
-        else:
-            pytest.fail(f"{name} is not offered")
-        future = client.call_async(kind.Request(**request))
-        self.spin_until(future.done)
-        self.helper.destroy_client(client)
-        return future.result()
-
-    def publisher(self, kind, topic):
-        """A reliable publisher with a subscriber."""
-        from rclpy.qos import QoSProfile
-
-        if topic not in self.publishers:
-            self.publishers[topic] = self.helper.create_publisher(kind, topic, QoSProfile(depth=5000))
-        publisher = self.publishers[topic]
-        self.spin_until(lambda: publisher.get_subscription_count() > 0)
-        return publisher
-
-    def play(self, raw, begin, end, node):
-        """Messages of a recording between two times of flight [s]; returns when the state node has them."""
-        from aircraft_sysid_ros.nodes.common import message_class
-
-        heard = {topic for other in self.nodes for topic in getattr(other, "received", ())}
-        chosen = [
-            (self.publisher(message_class(channel.type), channel.topic.strip("/")), raw[i])
-            for i, channel in ((i, raw.channels[int(raw.channel[i])]) for i in range(len(raw)))
-            if channel.topic.strip("/") in heard
-            and begin <= (raw.log_time[i] - raw.log_time[0]) * 1e-9 < end
-        ]
-        wanted = sum(publisher.topic_name.strip("/") in node.received for publisher, _ in chosen)
-        wanted += sum(node.received.values())
-        for i, (publisher, content) in enumerate(chosen):
-            publisher.publish(content)
-            if i % 50 == 0:
-                self.executor.spin_once(timeout_sec=0.0)
-        self.spin_until(lambda: sum(node.received.values()) >= wanted)
-
-    def close(self):
-        """End of all nodes."""
-        import rclpy
-
-        for node in self.nodes:
-            self.executor.remove_node(node)
-            node.destroy_node()
-        rclpy.try_shutdown()
 
 
 @pytest.fixture
@@ -137,3 +36,12 @@ def raw(recording):
     from aircraft_sysid_ros.recordings.storage import read_raw
 
     return read_raw(recording)
+
+
+@pytest.fixture(scope="module")
+def domain():
+    """A ROS domain of this module's own for child processes; nodes of other tests do not hear it."""
+    before = os.environ["ROS_DOMAIN_ID"]
+    os.environ["ROS_DOMAIN_ID"] = str((int(before) + 7) % 100)
+    yield os.environ["ROS_DOMAIN_ID"]
+    os.environ["ROS_DOMAIN_ID"] = before

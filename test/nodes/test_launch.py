@@ -33,7 +33,9 @@ def test_its_nodes_are_executables_of_this_package():
     for name in names:
         assert f'"{name} = aircraft_sysid_ros.nodes.{name}:main"' in scripts
     (node,) = calls("LifecycleNode")
-    assert {"package", "executable", "name", "namespace", "parameters"} <= {k.arg for k in node.keywords}
+    given = {k.arg for k in node.keywords}
+    assert {"package", "executable", "name", "namespace", "parameters"} <= given
+    assert {"sigterm_timeout", "sigkill_timeout"} <= given  # a node that is far behind has time to end
 
 
 def test_its_parameters_are_those_of_the_nodes(bench):

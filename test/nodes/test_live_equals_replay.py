@@ -7,25 +7,18 @@ all the same, `live` says so; such a playback cannot give the same numbers and i
 
 import contextlib
 import json
-import os
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
+from processes import START, live, ours, play
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.samples import Kind
 
 DEFAULT, LONG = 0.5, 4.0  # [s] horizons
-START = 180.0  # [s] the first start compiles
-MODULE = "aircraft_sysid_ros"
-
-
-def ours(module, *arguments):
-    return [sys.executable, "-m", f"{MODULE}.{module}", *map(str, arguments)]
 
 
 def read_run(folder):
@@ -39,22 +32,6 @@ def stamp(message):
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
-def play(recording, rate):
-    command = ours("commands.main", "play", recording, "--rate", rate, "--wait", 60, "--json")
-    done = subprocess.run(command, capture_output=True, text=True, timeout=START, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
-
-
-@pytest.fixture(scope="module")
-def domain():
-    """A ROS domain of this module's own for child processes; nodes of other tests do not hear it."""
-    before = os.environ["ROS_DOMAIN_ID"]
-    os.environ["ROS_DOMAIN_ID"] = str((int(before) + 7) % 100)
-    yield os.environ["ROS_DOMAIN_ID"]
-    os.environ["ROS_DOMAIN_ID"] = before
-
-
 @pytest.fixture(scope="module")
 def replayed(recording, aircraft_file, tmp_path_factory):
     """Runs of replay by horizon."""
@@ -64,26 +41,6 @@ def replayed(recording, aircraft_file, tmp_path_factory):
         arguments = ["replay", recording, "--aircraft", aircraft_file, "--out", folder, "--horizon", horizon]
         assert main([*map(str, arguments)]) == 0
     return folders
-
-
-@contextlib.contextmanager
-def live(folder, aircraft_file, *options):
-    """`live` in another process; yields it once it listens."""
-    ready = folder.parent / "ready"
-    command = ours(
-        "commands.main", "live", "--aircraft", aircraft_file, "--out", folder, "--reliable",
-        "--ready-file", ready, "--json", *options,
-    )  # fmt: skip
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        deadline = time.monotonic() + START
-        while not ready.exists():
-            assert process.poll() is None and time.monotonic() < deadline, "live did not start"
-            time.sleep(0.05)
-        yield process
-    finally:
-        process.kill()
-        process.wait()
 
 
 class LateError(Exception):
@@ -119,7 +76,7 @@ def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replay
     def playback(attempt):
         run = tmp_path / str(attempt) / "run"
         run.parent.mkdir()
-        with live(run, aircraft_file, "--until-idle", 1.5, "--horizon", horizon) as process:
+        with live(run, aircraft_file, "--reliable", "--until-idle", 1.5, "--horizon", horizon) as process:
             sent = play(recording, rate)
             check_same(process, run, replayed[horizon], sent["messages"])
 
@@ -133,9 +90,8 @@ def test_stopped_by_a_signal_the_run_is_written_in_full(
     def playback(attempt):
         run = tmp_path / str(attempt) / "run"
         run.parent.mkdir()
-        with live(run, aircraft_file, "--horizon", LONG) as process:
+        with live(run, aircraft_file, "--reliable", "--horizon", LONG) as process:
             sent = play(recording, 16)
-            time.sleep(1.0)  # nothing says from outside that the last samples are processed
             process.send_signal(number)
             check_same(process, run, replayed[LONG], sent["messages"])
 

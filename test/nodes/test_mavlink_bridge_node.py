@@ -10,7 +10,9 @@ import pytest
 from aircraft_sysid_msgs.msg import AirData, ControlSurfaces, Parameter, Parameters
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
+from rcl_interfaces.srv import SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
 from sensor_msgs.msg import Imu
 
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
@@ -144,3 +146,40 @@ def test_a_node_that_cannot_be_configured_says_why(bench, capfd, parameters, tex
 def test_every_topic_has_a_type_that_is_installed():
     for kind in ALL_TOPICS.values():
         assert common.message_class(kind)
+
+
+def test_what_goes_back_changes_in_flight_and_the_link_does_not(bench, flying):
+    flight, port = flying
+    node = bench.node(MavlinkBridgeNode, connection=f"udp:127.0.0.1:{port}", back_wind_rate=0.0)
+    assert common.start(node)
+    flight.thread.start()
+
+    def put(**values):
+        given = [RosParameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        return bench.call(SetParameters, "/mavlink_bridge/set_parameters", parameters=given).results
+
+    for name, value in (("connection", "udp:127.0.0.1:1"), ("system", 3), ("topics", ["air_data"])):
+        refused = put(**{name: value})[0]
+        assert not refused.successful and f"{name} cannot change while the node is active" in refused.reason
+    for name, value, words in (
+        ("back_wind_rate", 90.0, "out of range"),
+        ("back_form", "json", "named or array"),
+        ("back_parameters", ["Cl_delta_rudder1", "Cl_delta_rudder2"], "two of the parameters"),
+    ):
+        refused = put(**{name: value})[0]
+        assert not refused.successful and words in refused.reason
+    assert not node._heard
+    accepted = put(back_wind_rate=20.0, back_parameters=["Cm_alpha"], back_parameter_rate=20.0)
+    assert all(result.successful for result in accepted)
+    wind = bench.publisher(TwistWithCovarianceStamped, "state_estimator/wind")
+    parameters = bench.publisher(Parameters, "parameter_estimator/parameters")
+    known = Parameter(name="Cm_alpha", value=-0.5, standard_deviation=0.1, status=Parameter.USE)
+
+    def heard():
+        wind.publish(TwistWithCovarianceStamped())
+        parameters.publish(Parameters(parameters=[known]))
+        return {"WIND_COV", "NAMED_VALUE_FLOAT"} <= {m.get_type() for m in flight.stand_in.heard}
+
+    bench.spin_until(heard, timeout=30.0)
+    assert all(result.successful for result in put(back_wind_rate=0.0, back_parameters=[""]))
+    assert not node._heard

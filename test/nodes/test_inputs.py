@@ -1,0 +1,135 @@
+"""What was lost is counted by numbers, and what has come can be received without an executor."""
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu
+
+from aircraft_sysid_ros.nodes.inputs import Input, Numbers, drain, lost_in_words
+
+
+def missing(numbers, publishers=lambda: frozenset([b"a"])):
+    counted = Numbers(publishers)
+    for number in numbers:
+        counted.take(number)
+    return counted.missing
+
+
+@pytest.mark.parametrize(
+    ("numbers", "expected"),
+    [
+        ([1, 2, 3], 0),
+        ([17, 18], 0),  # it was sent before anyone listened
+        ([1, 2, 5, 6, 9], 4),
+        ([None, None], 0),  # a middleware that does not number
+        ([], 0),
+    ],
+)
+def test_numbers_that_are_left_out_are_missing(numbers, expected):
+    assert missing(numbers) == expected
+
+
+def test_publishers_are_told_apart_though_their_numbers_mix():
+    both = frozenset([b"a", b"b"])
+    assert missing([500, 3, 501, 4, 502, 5], lambda: both) == 0
+    assert missing([500, 3, 501, 4, 504, 5, 9], lambda: both) == 2 + 3
+
+
+def test_another_publisher_begins_its_own_count():
+    there = [frozenset([b"a"])]
+    counted = Numbers(lambda: there[0])
+    for number in (1, 2, 3):
+        counted.take(number)
+    there[0] = frozenset([b"b"])
+    for number in (800, 801, 803):  # it has been sending to others
+        counted.take(number)
+    assert counted.missing == 1
+    there[0] = frozenset([b"c"])
+    counted.take(1)
+    assert counted.missing == 1
+
+
+def test_words_for_what_was_lost():
+    assert lost_in_words({}) == ""
+    assert lost_in_words({"imu/data": 3, "gps/fix": 1}) == "messages were lost on the way: 1 of gps/fix, 3 of imu/data"
+
+
+@pytest.fixture
+def pair(bench):
+    """Two inputs on nodes of the bench, their publishers, and what they received, in order."""
+
+    def make(quality, **publisher_quality):
+        taken, inputs, publishers = [], [], []
+        for topic in ("left", "right"):
+            receive = lambda message, topic=topic: taken.append((topic, message.header.stamp.sec))  # noqa: E731
+            inputs.append(Input(bench.helper, Imu, topic, receive, quality))
+            publisher = bench.helper.create_publisher(Imu, topic, QoSProfile(**(publisher_quality or {"depth": 1000})))
+            bench.spin_until(lambda publisher=publisher: publisher.get_subscription_count() > 0)
+            publishers.append(publisher)
+        return taken, inputs, publishers
+
+    return make
+
+
+def send(publishers, count):
+    message = Imu()
+    order = []
+    for i in range(count):
+        message.header.stamp.sec = i
+        side = (i // 3) % 2
+        publishers[side].publish(message)
+        order.append((("left", "right")[side], i))
+    for publisher in publishers:
+        publisher.wait_for_all_acked()
+    return order
+
+
+def test_a_drain_receives_what_has_come_in_the_order_in_which_it_was_sent(pair):
+    taken, inputs, publishers = pair(QoSProfile(history=HistoryPolicy.KEEP_ALL))
+    order = send(publishers, 300)
+    left = []
+    drain(inputs, left.append)
+    assert taken == order
+    assert left == list(range(300, 0, -1))
+    assert [each.lost for each in inputs] == [0, 0]
+    drain(inputs)
+    assert taken == order
+
+
+def test_the_ordinary_executor_gives_message_and_information_too(bench):
+    """Where rclpy has no events executor; that one gives both as one argument."""
+    taken = []
+    node, executor = rclpy.create_node("ordinary"), SingleThreadedExecutor()
+    executor.add_node(node)
+    quality = QoSProfile(depth=10)
+    heard = Input(node, Imu, "ordinary", lambda message: taken.append(message.header.stamp.sec), quality)
+    publisher = node.create_publisher(Imu, "ordinary", QoSProfile(depth=100))
+    while publisher.get_subscription_count() == 0:
+        executor.spin_once(timeout_sec=0.1)
+    message = Imu()
+    for number in range(40):
+        message.header.stamp.sec = number
+        publisher.publish(message)
+        if number == 0:
+            while not taken:
+                executor.spin_once(timeout_sec=0.1)
+    while len(taken) < 11:
+        executor.spin_once(timeout_sec=0.1)
+    assert taken == [0, *range(30, 40)] and heard.lost == 29
+    executor.shutdown()
+    node.destroy_node()
+
+
+@pytest.mark.parametrize("way", ["drain", "executor"])
+def test_an_input_knows_what_its_queue_did_not_hold(bench, pair, way):
+    quality = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    taken, inputs, publishers = pair(quality)
+    send(publishers, 6)  # both have begun
+    bench.spin_until(lambda: len(taken) == 6)
+    order = send(publishers, 300)
+    if way == "drain":
+        drain(inputs)
+    bench.spin_until(lambda: order[-1] in taken and order[-4] in taken)
+    assert len(taken) == 6 + 2 * 10
+    assert [each.lost for each in inputs] == [140, 140]
