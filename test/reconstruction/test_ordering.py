@@ -137,3 +137,32 @@ def test_leaps_of_the_clock_are_not_flight_time() -> None:
     order = TimeOrder(0.5, np.zeros(len(Kind)))
     released(order, imu(np.arange(0.0, 2.005, 0.01)), imu(5000.0 + np.arange(0.0, 3.005, 0.01)))
     assert order.elapsed == pytest.approx(5 * NANOSECONDS, abs=NANOSECONDS // 50)
+
+
+@pytest.mark.parametrize("block", [1, 10_000])
+def test_after_a_change_of_the_horizon_time_still_runs_forwards(block: int) -> None:
+    """A longer horizon waits for what comes from then on; it does not bring back a time that has been used."""
+    order = TimeOrder(0.2, np.zeros(len(Kind)))
+    first, later = imu(np.arange(0.0, 2.0, 0.01)), imu(np.arange(2.0, 4.0, 0.01))
+    late = concatenate([gps([1.505]), gps([1.905])])  # the first is of a time that has been used
+
+    def pushed(samples: Samples) -> list[float]:
+        parts = [samples[i : i + block] for i in range(0, len(samples), block)]
+        return [t for t, _ in released(order, *parts, flush=False)[0]]
+
+    before = pushed(first)
+    order.change_horizon(1.0)
+    after = pushed(concatenate([late, later]))
+    order.change_horizon(0.1)
+    end = pushed(imu([4.0]))
+    assert np.all(np.diff(before + after + end) > 0)
+    assert before[-1] == pytest.approx(1.78) and after[-1] == pytest.approx(2.98) and end[-1] == pytest.approx(3.89)
+    assert 1.905 in after and order.counts.late[Kind.GPS_VELOCITY] == 1
+
+
+def test_what_comes_after_a_flush_and_is_older_is_late() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    out, _ = released(order, imu(np.arange(0.0, 1.0, 0.01)))
+    more, _ = released(order, gps([0.9]), imu(np.arange(1.0, 2.0, 0.01)))
+    assert out[-1][0] == 0.99 and more[0][0] == 1.0
+    assert order.counts.late[Kind.GPS_VELOCITY] == 1
