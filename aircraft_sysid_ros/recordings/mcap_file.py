@@ -21,7 +21,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings import mcap_records as mcap
 from aircraft_sysid_ros.recordings.decompression import Undecompressible, decompress
-from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
+from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages, printable
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -213,11 +213,11 @@ class _Contents:
         if kind == mcap.SCHEMA and number:
             name, at = _text(content, 2)
             encoding, at = _text(content, at)
-            schema = (name, encoding, _text(content, at)[0])
+            schema = (printable(name), encoding, _text(content, at)[0])
             if self.schemas.setdefault(number, schema) != schema:
                 self.notes.append(f"the type {self.schemas[number][0]} is defined in two ways: the first counts")
         elif kind == mcap.CHANNEL:
-            channel = (int.from_bytes(content[2:4], "little"), _text(content, 4)[0])
+            channel = (int.from_bytes(content[2:4], "little"), printable(_text(content, 4)[0]))
             first = self.channels.setdefault(number, channel)
             if first != channel:
                 self.notes.append(f"{first[1]} is described in two ways, also as {channel[1]}: the first counts")

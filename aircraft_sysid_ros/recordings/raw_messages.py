@@ -12,6 +12,11 @@ import numpy.typing as npt
 Integers = npt.NDArray[np.int64]
 
 
+def printable(text: str) -> str:
+    """A text of a recording, which may be damaged, for one line of a message to the user."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text)
+
+
 @dataclass(frozen=True)
 class Channel:
     """A topic with its type and the definition of the type in the recording ("" when there is none)."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
-from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages
+from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages, printable
 
 _ROWS = "SELECT id, topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id"
 #: What a recorder that died leaves beside the file.
@@ -85,7 +85,10 @@ def _channels(database: sqlite3.Connection) -> dict[Any, Channel]:
     except _ERRORS:  # older recordings have none
         definitions = {}
     topics = database.execute("SELECT id, name, type FROM topics").fetchall()
-    return {key: Channel(str(name), str(type_), *definitions.get(type_, ("", ""))) for key, name, type_ in topics}
+    return {
+        key: Channel(printable(str(name)), printable(str(type_)), *definitions.get(type_, ("", "")))
+        for key, name, type_ in topics
+    }
 
 
 def _rows(database: sqlite3.Connection) -> tuple[list[Row], int | None]:

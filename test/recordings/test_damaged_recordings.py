@@ -150,6 +150,19 @@ def fuzz(path, count, seed):
     return {(file.name, bit): after_flip(path, file, bit, whole) for file, bit in places}
 
 
+@pytest.mark.parametrize("writer", ["no chunks", "sqlite3"])
+def test_names_that_are_damaged_are_shown_on_one_line(flight, tmp_path, writer):
+    WRITERS[writer](flight, tmp_path / "bag")
+    (file,) = (path for path in (tmp_path / "bag").iterdir() if path.suffix != ".yaml")
+    data = file.read_bytes()
+    for name in (b"imu/data", b"gps/vel", b"air_data"):
+        data = data.replace(b"/" + name, b"/" + name[:3] + b"\n" + name[4:])
+    file.write_bytes(data)
+    with pytest.raises(InputError) as error:
+        read_recording(tmp_path / "bag")
+    assert "it holds /air\N{REPLACEMENT CHARACTER}data, /gps" in str(error.value) and "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_wrong_bit_anywhere_is_never_silent(flight, tmp_path, writer):
     """Also in summary, footer, indexes, schemas, channels and metadata.yaml; without a traceback or a hang."""
