@@ -13,6 +13,7 @@ import argparse
 import json
 import time
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,8 @@ _BAUD_BYTES = 5760  # [1/s] at 57600 baud
 
 
 def identify(aircraft: Aircraft, samples: Samples) -> ParameterSet:
-    """Parameters at the end of a flight."""
-    pipeline = Pipeline(aircraft)
+    """Parameters at the end of a flight; the magnetometer only starts the heading, docs/state-reconstruction.md."""
+    pipeline = Pipeline(replace(aircraft, magnetic_declination=None))
     pipeline.push(samples)
     pipeline.flush()
     return pipeline.parameters.snapshot()
