@@ -4,7 +4,8 @@ import json
 
 import pytest
 import yaml
-from test_live_equals_replay import check_same, domain, live, play  # noqa: F401
+from processes import live, play
+from test_live_equals_replay import check_same
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.config_files import config_path
@@ -44,11 +45,11 @@ def test_the_first_step_is_right_with_a_calibration_and_wrong_without(flown, tmp
     assert max(abs(a - b) for a, b in zip(wrong, wind, strict=True)) > 0.8
 
 
-def test_live_is_replay_with_a_calibration(domain, flown, tmp_path):  # noqa: F811
+def test_live_is_replay_with_a_calibration(domain, flown, tmp_path):
     """With errors of the air data as states, too, which the calibration starts."""
     states = ("--calibration", flown[0] / "calibration.yaml", "--air-data-errors")
     assert replayed(flown, tmp_path / "replayed", *states)["air_data_errors"]["lambda_V"]["std"] < 0.2
-    options = ("--until-idle", 1.5, "--horizon", HORIZON, *states)
+    options = ("--reliable", "--until-idle", 1.5, "--horizon", HORIZON, *states)
     with live(tmp_path / "run", AIRCRAFT, *options) as process:
         sent = play(flown[0] / "flight", 8)
         check_same(process, tmp_path / "run", tmp_path / "replayed", heard(sent["messages"]))
