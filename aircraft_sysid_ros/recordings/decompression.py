@@ -9,6 +9,9 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 #: Bytes that go in, for zstd, or come out, for lz4, at a time: a wrong announcement reserves no memory.
 _ZSTD_IN, _LZ4_OUT = 1 << 14, 1 << 20
 
+#: [bytes] No recorder keeps as much in memory before it writes a chunk.
+_LARGEST = 1 << 31
+
 
 class Undecompressible(Exception):
     """Bytes that do not decompress to what was announced; the text says why, as words after their name."""
@@ -18,6 +21,8 @@ def decompress(compression: str, content: bytes, size: int) -> bytes:
     """``content`` decompressed to ``size`` bytes; ``compression`` is zstd or lz4. Raises Undecompressible."""
     if compression not in _DECOMPRESSORS:
         raise Undecompressible(f"has the unknown compression {compression!r}")
+    if size > _LARGEST:
+        raise Undecompressible("announces more than a chunk can hold")
     parts, left = [], size
     try:
         for part in _DECOMPRESSORS[compression](content):

@@ -327,7 +327,8 @@ def test_a_chunk_of_another_kind_is_not_dropped_in_silence(flight, tmp_path, kin
     ("offset", "content", "reason"),
     [
         (32, b"zst4", "has the unknown compression 'zst4'"),
-        (16, struct.pack("<Q", 2**62), "does not have the length that it announces"),
+        (16, struct.pack("<Q", 2**62), "announces more than a chunk can hold"),
+        (16, struct.pack("<Q", 2**30), "does not have the length that it announces"),
         (16, struct.pack("<Q", 17), "does not have the length that it announces"),
         (44, b"\xff" * 4, "cannot be decompressed"),
     ],
