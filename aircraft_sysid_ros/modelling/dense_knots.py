@@ -35,7 +35,7 @@ class DenseKnots:
         ``longest`` time [s] between two that is filled; 0: they are dense, and all are due as they are.
         """
         if self._kept is not None:
-            knots = Knots(*(np.concatenate(pair) for pair in zip(self._kept, knots, strict=True)))
+            knots = Knots._make(np.concatenate(pair) for pair in zip(self._kept, knots, strict=True))
         first, count = self._given, len(knots.time)
         due = max(count - 1, first) if longest > 0.0 else count
         start = max(due - 2, 0)
@@ -45,7 +45,7 @@ class DenseKnots:
 
 def part_of(knots: Knots, first: int, last: int) -> Knots:
     """Knots ``first`` to ``last``, without the latter."""
-    return Knots(*(array[first:last] for array in knots))
+    return Knots._make(array[first:last] for array in knots)
 
 
 def filled(knots: Knots, first: int, due: int, longest: float) -> Knots:
@@ -65,6 +65,7 @@ def filled(knots: Knots, first: int, due: int, longest: float) -> Knots:
         return np.where(weight < 1.0, (1.0 - weight) * series[begin] + weight * series[end], series[end])
 
     inputs, rows = between(knots.inputs), between(knots.rows)
+    rows[:, Column.ORIGIN] = knots.rows[end][:, Column.ORIGIN]  # to the bit: another one begins anew
     curved = cubic(knots.time, knots.inputs, at, longest)
     inputs = np.where(np.isfinite(curved) & (weight < 1.0), curved, inputs)
     for attitude in (inputs[:, REFERENCE], rows[:, Column.ATTITUDE]):

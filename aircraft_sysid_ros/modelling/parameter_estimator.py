@@ -79,6 +79,7 @@ class ParameterEstimator:
         check_bounds(aircraft.parameter_bounds)
         self.learner = make_learner(aircraft, self.options)
         self.pace, self._pace_of_controls = Pace(), Pace()
+        self._kept_interval = 0.0  # [s] between states that windows, gaps and noise are for
         self._reset_learning()
         self._restart_time()
         self._lowest = np.inf
@@ -263,15 +264,15 @@ class ParameterEstimator:
         return np.vstack([self._process_at_paces(part) for part in self._parts_of_one_mass(rows[:due])])
 
     def _process_at_paces(self, rows: Array) -> Array:
-        points, interval = [], self.pace.interval
+        points = []
         for part in self.pace.follow(rows[:, Column.TIME]):
-            if self.pace.interval != interval:
-                interval = self.pace.interval
+            if self.pace.interval != self._kept_interval:
                 self._keep_pace()
             points.append(self._process(rows[part]))
         return np.vstack(points)
 
     def _keep_pace(self) -> None:
+        self._kept_interval = self.pace.interval
         self.tuning = self._new_tuning()
         if self.learner is not None:
             self.learner.keep_pace(self.pace)
