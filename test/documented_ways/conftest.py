@@ -16,3 +16,11 @@ def user(request, tmp_path):
     yield user
     if request.session.testsfailed == failed:
         user.check_done()
+
+
+@pytest.fixture
+def bench(aircraft_file):
+    """Listens and calls, as `ros2 topic echo` and `ros2 service call` do."""
+    bench = pytest.importorskip("bench").Bench(aircraft_file)
+    yield bench
+    bench.close()

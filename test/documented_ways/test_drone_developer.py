@@ -4,15 +4,22 @@ import json
 import socket
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("aircraft_sysid_msgs.msg")
 
-from user import wait_until
+from diagnostic_msgs.msg import DiagnosticArray
+from documented_commands import python_blocks
+from sensor_msgs.msg import NavSatFix
+from user import PATIENCE
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.consumer import Origin
+from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
+from aircraft_sysid_ros.recordings.ros_conversion import FIX, UNKNOWN_FIX
 
 pytestmark = pytest.mark.xdist_group("nodes")
 WAY = {
@@ -25,8 +32,8 @@ AIRCRAFT = "config/ultra_stick_25e.yaml"
 ENOUGH = 10  # parameters that may be used
 
 
-def test_from_an_autopilot_to_a_controller(user):
-    told = told_in_flight(user)
+def test_from_an_autopilot_to_a_controller(user, bench):
+    told = told_in_flight(user, bench)
     truth = load_aircraft(user.folder / AIRCRAFT).coefficients  # what flies, and the fallback of the control loop
     assert {name: (value, origin) for name, (value, _, origin) in told[0].items()} == {
         name: (value, "PRIOR") for name, value in truth.items()
@@ -34,11 +41,7 @@ def test_from_an_autopilot_to_a_controller(user):
     for values in told:
         assert values.keys() == truth.keys()
         assert all(abs(value - truth[name]) < 5.0 * std for name, (value, std, _) in values.items()), values
-    written = json.loads((user.folder / "runs" / "today" / "parameters.json").read_text(encoding="utf8"))
-    learnt = {p["name"]: p for p in written["parameters"]}
-    for name in live_among(told[-1]):
-        value, std, _ = told[-1][name]
-        assert abs(value - learnt[name]["value"]) < 3.0 * std, name
+    same_as_written(told[-1], user.folder / "runs" / "today", truth)
     controlled(user)
 
 
@@ -46,12 +49,13 @@ def live_among(values):
     return [name for name, (_, _, origin) in values.items() if origin == "LIVE"]
 
 
-def told_in_flight(user):
+def told_in_flight(user, bench):
     """What the control loop was told, from its first question until enough values were live."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     loop = [sys.executable, str(Path(__file__).with_name("control_loop.py")), AIRCRAFT]
+    diagnostics, fixes = bench.listen(DiagnosticArray, "/diagnostics"), bench.listen(NavSatFix, "gps/fix")
     with (
         user.start("bridge", "--json", **{"udp:0.0.0.0:14550": f"udp:127.0.0.1:{port}"}) as bridge,
         user.start("live", "--json") as live,
@@ -59,15 +63,59 @@ def told_in_flight(user):
     ):
         for running in (bridge, live, control_loop):
             running.wait_for("listening")
+
+        def told():
+            lines = control_loop.output.splitlines(keepends=True)
+            return [json.loads(line) for line in lines if line.endswith("\n")]
+
+        def is_told_enough():
+            assert stand_in.process.poll() is None, f"{len(live_among(told()[-1]))} values live: {stand_in.errors}"
+            return bool(told()) and len(live_among(told()[-1])) >= ENOUGH
+
         with user.start("stand_in", "--connect", f"udpout:127.0.0.1:{port}") as stand_in:
-            said = lambda: [json.loads(line) for line in control_loop.output.splitlines(keepends=True) if "\n" in line]  # noqa: E731
-            wait_until(lambda: said() and len(live_among(said()[-1])) >= ENOUGH, "values are live", stand_in)
+            bench.spin_until(is_told_enough, PATIENCE)
+            bench.spin_until(lambda: "published.gps/fix" in newest(diagnostics, "mavlink_bridge"))
             run, passed_on = (json.loads(running.interrupt()) for running in (live, bridge))
         control_loop.interrupt()
-        told = said()
-    assert passed_on["vehicle"] == "ArduPilot 1" and passed_on["bad_data"] == passed_on["reboots"] == 0
+    check_diagnosed(newest(diagnostics, "state_estimator"), fixes)
+    check_passed_on(passed_on)
     assert run["states"][0] == run["states"][1] > 500
-    return told
+    return told()
+
+
+def newest(diagnostics, name):
+    """Newest values of a node's diagnostics."""
+    found = [s for message in diagnostics for s in message.status if s.name.endswith(name)]
+    return {item.key: item.value for item in found[-1].values} if found else {}
+
+
+def check_diagnosed(values, fixes):
+    """Every sensor came, and all of it is of use."""
+    for kind in ("imu", "gps_position", "gps_velocity", "airspeed", "angle_of_attack", "sideslip"):
+        assert int(values[f"{kind}.received"]) > 0 and f"{kind}.invalid" not in values, values
+    assert {fix.status.status for fix in fixes} <= {FIX, UNKNOWN_FIX}  # the filter's, until the receiver's comes
+    assert fixes[-1].status.status == FIX
+
+
+def check_passed_on(result):
+    """What the bridge says when it is stopped."""
+    assert result["vehicle"] == "ArduPilot 1" and result["bad_data"] == result["reboots"] == 0
+    not_mavlink = {"five_hole_probe", "height_above_ground", "mass_properties"}
+    assert result["published"].keys() == ALL_TOPICS.keys() - not_mavlink
+    assert result["clock"]["std"] < 0.01
+
+
+def same_as_written(values, run, truth):
+    """The run has what the control loop was told last, and is right where it says USE."""
+    written = {p["name"]: p for p in json.loads((run / "parameters.json").read_text(encoding="utf8"))["parameters"]}
+    for name in live_among(values):
+        value, std, _ = values[name]
+        assert abs(value - written[name]["value"]) < 3.0 * std, name
+    used = [p for p in written.values() if p["status"] == "USE"]
+    assert len(used) >= ENOUGH / 2  # the newest states may take USE from some
+    assert all(abs(p["value"] - truth[p["name"]]) < 5.0 * p["std"] for p in used), used
+    assert json.loads((run / "state.json").read_text(encoding="utf8"))["duration"] > 10.0
+    assert (run / "estimates.mcap").stat().st_size > 0
 
 
 def controlled(user):
@@ -77,3 +125,16 @@ def controlled(user):
     assert flight["problems"] == [] and flight["lost_at"] is None
     assert flight["messages_of_parameters"] > 0 and flight["refused"] == 0 and flight["parameters_with_use"] > 0
     assert flight["tracking_error_deg_before"] < 5.0
+
+
+def test_values_by_flight_condition_as_the_page_asks_for_them(aircraft):
+    def subscribed(_type, topic, *_):
+        return SimpleNamespace(topic_name=topic)
+
+    node = SimpleNamespace(create_subscription=subscribed, get_logger=lambda: None)
+    plain, by_condition = python_blocks("docs/closed-loop.md")
+    names = {"aircraft": aircraft, "node": node, "stamp_ns": 1, "airspeed": 17.0, "alpha": 0.05, "beta": 0.0}
+    exec(plain.partition("...\n")[0], names)
+    exec(by_condition, names)
+    elevator = names["values"]["Cm_de"]
+    assert (elevator.value, elevator.origin) == (aircraft.coefficients["Cm_de"], Origin.PRIOR)

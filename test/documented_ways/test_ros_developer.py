@@ -16,7 +16,6 @@ pytest.importorskip("aircraft_sysid_msgs.msg")
 
 from aircraft_sysid_msgs.msg import MissingEffects, Parameter, Parameters
 from aircraft_sysid_msgs.srv import LoadModel, RemoveEffect, Reset, SaveModel
-from bench import Bench
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
@@ -67,14 +66,6 @@ def lend_kernels():
         if not target.exists() or target.stat().st_mtime_ns < kernel.stat().st_mtime_ns:
             target.parent.mkdir(exist_ok=True)
             shutil.copy2(kernel, target)
-
-
-@pytest.fixture
-def bench(aircraft_file):
-    """Calls and listens, as `ros2 service call` and `ros2 topic echo` do."""
-    bench = Bench(aircraft_file)
-    yield bench
-    bench.close()
 
 
 def test_from_a_workspace_to_a_bag(workspace, bench, tmp_path):

@@ -1,7 +1,16 @@
 """The stand-in's command line: what it refuses, before it writes or deletes anything."""
 
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.simulation.stand_in import process
@@ -82,3 +91,20 @@ def test_what_cannot_be_written_is_said_before_the_flight(capfd, tmp_path):
 )
 def test_bad_numbers_are_one_line(capfd, arguments, text):
     assert text in refused(capfd, *arguments)
+
+
+def test_jsbsim_flies_through_a_restart_and_writes_what_the_page_says(tmp_path):
+    """By the command of the page, with a restart sooner and a flight that is shorter."""
+    root = Path(__file__).resolve().parents[2]
+    page = (root / "docs" / "mavlink.md").read_text(encoding="utf8").replace("\\\n", " ")
+    (line,) = re.findall(r"python (-m .*--write-aircraft .*)", page)
+    words = shlex.split(line.replace("--reboot 60", "--reboot 3"))
+    command = [sys.executable, *words, "--connect", CONNECTION, "--duration", "6"]
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0 and "speaks MAVLink" in done.stderr, done.stderr
+    recording = read_recording(tmp_path / "direct")
+    assert recording.topics["imu/data"] == pytest.approx(600, abs=2) and recording.topics["gps/fix"] > 25
+    assert load_aircraft(tmp_path / "c172p.yaml").name == "JSBSim c172p"

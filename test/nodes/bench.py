@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 
 import pytest
 
 #: The first start compiles the filter.
 PATIENCE = 180.0
+#: A service that is not found or does not answer is tried so often within that time.
+TRIES = 9
 
 
 class Bench:
@@ -53,22 +56,48 @@ class Bench:
         return messages
 
     def call(self, kind, name, **request):
-        """The response of a service; a client that does not discover it is made anew, the middleware loses some."""
+        """The response of a service of a lifecycle node.
+
+        A node that does not know a client yet answers it in vain. It learns of clients in the order in which they are
+        made: once it has answered a later one, which may be asked again, it knows the first.
+        """
+        from lifecycle_msgs.srv import GetState
+
+        with self._client(kind, name) as client:
+            self._ask(GetState, f"{name.rpartition('/')[0]}/get_state")
+            future = client.call_async(kind.Request(**request))
+            self.spin_until(future.done)
+            return future.result()
+
+    def _ask(self, kind, name):
+        """The response to an empty request that changes nothing: asked again by another client until it comes."""
         from aircraft_sysid_ros.nodes.common import spin_until
 
-        for _ in range(9):
+        for _ in range(TRIES):
+            with self._client(kind, name) as client:
+                future = client.call_async(kind.Request())
+                deadline = time.monotonic() + PATIENCE / TRIES
+                spin_until(self.executor, lambda: future.done() or time.monotonic() > deadline)  # noqa: B023
+                if future.done():
+                    return future.result()
+        return pytest.fail(f"{name} does not answer")
+
+    @contextlib.contextmanager
+    def _client(self, kind, name):
+        """A client of a service that is there; made anew where it does not find it, since the middleware loses some."""
+        from aircraft_sysid_ros.nodes.common import spin_until
+
+        for _ in range(TRIES):
             client = self.helper.create_client(kind, name)
-            deadline = time.monotonic() + PATIENCE / 9
-            spin_until(self.executor, lambda: client.service_is_ready() or time.monotonic() > deadline)  # noqa: B023
-            if client.service_is_ready():
-                break
-            self.helper.destroy_client(client)
-        else:
-            pytest.fail(f"{name} is not offered")
-        future = client.call_async(kind.Request(**request))
-        self.spin_until(future.done)
-        self.helper.destroy_client(client)
-        return future.result()
+            try:
+                deadline = time.monotonic() + PATIENCE / TRIES
+                spin_until(self.executor, lambda: client.service_is_ready() or time.monotonic() > deadline)  # noqa: B023
+                if client.service_is_ready():
+                    yield client
+                    return
+            finally:
+                self.helper.destroy_client(client)
+        pytest.fail(f"{name} is not offered")
 
     def publisher(self, kind, topic):
         """A reliable publisher with a subscriber."""
