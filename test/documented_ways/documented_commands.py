@@ -87,6 +87,9 @@ def _lines(text: str) -> Iterator[tuple[int, str, str | None]]:
         if language == "sh" and line.endswith("\\"):
             started = first, whole[:-1]
             continue
+        if language is None and line and whole.count("`") % 2:
+            started = first, whole + " "
+            continue
         started = None
         yield first, whole, language
 
@@ -225,7 +228,7 @@ def _wrong_ros(words: list[str], _: bool) -> Iterator[str]:
             missing = {name for name, default in arguments.items() if default is None}
             names = {word.partition(":=")[0] for word in given}
             yield from (f"{file} has no argument {name}" for name in names - set(arguments))
-            yield from (f"{file} cannot do without {name}" for name in missing - names)
+            yield from (f"{file} cannot do without {name}" for name in missing - names if given)
         case ["run", "aircraft_sysid_ros", executable, *_rest]:
             if f'"{executable} = ' not in (ROOT / "setup.py").read_text(encoding="utf8"):
                 yield f"there is no executable {executable}"

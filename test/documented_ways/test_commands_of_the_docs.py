@@ -44,7 +44,6 @@ NOT_RUN = {
     "examples/adaptive_controller/aeroplane_node.py": "fly.py starts the same node",
     "examples/adaptive_controller/fly.py --rate": "a way flies another case with more options",
     "aircraft_sysid_ros.simulation.stand_in.process --reboot": "test/mavlink/test_stand_in_process.py",
-    "ros2 param load": "of ROS 2 itself, which is not on PyPI; test/nodes/test_parameters_in_flight.py sets as it does",
     "ros2 bag record": "of ROS 2 itself, which is not on PyPI; a way records as it does",
     "mavros.launch.py": "test/mavlink/test_mavros_launch.py; MAVROS is not here",
 }
@@ -82,7 +81,8 @@ def test_what_runs_it_instead_is_there(reason: str) -> None:
 # -- of the extractor itself -------------------------------------------------------------------------------------
 
 PAGE = """
-Type `aircraft-sysid compare RUN --loud`, or `replay --smoothe` and `--nowhere`:
+Type `aircraft-sysid compare RUN --loud`, or `replay
+--smoothe` and `--nowhere`:
 
 ```sh
 make nothing   # or: fly RUN
@@ -119,14 +119,14 @@ def test_a_command_that_does_not_exist_is_found(tmp_path, monkeypatch) -> None:
         (2, "aircraft-sysid compare RUN --loud", True),
         (2, "replay --smoothe", False),
         (2, "--nowhere", False),
-        (5, "make nothing   # or: fly RUN", True),
-        (6, ".venv/bin/aircraft-sysid replay flight     --aircraft a.yaml    # or: import LOG --outt flight", True),
-        (6, "import LOG --outt flight", False),
-        (8, ".venv/bin/python benchmarks/no_such_script.py", True),
-        (11, ".venv/bin/aircraft-sysid fly", True),
-        (12, "aircraft-sysid compare RUN", True),
-        (20, "ros2 param set /node step 1.0", True),
-        (22, "ros2 param get-all", True),
+        (6, "make nothing   # or: fly RUN", True),
+        (7, ".venv/bin/aircraft-sysid replay flight     --aircraft a.yaml    # or: import LOG --outt flight", True),
+        (7, "import LOG --outt flight", False),
+        (9, ".venv/bin/python benchmarks/no_such_script.py", True),
+        (12, ".venv/bin/aircraft-sysid fly", True),
+        (13, "aircraft-sysid compare RUN", True),
+        (21, "ros2 param set /node step 1.0", True),
+        (23, "ros2 param get-all", True),
     ]
     said = [" ".join(wrong_with(one)) for one in found]
     expected = (
