@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import yaml
 from aircraft_sysid_msgs.msg import AircraftState
-from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters, SetParametersAtomically
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -22,7 +21,7 @@ from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions
 from aircraft_sysid_ros.samples import concatenate
 
-ACTIVATE, DEACTIVATE = 3, 4
+SUCCESS = TransitionCallbackReturn.SUCCESS
 COMMON_OPTIONS = {name: option for name, (_, option) in COMMON.items()}
 STATE_OPTIONS = COMMON_OPTIONS | state_estimator.OPTIONS | state_estimator.SWITCHES
 PARAMETER_OPTIONS = COMMON_OPTIONS | parameter_estimator.OPTIONS | parameter_estimator.SWITCHES | DIAGNOSIS_OPTIONS
@@ -52,12 +51,6 @@ def _named(value):
     from rcl_interfaces.msg import Parameter as Message
 
     return Message(name="value", value=value)
-
-
-def change_state(bench, name, transition):
-    from lifecycle_msgs.msg import Transition
-
-    return bench.call(ChangeState, f"/{name}/change_state", transition=Transition(id=transition)).success
 
 
 def other_value(option, value):
@@ -100,9 +93,9 @@ def test_a_change_in_flight_divides_it_to_the_last_bit(bench, aircraft, flying):
     assert put_together(bench, "parameter_estimator", **learning).successful
     at = {name: len(parts) for name, parts in given.items()}
     fly(12.0, 25.0)
-    assert change_state(bench, "state_estimator", DEACTIVATE)
+    assert state.trigger_deactivate() == SUCCESS
     bench.spin_until(lambda: parameters.states_received == state.rows_published)
-    assert change_state(bench, "parameter_estimator", DEACTIVATE)
+    assert parameters.trigger_deactivate() == SUCCESS
 
     def first_step(options):
         estimator = StateEstimator(aircraft)
@@ -203,27 +196,27 @@ def test_inactive_a_parameter_acts_when_the_node_is_activated_again(bench, aircr
     assert start(node)
     heavier = yaml.safe_load(aircraft_file.read_text()) | {"mass": 3.0}
     (tmp_path / "heavier.yaml").write_text(yaml.safe_dump(heavier))
-    assert change_state(bench, "parameter_estimator", DEACTIVATE)
+    assert node.trigger_deactivate() == SUCCESS
     first = node.estimator
-    assert change_state(bench, "parameter_estimator", ACTIVATE)
+    assert node.trigger_activate() == SUCCESS
     assert node.estimator is first  # nothing was set: it goes on
-    assert change_state(bench, "parameter_estimator", DEACTIVATE)
+    assert node.trigger_deactivate() == SUCCESS
     values = {"aircraft_file": str(tmp_path / "heavier.yaml"), "step": 0.05, "estimator": "fourier"}
     assert all(result.successful for result in put(bench, "parameter_estimator", **values))
-    assert change_state(bench, "parameter_estimator", ACTIVATE)
+    assert node.trigger_activate() == SUCCESS
     assert node.estimator is not first
     assert node.estimator.aircraft.mass == 3.0
     assert (node.estimator.options.step, node.estimator.options.estimator) == (0.05, "fourier")
-    assert node.count_publishers("/parameter_estimator/parameters") == 1
+    bench.spin_until(lambda: node.count_publishers("/parameter_estimator/parameters") == 1)
 
 
 def test_inactive_the_queue_of_inputs_is_that_of_the_next_activation(bench):
     node = bench.node(StateEstimatorNode, input_reliability="best_effort")
     assert start(node)
-    assert change_state(bench, "state_estimator", DEACTIVATE)
+    assert node.trigger_deactivate() == SUCCESS
     estimator = node.estimator
     assert put(bench, "state_estimator", input_depth=7)[0].successful
-    assert change_state(bench, "state_estimator", ACTIVATE)
+    assert node.trigger_activate() == SUCCESS
     assert {each.subscription.qos_profile.depth for each in node.inputs} == {7}
     assert node.estimator is estimator
 
@@ -247,7 +240,7 @@ def test_a_wrong_value_is_refused_in_words(bench, name, value, words):
     result = put(bench, "state_estimator", **{name: value})[0]
     assert not result.successful
     assert words in result.reason
-    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.trigger_configure() == SUCCESS
 
 
 def test_two_at_once_are_set_both_or_not_at_all(bench):
