@@ -79,8 +79,10 @@ test: env ## everything that a change must pass: lint, types, colcon build, test
 	@$(MAKE) --no-print-directory colcon
 	@$(MAKE) --no-print-directory pytest
 
-lint: env ## ruff
+lint: env ## ruff, its format, and the layers of .importlinter
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check -q .
+	$(BIN)/lint-imports
 
 types: env ## mypy
 	$(BIN)/mypy

@@ -44,6 +44,7 @@ WORKBENCH = ["nicegui>=3.5,<4", "plotly>=6,<8"]  # the page, and its file
 TEST = [
     "colcon-common-extensions",
     "hypothesis>=6.100,<7",
+    "import-linter>=2.5,<3",
     "mypy>=1.11,<3",
     "playwright>=1.50,<2",  # drives a Chromium that is there; it is not asked to download one
     "pytest>=8,<10",

@@ -13,7 +13,8 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
-from aircraft_sysid_ros.modelling.parameter_estimator import LEARNERS, ParameterOptions
+from aircraft_sysid_ros.identification.estimators.by_name import ESTIMATORS
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -28,7 +29,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_flight(simulate_samples(aircraft, duration=30.0), Path(folder) / "flight", overwrite=False)
         samples = read_recording(Path(folder) / "flight").samples
-    for estimator in LEARNERS:
+    for estimator in ESTIMATORS:
         Pipeline(aircraft, parameter_options=ParameterOptions(estimator=estimator)).warm_up()
     Correction(Calibration()).warm_up()
     pipeline = Pipeline(aircraft)

@@ -8,8 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions, warm_up
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +43,7 @@ class Pipeline:
         parameter_options: ParameterOptions | None = None,
     ) -> None:
         self.state = StateEstimator(aircraft, state_options)
-        self.parameters = ParameterEstimator(aircraft, parameter_options)
+        self.parameters = Identifier(aircraft, parameter_options)
 
     def warm_up(self) -> None:
         """Compile (or load from the cache) the kernels before the first sample."""
@@ -49,7 +51,7 @@ class Pipeline:
         self.parameters.warm_up()
 
     def push(self, samples: Samples) -> tuple[Array, Array]:
-        """Take samples in the order of arrival; returns new rows of ``Column`` and new rows of ``Point``."""
+        """Take samples in the order of arrival; returns new rows of ``StateField`` and of ``CoefficientSample``."""
         done = [self._push(part) for part in parts_by_clock(samples, self.state.order.clock)]
         return np.vstack([rows for rows, _ in done]), np.vstack([points for _, points in done])
 

@@ -78,9 +78,7 @@ class Samples:
         return Samples(self.stamp[index], self.kind[index], self.values[index])
 
 
-def samples_of(
-    kind: Kind, stamp: npt.ArrayLike, *columns: npt.ArrayLike | npt.NDArray[np.float64]
-) -> Samples:
+def samples_of(kind: Kind, stamp: npt.ArrayLike, *columns: npt.ArrayLike | npt.NDArray[np.float64]) -> Samples:
     """Samples of one kind from stamps [ns] (n,) and columns, each (n,) or (n, k); the rest is NaN."""
     stamps = np.atleast_1d(np.asarray(stamp, dtype=np.int64))
     values = np.full((len(stamps), WIDTH), np.nan)

@@ -23,7 +23,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     rotation_matrix,
 )
 from aircraft_sysid_ros.config_files import config_path
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import ERROR_SIZE
 from aircraft_sysid_ros.samples import Kind
@@ -186,9 +186,7 @@ def innovation_consistency(runs: list[dict[str, Any]]) -> dict[str, dict[str, fl
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "accuracy.json")
     arguments = parser.parse_args()

@@ -21,14 +21,14 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
-from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.sensors.sensor_models import stamps_of
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.sensor_faults import FAULTS, stuck_surface, with_fault
-from aircraft_sysid_ros.simulation.sensors import stamps_of
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
 Array = npt.NDArray[np.float64]
@@ -61,7 +61,7 @@ class Watched:
         self.use, self.plain_use = (
             np.array([[p.status == Trust.USE for p in s[i].parameters] for s in sets]) for i in (0, 1)
         )
-        self.gates, self.changes = pipeline.parameters.gates, pipeline.parameters.changes
+        self.gates, self.changes = pipeline.parameters.learning.integrity, pipeline.parameters.learning.changes
         self.reasons = [{p.name: p.reason for p in s[0].parameters} for s in sets]
 
     def worst(self, truth: dict[str, float], since: float, plain: bool = False) -> float:
@@ -145,7 +145,8 @@ def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
 def of_clean(records: list[dict[str, Any]]) -> dict[str, Any]:
     """What the gates cost over flights without a failure."""
     return {
-        "flights": len(records), "with_hold": sum(r["holds"] > 0 for r in records),
+        "flights": len(records),
+        "with_hold": sum(r["holds"] > 0 for r in records),
         "same": sum(r["same"] for r in records),
         **{key: float(np.mean([r[key] for r in records])) for key in ("use", "use_plain", "disagreeing")},
     }

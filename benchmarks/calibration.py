@@ -29,8 +29,8 @@ from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.estimation.two_stage.comparison import nonlinear_programming
 from aircraft_sysid_ros.estimation.two_stage.estimate import estimate
 from aircraft_sysid_ros.estimation.two_stage.problem import Problem
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH, SensorOptions, air_data_at
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, calibration_flight
-from aircraft_sysid_ros.simulation.sensors import EPOCH, SensorOptions, air_data_at
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight
 
 Array = npt.NDArray[np.float64]

@@ -18,11 +18,12 @@ from aircraft_sysid_ros.aircraft.rigid_body import body_velocity_derivative
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
-from aircraft_sysid_ros.modelling.model_file import parameters_json
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
-from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
-from aircraft_sysid_ros.modelling.regression import Point
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.model_file import parameters_json
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.refine import RefineOptions, refine
@@ -143,7 +144,7 @@ class LiveRun:
         for now, low, high in zip(self.time, [0, *edges[:-1]], edges, strict=True):
             self._push(samples[low:high])
             estimates = self.pipeline.parameters.snapshot()
-            alarms.append(int(self.pipeline.parameters.changes.counts.sum()))
+            alarms.append(int(self.pipeline.parameters.learning.changes.counts.sum()))
             published.append([[p.value, p.std, p.status] for p in estimates.parameters])
             if alarm is not None and alarm(now, estimates):
                 self.pipeline.parameters.reset()
@@ -207,14 +208,14 @@ def path_of(run: LiveRun, names: list[str]) -> dict[str, list[float]]:
     return {name: run.value[every - 1 :: every, names.index(name)].tolist() for name in PATH_NAMES}
 
 
-def uncorrected(parameters: ParameterEstimator) -> tuple[list[float], list[float]]:
+def uncorrected(parameters: Identifier) -> tuple[list[float], list[float]]:
     """Standard errors of least squares as for white residuals (4.7), and as corrected for coloured ones alone."""
     white, coloured = [], []
     for axis, name in enumerate(AXES):
         part = parameters.model.axis_slice(name)
         n = part.stop - part.start
-        sums = np.ascontiguousarray(parameters.learning.sums[axis, :, : n + 2, : n + 2])
-        both = coloured_covariance(sums, parameters.learning.theta[axis, :n].copy())
+        sums = np.ascontiguousarray(parameters.learning.least_squares.state.sums[axis, :, : n + 2, : n + 2])
+        both = coloured_covariance(sums, parameters.learning.least_squares.state.theta[axis, :n].copy())
         coloured += np.sqrt(np.diag(both[0])).tolist()
         white += np.sqrt(np.diag(both[1])).tolist()
     return white, coloured
@@ -231,9 +232,11 @@ def run_data(flight: SimulatedFlight) -> tuple[RunData, Record]:
     assert epoch is not None
     parameters = {p["name"]: p for p in parameters_json(live.pipeline.parameters)["parameters"]}
     biases = np.array([*state["accelerometer_bias"], *state["gyro_bias"]])
-    stamp = nanoseconds(points[:, Point.TIME], epoch)
-    terms = points[:, Point.TERMS :]
-    return RunData(flight.aircraft, flight.samples, parameters, biases, stamp, points[:, Point.MEASURED], terms), record
+    stamp = nanoseconds(points[:, CoefficientSample.TIME], epoch)
+    terms = points[:, CoefficientSample.TERMS :]
+    return RunData(
+        flight.aircraft, flight.samples, parameters, biases, stamp, points[:, CoefficientSample.MEASURED], terms
+    ), record
 
 
 def refined_record(run: RunData, live: Record, air: str, method: str) -> Record:

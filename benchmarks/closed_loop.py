@@ -47,9 +47,7 @@ def turbulence_of(seed: int) -> float:
 
 def flown(case: str, controller: str, seed: int, watched: tuple[str, ...] = ()) -> Flight:
     """One flight of the benchmark."""
-    return fly(
-        default_aircraft(), CASES[case], controller, seed, turbulence=turbulence_of(seed), watched=watched
-    )
+    return fly(default_aircraft(), CASES[case], controller, seed, turbulence=turbulence_of(seed), watched=watched)
 
 
 def degrees(angle: float) -> float | None:
@@ -149,9 +147,7 @@ def example() -> dict[str, Any]:
         columns["elevator"] = np.degrees(rows[:, 9])
         result["controllers"][controller] = {name: np.round(v, 3).tolist() for name, v in columns.items()}
         if flight.published is not None:
-            result["published"] = {
-                name: np.round(rows, 5).tolist() for name, rows in flight.published.series.items()
-            }
+            result["published"] = {name: np.round(rows, 5).tolist() for name, rows in flight.published.series.items()}
     return result
 
 

@@ -25,11 +25,12 @@ from aircraft_sysid_ros.calibration.filter_start import start_by_stage_1, start_
 from aircraft_sysid_ros.calibration.five_hole_probe import SENSITIVITY
 from aircraft_sysid_ros.calibration.report import calibrate_probe
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
-from aircraft_sysid_ros.reconstruction.state import Column
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions
+from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.sensors.five_hole_probe import ProbeCalibration
 from aircraft_sysid_ros.simulation.calibration_flight import InstrumentTruth, calibration_flight, drawn_errors
-from aircraft_sysid_ros.simulation.five_hole_probe import ProbeCalibration
 
 Array = npt.NDArray[np.float64]
 
@@ -87,9 +88,7 @@ def run(seed: int) -> dict[str, Any]:
     return out
 
 
-def fly(
-    aircraft: Any, samples: Samples, options: StateOptions, start: tuple[StartValues, int] | None = None
-) -> Array:
+def fly(aircraft: Any, samples: Samples, options: StateOptions, start: tuple[StartValues, int] | None = None) -> Array:
     """Time [s], wind NED, lambda_V and its standard deviation (n, 6) every CHUNK seconds."""
     estimator, told, rows = StateEstimator(aircraft, options), False, []
     begin = int(samples.stamp.min())
@@ -101,7 +100,7 @@ def fly(
         estimator.push(samples[chunk == number])
         if estimator.last_row is not None:
             scale = estimator.air_data_errors.get("lambda_V", {"value": 0.0, "std": np.nan})
-            rows.append([(number + 1) * CHUNK, *estimator.last_row[Column.WIND], scale["value"], scale["std"]])
+            rows.append([(number + 1) * CHUNK, *estimator.last_row[StateField.WIND], scale["value"], scale["std"]])
     return np.array(rows)
 
 

@@ -29,12 +29,12 @@ from hidden_effects_figure import draw
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
-from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT
-from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
-from aircraft_sysid_ros.diagnosis.effects.aliases import aliases_of
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import FlightDiagnosis, diagnose_flight
-from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.reconstruction import fit_sensor_noise, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.effects.aliases import aliases_of
+from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.hidden_effects import SIMULATED
 from aircraft_sysid_ros.simulation.jsbsim_hidden import IMPOSSIBLE
@@ -95,7 +95,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
         result["methods"] = other_methods.answers(base)
     if job["effect"] and BY_ID[job["effect"]].kind != MEASUREMENT:
         library = [e for e in LIBRARY if e.kind != MEASUREMENT and e.identifier != job["effect"]]
-        without = diagnose(Bench(found.flight), found.replicas, library)
+        without = diagnose(CandidateEvaluator(found.flight), found.replicas, library)
         best = without.candidates[0].trial if without.candidates else None
         result["without"] = {
             "verdict": without.verdict,
@@ -125,7 +125,7 @@ def verdict_of(found: FlightDiagnosis) -> dict[str, Any]:
     }
 
 
-def errors_of(flight: SimulatedFlight, found: FlightDiagnosis, base: Bench) -> dict[str, Any]:
+def errors_of(flight: SimulatedFlight, found: FlightDiagnosis, base: CandidateEvaluator) -> dict[str, Any]:
     """Held-out NRMSE by axis: base model, after the diagnosis, after the truth was added, and the floor."""
     oracle = base
     if flight.hidden:
@@ -138,9 +138,9 @@ def errors_of(flight: SimulatedFlight, found: FlightDiagnosis, base: Bench) -> d
     return {"errors": errors, "floor": dict(found.diagnosis.floor), "axis": axis, "oracle_gain": gains[axis]}
 
 
-def _bench(aircraft: Aircraft, flight: SimulatedFlight) -> Bench:
-    seen = as_noisy_as(aircraft, flight.samples)
-    return Bench(settled_flight(reconstruct(seen, flight.samples, with_covariance=False)))
+def _bench(aircraft: Aircraft, flight: SimulatedFlight) -> CandidateEvaluator:
+    seen = fit_sensor_noise(aircraft, flight.samples)
+    return CandidateEvaluator(settled_flight(reconstruct(seen, flight.samples, with_covariance=False)))
 
 
 def _one_core() -> None:

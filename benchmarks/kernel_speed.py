@@ -32,7 +32,7 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
 from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
-from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.fusion import fuse
 from aircraft_sysid_ros.reconstruction.process import propagate
@@ -92,7 +92,7 @@ def make_input(flight: SimulatedFlight, n: int) -> Input:
     x, p, setup = estimator.state_vector, estimator.covariance, estimator._setup
     assert setup is not None
     points = np.vstack([pipeline.push(samples[early:])[1], pipeline.flush()[1]])
-    points = points[np.all(np.isfinite(points[:, Point.MEASURED]), axis=1)]
+    points = points[np.all(np.isfinite(points[:, CoefficientSample.MEASURED]), axis=1)]
 
     def at(kind: Kind, times: npt.NDArray[np.int64], width: int) -> Array:
         chosen = samples.kind == kind
@@ -106,8 +106,8 @@ def make_input(flight: SimulatedFlight, n: int) -> Input:
         imu=np.ascontiguousarray(at(Kind.IMU, stamps, 6)),
         air=np.hstack([at(Kind(kind), stamps, 1) for kind in _AIR_DATA]),
         fixes=np.hstack([at(Kind.GPS_POSITION, stamps, 3), at(Kind.GPS_VELOCITY, stamps, 3)]),
-        terms=np.ascontiguousarray(points[repeat, Point.TERMS :]),
-        measured=np.ascontiguousarray(points[repeat, Point.MEASURED]),
+        terms=np.ascontiguousarray(points[repeat, CoefficientSample.TERMS :]),
+        measured=np.ascontiguousarray(points[repeat, CoefficientSample.MEASURED]),
         offsets=model.offsets,
         # every update makes three iterations, and none is rejected
         setup=setup._replace(maximum_iterations=ITERATIONS, tolerance=0.0, gate=np.full(4, np.inf)),

@@ -19,33 +19,33 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT
-from aircraft_sysid_ros.diagnosis.effects import LIBRARY
 from aircraft_sysid_ros.diagnosis.live import FORCES, diagnose_live, windows
+from aircraft_sysid_ros.effects import LIBRARY
+from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
-from aircraft_sysid_ros.modelling.point_memory import PointMemory
+from aircraft_sysid_ros.identification.flight_memory import SampleMemory
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, Column
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, hidden_flight
 
 FIRST_SEED = 400
 LOOKS = (90.0, 120.0, 150.0, 180.0)
 TURBULENCE = ("none", "light")
-BIAS = Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
+BIAS = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 Case = tuple[str, str | None, int, str]
 
 
-def looks(flight: SimulatedFlight) -> Iterator[tuple[float, PointMemory]]:
+def looks(flight: SimulatedFlight) -> Iterator[tuple[float, SampleMemory]]:
     """What is kept of a flight at the time of each look."""
-    pipeline, memory = Pipeline(flight.aircraft), PointMemory()
+    pipeline, memory = Pipeline(flight.aircraft), SampleMemory()
     rows, points = (np.vstack(parts) for parts in zip(pipeline.push(flight.samples), pipeline.flush(), strict=True))
-    at = np.clip(np.searchsorted(rows[:, Column.TIME], points[:, 0]), 0, len(rows) - 1)
+    at = np.clip(np.searchsorted(rows[:, StateField.TIME], points[:, 0]), 0, len(rows) - 1)
     done = 0
     for look in LOOKS:
         while done < len(points) and points[done, 0] - points[0, 0] <= look:
             row = rows[at[done]]
-            memory.add(points[done : done + 1], row[BIAS : BIAS + 3], float(row[Column.AIR_VELOCITY_STD]))
+            memory.add(points[done : done + 1], row[BIAS : BIAS + 3], float(row[StateField.AIR_VELOCITY_STD]))
             done += 1
         yield look, memory
 

@@ -21,10 +21,10 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.config_files import config_path
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.mavlink.calibration import load_calibration
 from aircraft_sysid_ros.mavlink.session import Session
-from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
-from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_jsbsim_samples, simulate_samples

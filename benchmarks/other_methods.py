@@ -33,11 +33,11 @@ from scipy.stats import f as fisher
 
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.candidates import candidates_of
-from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT
-from aircraft_sysid_ros.diagnosis.effects import LIBRARY
 from aircraft_sysid_ros.diagnosis.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.flight_data import FOLDS
-from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.effects import LIBRARY
+from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -89,7 +89,7 @@ class Pool:
         return r[:, :-1], r[:, -1]
 
 
-def pools_of(bench: Bench) -> dict[str, Pool]:
+def pools_of(bench: CandidateEvaluator) -> dict[str, Pool]:
     """Candidates by axis."""
     owners: dict[str, dict[str, set[Owner]]] = {axis: defaultdict(set) for axis in bench.fits}
     for effect in LIBRARY:
@@ -107,7 +107,7 @@ def pools_of(bench: Bench) -> dict[str, Pool]:
     return made
 
 
-def _pool(bench: Bench, axis: str, owners: dict[str, set[Owner]]) -> Pool:
+def _pool(bench: CandidateEvaluator, axis: str, owners: dict[str, set[Owner]]) -> Pool:
     base, texts = bench.fits[axis], list(owners)
     columns = bench.data.columns([parse_expression(text) for text in texts])
     known = np.mean(np.isfinite(columns[base.rows]), axis=0) > PRESENT
@@ -240,7 +240,7 @@ METHODS: dict[str, Callable[[Pool], list[int]]] = {
 # -- their answers ---------------------------------------------------------------------------------------------
 
 
-def answers(bench: Bench) -> dict[str, dict[str, Any]]:
+def answers(bench: CandidateEvaluator) -> dict[str, dict[str, Any]]:
     """By method: verdict, first three effects, held-out NRMSE of the axes in which terms were selected, seconds."""
     started = time.process_time()
     pools = pools_of(bench)
@@ -262,7 +262,7 @@ def answers(bench: Bench) -> dict[str, dict[str, Any]]:
     return said
 
 
-def _error(bench: Bench, pool: Pool, columns: list[int]) -> float:
+def _error(bench: CandidateEvaluator, pool: Pool, columns: list[int]) -> float:
     return bench.fits[pool.base.axis].gain(pool.columns[:, columns]).nrmse_after
 
 

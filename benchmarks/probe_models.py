@@ -27,8 +27,8 @@ from aircraft_sysid_ros.calibration.procedure import Answer
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.recordings.mat_import import import_mat
 from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH, air_data_at
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight, drawn_errors
-from aircraft_sysid_ros.simulation.sensors import EPOCH, air_data_at
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight
 
 Array = npt.NDArray[np.float64]

@@ -26,9 +26,9 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.config_files import config_path
-from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.recordings.mat_import import import_mat
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 
@@ -48,7 +48,7 @@ THOR_MODEL = {
 
 
 def replayed(aircraft: Aircraft, recording: Recording) -> tuple[Pipeline, Array, Array]:
-    """Pipeline, rows of Column and of Point."""
+    """Pipeline, rows of StateField and of CoefficientSample."""
     pipeline = Pipeline(aircraft)
     parts = [pipeline.push(recording.samples[i : i + 5000]) for i in range(0, len(recording.samples), 5000)]
     parts.append(pipeline.flush())
@@ -73,27 +73,27 @@ def thor(data: Path, folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
 
     recording = imported(data, "umn_thor_flight75/flight75.mat", folder)
     pipeline, rows, points = replayed(load_aircraft(config_path("umn_thor.yaml")), recording)
-    log = scipy.io.loadmat(
-        data / "umn_thor_flight75" / "flight75.mat", squeeze_me=True, struct_as_record=False
-    )["flight_data"]
-    time = time_in_log(pipeline, recording, rows[:, Column.TIME])
+    log = scipy.io.loadmat(data / "umn_thor_flight75" / "flight75.mat", squeeze_me=True, struct_as_record=False)[
+        "flight_data"
+    ]
+    time = time_in_log(pipeline, recording, rows[:, StateField.TIME])
     airborne = (time > THOR_AIRBORNE[0]) & (time < THOR_AIRBORNE[1])
     rows, time = rows[airborne], time[airborne]
     log_time = 0.02 * np.arange(len(log.p))
-    euler = np.array([euler_from_quaternion(q) for q in rows[:, Column.ATTITUDE]])
+    euler = np.array([euler_from_quaternion(q) for q in rows[:, StateField.ATTITUDE]])
     angles = [np.unwrap(getattr(log, name)) for name in ("phi", "theta", "psi")]
     onboard = np.stack([np.interp(time, log_time, angle) for angle in angles], axis=1)
     difference = np.degrees((euler - onboard + np.pi) % (2.0 * np.pi) - np.pi)
     biases = np.array([np.interp(time, log_time, getattr(log, f"{n}_bias")).mean() for n in "pqr"])
-    wind = rows[:, Column.WIND].mean(axis=0)
+    wind = rows[:, StateField.WIND].mean(axis=0)
     estimates = {p.name: p for p in pipeline.parameters.snapshot().parameters}
     result = {
         "wind_mean": wind.tolist(),
         "wind_reference": THOR_WIND.tolist(),
         "wind_horizontal_difference": float(np.hypot(*(wind - THOR_WIND)[:2])),
-        "gyro_bias_mean": rows[:, Column.GYRO_BIAS].mean(axis=0).tolist(),
+        "gyro_bias_mean": rows[:, StateField.GYRO_BIAS].mean(axis=0).tolist(),
         "gyro_bias_onboard": biases.tolist(),
-        "gyro_bias_difference": np.abs(rows[:, Column.GYRO_BIAS].mean(axis=0) - biases).tolist(),
+        "gyro_bias_difference": np.abs(rows[:, StateField.GYRO_BIAS].mean(axis=0) - biases).tolist(),
         "attitude_rms_deg": np.sqrt(np.mean(difference**2, axis=0)).tolist(),
         "innovation_consistency": pipeline.state.innovation_consistency(),
         "parameters": [
@@ -108,9 +108,9 @@ def thor(data: Path, folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
             for p in estimates.values()
         ],
     }
-    series = {"time": time, "euler": euler, "onboard": onboard, "wind": rows[:, Column.WIND]}
-    series["points_time"] = time_in_log(pipeline, recording, points[:, Point.TIME])
-    series["measured"] = points[:, Point.MEASURED]
+    series = {"time": time, "euler": euler, "onboard": onboard, "wind": rows[:, StateField.WIND]}
+    series["points_time"] = time_in_log(pipeline, recording, points[:, CoefficientSample.TIME])
+    series["measured"] = points[:, CoefficientSample.MEASURED]
     series["fitted"] = fitted(pipeline, points)
     return result, series
 
@@ -162,7 +162,7 @@ def fitted(pipeline: Pipeline, points: Array) -> Array:
     """Coefficients (n, 6) by the final parameters."""
     model = pipeline.parameters.model
     values = np.array([p.value for p in pipeline.parameters.snapshot().parameters])
-    columns = [points[:, Point.TERMS :][:, model.axis_slice(a)] @ values[model.axis_slice(a)] for a in AXES]
+    columns = [points[:, CoefficientSample.TERMS :][:, model.axis_slice(a)] @ values[model.axis_slice(a)] for a in AXES]
     return np.stack(columns, axis=1)
 
 
@@ -184,9 +184,9 @@ def inertialnav(data: Path, folder: Path) -> dict[str, Any]:
                 "innovation_consistency": pipeline.state.innovation_consistency(),
                 "rejected": {kind: c["rejected"] for kind, c in counts.items() if c["rejected"]},
                 "realignments": pipeline.state.realignments,
-                "finite": bool(np.all(np.isfinite(rows[:, : Column.AIRSPEED + 1]))),
+                "finite": bool(np.all(np.isfinite(rows[:, : StateField.AIRSPEED + 1]))),
                 "largest_roll_deg": float(
-                    np.degrees(np.abs([euler_from_quaternion(q)[0] for q in rows[:, Column.ATTITUDE]]).max())
+                    np.degrees(np.abs([euler_from_quaternion(q)[0] for q in rows[:, StateField.ATTITUDE]]).max())
                 ),
             }
     return result
@@ -227,9 +227,7 @@ def draw_thor(series: dict[str, Array], folder: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

@@ -20,10 +20,10 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import config_path
-from aircraft_sysid_ros.modelling.likelihood_learner import LikelihoodLearner
-from aircraft_sysid_ros.modelling.likelihood_state import LEARNT
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.estimators.likelihood_state import LEARNT
+from aircraft_sysid_ros.identification.estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, simulate_samples
@@ -55,8 +55,8 @@ def run_seed(seed: int, turbulence: str) -> dict[str, Any]:
             p.name: [p.value, p.std, flight.aircraft.coefficients[p.name], p.status == Trust.USE]
             for p in pipeline.parameters.snapshot().parameters
         }
-        learner = pipeline.parameters.learner
-        if isinstance(learner, LikelihoodLearner):
+        learner = pipeline.parameters.learning.estimator
+        if isinstance(learner, MaximumLikelihoodEstimator):
             result["restarts"], result["levels"] = learner.restarts, learner.noise_levels()
     return result
 
@@ -97,8 +97,8 @@ def speed(rate: float) -> dict[str, float]:
     options = ParameterOptions(estimator="rml", rml_rate=rate)
     pipeline = Pipeline(flight.aircraft, None, options)
     pipeline.warm_up()
-    learner = pipeline.parameters.learner
-    assert isinstance(learner, LikelihoodLearner)
+    learner = pipeline.parameters.learning.estimator
+    assert isinstance(learner, MaximumLikelihoodEstimator)
     spent = 0.0
     push, push_samples = learner.push, learner.push_samples
 

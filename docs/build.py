@@ -176,8 +176,17 @@ def jsbsim_summary() -> str:
         for label, m in [*models, (f"{len(a['added']['parameters'])} terms, rls", a["added"])]:
             main = f"{100 * m['median_relative_error']:.1f} %" if "median_relative_error" in m else ""
             errors = [f"{100 * m['held_out'][x]:.1f} / {100 * m['held_out_projection'][x]:.1f}" for x in m["held_out"]]
-            rows.append([name, label, f"{100 * m['within_3_sigma']:.1f} % of {m['pairs']}",
-                         f"{100 * m['use_share']:.0f} %", f"{100 * m['use_within_3_sigma']:.1f} %", main, *errors])
+            rows.append(
+                [
+                    name,
+                    label,
+                    f"{100 * m['within_3_sigma']:.1f} % of {m['pairs']}",
+                    f"{100 * m['use_share']:.0f} %",
+                    f"{100 * m['use_within_3_sigma']:.1f} %",
+                    main,
+                    *errors,
+                ]
+            )
     header = ["aeroplane", "model", "within 3 standard errors of (b)", "USE", "of those", "main derivatives",
               "CX", "CY", "CZ", "Cl", "Cm", "Cn"]  # fmt: skip
     return table(header, rows)
@@ -190,8 +199,17 @@ def jsbsim_parameters() -> str:
         found = a["textbook"]["rls"]["parameters"]
         for key in a["main_derivatives"]:
             p, (low, high) = found[key], a["local_range"][key]
-            rows.append([name, key, f"{a['local'][key]:.4f}", f"{low:.4f} to {high:.4f}", f"{p['projection']:.4f}",
-                         f"{p['value']:.4f} ± {p['std']:.4f}", f"{100 * p['relative_error']:.1f} %"])
+            rows.append(
+                [
+                    name,
+                    key,
+                    f"{a['local'][key]:.4f}",
+                    f"{low:.4f} to {high:.4f}",
+                    f"{p['projection']:.4f}",
+                    f"{p['value']:.4f} ± {p['std']:.4f}",
+                    f"{100 * p['relative_error']:.1f} %",
+                ]
+            )
     header = ["aeroplane", "derivative", "(a) at trim", "(a) over the flown range", "(b)", "estimate ± standard error",
               "median distance to (b)"]  # fmt: skip
     return table(header, rows)
@@ -204,8 +222,16 @@ def jsbsim_added() -> str:
         textbook = a["textbook"]["rls"]["parameters"]
         for key, p in a["added"]["parameters"].items():
             if key not in textbook or key in ("Cm_alpha", "Cm_q"):
-                rows.append([name, f"`{key}`", f"{p['projection']:.3g}", f"{p['value']:.3g} ± {p['std']:.2g}",
-                             f"{100 * p['within_3_sigma']:.0f} %", f"{100 * p['use']:.0f} %"])
+                rows.append(
+                    [
+                        name,
+                        f"`{key}`",
+                        f"{p['projection']:.3g}",
+                        f"{p['value']:.3g} ± {p['std']:.2g}",
+                        f"{100 * p['within_3_sigma']:.0f} %",
+                        f"{100 * p['use']:.0f} %",
+                    ]
+                )
     return table(["aeroplane", "term", "(b)", "estimate ± standard error", "within 3", "USE"], rows)
 
 
@@ -279,12 +305,20 @@ def recursive_likelihood_speed() -> str:
 
 def effects() -> str:
     """The library of effects, kind by kind."""
-    from aircraft_sysid_ros.diagnosis.effects import LIBRARY
+    from aircraft_sysid_ros.effects import LIBRARY
 
     cell = lambda text: text.replace("|", "\\|")  # noqa: E731
     rows = [
-        [f"`{e.identifier}`", e.name, e.kind, cell(e.physics), cell(e.formula), cell(e.residuals), e.manoeuvre,
-         e.source]
+        [
+            f"`{e.identifier}`",
+            e.name,
+            e.kind,
+            cell(e.physics),
+            cell(e.formula),
+            cell(e.residuals),
+            e.manoeuvre,
+            e.source,
+        ]
         for e in LIBRARY
     ]
     header = ["id", "name", "kind", "physics", "formula", "in the residuals", "manoeuvre that shows it", "source"]
@@ -293,7 +327,7 @@ def effects() -> str:
 
 def effect_terms() -> str:
     """Variants, terms by axis and inner numbers of every effect."""
-    from aircraft_sysid_ros.diagnosis.effects import LIBRARY
+    from aircraft_sysid_ros.effects import LIBRARY
 
     rows = []
     for effect in LIBRARY:

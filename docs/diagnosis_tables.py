@@ -7,7 +7,7 @@ from typing import Any
 
 from scipy.stats import binomtest
 
-from aircraft_sysid_ros.diagnosis.effects.aliases import ALIASES
+from aircraft_sysid_ros.effects.aliases import ALIASES
 
 Rows = tuple[list[str], list[list[str]]]
 #: Sets of flights, and what stands in the tables for them.

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.nodes import estimator_node, mavlink_bridge, parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.model_services import DIAGNOSIS_OPTIONS, DiagnosisOptions
 from aircraft_sysid_ros.nodes.options import Option, When, described
-from aircraft_sysid_ros.reconstruction.state_estimator import StateOptions
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 
 Table = tuple[list[str], list[list[str]]]
 

@@ -95,9 +95,7 @@ def browser() -> Iterator[Any]:
         found.close()
 
 
-def open_page(
-    found: Any, address: str, width: int = 1440, height: int = 900, plots: int = 12, **options: Any
-) -> Any:
+def open_page(found: Any, address: str, width: int = 1440, height: int = 900, plots: int = 12, **options: Any) -> Any:
     """The page, with so many layers drawn: two for each plot."""
     page = found.new_context(viewport={"width": width, "height": height}, **options).new_page()
     page.set_default_timeout(_TIMEOUT)

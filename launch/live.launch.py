@@ -1,6 +1,6 @@
 """Both nodes on the topics of one aircraft.
 
-    ros2 launch aircraft_sysid_ros live.launch.py aircraft_file:=/path/to/aircraft.yaml namespace:=uav1
+ros2 launch aircraft_sysid_ros live.launch.py aircraft_file:=/path/to/aircraft.yaml namespace:=uav1
 """
 
 from launch import LaunchDescription

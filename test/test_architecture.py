@@ -11,7 +11,8 @@ import pytest
 PACKAGE = "aircraft_sysid_ros"
 ROOT = Path(__file__).resolve().parents[1] / PACKAGE
 CORE = (
-    "aircraft", "estimation", "reconstruction", "modelling", "flight_model", "refinement", "diagnosis", "calibration",
+    "aircraft", "estimation", "reconstruction", "identification", "flight_model", "refinement", "diagnosis",
+    "calibration", "effects", "sensors", "ros_messages",
 )  # fmt: skip
 FILES = [*(ROOT / f"{name}.py" for name in ("samples", "pipeline"))]
 FILES += sorted(path for folder in CORE for path in (ROOT / folder).rglob("*.py"))
@@ -70,6 +71,14 @@ def test_estimation_stands_on_its_own(path):
     ours = {module for module in imported(path) if module.split(".")[0] == PACKAGE}
     own = (f"{PACKAGE}.estimation", f"{PACKAGE}.errors")
     assert sorted(module for module in ours if not module.startswith(own)) == []
+
+
+def test_layers_hold_through_all_imports():
+    """The contracts of .importlinter: layers, no circles, and what the core and the flight nodes may not know."""
+    command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache", "--config", ".importlinter"]
+    done = subprocess.run(command, cwd=ROOT.parent, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "6 kept, 0 broken" in done.stdout
 
 
 def without_docstring(path: Path) -> list[str]:

@@ -14,7 +14,7 @@ import certificate_flights as flights
 import certificate_summary as summary
 from accuracy import MAIN_DERIVATIVES
 
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.simulation.flight import prepare
 from aircraft_sysid_ros.simulation.trim import derivatives_at
 

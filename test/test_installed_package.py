@@ -226,9 +226,7 @@ def test_a_mat_file_is_imported_without_extras(installed, place, shared_data):
     ids=lambda command: command[0],
 )
 def test_a_command_that_needs_ros_says_that_it_is_not_there(run, installed, place, command):
-    assert "ROS 2 is not in this environment (No module named '" in (
-        complaint(installed.command, *command, cwd=place)
-    )
+    assert "ROS 2 is not in this environment (No module named '" in (complaint(installed.command, *command, cwd=place))
     assert not (place / "runs").exists()
 
 

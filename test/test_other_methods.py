@@ -15,8 +15,8 @@ import hidden_effects
 import other_methods
 from other_methods import METHODS, Pool, credits_of, in_order, orthogonal, ranked, stepwise
 
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
-from aircraft_sysid_ros.diagnosis.effects.aliases import ALIASES, aliases_of
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.aliases import ALIASES, aliases_of
 from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight
 
 N, K = 400, 30

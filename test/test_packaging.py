@@ -164,10 +164,7 @@ def test_versions_agree():
 
 def imported_packages() -> set[str]:
     files = [*(ROOT / "aircraft_sysid_ros").rglob("*.py"), *(ROOT / "launch").glob("*.py")]
-    found = (
-        re.findall(r"^\s*(?:from|import) (\w+)", file.read_text(encoding="utf-8"), re.MULTILINE)
-        for file in files
-    )
+    found = (re.findall(r"^\s*(?:from|import) (\w+)", file.read_text(encoding="utf-8"), re.MULTILINE) for file in files)
     return {name for names in found for name in names}
 
 
@@ -334,9 +331,7 @@ def test_an_unsuitable_machine_is_named_in_one_line(tmp_path, answer, complaint)
     python = tmp_path / "python3"
     python.write_text(f"#!/bin/sh\n{answer}\n")
     python.chmod(0o755)
-    check = subprocess.run(
-        [ROOT / "tools/check_machine.sh", python], capture_output=True, text=True, check=False
-    )
+    check = subprocess.run([ROOT / "tools/check_machine.sh", python], capture_output=True, text=True, check=False)
     assert check.returncode == 1
     assert complaint in check.stderr
     assert check.stderr.count("\n") == 1

@@ -50,9 +50,7 @@ def written() -> dict[str, str]:
 
 def cited(text: str, pattern: re.Pattern[str]) -> set[str]:
     """Numbers of the equations that a text cites; (4.12)-(4.14) and (7) to (13) are all in between as well."""
-    ranges = [
-        f"({match[1]}{i})" for match in BETWEEN.finditer(text) for i in range(int(match[2]), int(match[3]) + 1)
-    ]
+    ranges = [f"({match[1]}{i})" for match in BETWEEN.finditer(text) for i in range(int(match[2]), int(match[3]) + 1)]
     return {number for part in [text, *ranges] for number in pattern.findall(part)}
 
 

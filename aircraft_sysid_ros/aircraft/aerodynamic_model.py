@@ -23,6 +23,7 @@ from aircraft_sysid_ros.aircraft.expression import (
     link,
     one_line,
     parse_expression,
+    signals_read,
 )
 from aircraft_sysid_ros.errors import InputError
 
@@ -80,15 +81,14 @@ class AerodynamicModel:
         return link([p for programs in self.programs for p in programs])
 
     @cached_property
+    def constants(self) -> tuple[npt.NDArray[np.float64], ...]:
+        """Of each axis (n,): 1 for the constant term, 0 for others."""
+        return tuple(np.array([p.text == "1" for p in programs], dtype=np.float64) for programs in self.programs)
+
+    @cached_property
     def signals_used(self) -> frozenset[str]:
         """Names of the signals that any term reads."""
-        return frozenset(
-            SIGNALS[int(row[1])]
-            for programs in self.programs
-            for p in programs
-            for row in p.code
-            if row[0] == 1
-        )
+        return frozenset(SIGNALS[k] for programs in self.programs for p in programs for k in signals_read(p))
 
     def axis_slice(self, axis: str) -> slice:
         """Where the parameters of an axis stand among all."""
@@ -112,9 +112,7 @@ def model_from_terms(terms: Mapping[str, Sequence[str | int]]) -> AerodynamicMod
     """Model from terms per axis; an axis that is left out has no terms. InputError for bad axes or terms."""
     unknown = [axis for axis in terms if axis not in AXES]
     if unknown:
-        raise InputError(
-            f"the model names the axis '{one_line(str(unknown[0]))}': the axes are {' '.join(AXES)}"
-        )
+        raise InputError(f"the model names the axis '{one_line(str(unknown[0]))}': the axes are {' '.join(AXES)}")
     programs = []
     for axis in AXES:
         listed = terms.get(axis, ())

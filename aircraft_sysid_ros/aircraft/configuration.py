@@ -254,9 +254,7 @@ def _number(value: Any, what: str) -> float:
     return number
 
 
-def _positive(
-    data: Mapping[str, Any], key: str, default: float | None = None, what: str | None = None
-) -> float:
+def _positive(data: Mapping[str, Any], key: str, default: float | None = None, what: str | None = None) -> float:
     if default is not None and data.get(key) is None:
         return default
     number = _number(data[key], what or key)
@@ -336,9 +334,7 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
             noise = _noise(value["noise"], name, (1, 3) if of_gps else (1,))
         if of_gps and len(noise) == 1:
             noise = noise * 3
-    delay = (
-        base.delay if value.get("delay") is None else _number(value["delay"], f"the delay of sensor {name}")
-    )
+    delay = base.delay if value.get("delay") is None else _number(value["delay"], f"the delay of sensor {name}")
     least = -0.5 if member == "control_surfaces" else 0.0  # recorded commands run ahead of the surfaces
     if not least <= delay <= 2.0:
         raise InputError(f"the delay of sensor {name} must be between {least:g} and 2 s, not {delay:g}")

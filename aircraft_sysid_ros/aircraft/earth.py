@@ -41,9 +41,7 @@ def ned_axes(latitude: float, longitude: float) -> Array:
 @njit(cache=True)
 def ned_from_geodetic(latitude: float, longitude: float, altitude: float, origin: Array) -> Array:
     """Position NED, shape (3,) [m], relative to ``origin`` = (latitude, longitude [rad], altitude [m])."""
-    difference = ecef_from_geodetic(latitude, longitude, altitude) - ecef_from_geodetic(
-        origin[0], origin[1], origin[2]
-    )
+    difference = ecef_from_geodetic(latitude, longitude, altitude) - ecef_from_geodetic(origin[0], origin[1], origin[2])
     return ned_axes(origin[0], origin[1]) @ difference
 
 

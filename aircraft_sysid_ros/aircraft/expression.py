@@ -157,8 +157,77 @@ def link(programs: Sequence[Program]) -> tuple[npt.NDArray[np.float64], npt.NDAr
     return code, offsets
 
 
+def signals_read(program: Program) -> set[int]:
+    """Indices in SIGNALS of what a program reads."""
+    return {int(signal) for operation, signal in program.code if operation == _SIGNAL}
+
+
 @njit(cache=True)
-def evaluate_programs(  # noqa: C901  one flat switch is the plainest form
+def evaluate_program(  # noqa: C901  one flat switch is the plainest form
+    code: npt.NDArray[np.float64],
+    first: int,
+    last: int,
+    signals: npt.NDArray[np.float64],
+    stack: npt.NDArray[np.float64],
+) -> float:
+    """Value of the program in the rows ``first`` to ``last`` of linked code, on one row of SIGNALS.
+
+    ``stack`` (STACK_SIZE,) is working memory.
+    """
+    top = -1
+    for i in range(first, last):
+        operation = int(code[i, 0])
+        if operation == _CONSTANT:
+            top += 1
+            stack[top] = code[i, 1]
+        elif operation == _SIGNAL:
+            top += 1
+            stack[top] = signals[int(code[i, 1])]
+        elif operation == _ADD:
+            top -= 1
+            stack[top] += stack[top + 1]
+        elif operation == _SUBTRACT:
+            top -= 1
+            stack[top] -= stack[top + 1]
+        elif operation == _MULTIPLY:
+            top -= 1
+            stack[top] *= stack[top + 1]
+        elif operation == _DIVIDE:
+            top -= 1
+            divisor = stack[top + 1]
+            stack[top] = stack[top] / divisor if divisor != 0.0 else np.nan
+        elif operation == _NEGATE:
+            stack[top] = -stack[top]
+        elif operation == _POWER:
+            base, value = stack[top], stack[top]
+            for _ in range(int(code[i, 1]) - 1):
+                value *= base
+            stack[top] = value
+        elif operation == _ABS:
+            stack[top] = abs(stack[top])
+        elif operation == _SIN:
+            stack[top] = np.sin(stack[top])
+        elif operation == _COS:
+            stack[top] = np.cos(stack[top])
+        elif operation == _EXP:
+            stack[top] = np.exp(stack[top])
+        elif operation == _SQRT:
+            stack[top] = np.sqrt(stack[top]) if stack[top] >= 0.0 else np.nan
+        elif operation == _TANH:
+            stack[top] = np.tanh(stack[top])
+        elif operation == _SIGN:
+            stack[top] = np.sign(stack[top])
+        elif operation == _MAX:
+            top -= 1
+            stack[top] = np.maximum(stack[top], stack[top + 1])  # NaN of either
+        else:
+            top -= 1
+            stack[top] = np.minimum(stack[top], stack[top + 1])
+    return float(stack[0])
+
+
+@njit(cache=True)
+def evaluate_programs(
     code: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.int64],
     signals: npt.NDArray[np.float64],
@@ -167,56 +236,16 @@ def evaluate_programs(  # noqa: C901  one flat switch is the plainest form
     """Evaluate linked programs on one row of SIGNALS, into ``out`` of shape (len(offsets) - 1,)."""
     stack = np.empty(STACK_SIZE)
     for k in range(len(offsets) - 1):
-        top = -1
-        for i in range(offsets[k], offsets[k + 1]):
-            operation = int(code[i, 0])
-            if operation == _CONSTANT:
-                top += 1
-                stack[top] = code[i, 1]
-            elif operation == _SIGNAL:
-                top += 1
-                stack[top] = signals[int(code[i, 1])]
-            elif operation == _ADD:
-                top -= 1
-                stack[top] += stack[top + 1]
-            elif operation == _SUBTRACT:
-                top -= 1
-                stack[top] -= stack[top + 1]
-            elif operation == _MULTIPLY:
-                top -= 1
-                stack[top] *= stack[top + 1]
-            elif operation == _DIVIDE:
-                top -= 1
-                divisor = stack[top + 1]
-                stack[top] = stack[top] / divisor if divisor != 0.0 else np.nan
-            elif operation == _NEGATE:
-                stack[top] = -stack[top]
-            elif operation == _POWER:
-                base, value = stack[top], stack[top]
-                for _ in range(int(code[i, 1]) - 1):
-                    value *= base
-                stack[top] = value
-            elif operation == _ABS:
-                stack[top] = abs(stack[top])
-            elif operation == _SIN:
-                stack[top] = np.sin(stack[top])
-            elif operation == _COS:
-                stack[top] = np.cos(stack[top])
-            elif operation == _EXP:
-                stack[top] = np.exp(stack[top])
-            elif operation == _SQRT:
-                stack[top] = np.sqrt(stack[top]) if stack[top] >= 0.0 else np.nan
-            elif operation == _TANH:
-                stack[top] = np.tanh(stack[top])
-            elif operation == _SIGN:
-                stack[top] = np.sign(stack[top])
-            elif operation == _MAX:
-                top -= 1
-                stack[top] = np.maximum(stack[top], stack[top + 1])  # NaN of either
-            else:
-                top -= 1
-                stack[top] = np.minimum(stack[top], stack[top + 1])
-        out[k] = stack[0]
+        out[k] = evaluate_program(code, offsets[k], offsets[k + 1], signals, stack)
+
+
+@njit(cache=True)
+def reads_signal(code: npt.NDArray[np.float64], first: int, last: int, signal: int) -> bool:
+    """Whether the program in the rows ``first`` to ``last`` of linked code reads a signal."""
+    found = False
+    for i in range(first, last):
+        found = found or (int(code[i, 0]) == _SIGNAL and int(code[i, 1]) == signal)
+    return found
 
 
 @njit(cache=True)

@@ -186,6 +186,4 @@ def air_data_from_velocity(v: Array) -> tuple[float, float, float]:
 @njit(cache=True)
 def velocity_from_air_data(speed: float, alpha: float, beta: float) -> Array:
     """Air-relative body velocity (u, v, w), (3,): V (cos a cos b, sin b, sin a cos b), (37) of the two-stage paper."""
-    return np.array(
-        [speed * np.cos(alpha) * np.cos(beta), speed * np.sin(beta), speed * np.sin(alpha) * np.cos(beta)]
-    )
+    return np.array([speed * np.cos(alpha) * np.cos(beta), speed * np.sin(beta), speed * np.sin(alpha) * np.cos(beta)])

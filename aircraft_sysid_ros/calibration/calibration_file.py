@@ -101,9 +101,7 @@ def calibration_from_dict(content: Any) -> Calibration:
         _check_complete(given, name)
     if MAGNETOMETER in sections and abs(np.linalg.det(magnetic_matrix(sections[MAGNETOMETER]))) < _LEAST_SCALE**3:
         raise InputError("the parameters of the magnetometer turn different fields into one: it cannot be corrected")
-    return Calibration(
-        **sections, pressure_zeros=zeros, std=std, probe_covariance=covariance, source=dict(content)
-    )
+    return Calibration(**sections, pressure_zeros=zeros, std=std, probe_covariance=covariance, source=dict(content))
 
 
 def magnetic_matrix(parameters: Mapping[str, float]) -> Any:

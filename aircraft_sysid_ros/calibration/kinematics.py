@@ -126,9 +126,7 @@ def _extend(g: Array, f: Array, k: Array, middle: Array, acceleration: Array, st
 
 
 @njit(cache=True, nogil=True)
-def _add_slopes(
-    slope: Array, velocity: Array, c: Array, flow: Array, arm: Array, g: Array, f: Array, k: Array
-) -> None:
+def _add_slopes(slope: Array, velocity: Array, c: Array, flow: Array, arm: Array, g: Array, f: Array, k: Array) -> None:
     """Add derivatives (6, 12) at one instant: du = C'(dv + v x e) + r x db_g, and Euler angles by e."""
     ahead2 = flow[0] ** 2 + flow[2] ** 2
     ahead, speed2 = np.sqrt(ahead2), ahead2 + flow[1] ** 2

@@ -14,9 +14,9 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS
-from aircraft_sysid_ros.reconstruction.state import D_ATTITUDE, Column
+from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
+from aircraft_sysid_ros.reconstruction.state import D_ATTITUDE, StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, seconds
 from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, is_absurd
 
@@ -157,7 +157,7 @@ def series(samples: Samples, kind: Kind, epoch: int, width: int, delay: float = 
 def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
     """Smoothed navigation from IMU and GPS; InputError where the filter cannot start on them."""
     require(samples, (Kind.IMU, Kind.GPS_POSITION, Kind.GPS_VELOCITY))
-    with FlightTape() as tape:
+    with SmootherHistory() as tape:
         estimator = StateEstimator(aircraft, tape=tape)
         estimator.push(samples[np.isin(samples.kind, USED)])
         estimator.flush()
@@ -168,16 +168,16 @@ def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
             )
         rows = estimator.smooth()
         epoch = estimator.epoch
-    down = rows[:, Column.POSITION.start + 2]
+    down = rows[:, StateField.POSITION.start + 2]
     return Navigation(
         epoch,
-        rows[:, Column.TIME].copy(),
-        rows[:, Column.VELOCITY].copy(),
-        np.array([rotation_matrix(q) for q in rows[:, Column.ATTITUDE]]),
-        rows[:, Column.ANGULAR_VELOCITY].copy(),
+        rows[:, StateField.TIME].copy(),
+        rows[:, StateField.VELOCITY].copy(),
+        np.array([rotation_matrix(q) for q in rows[:, StateField.ATTITUDE]]),
+        rows[:, StateField.ANGULAR_VELOCITY].copy(),
         down[0] - down,
-        rows[:, Column.STANDARD_DEVIATIONS][:, D_ATTITUDE : D_ATTITUDE + 3].copy(),
-        rows[-1, Column.ORIGIN].copy(),
+        rows[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE : D_ATTITUDE + 3].copy(),
+        rows[-1, StateField.ORIGIN].copy(),
     )
 
 

@@ -44,7 +44,7 @@ Array = npt.NDArray[np.float64]
 #: kappa [1/rad^2], and within what it is sought; that of the firmware of the probe of Thor is 1.1.
 CURVE = ("kappa_alpha", "kappa_beta")
 LARGEST_KAPPA = 4.0
-#: Knots of a wind that changes are about so far apart [s].
+#: ImuEpochs of a wind that changes are about so far apart [s].
 KNOTS_APART = 60.0
 #: Blocks of so many seconds are left out by turns, every FOLDS-th at a time.
 BLOCK, FOLDS = 8.0, 4

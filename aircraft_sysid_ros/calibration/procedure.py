@@ -188,9 +188,7 @@ def _excited(answer: Answer) -> Mask:
         free = last
 
 
-def _two_stages(
-    task: Task, free: Mask, samples: int | Array, seed: int, progress: Progress | None
-) -> Answer:
+def _two_stages(task: Task, free: Mask, samples: int | Array, seed: int, progress: Progress | None) -> Answer:
     problem = reduced_problem(task.problem, task.nominal, free)
     stage1 = problem if task.first is None or task.first.all() else replace(problem, usable=task.first)
     drawn = _drawn(task, problem, free[task.problem.n1 :], samples, seed)
@@ -202,9 +200,7 @@ def _two_stages(
     xi[free] = np.concatenate([best.xi1, best.xi2])
     bound[free] = at_bound(problem, best.xi1, best.xi2)
     errors = task.errors(xi, best.noise, free)
-    return Answer(
-        task, xi, errors, free, bound, best.noise, judged, decision, alone, best.converged, best.reason
-    )
+    return Answer(task, xi, errors, free, bound, best.noise, judged, decision, alone, best.converged, best.reason)
 
 
 def _drawn(task: Task, problem: Problem, free2: Mask, samples: int | Array, seed: int) -> Array:

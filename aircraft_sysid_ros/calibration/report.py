@@ -86,9 +86,7 @@ class Report:
         """Residuals over time, thinned."""
         chosen = slice(None, None, max(-(-len(self.time) // MOST_POINTS), 1))
         both = (("before", self.before), ("after", self.after))
-        listed = {
-            key: {name: _short(values[chosen, i]) for i, name in enumerate(self.outputs)} for key, values in both
-        }
+        listed = {key: {name: _short(values[chosen, i]) for i, name in enumerate(self.outputs)} for key, values in both}
         return {"time": _short(self.time[chosen], 6), **listed}
 
 
@@ -195,9 +193,7 @@ def calibrate_magnetometer(
     )  # fmt: skip
 
 
-def calibrate_compatibility(
-    recording: Samples, aircraft: Aircraft, span: Span = None, **options: Any
-) -> Report:
+def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span = None, **options: Any) -> Report:
     """Data compatibility, (B4)-(B8). Residuals are in units of the outputs' noise."""
     _check_scales(aircraft)
     flight = compatibility.compatibility_flight(recording, aircraft, span)
@@ -246,4 +242,3 @@ def _report(
         title, answer, parameters, section, time, outputs, unit, before, after, segments, navigation, step, notes,
         models or [],
     )  # fmt: skip
-

@@ -11,9 +11,9 @@ from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.additions import Outcome, add
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT
 from aircraft_sysid_ros.diagnosis.versions import MODELS
+from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.report.diagnosis_figures import errors_figure
 
 FIGURE = "errors.png"
@@ -65,7 +65,8 @@ def described(run: str, outcome: Outcome, word: str) -> dict[str, Any]:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
-    lines = [f"model {result['model']} from {' '.join(result['parents'])}, held-out errors in % of the spread", ""]
+    parents = f" from {' '.join(result['parents'])}" if result["parents"] else ", that of the run"
+    lines = [f"model {result['model']}{parents}, held-out errors in % of the spread", ""]
     header = f"{'axis':<6}{'before':>8}{'after':>8}{'floor':>8}"
     lines += [header, "-" * len(header)]
     for name, errors in result["axes"].items():

@@ -68,8 +68,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help="of the samples (default: 0)")
     add("--sensitivity", type=float, nargs=2, default=(SENSITIVITY, SENSITIVITY), metavar=("KA", "KB"),
         help=f"five-hole: nominal K_alpha and K_beta [1/rad] (default: {SENSITIVITY:g})")  # fmt: skip
-    add("--curve", choices=("auto", "linear", "cubic"), default="auto",
-        help="five-hole: angles over pressure ratios; auto: what predicts left-out parts of the flight better")
+    add(
+        "--curve",
+        choices=("auto", "linear", "cubic"),
+        default="auto",
+        help="five-hole: angles over pressure ratios; auto: what predicts left-out parts of the flight better",
+    )
     add("--wind", choices=("auto", "steady", "varying"), default="auto",
         help="five-hole: one wind, or linear between knots a minute apart")  # fmt: skip
     add("--field-strength", type=float, metavar="F", help="magnetometer: strength of the earth's field here, in the "
@@ -173,9 +177,7 @@ def _report(
 def _progress(what: str) -> Iterator[Callable[[str, int, int], None]]:
     with progress_bar() as bar:
         task = bar.add_task(f"{what}: navigation", total=None)
-        yield lambda stage, done, of: bar.update(
-            task, description=f"{what}: {stage}", completed=done, total=of or None
-        )
+        yield lambda stage, done, of: bar.update(task, description=f"{what}: {stage}", completed=done, total=of or None)
 
 
 def _write(

@@ -33,9 +33,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "demo", help="a flight with a hidden effect, through ROS 2, and how it is found", description=__doc__
     )
-    parser.add_argument(
-        "--out", default="runs/demo", metavar="FOLDER", help="where results go (default: runs/demo)"
-    )
+    parser.add_argument("--out", default="runs/demo", metavar="FOLDER", help="where results go (default: runs/demo)")
     parser.add_argument("--seed", type=int, default=1, help="of the flight (default: 1)")
     parser.add_argument("--rate", type=float, default=4.0, help="speed of the playback (default: 4)")
     parser.add_argument(
@@ -86,7 +84,7 @@ def _tell(folder: Path, run_folder: Path, truth: dict[str, Any], started: float)
     from aircraft_sysid_ros.commands.demo_story import FIGURE, STORY, story_json, tell
     from aircraft_sysid_ros.report.figures import coefficients_figure, learning_figure
     from aircraft_sysid_ros.report.story_figure import story_figure
-    from aircraft_sysid_ros.run_folder import write_json
+    from aircraft_sysid_ros.run_writer import write_json
 
     _say("4/4 what the flight says of the model")
     story = tell(run_folder, lambda text: _say(f"    {text}"))

@@ -14,22 +14,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, term_label
-from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.options import parameter_table
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.additions import Outcome, add
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.replicas import COUNT
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.diagnosis.versions import Run, open_run
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.model_file import parameters_json
-from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.model_file import parameters_json
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.report.figures import load_points, nrmse
 from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.simulation.truth_files import true_values
 
 Array = npt.NDArray[np.float64]
 
@@ -114,7 +114,10 @@ def _learn(run: Run, samples: Samples) -> tuple[dict[str, float], list[dict[str,
     parts = [pipeline.push(samples)[1], pipeline.flush()[1]]
     points = np.vstack(parts)
     errors = flown_errors(
-        points[:, Point.TIME], points[:, Point.MEASURED], points[:, Point.PREDICTED], points[:, Point.VALID] > 0.0
+        points[:, CoefficientSample.TIME],
+        points[:, CoefficientSample.MEASURED],
+        points[:, CoefficientSample.PREDICTED],
+        points[:, CoefficientSample.VALID] > 0.0,
     )
     return errors, parameters_json(pipeline.parameters)["parameters"]
 
@@ -172,15 +175,6 @@ def _verdict(diagnosis: Mapping[str, Any]) -> Iterator[str]:
 
 def _symbol(axis: str) -> str:
     return f"C_{axis[1]}"
-
-
-def true_values(truth: Mapping[str, Any]) -> dict[str, float]:
-    """True parameters by name from truth.json: those of the model and the terms of what was hidden."""
-    values = dict(truth["coefficients"])
-    for term in (term for effect in truth["hidden"] for term in effect["terms"]):
-        name = f"{term['axis']}_{term_label(parse_expression(term['expression']).text)}"
-        values[name] = values.get(name, 0.0) + term["value"]
-    return values
 
 
 def story_json(story: Story, truth: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,12 +8,12 @@ from typing import Any
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.replicas import COUNT
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.diagnosis.versions import open_run
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.run_folder import write_json
+from aircraft_sysid_ros.run_reader import DIAGNOSIS
+from aircraft_sysid_ros.run_writer import write_json
 
-RESULT = "diagnosis.json"
 FEWEST, MOST = 2, 50
 HEADLINES = {
     "none": "nothing is missing", "missing": "an effect is missing", "unexplained": "something is unexplained",
@@ -48,9 +48,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             replicas=args.replicas,
             progress=lambda what, share: progress.update(task, description=what, completed=share),
         ).json
-    result = {"model": opened.current.identifier, **result, "file": str(opened.path / RESULT)}
+    result = {"model": opened.current.identifier, **result, "file": str(opened.path / DIAGNOSIS)}
     try:
-        write_json(opened.path / RESULT, result)
+        write_json(opened.path / DIAGNOSIS, result)
     except OSError:  # the answer is worth more than its copy
         result["file"] = None
     return result
@@ -76,7 +76,7 @@ def _about(candidate: dict[str, Any]) -> list[str]:
     if candidate["name"] != candidate["label"]:
         lines.append(f"    {candidate['name']}. {candidate['physics']}")
     if candidate["expression"] and candidate["expression"] != candidate["label"]:
-        lines.append(f"    to add: \"{candidate['expression']}\"")
+        lines.append(f'    to add: "{candidate["expression"]}"')
     lines.append(f"    where: {candidate['where']}")
     if candidate["confounded_with"]:
         lines.append(f"    this flight cannot tell it from {', '.join(candidate['confounded_with'])}")

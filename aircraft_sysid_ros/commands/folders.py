@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.run_files import AIRCRAFT, CALIBRATION, not_a_run
+from aircraft_sysid_ros.run_reader import AIRCRAFT, CALIBRATION, not_a_run
 from aircraft_sysid_ros.workbench.calibration_view import RESULT, is_calibration
 
 

@@ -22,12 +22,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "import", help="a log of another program to a recording", description=__doc__
     )
-    parser.add_argument(
-        "log", metavar="LOG", help=f"{' '.join(KINDS)} file, or a bag of MAVROS topics or px4_msgs"
-    )
-    parser.add_argument(
-        "--out", required=True, metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap"
-    )
+    parser.add_argument("log", metavar="LOG", help=f"{' '.join(KINDS)} file, or a bag of MAVROS topics or px4_msgs")
+    parser.add_argument("--out", required=True, metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap")
     parser.add_argument(
         "--calibration",
         metavar="FILE",

@@ -23,7 +23,7 @@ from aircraft_sysid_ros.commands.replay import why_no_start
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.installation import missing_ros
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
-from aircraft_sysid_ros.run_folder import RunWriter, state_json
+from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -35,21 +35,15 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("--out", metavar="RUN", help="folder to write at the end")
     parser.add_argument("--calibration", metavar="FILE", help="calibration file of `calibrate`: sensors are corrected")
     parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
-    parser.add_argument(
-        "--namespace", default="", metavar="NS", help="namespace of the nodes and their topics"
-    )
-    parser.add_argument(
-        "--reliable", action="store_true", help="ask publishers for every sample, as of a playback"
-    )
+    parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the nodes and their topics")
+    parser.add_argument("--reliable", action="store_true", help="ask publishers for every sample, as of a playback")
     parser.add_argument(
         "--until-idle",
         type=float,
         metavar="S",
         help="end when no sample came for S seconds after the first (default: run until Ctrl-C)",
     )
-    parser.add_argument(
-        "--ready-file", metavar="FILE", help="file to create when the nodes listen, for scripts"
-    )
+    parser.add_argument("--ready-file", metavar="FILE", help="file to create when the nodes listen, for scripts")
     add_estimator_options(parser)
     return parser
 
@@ -184,9 +178,7 @@ def _why_no_state(state: Any) -> str:
     return f"no state was estimated from {count} messages: {why_no_start(state.estimator)}"
 
 
-def _result(
-    args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float
-) -> dict[str, Any]:
+def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float) -> dict[str, Any]:
     if state.estimator is None or parameters.estimator is None:
         raise InputError("a node was cleaned up from outside: nothing is left of the flight")
     if state.estimator.last_row is None:
@@ -205,7 +197,7 @@ def _result(
         "notes": [note for note in told if note],
     }
     if writer is None:
-        from aircraft_sysid_ros.modelling.model_file import parameters_json
+        from aircraft_sysid_ros.identification.model_file import parameters_json
 
         elapsed = time.perf_counter() - started
         timing = {"duration": flight_time, "realtime_factor": flight_time / elapsed}

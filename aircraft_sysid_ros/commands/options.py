@@ -6,8 +6,9 @@ import argparse
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.parameter_estimator import LEARNERS, ParameterOptions
-from aircraft_sysid_ros.reconstruction.state_estimator import StateOptions
+from aircraft_sysid_ros.identification.estimators.by_name import ESTIMATORS
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 
 
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +30,7 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--estimator",
-        choices=tuple(LEARNERS),
+        choices=tuple(ESTIMATORS),
         default=parameters.estimator,
         help="whose parameters are the result: rls, recursive least squares in the time domain (default); fourier, "
         "equation error in the frequency domain; rml, recursive maximum likelihood",

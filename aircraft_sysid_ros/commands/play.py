@@ -21,8 +21,8 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import missing_ros
 from aircraft_sysid_ros.recordings.playback import Schedule, every
 from aircraft_sysid_ros.recordings.raw_messages import RawMessages
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
 from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 BEST_EFFORT_DEPTH = 100
 #: How long [s] to wait at a time for subscribers that are behind.
@@ -76,16 +76,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
         raise missing_ros(error) from None
-    rclpy.init(
-        signal_handler_options=SignalHandlerOptions.NO
-    )  # Ctrl-C then ends the loop, not the context under it
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C then ends the loop, not the context under it
     try:
         node = rclpy.create_node("player")
         publishers, unknown = _publishers(node, raw, selected, args)
         if not publishers:
-            raise InputError(
-                f"no message type of {args.recording} is installed: {', '.join(unknown.values())}"
-            )
+            raise InputError(f"no message type of {args.recording} is installed: {', '.join(unknown.values())}")
         _wait_for_subscribers(publishers, args.wait)
         played = _play(raw, publishers, args)
         return {"recording": str(args.recording), **played, "not_played": unknown, "notes": list(raw.notes)}
@@ -110,9 +106,7 @@ def _selected(raw: RawMessages, args: argparse.Namespace) -> dict[int, str]:
     names = {key: "/" + channel.topic.strip("/") for key, channel in raw.channels.items()}
     missing = (wanted or set()) - set(names.values())
     if missing:
-        raise InputError(
-            f"the recording {args.recording} has no {sorted(missing)[0]}: it holds {raw.topic_names()}"
-        )
+        raise InputError(f"the recording {args.recording} has no {sorted(missing)[0]}: it holds {raw.topic_names()}")
     prefix = "/" + args.topic_prefix.strip("/") if args.topic_prefix.strip("/") else ""
     return {key: prefix + name for key, name in names.items() if wanted is None or name in wanted}
 

@@ -27,15 +27,16 @@ from aircraft_sysid_ros.commands.options import (
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.flight_data import SHORTEST as SHORTEST_FLIGHT
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.regression import Point
-from aircraft_sysid_ros.modelling.trust import Trust, check_bounds
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.physical_bounds import check_bounds
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
-from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
+from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
-from aircraft_sysid_ros.run_folder import RunWriter
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -92,7 +93,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     pipeline = Pipeline(aircraft, *options)
     if correction is not None and args.air_data_errors:
         pipeline.state.take_start(start_of_calibration(correction.calibration))
-    with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer, FlightTape() as tape:
+    with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer, SmootherHistory() as tape:
         pipeline.warm_up()
         if args.smooth:
             warm_up(aircraft, smoother=True)
@@ -152,8 +153,8 @@ def feed(
         for rows, points in results:
             writer.add_rows(rows)
             writer.add_points(points)
-            if len(points) and points[-1, Point.TIME] >= due:
-                due = points[-1, Point.TIME] + PARAMETERS_PERIOD
+            if len(points) and points[-1, CoefficientSample.TIME] >= due:
+                due = points[-1, CoefficientSample.TIME] + PARAMETERS_PERIOD
                 writer.add_parameters(pipeline.parameters.snapshot(), pipeline.parameters.model_error())
     writer.add_parameters(pipeline.parameters.snapshot(), pipeline.parameters.model_error())
 
@@ -171,9 +172,7 @@ def forward(
     yield pipeline.flush()
 
 
-def smoothed(
-    pipeline: Pipeline, blocks: list[Samples], watched: Iterable[Samples]
-) -> Iterator[tuple[Array, Array]]:
+def smoothed(pipeline: Pipeline, blocks: list[Samples], watched: Iterable[Samples]) -> Iterator[tuple[Array, Array]]:
     """New rows and points, where the second step follows on the first over the whole flight, there and back.
 
     It meets samples and states in the same portions as in ``forward``. ``watched``: the blocks for the first step.
@@ -207,13 +206,13 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
     if pipeline.state.order.counts.restarts:
         found.append(f"the clock of the recording leapt {pipeline.state.order.counts.restarts} times")
-    for axis, when, count in pipeline.parameters.changes.alarms():
+    for axis, when, count in pipeline.parameters.learning.changes.alarms():
         again = f" ({count} times)" * (count > 1)
         found.append(f"{axis} changed at {when:.1f} s of flight and was learnt anew{again}")
-    holds = pipeline.parameters.gates.summary()
+    holds = pipeline.parameters.learning.integrity.summary()
     if times := holds["holds"]:
         newest = f"; at the end {holds['held']}" if holds["held"] else ""
-        found.append(f"parameters of an axis were held {times} times, see docs/trust.md{newest}")
+        found.append(f"parameters of an axis were held {times} time{'s' * (times > 1)}, see docs/trust.md{newest}")
     if pipeline.state.realignments:
         times = pipeline.state.realignments
         found.append(f"the filter aligned anew {times} times after gaps or contradictions")
@@ -306,4 +305,3 @@ def render(result: dict[str, Any]) -> str:
     lines.append(f"{state['duration']:.1f} s of flight, {state['realtime_factor']:.0f} times real time")
     lines.append(f"run {result['run']}")
     return "\n".join(lines)
-

@@ -12,15 +12,15 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, DURATION, calibration_flight
 from aircraft_sysid_ros.simulation.calibration_plan import CALIBRATION
 from aircraft_sysid_ros.simulation.dynamics import Effect, trim_airspeed_of
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden
 from aircraft_sysid_ros.simulation.jsbsim_flight import DEFAULT_MODEL, MODELS
 from aircraft_sysid_ros.simulation.jsbsim_hidden import prepared
-from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import (
     DEFAULT_WIND,
     LONGEST,
@@ -65,9 +65,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         default="none",
         help="Dryden, MIL-F-8785C at low altitude",
     )
-    add(
-        "--noise-scale", type=float, default=1.0, help="on the sensor noise of the aircraft file (default: 1)"
-    )
+    add("--noise-scale", type=float, default=1.0, help="on the sensor noise of the aircraft file (default: 1)")
     add("--attitude", action="store_true", help="the IMU sends an orientation")
     add("--magnetometer", action="store_true", help="record imu/mag")
     add("--five-hole-probe", action="store_true", help="record the raw pressures of a probe")

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.trust import Trust, physical_bounds
+from aircraft_sysid_ros.identification.physical_bounds import physical_bounds
+from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
 

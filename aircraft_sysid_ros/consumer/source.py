@@ -36,7 +36,7 @@ from aircraft_sysid_ros.consumer.condition_table import ConditionTable
 from aircraft_sysid_ros.consumer.sender import NANOSECONDS, Sender
 from aircraft_sysid_ros.consumer.snapshot import Condition, Snapshot, snapshot_of
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -107,9 +107,7 @@ class Values:
         if name not in self.names:
             raise KeyError(f"no parameter {name}: the source was made for {' '.join(self.names)}")
         i = self.names.index(name)
-        return Answer(
-            name, float(self.values[i]), float(self.std[i]), Origin(int(self.origin[i])), self.reasons[i]
-        )
+        return Answer(name, float(self.values[i]), float(self.std[i]), Origin(int(self.origin[i])), self.reasons[i])
 
 
 def priors_of(coefficients: Mapping[str, float], share: float = 0.25, least: float = 0.01) -> dict[str, Prior]:

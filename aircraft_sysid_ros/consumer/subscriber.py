@@ -9,7 +9,7 @@ from aircraft_sysid_msgs.msg import Parameters
 
 from aircraft_sysid_ros.consumer.snapshot import Condition
 from aircraft_sysid_ros.consumer.source import ParameterSource
-from aircraft_sysid_ros.recordings.ros_conversion import nanoseconds_of
+from aircraft_sysid_ros.ros_messages.conversion import nanoseconds_of
 
 TOPIC = "parameter_estimator/parameters"
 _LIMITS = ("airspeed_min", "airspeed_max", "alpha_min", "alpha_max", "beta_min", "beta_max")

@@ -16,8 +16,6 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, one_line, parse_expression
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
-from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.fit import AxisFit, fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.measurement import (
@@ -27,17 +25,19 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     stretch_of,
     try_setting,
 )
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import worker_pool
 from aircraft_sysid_ros.diagnosis.reconstruction import (
     as_flown,
-    as_noisy_as,
+    fit_sensor_noise,
     log_likelihood,
     reconstruct,
 )
-from aircraft_sysid_ros.diagnosis.replicas import worker_pool
-from aircraft_sysid_ros.diagnosis.search import Bench, new_terms, undetermined
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, new_terms, undetermined
 from aircraft_sysid_ros.diagnosis.versions import Change, Run, Version, changing, open_run, version_with, write_version
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.trust import Evidence, TrustRules, judge
+from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -165,7 +165,7 @@ def missing_signals(flight: FlightData, *texts: str) -> list[str]:
 
 def _of_effect(flight: FlightData, effect: Effect) -> Change:
     missing = [name for name in SIGNALS if name in effect.signals and not np.isfinite(flight.signal(name)).any()]
-    trial = None if missing else Bench(flight).best_of(effect)
+    trial = None if missing else CandidateEvaluator(flight).best_of(effect)
     if trial is None:
         raise InputError(
             f"'{effect.identifier}' needs {' and '.join(missing) or 'signals'}, which this flight does not have"
@@ -212,7 +212,7 @@ def _gust_jobs(aircraft: Aircraft, samples: Samples, effect: Effect) -> Iterator
     """The random walk of the wind, which ``diagnose`` leaves to the filter; a user may ask for it."""
     for variant in effect.variants:
         if variant.setting[0] == "process_noise":
-            flight = reconstruct(as_noisy_as(aircraft, samples), samples, with_covariance=False)
+            flight = reconstruct(fit_sensor_noise(aircraft, samples), samples, with_covariance=False)
             stretch = stretch_of(flight)
             yield flight, stretch, effect, variant, effect.inner[0], log_likelihood(flight.aircraft, stretch), True
 

@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.diagnosis.effect import Effect, Inner, Variant, fill, placeholders
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, fill, placeholders
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -78,17 +78,13 @@ def candidates_of(effect: Effect, data: FlightData, base: Mapping[str, str]) -> 
             yield with_inner(effect, variant, dict(zip(names, values, strict=True)), base)
 
 
-def with_inner(
-    effect: Effect, variant: Variant, values: Mapping[str, float], base: Mapping[str, str]
-) -> Candidate:
+def with_inner(effect: Effect, variant: Variant, values: Mapping[str, float], base: Mapping[str, str]) -> Candidate:
     """One candidate with these inner numbers."""
-    terms = {
-        axis: tuple(fill(term, {**base, **values}) for term in texts) for axis, texts in variant.terms.items()
-    }
+    terms = {axis: tuple(fill(term, {**base, **values}) for term in texts) for axis, texts in variant.terms.items()}
     return Candidate(effect, variant.name, tuple(values.items()), terms)
 
 
-def limits(number: Inner, data: FlightData) -> tuple[float, float]:
+def limits(number: ShapeParameter, data: FlightData) -> tuple[float, float]:
     """Lowest and highest value of an inner number that this flight can tell."""
     if number.signal is None:
         return number.low, number.high
@@ -100,7 +96,7 @@ def limits(number: Inner, data: FlightData) -> tuple[float, float]:
     return bottom + number.low * (top - bottom), bottom + number.high * (top - bottom)
 
 
-def grid(number: Inner, data: FlightData) -> Array:
+def grid(number: ShapeParameter, data: FlightData) -> Array:
     """Values of an inner number that are tried first."""
     return np.linspace(*limits(number, data), number.count)
 

@@ -17,12 +17,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.diagnosis.effect import Effect
 from aircraft_sysid_ros.diagnosis.fit import Gain
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.replicas import Replica
-from aircraft_sysid_ros.diagnosis.search import Bench, Trial, expressions, log_ratio, new_terms, size_of
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import Replica
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, expressions, log_ratio, new_terms, size_of
 from aircraft_sysid_ros.diagnosis.sudden_change import sudden_change
+from aircraft_sysid_ros.effects.effect import Effect
 
 Array = npt.NDArray[np.float64]
 
@@ -56,7 +56,7 @@ NONE, MISSING, UNEXPLAINED = "none", "missing", "unexplained"
 class Finding:
     """A significant candidate, with its evidence."""
 
-    trial: Trial
+    trial: Score
     flight: FlightData = field(repr=False)  # under the model that lacks it: with what was found before
     excess: float  # of the score over that in replicas
     evidence: float  # the same in standard deviations over replicas
@@ -76,7 +76,7 @@ class Diagnosis:
     floor: Mapping[str, float]  # held-out NRMSE by axis that the flight would have if nothing were missing
     tried: int
     replicas: int
-    bench: Bench = field(repr=False)  # the flight with what was found in the model
+    bench: CandidateEvaluator = field(repr=False)  # the flight with what was found in the model
 
 
 @dataclass(frozen=True)
@@ -104,13 +104,13 @@ class Null:
 
 
 def diagnose(
-    bench: Bench,
+    bench: CandidateEvaluator,
     replicas: Sequence[Replica],
     library: Sequence[Effect],
     progress: Callable[[float], None] = lambda share: None,
 ) -> Diagnosis:
     """Diagnose one flight with replicas of it; ``progress`` hears shares from 0 to 1."""
-    empty = [Bench(replica.data) for replica in replicas]
+    empty = [CandidateEvaluator(replica.data) for replica in replicas]
     floor = {
         axis: float(np.mean([other.fits[axis].nrmse_held_out for other in empty if axis in other.fits]))
         for axis in bench.fits
@@ -158,8 +158,8 @@ class _Round:
 
     def __init__(
         self,
-        bench: Bench,
-        empty: Sequence[Bench],
+        bench: CandidateEvaluator,
+        empty: Sequence[CandidateEvaluator],
         null: Null,
         library: Sequence[Effect],
         progress: Callable[[float], None],
@@ -168,14 +168,14 @@ class _Round:
         self.bench, self.empty, self.null = bench, empty, null
         changed = {axis for axis, fit in bench.fits.items() if last is None or fit is not last.bench.fits[axis]}
         tried = {} if last is None else {t.candidate.family: t for t in (*last.trials, *last.outside)}
-        self.trials: list[Trial] = []
+        self.trials: list[Score] = []
         for i, effect in enumerate(library):
             progress(0.7 * i / len(library))
             again = changed & {*effect.axes, *effect.reads} or effect.identifier not in tried
             trial = bench.best_of(effect) if again else tried[effect.identifier]
             if trial is not None:
                 self.trials.append(trial)
-        self.outside: list[Trial] = []
+        self.outside: list[Score] = []
         for candidate in expressions(bench.data):
             again = changed & set(candidate.terms) or candidate.family not in tried
             trial = bench.trial(candidate) if again else tried[candidate.family]
@@ -197,7 +197,7 @@ class _Round:
             significant.insert(0, outside)
         return [self._with_company(f, significant) for f in significant]
 
-    def _test(self, trial: Trial) -> Finding:
+    def _test(self, trial: Score) -> Finding:
         excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score, len(self.trials))
         gain = trial.gains[trial.main_axis]
         return Finding(trial, self.bench.data, excess, evidence, p_value, size_of(gain), blocks=_blocks(trial))
@@ -212,7 +212,7 @@ class _Round:
                     return finding
         return None
 
-    def _rivals(self, best: Finding | None, first: bool) -> Iterator[Trial]:
+    def _rivals(self, best: Finding | None, first: bool) -> Iterator[Score]:
         """The best expression of each axis and, where an effect would be named first, the best change at one moment."""
         for axis in self.bench.fits:
             trials = [t for t in self.outside if axis in t.gains]
@@ -223,7 +223,7 @@ class _Round:
             if change is not None:
                 yield change
 
-    def _test_outside(self, trial: Trial) -> Finding:
+    def _test_outside(self, trial: Score) -> Finding:
         others = [t for t in (other.trial(trial.candidate) for other in self.empty) if t is not None]
         null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
         excess, evidence, p_value = null.test(trial.candidate.family, trial.score, len(self.outside))
@@ -245,7 +245,7 @@ class _Round:
         return replace(finding, confounded_with=tuple(names))
 
 
-def explains_more(outside: Trial, inside: Trial) -> bool:
+def explains_more(outside: Score, inside: Score) -> bool:
     """An expression explains clearly more than an effect: in some axis where it has size, and in all."""
     if outside.score <= inside.score + max(PREFERENCE, PREFERENCE_SHARE * inside.score):
         return False
@@ -276,7 +276,7 @@ def _correlation(a: Array, b: Array) -> float:
     return abs(float(np.sum(a * b))) / size if size > 0.0 else 0.0
 
 
-def _blocks(trial: Trial) -> tuple[int, ...]:
+def _blocks(trial: Score) -> tuple[int, ...]:
     """Blocks that hold most of what a candidate explains, in order of time."""
     gain = trial.gains[trial.main_axis]
     explained = gain.before - gain.after

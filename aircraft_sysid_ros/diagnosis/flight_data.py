@@ -14,7 +14,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_rows, link
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.run_files import UNREADABLE, not_a_run, read_points
+from aircraft_sysid_ros.run_reader import UNREADABLE, not_a_run, read_points
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

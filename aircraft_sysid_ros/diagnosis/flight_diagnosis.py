@@ -1,6 +1,6 @@
 """The diagnosis of one flight from its samples: measurement first, then forces and moments.
 
-    samples → settings that the first step's likelihood prefers → reconstruction → replicas → diagnose → findings
+samples → settings that the first step's likelihood prefers → reconstruction → replicas → diagnose → findings
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from aircraft_sysid_ros.diagnosis.diagnose import (
     Finding,
     diagnose,
 )
-from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect, with_setting
-from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.diagnosis.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.fit import fit_axis, held_out_error
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
 from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.reconstruction import (
     Reconstruction,
     reconstruct_as_flown,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.replicas import COUNT, Replica, replicas_of
-from aircraft_sysid_ros.diagnosis.search import Bench, errors_of, new_terms
-from aircraft_sysid_ros.diagnosis.where import unusual
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, errors_of, new_terms
+from aircraft_sysid_ros.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Samples
 
@@ -197,7 +197,7 @@ def diagnose_flight(
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
     if len(repeated) < 2:
         raise InputError("no stretch of this flight is long enough to be diagnosed: 20 s in flight without a gap are")
-    result = diagnose(Bench(data), repeated, others, lambda share: progress("try the library", share))
+    result = diagnose(CandidateEvaluator(data), repeated, others, lambda share: progress("try the library", share))
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
 
 

@@ -44,15 +44,15 @@ from aircraft_sysid_ros.diagnosis.diagnose import (
     UNEXPLAINED,
     explained,
 )
-from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT, Effect
-from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.diagnosis.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, SHORTEST, FlightData
 from aircraft_sysid_ros.diagnosis.reconstruction import SETTLED
-from aircraft_sysid_ros.diagnosis.search import Bench, Trial, errors_of, expressions, new_terms
-from aircraft_sysid_ros.diagnosis.where import unusual
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, errors_of, expressions, new_terms
+from aircraft_sysid_ros.effects import BY_ID, LIBRARY
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.point_memory import Kept, PointMemory
+from aircraft_sysid_ros.identification.flight_memory import RememberedSamples, SampleMemory
 
 Array = npt.NDArray[np.float64]
 Terms = Mapping[str, tuple[str, ...]]
@@ -86,7 +86,7 @@ class LiveFlight:
 class LiveFinding:
     """A significant candidate in one window."""
 
-    trial: Trial
+    trial: Score
     axis: str  # where it explains most of those in which it passes
     score: float  # over the axes in which it passes
     p_value: float
@@ -120,7 +120,7 @@ class LiveDiagnosis:
 # -- what is kept, as the fits read it ----------------------------------------------------------------------------
 
 
-def windows(aircraft: Aircraft, memory: PointMemory, step: float) -> list[LiveFlight]:
+def windows(aircraft: Aircraft, memory: SampleMemory, step: float) -> list[LiveFlight]:
     """The windows that are long enough: the flight, and its newest part where that is less than the flight."""
     kept, newest = memory.flight(), memory.newest(SLIDING)
     made = [live_flight(aircraft, kept, step, "the flight")]
@@ -129,7 +129,7 @@ def windows(aircraft: Aircraft, memory: PointMemory, step: float) -> list[LiveFl
     return [flight for flight in made if flight is not None and np.ptp(flight.data.time) >= LEAST]
 
 
-def live_flight(aircraft: Aircraft, kept: Kept, step: float, window: str) -> LiveFlight | None:
+def live_flight(aircraft: Aircraft, kept: RememberedSamples, step: float, window: str) -> LiveFlight | None:
     """Points from when the reconstruction has settled, thinned; None where they are less than SHORTEST."""
     since_start = kept.signals[:, SIGNAL_INDEX["time"]]
     usual = np.nanmedian(kept.air_velocity_std) if len(since_start) else np.nan
@@ -194,7 +194,7 @@ def wald(flight: LiveFlight, fit: AxisFit, columns: Array) -> tuple[float, int]:
     return float(np.sum(along[kept] ** 2 / values[kept])), int(kept.sum())
 
 
-def _finding(flight: LiveFlight, bench: Bench, trial: Trial, tried: int) -> LiveFinding | None:
+def _finding(flight: LiveFlight, bench: CandidateEvaluator, trial: Score, tried: int) -> LiveFinding | None:
     """The finding where a candidate has size and significance in an axis."""
     from scipy.stats import chi2
 
@@ -236,7 +236,7 @@ def diagnose_live(flights: Sequence[LiveFlight], library: Sequence[Effect] = LIB
 def search(flight: LiveFlight, library: Sequence[Effect]) -> list[LiveFinding]:
     """Significant candidates of a window, best first."""
     try:
-        bench = Bench(flight.data)
+        bench = CandidateEvaluator(flight.data)
     except InputError:
         return []
     effects = [effect for effect in library if effect.kind != MEASUREMENT]
@@ -266,7 +266,7 @@ def reads(candidate: Candidate, signals: Collection[str]) -> bool:
     return bool(model_from_terms(candidate.terms).signals_used & set(signals))
 
 
-def _company(bench: Bench, finding: LiveFinding, others: Sequence[LiveFinding]) -> tuple[str, ...]:
+def _company(bench: CandidateEvaluator, finding: LiveFinding, others: Sequence[LiveFinding]) -> tuple[str, ...]:
     """Candidates that this window cannot tell from a finding."""
     own, names = bench.contribution(finding.trial, finding.axis), []
     for other in others:
@@ -281,7 +281,7 @@ def _company(bench: Bench, finding: LiveFinding, others: Sequence[LiveFinding]) 
 # -- in words -----------------------------------------------------------------------------------------------------
 
 
-def _where(data: FlightData, trial: Trial, axis: str, window: str) -> str:
+def _where(data: FlightData, trial: Score, axis: str, window: str) -> str:
     """Where in time most of the evidence lies, and what sets those stretches apart."""
     gain = trial.gains[axis]
     falls = np.maximum(gain.before - gain.after, 0.0)
@@ -338,7 +338,7 @@ def requested(text: str) -> Effect | Terms:
     return parsed
 
 
-def check_signals(terms: Terms, kept: Kept) -> None:
+def check_signals(terms: Terms, kept: RememberedSamples) -> None:
     """Raises InputError where a term reads a signal that the flight does not have: its axis would stop to learn."""
     used = model_from_terms(terms).signals_used
     missing = [name for i, name in enumerate(SIGNALS) if name in used and not np.isfinite(kept.signals[:, i]).any()]
@@ -357,7 +357,7 @@ def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Terms:
         raise InputError(f"'{effect.identifier}' is fitted to the flight: less than {SHORTEST:g} s of it are settled")
     data = flight.data
     missing = [name for name in SIGNALS if name in effect.signals and not np.isfinite(data.signal(name)).any()]
-    trial = None if missing else Bench(data).best_of(effect)
+    trial = None if missing else CandidateEvaluator(data).best_of(effect)
     if trial is None:
         needed = " and ".join(missing) or "signals"
         raise InputError(f"'{effect.identifier}' needs {needed}, which this flight does not have")

@@ -19,12 +19,12 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GROUPS, Aircraft
-from aircraft_sysid_ros.diagnosis.effect import Effect, Inner, Variant, with_setting
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import worker_pool
 from aircraft_sysid_ros.diagnosis.reconstruction import AIR_DATA, Reconstruction, flight_data_of, log_likelihood
-from aircraft_sysid_ros.diagnosis.replicas import worker_pool
+from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
+from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -93,7 +93,7 @@ def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:
     return float(getattr(aircraft.sensors[name], setting[2]))
 
 
-Job = tuple[Reconstruction, Samples, Effect, Variant, Inner, float, bool]
+Job = tuple[Reconstruction, Samples, Effect, Variant, ShapeParameter, float, bool]
 
 
 def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> Iterator[Job]:
@@ -189,7 +189,7 @@ def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float, flo
 
 def control_score(flight: Reconstruction, aircraft: Aircraft) -> float:
     """Minus the sum over axes of ln(held-out sum of squares) of the second step with another delay of the controls."""
-    parameters = ParameterEstimator(aircraft)
+    parameters = Identifier(aircraft)
     parameters.push_samples(flight.samples, flight.epoch)
     points = np.vstack([parameters.push_states(flight.rows, flight.epoch), parameters.flush()])
     data, total = flight_data_of(aircraft, points), 0.0

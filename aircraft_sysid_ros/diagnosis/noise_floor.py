@@ -29,9 +29,10 @@ from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, Program
 from aircraft_sysid_ros.diagnosis.fit import Fit
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.estimation.window_average import window_average
-from aircraft_sysid_ros.modelling.body import body_of
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
-from aircraft_sysid_ros.modelling.regression import FORCE, QBAR, RATE, SIGNAL, measured_coefficients
+from aircraft_sysid_ros.identification.coefficients.body import body_of
+from aircraft_sysid_ros.identification.coefficients.evaluation import measured_coefficients
+from aircraft_sysid_ros.identification.coefficients.layout import FORCE, QBAR, RATE, SIGNAL
+from aircraft_sysid_ros.identification.options import ParameterOptions
 
 Array = npt.NDArray[np.float64]
 

@@ -14,14 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.effect import with_setting
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator
-from aircraft_sysid_ros.modelling.regression import Point
-from aircraft_sysid_ros.modelling.sensor_signs import LONGEST_GAP
-from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
-from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_GAP
+from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
+from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
@@ -53,7 +53,7 @@ _MEASURED_NOISE = {
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """Smoothed states of a flight, rows (n, Column.WIDTH), and the points (m, …) of ``Point`` made of them."""
+    """Smoothed states of a flight (n, StateField.WIDTH) and what is made of them: (m, …) of ``CoefficientSample``."""
 
     aircraft: Aircraft
     samples: Samples
@@ -74,9 +74,9 @@ def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = Tr
 
     Without the covariance of the smoother it is faster, and standard deviations are those of the filter.
     """
-    tape = FlightTape()
-    state, parameters = StateEstimator(aircraft, tape=tape), ParameterEstimator(aircraft)
-    filtered = [rows[:, Column.AIR_VELOCITY_STD].copy() for rows in (state.push(samples), state.flush())]
+    tape = SmootherHistory()
+    state, parameters = StateEstimator(aircraft, tape=tape), Identifier(aircraft)
+    filtered = [rows[:, StateField.AIR_VELOCITY_STD].copy() for rows in (state.push(samples), state.flush())]
     if state.epoch is None or not state.has_been_aligned:
         raise InputError("the filter does not start on the samples of this flight: replay says why")
     rows = np.array(state.smooth(with_covariance))
@@ -86,7 +86,7 @@ def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = Tr
     return Reconstruction(aircraft, samples, rows, state.epoch, np.vstack(points), gusts, np.concatenate(filtered))
 
 
-def as_noisy_as(aircraft: Aircraft, samples: Samples) -> Aircraft:
+def fit_sensor_noise(aircraft: Aircraft, samples: Samples) -> Aircraft:
     """The aircraft with the noise that IMU and air data really have in a recording, within NOISE_RANGE of its file.
 
     From third differences, (1, -3, 3, -1) with the sum of squares 20: what changes from sample to sample is noise and
@@ -133,7 +133,7 @@ def _filtered(aircraft: Aircraft, samples: Samples) -> tuple[float, float]:
 
 def as_flown(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
     """The aircraft with the noise and the gusts of a recording, and whether it is calm."""
-    return in_its_gusts(as_noisy_as(aircraft, samples), samples)
+    return fit_wind_noise(fit_sensor_noise(aircraft, samples), samples)
 
 
 def reconstruct_as_flown(
@@ -144,7 +144,7 @@ def reconstruct_as_flown(
     return reconstruct(flown, samples, with_covariance), calm
 
 
-def in_its_gusts(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
+def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
     """The aircraft with the random walk of the wind under which innovations are likeliest, and whether it is calm.
 
     Calm: no gusts beyond CALM and beyond what the aircraft file says of the wind. The filter in flight follows gusts
@@ -166,11 +166,13 @@ def in_its_gusts(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
 
 
 def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:
-    """FlightData of points (m, …) of ``Point``."""
-    time = points[:, Point.TIME]
+    """FlightData of points (m, …) of ``CoefficientSample``."""
+    time = points[:, CoefficientSample.TIME]
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
     begin = time[0] if len(time) else 0.0
-    return FlightData(aircraft, time - begin, points[:, Point.MEASURED], points[:, Point.SIGNALS], step)
+    return FlightData(
+        aircraft, time - begin, points[:, CoefficientSample.MEASURED], points[:, CoefficientSample.SIGNALS], step
+    )
 
 
 def settled_flight(made: Reconstruction) -> FlightData:
@@ -179,8 +181,8 @@ def settled_flight(made: Reconstruction) -> FlightData:
     It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is.
     """
     std = made.filter_std
-    settled = made.rows[int(np.argmax(std < SETTLED * float(np.nanmedian(std)))), Column.TIME]
-    times = made.points[:, Point.TIME]
+    settled = made.rows[int(np.argmax(std < SETTLED * float(np.nanmedian(std)))), StateField.TIME]
+    times = made.points[:, CoefficientSample.TIME]
     keep = times >= settled
     for begin, end in given_up(made.rows):
         keep &= (times < begin) | (times > end)
@@ -190,25 +192,25 @@ def settled_flight(made: Reconstruction) -> FlightData:
         time=data.time[keep],
         measured=data.measured[keep],
         signals=data.signals[keep],
-        air_velocity_std=float(np.nanmedian(made.rows[:, Column.AIR_VELOCITY_STD])),
+        air_velocity_std=float(np.nanmedian(made.rows[:, StateField.AIR_VELOCITY_STD])),
         smoothed=True,
     )
 
 
 def given_up(rows: Array) -> list[tuple[float, float]]:
     """Times [s], from and to, that end where the filter rejected its GPS until it began anew: its state was wrong."""
-    time, stretches = rows[:, Column.TIME], []
+    time, stretches = rows[:, StateField.TIME], []
     for last in np.flatnonzero(np.diff(time) > LONGEST_GAP).tolist():
         lately = np.flatnonzero(time[: last + 1] > time[last] - _REJECTING)
-        if np.ptp(rows[lately, Column.REJECTED]) > _MOST_REJECTED:
+        if np.ptp(rows[lately, StateField.REJECTED]) > _MOST_REJECTED:
             stretches.append((float(time[last] - WRONG_FOR), float(time[last])))
     return stretches
 
 
 def flying(rows: Array, minimum_airspeed: float) -> Array:
-    """The longest stretch of rows in flight without a gap, (n, Column.WIDTH)."""
-    good = (rows[:, Column.AIRSPEED] > minimum_airspeed) & (rows[:, Column.STATUS] > 0.0)
-    broken = np.diff(rows[:, Column.TIME], prepend=rows[0, Column.TIME]) > LONGEST_GAP
+    """The longest stretch of rows in flight without a gap, (n, StateField.WIDTH)."""
+    good = (rows[:, StateField.AIRSPEED] > minimum_airspeed) & (rows[:, StateField.STATUS] > 0.0)
+    broken = np.diff(rows[:, StateField.TIME], prepend=rows[0, StateField.TIME]) > LONGEST_GAP
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good & ~broken, [False]]).astype(int)))
     starts, ends = edges[::2], edges[1::2]
     if not len(starts):

@@ -23,9 +23,9 @@ from aircraft_sysid_ros.diagnosis.candidates import (
     limits,
     with_inner,
 )
-from aircraft_sysid_ros.diagnosis.effect import Effect, Inner
 from aircraft_sysid_ros.diagnosis.fit import AxisFit, Gain, fit_axis, held_out_error
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -35,7 +35,7 @@ REFINEMENTS = 3
 
 
 @dataclass(frozen=True)
-class Trial:
+class Score:
     """A candidate tried on a flight: its gain in each of its axes where it has data."""
 
     candidate: Candidate
@@ -76,7 +76,7 @@ def size_of(gain: Gain) -> float:
     return float(1.0 - np.exp(-0.5 * max(log_ratio(gain), 0.0)))
 
 
-class Bench:
+class CandidateEvaluator:
     """One flight, with the fit of the present model in every axis, on which candidates are tried."""
 
     def __init__(self, data: FlightData, fits: Mapping[str, AxisFit] | None = None) -> None:
@@ -99,7 +99,7 @@ class Bench:
             self._base = base_texts(self.data.model, parameters)
         return self._base
 
-    def trial(self, candidate: Candidate) -> Trial | None:
+    def trial(self, candidate: Candidate) -> Score | None:
         """Try one candidate; None where it has no data in any of its axes."""
         gains = {}
         for axis, terms in candidate.terms.items():
@@ -107,15 +107,15 @@ class Bench:
                 with contextlib.suppress(InputError):
                     columns = self.data.columns([parse_expression(term) for term in terms])
                     gains[axis] = self.fits[axis].gain(columns)
-        return Trial(candidate, gains) if gains else None
+        return Score(candidate, gains) if gains else None
 
-    def best_of(self, effect: Effect) -> Trial | None:
+    def best_of(self, effect: Effect) -> Score | None:
         """The best variant of an effect with its best inner numbers; None where the flight cannot tell."""
         trials = [self.trial(candidate) for candidate in candidates_of(effect, self.data, self.base)]
         best = max((t for t in trials if t is not None), key=lambda t: t.score, default=None)
         return None if best is None else self._refined(best)
 
-    def _refined(self, best: Trial) -> Trial:
+    def _refined(self, best: Score) -> Score:
         """Move each inner number to where it explains most, in ever smaller steps."""
         effect, candidate = best.candidate.effect, best.candidate
         if effect is None or not candidate.inner:
@@ -124,20 +124,20 @@ class Bench:
         numbers = {number.name: number for number in effect.inner}
         for name, _ in candidate.inner:
 
-            def at(trial: Trial, value: float, name: str = name) -> Trial | None:
+            def at(trial: Score, value: float, name: str = name) -> Score | None:
                 values = {**dict(trial.candidate.inner), name: value}
                 return self.trial(with_inner(effect, variant, values, self.base))
 
             best = refined(best, numbers[name], self.data, at, lambda trial: trial.score)
         return best
 
-    def extended(self, terms: Mapping[str, Sequence[str]]) -> Bench:
+    def extended(self, terms: Mapping[str, Sequence[str]]) -> CandidateEvaluator:
         """The bench of the model with more terms by axis; an axis that they leave without data stays as it is."""
         data = self.data.with_terms(terms)
         tilted = {"CX"} if {"CY", "CZ"} & set(terms) else set()
-        return Bench(data, {**self.fits, **_fits(data, {*terms, *tilted} & set(self.fits))})
+        return CandidateEvaluator(data, {**self.fits, **_fits(data, {*terms, *tilted} & set(self.fits))})
 
-    def contribution(self, trial: Trial, axis: str) -> Array:
+    def contribution(self, trial: Score, axis: str) -> Array:
         """What a candidate explains in an axis beyond the model, (n,), 0 where it has no data."""
         fit, gain = self.fits[axis], trial.gains[axis]
         columns = self.data.columns([parse_expression(term) for term in trial.candidate.terms[axis]])
@@ -151,12 +151,12 @@ class Bench:
 
 
 def refined(
-    best: Trial,
-    number: Inner,
+    best: Score,
+    number: ShapeParameter,
     data: FlightData,
-    at: Callable[[Trial, float], Trial | None],
-    gain: Callable[[Trial], float],
-) -> Trial:
+    at: Callable[[Score, float], Score | None],
+    gain: Callable[[Score], float],
+) -> Score:
     """Move an inner number of a trial to where it gains most, in ever smaller steps; ``at`` tries another value."""
     low, high = limits(number, data)
     width = (high - low) / max(number.count - 1, 1)
@@ -170,7 +170,7 @@ def refined(
     return best
 
 
-def new_terms(flight: FlightData, trial: Trial) -> dict[str, tuple[str, ...]]:
+def new_terms(flight: FlightData, trial: Score) -> dict[str, tuple[str, ...]]:
     """What a candidate has by axis that the model lacks and the flight determines beside it: what ``add`` adds."""
     found: dict[str, tuple[str, ...]] = {}
     for axis in trial.gains:
@@ -183,7 +183,7 @@ def new_terms(flight: FlightData, trial: Trial) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def errors_of(flight: FlightData, trial: Trial, axis: str) -> tuple[float, float]:
+def errors_of(flight: FlightData, trial: Score, axis: str) -> tuple[float, float]:
     """Held-out errors of an axis without a candidate and with it, as ``compare`` has them before and after ``add``."""
     return held_out_error(flight, axis), held_out_error(flight.with_terms(new_terms(flight, trial)), axis)
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
 from aircraft_sysid_ros.diagnosis.candidates import Candidate, grid
-from aircraft_sysid_ros.diagnosis.effect import OF_TIME, Inner
-from aircraft_sysid_ros.diagnosis.search import Bench, Trial, moves, refined
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, moves, refined
+from aircraft_sysid_ros.effects.effect import OF_TIME, ShapeParameter
 
 #: Share of a flight in which the moment may lie, and the times that are tried first.
-_MOMENT = Inner("t0", "s", 0.08, 0.92, 22, OF_TIME)
+_MOMENT = ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME)
 _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr")
 #: Characters of a term that can still be written with a step before it.
 _LONGEST = MAXIMUM_LENGTH - 50
@@ -29,7 +29,7 @@ LEAST_GAIN = 0.1
 _MOST_TERMS, _MOST_MOMENTS = 4, 4
 
 
-def sudden_change(bench: Bench) -> Trial | None:
+def sudden_change(bench: CandidateEvaluator) -> Score | None:
     """The best change at one moment; None where none gains anything."""
     times = [float(t) for t in grid(_MOMENT, bench.data) if np.isfinite(t)]
     whole = [(t, trial) for t in times if (trial := bench.trial(_candidate(t, _everything(bench)))) is not None]
@@ -39,7 +39,7 @@ def sudden_change(bench: Bench) -> Trial | None:
     return None if best is None else refined(best, _MOMENT, bench.data, partial(_at, bench), _gain)
 
 
-def _everything(bench: Bench) -> dict[str, list[str]]:
+def _everything(bench: CandidateEvaluator) -> dict[str, list[str]]:
     """All terms that may change, by axis."""
     moving = [name for name in _SIGNALS if moves(bench.data.signal(name))]
     terms = {axis: dict.fromkeys(["1", *moving, *bench.data.model.terms[axis]]) for axis in bench.fits}
@@ -54,11 +54,11 @@ def _candidate(moment: float, terms: Mapping[str, Sequence[str]]) -> Candidate:
     return Candidate(None, "", (("t0", moment),), texts, changed=terms)
 
 
-def _gain(trial: Trial) -> float:
+def _gain(trial: Score) -> float:
     return sum(value for value in trial.log_ratios.values() if value >= LEAST_GAIN)
 
 
-def _chosen(bench: Bench, moment: float, whole: Trial) -> Trial | None:
+def _chosen(bench: CandidateEvaluator, moment: float, whole: Score) -> Score | None:
     """The few terms that make most of the change at one moment."""
     few: dict[str, list[str]] = {}
     for axis, terms in _everything(bench).items():
@@ -79,6 +79,6 @@ def _chosen(bench: Bench, moment: float, whole: Trial) -> Trial | None:
     return bench.trial(_candidate(moment, few)) if few else None
 
 
-def _at(bench: Bench, trial: Trial, moment: float) -> Trial | None:
+def _at(bench: CandidateEvaluator, trial: Score, moment: float) -> Score | None:
     """The same change at another moment."""
     return bench.trial(_candidate(moment, trial.candidate.changed))

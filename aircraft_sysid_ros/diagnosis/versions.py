@@ -29,16 +29,16 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
-from aircraft_sysid_ros.diagnosis.effect import with_setting
 from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check_length, load_flight_data
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct_as_flown, settled_flight
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.json_text import json_text
-from aircraft_sysid_ros.modelling.regression import Point
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.run_data import RunData, load_run, load_run_aircraft
-from aircraft_sysid_ros.run_files import PARAMETERS, SAMPLES, UNREADABLE, not_a_run, read_parameters, read_points
+from aircraft_sysid_ros.run_reader import PARAMETERS, SAMPLES, UNREADABLE, not_a_run, read_parameters, read_points
 from aircraft_sysid_ros.samples import Samples
 
 MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
@@ -107,7 +107,7 @@ class Run:
         else:
             made, _ = reconstruct_as_flown(aircraft, self.samples)
             check_length(str(self.path), made.data.time, made.data.step)
-            flight, first = settled_flight(made), made.epoch + int(1e9 * made.points[0, Point.TIME])
+            flight, first = settled_flight(made), made.epoch + int(1e9 * made.points[0, CoefficientSample.TIME])
         return replace(flight, aircraft=aircraft), first - int(1e9 * flight.begin)
 
 
@@ -242,9 +242,9 @@ def run_data(run: Run, version: Version) -> RunData:
         samples=run.samples,
         parameters=parameters,
         biases=np.array([b or 0.0 for b in (*state["accelerometer_bias"], *state["gyro_bias"])]),
-        point_stamp=nanoseconds(points[:, Point.TIME], pipeline.state.epoch),
-        measured=points[:, Point.MEASURED],
-        terms=points[:, Point.TERMS :],
+        point_stamp=nanoseconds(points[:, CoefficientSample.TIME], pipeline.state.epoch),
+        measured=points[:, CoefficientSample.MEASURED],
+        terms=points[:, CoefficientSample.TERMS :],
     )
 
 

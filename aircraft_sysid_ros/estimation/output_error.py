@@ -43,6 +43,7 @@ class Model(Protocol):
     def linearise(self, theta: Array, nuisances: Array) -> list[Linearised]:
         """Residuals and derivatives of all records."""
 
+
 @dataclass(frozen=True)
 class Fit:
     """Result of the method."""

@@ -49,9 +49,7 @@ class Scores(NamedTuple):
 
 def new_scores(size: int, lags: int) -> Scores:
     """Empty sums for ``size`` parameters and blocks that are correlated over fewer than ``lags`` of them."""
-    return Scores(
-        np.zeros(size), np.zeros((lags, size, size)), np.full((lags, size), np.nan), np.zeros((size, size))
-    )
+    return Scores(np.zeros(size), np.zeros((lags, size, size)), np.full((lags, size), np.nan), np.zeros((size, size)))
 
 
 @njit(cache=True)

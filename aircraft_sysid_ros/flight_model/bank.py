@@ -39,9 +39,7 @@ def bank_step(
     states (M, 16), covariances (M, 15, 15), thetas (M, parameters); innovations and variances (M, 18).
     """
     for m in range(len(states)):
-        filter_step(
-            states[m], covariances[m], inputs0, inputs1, dt, y, thetas[m], model, innovations[m], variances[m]
-        )
+        filter_step(states[m], covariances[m], inputs0, inputs1, dt, y, thetas[m], model, innovations[m], variances[m])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -149,9 +149,7 @@ def aerodynamics(x: Array, c: Array, inputs: Array, theta: Array, model: FlightM
                 for d in range(DIRECTIONS):
                     slopes[axis, d] += theta[j] * gradients[j, d]
         motion_of(coefficients, signals, rates, model, force, acceleration)
-        _slopes_of_motion(
-            coefficients, slopes, signals, tangents[_QBAR], rates, model, by_force, by_acceleration
-        )
+        _slopes_of_motion(coefficients, slopes, signals, tangents[_QBAR], rates, model, by_force, by_acceleration)
     return Aerodynamics(u, force, acceleration, by_force, by_acceleration)
 
 

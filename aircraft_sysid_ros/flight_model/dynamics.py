@@ -95,7 +95,12 @@ def motion_of(
 
 @njit(cache=True, error_model="numpy")
 def angular_acceleration(
-    l: float, m: float, n: float, force: Array, model: FlightModel, out: Array  # noqa: E741
+    l: float,  # noqa: E741
+    m: float,
+    n: float,
+    force: Array,
+    model: FlightModel,
+    out: Array,
 ) -> None:
     """I^-1 (M + r x m f), (3,), of a moment about the aerodynamic reference and a specific force."""
     x, y, z = model.reference[0], model.reference[1], model.reference[2]
@@ -198,9 +203,7 @@ def derivative(x: Array, inputs: Array, theta: Array, model: FlightModel, out: A
 
 
 @njit(cache=True, error_model="numpy")
-def propagate_mean(
-    x: Array, inputs0: Array, inputs1: Array, dt: float, theta: Array, model: FlightModel
-) -> None:
+def propagate_mean(x: Array, inputs0: Array, inputs1: Array, dt: float, theta: Array, model: FlightModel) -> None:
     """Advance x (16,) by dt [s] in place: Runge-Kutta of fourth order.
 
     Inputs are linear between both ends, and controls quadratic where inputs1 holds those of the middle as well.

@@ -92,9 +92,7 @@ def outputs(
 
 
 @njit(cache=True, error_model="numpy")
-def output_jacobian(
-    x: Array, c: Array, air: Aerodynamics, attitude: Array, model: FlightModel, out: Array
-) -> None:
+def output_jacobian(x: Array, c: Array, air: Aerodynamics, attitude: Array, model: FlightModel, out: Array) -> None:
     """H (18, 15) into ``out``, all overwritten; ``attitude`` is the predicted attitude output (3,)."""
     out[:] = 0.0
     _put_imu(x, c, air, model, out)

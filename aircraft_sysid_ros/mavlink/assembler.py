@@ -21,7 +21,7 @@ from aircraft_sysid_ros.mavlink.airspeed import (
 )
 from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Array, Quantity, Reading, Stamps, Table, rank
-from aircraft_sysid_ros.recordings.ros_conversion import (
+from aircraft_sysid_ros.ros_messages.conversion import (
     NANOSECONDS,
     NO_FIX,
     TOPICS,

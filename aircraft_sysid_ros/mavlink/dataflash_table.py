@@ -65,7 +65,6 @@ def _servos(fields: Fields) -> Array:
     return np.where(pulses > 0.0, pulses, np.nan)
 
 
-
 def _speed(fields: Fields) -> Array:
     """Speed of the engine that the instance names."""
     speed = columns(fields, "RPM")[:, 0]

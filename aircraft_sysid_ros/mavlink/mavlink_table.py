@@ -21,7 +21,7 @@ from aircraft_sysid_ros.mavlink.quantities import (
     position_of_fix,
     quaternion_of_euler,
 )
-from aircraft_sysid_ros.recordings.ros_conversion import NO_FIX, UNKNOWN_FIX
+from aircraft_sysid_ros.ros_messages.conversion import NO_FIX, UNKNOWN_FIX
 
 _MILLI_G = 1e-3 * STANDARD_GRAVITY
 _TESLA_PER_GAUSS = 1e-4

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aircraft_sysid_ros.mavlink.quantities import Array, Fields, Quantity, Table, columns, entry
-from aircraft_sysid_ros.recordings.ros_conversion import (
+from aircraft_sysid_ros.ros_messages.conversion import (
     frd_from_flu,
     has_no_fix,
     ned_from_enu,
@@ -82,9 +82,7 @@ MAVROS: Table = {
         entry(Quantity.DESCENT, lambda f: columns(f, "climb", -1.0), "climb"),
     ),
     "imu/static_pressure": (entry(Quantity.PRESSURE, _pressure, "fluid_pressure"),),
-    "imu/diff_pressure": (
-        entry(Quantity.IMPACT_PRESSURE, lambda f: columns(f, "fluid_pressure"), "fluid_pressure"),
-    ),
+    "imu/diff_pressure": (entry(Quantity.IMPACT_PRESSURE, lambda f: columns(f, "fluid_pressure"), "fluid_pressure"),),
     "rc/out": (entry(Quantity.PULSES, _servos, "channels"),),
     "esc_status": (entry(Quantity.PROPELLER, lambda f: columns(f, "rpm"), "rpm"),),
     "wind_estimation": (entry(Quantity.WIND, _wind, "twist.twist.linear twist.covariance"),),

@@ -90,26 +90,18 @@ _FORCE_AND_RATE = "accelerometer_m_s2 gyro_rad"
 _WIND = (entry(Quantity.WIND, _wind, "windspeed_north windspeed_east variance_north variance_east"),)
 PX4: Table = {
     "sensor_combined": (entry(Quantity.IMU, lambda f: columns(f, _FORCE_AND_RATE), _FORCE_AND_RATE),),
-    "vehicle_imu": (
-        entry(Quantity.IMU, _vehicle_imu, "delta_angle delta_velocity delta_angle_dt delta_velocity_dt"),
-    ),
+    "vehicle_imu": (entry(Quantity.IMU, _vehicle_imu, "delta_angle delta_velocity delta_angle_dt delta_velocity_dt"),),
     "vehicle_magnetometer": (
-        entry(
-            Quantity.MAGNETIC_FIELD, lambda f: columns(f, "magnetometer_ga", _TESLA_PER_GAUSS), "magnetometer_ga"
-        ),
+        entry(Quantity.MAGNETIC_FIELD, lambda f: columns(f, "magnetometer_ga", _TESLA_PER_GAUSS), "magnetometer_ga"),
     ),
     "sensor_gps": _GPS,
     "vehicle_gps_position": _GPS,
-    "airspeed": (
-        entry(Quantity.AIRSPEED, lambda f: columns(f, "indicated_airspeed_m_s"), "indicated_airspeed_m_s"),
-    ),
+    "airspeed": (entry(Quantity.AIRSPEED, lambda f: columns(f, "indicated_airspeed_m_s"), "indicated_airspeed_m_s"),),
     "airspeed_validated": (
         entry(Quantity.AIRSPEED, lambda f: columns(f, "calibrated_airspeed_m_s"), "calibrated_airspeed_m_s"),
     ),
     "differential_pressure": (
-        entry(
-            Quantity.IMPACT_PRESSURE, lambda f: columns(f, "differential_pressure_pa"), "differential_pressure_pa"
-        ),
+        entry(Quantity.IMPACT_PRESSURE, lambda f: columns(f, "differential_pressure_pa"), "differential_pressure_pa"),
     ),
     "vehicle_air_data": (
         entry(Quantity.PRESSURE, _pressure_with_ambient, "baro_pressure_pa ambient_temperature"),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.recordings.ros_conversion import (
+from aircraft_sysid_ros.ros_messages.conversion import (
     FIX,
     GROUND_AUGMENTED_FIX,
     NO_FIX,
@@ -44,7 +44,7 @@ class Quantity(Enum):
     AIRSPEED_SENSOR = "1 where the autopilot has one, else 0"
 
 
-#: Column of POSITION, as in sensor_msgs/NavSatStatus.
+#: StateField of POSITION, as in sensor_msgs/NavSatStatus.
 FIX_STATUS = 6
 
 

@@ -217,5 +217,3 @@ class Session:
                 "std": self.clock.std if self.clock.ready else None,
             },
         }
-
-

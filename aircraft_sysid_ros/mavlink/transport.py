@@ -1,9 +1,9 @@
 """Where MAVLink comes from: UDP, TCP or a serial port, opened again whenever it breaks.
 
-    udp:0.0.0.0:14550 (or udpin:)   listen; answers go to whoever spoke last
-    udpout:192.168.1.10:14550       speak first
-    tcp:127.0.0.1:5760              connect
-    serial:/dev/ttyACM0:921600      or /dev/ttyACM0,921600; default 57600 baud
+udp:0.0.0.0:14550 (or udpin:)   listen; answers go to whoever spoke last
+udpout:192.168.1.10:14550       speak first
+tcp:127.0.0.1:5760              connect
+serial:/dev/ttyACM0:921600      or /dev/ttyACM0,921600; default 57600 baud
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.inputs import Input, drain, lost_in_words
 from aircraft_sysid_ros.nodes.options import ConfigurableNode, Option, When
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 #: Topic that a calibrated probe is heard on.
 PROBE_TOPIC = "five_hole_probe"

@@ -32,7 +32,7 @@ from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.options import ConfigurableNode, Option, When
-from aircraft_sysid_ros.recordings.ros_conversion import ned_from_enu
+from aircraft_sysid_ros.ros_messages.conversion import ned_from_enu
 
 #: Topics that the node hears for the way back.
 WIND, PARAMETERS = "state_estimator/wind", "parameter_estimator/parameters"

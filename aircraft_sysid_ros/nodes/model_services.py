@@ -13,7 +13,6 @@ from aircraft_sysid_msgs.msg import EffectCandidate, MissingEffects
 from aircraft_sysid_msgs.srv import AddEffect, RemoveEffect
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
-from aircraft_sysid_ros.diagnosis.effect import Effect
 from aircraft_sysid_ros.diagnosis.live import (
     Terms,
     check_signals,
@@ -23,12 +22,13 @@ from aircraft_sysid_ros.diagnosis.live import (
     windows,
 )
 from aircraft_sysid_ros.diagnosis.live_worker import LiveWorker
+from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.model_change import change_model, with_terms
-from aircraft_sysid_ros.modelling.point_memory import PointMemory
+from aircraft_sysid_ros.identification.flight_memory import SampleMemory
+from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.options import Option
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, Column
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 
 Array = npt.NDArray[np.float64]
 
@@ -39,7 +39,8 @@ DIAGNOSIS_OPTIONS = {
 #: Time [s] between looks whether a search has ended.
 _POLL = 0.2
 _BIAS_STD = slice(
-    Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS, Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS + 3
+    StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS,
+    StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS + 3,
 )
 
 
@@ -56,7 +57,7 @@ class ModelServices:
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        self.memory = PointMemory()
+        self.memory = SampleMemory()
         self._added: dict[str, Terms] = {}
         self._period, self._share = 0.0, 1.0
         self._worker: LiveWorker | None = None
@@ -108,9 +109,9 @@ class ModelServices:
     # -- the flight ----------------------------------------------------------------------------------------------
 
     def keep(self, points: Array, row: Array | None = None) -> None:
-        """Remember points, with the accuracy that the newest row (1, Column.WIDTH) has."""
+        """Remember points, with the accuracy that the newest row (1, StateField.WIDTH) has."""
         if row is not None:
-            self._accuracy = (row[0, _BIAS_STD].copy(), float(row[0, Column.AIR_VELOCITY_STD]))
+            self._accuracy = (row[0, _BIAS_STD].copy(), float(row[0, StateField.AIR_VELOCITY_STD]))
         self.memory.add(points, *self._accuracy)
 
     def search_if_due(self, now: float, stamp: int) -> None:

@@ -13,29 +13,26 @@ from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling import error_window as modelling
-from aircraft_sysid_ros.modelling.learner import check_change
-from aircraft_sysid_ros.modelling.model_file import load_model, save_model
-from aircraft_sysid_ros.modelling.parameter_estimator import (
-    LEARNERS,
-    STALE,
-    ParameterEstimator,
-    ParameterOptions,
-)
-from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.estimators.by_name import ESTIMATORS
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.learning import STALE
+from aircraft_sysid_ros.identification.model_file import load_model, save_model
+from aircraft_sysid_ros.identification.monitoring import error_window as modelling
+from aircraft_sysid_ros.identification.options import ParameterOptions, check_change
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.model_services import DIAGNOSIS_OPTIONS, DiagnosisOptions, ModelServices
 from aircraft_sysid_ros.nodes.options import Option, When, described, options_from
-from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
-from aircraft_sysid_ros.recordings.output_messages import (
+from aircraft_sysid_ros.ros_messages.conversion import message_fields, nanoseconds_of, to_samples
+from aircraft_sysid_ros.ros_messages.output_messages import (
     model_error_content,
     parameters_content,
     row_from_state,
 )
-from aircraft_sysid_ros.recordings.ros_conversion import message_fields, nanoseconds_of, to_samples
 
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
 #: What an estimator hears besides: the measurements that it predicts.
@@ -51,7 +48,7 @@ OPTIONS: dict[str, Option] = {
     "largest_gap": Option("Longest time [s] between states inside a window.", 0.01, 1.0),
     "lag_time": _window("Time [s] over which residuals may be correlated.", 0.1, 10.0),
     "error_window": Option("Length [s] of the sliding window of the model error.", 1.0, 600.0),
-    "estimator": _chosen("Estimator whose parameters are published.", choices=tuple(LEARNERS)),
+    "estimator": _chosen("Estimator whose parameters are published.", choices=tuple(ESTIMATORS)),
     "lowest_frequency": _chosen("Lowest frequency [Hz] that the estimator fourier uses.", 0.01, 10.0),
     "highest_frequency": _chosen("Highest frequency [Hz] that the estimator fourier uses.", 0.1, 20.0),
     "rml_rate": _chosen("Rate [Hz] at which the estimator rml takes the IMU, or means of it.", 10.0, 400.0),
@@ -63,7 +60,7 @@ PERIOD = 1.0
 
 
 class ParameterEstimatorNode(EstimatorNode):
-    """Lifecycle node that owns a ParameterEstimator while it is configured."""
+    """Lifecycle node that owns a Identifier while it is configured."""
 
     def __init__(self, **arguments: Any) -> None:
         options = described(ParameterOptions(), OPTIONS | SWITCHES) | described(DiagnosisOptions(), DIAGNOSIS_OPTIONS)
@@ -77,7 +74,7 @@ class ParameterEstimatorNode(EstimatorNode):
         self._due = -np.inf
         self.model_services = ModelServices(self)
 
-    def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> ParameterEstimator:
+    def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> Identifier:
         """The estimator, compiled."""
         self._epoch, self._due = None, -np.inf
         options = options_from(ParameterOptions, values)
@@ -85,7 +82,7 @@ class ParameterEstimatorNode(EstimatorNode):
         if "air_data" in more and self.correction is not None and self.correction.uses_probe:
             more = (*more, PROBE_TOPIC)
         self.received = dict.fromkeys(INPUTS + more, 0)
-        estimator = ParameterEstimator(aircraft, options)
+        estimator = Identifier(aircraft, options)
         estimator.warm_up()
         self.model_services.configure(options_from(DiagnosisOptions, values))
         return estimator
@@ -165,15 +162,15 @@ class ParameterEstimatorNode(EstimatorNode):
             "controls_received": self.received["control_surfaces"],
             "controls_late": self.estimator.late,
             **{trust.name: statuses.count(trust) for trust in Trust},
-            **self.estimator.changes.summary(),
-            **self.estimator.gates.summary(),
+            **self.estimator.learning.changes.summary(),
+            **self.estimator.learning.integrity.summary(),
         }
         if self.count_publishers(STATES) > 1:
             return f"{self.count_publishers(STATES)} nodes publish {STATES}: give each aircraft a namespace", values
-        return "" if self.estimator.newest_point is not None else "waiting for states in flight", values
+        return "" if self.estimator.learning.newest is not None else "waiting for states in flight", values
 
     def take_states(self, rows: Any, stamps: Any) -> None:
-        """States (n, Column.WIDTH) with stamps (n,) [ns] from a node of this process: none can be lost."""
+        """States (n, StateField.WIDTH) with stamps (n,) [ns] from a node of this process: none can be lost."""
         if self.is_active:
             self._survive(self._learn, rows, stamps)
 
@@ -185,7 +182,7 @@ class ParameterEstimatorNode(EstimatorNode):
         if self._epoch is None:
             self._epoch = epoch_of(int(stamps[0]))
         rows = rows.copy()
-        rows[:, Column.TIME] = seconds(stamps, self._epoch)
+        rows[:, StateField.TIME] = seconds(stamps, self._epoch)
         for row in np.split(rows, len(rows)):
             self.states_received += 1
             self._keep(self.estimator.push_states(row, self._epoch), row)
@@ -198,7 +195,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def _publish_due(self) -> None:
         """Publish when the time of flight says so, so that playback at any speed gives the same messages."""
-        if self.estimator.newest_point is None:
+        if self.estimator.learning.newest is None:
             return
         now = self.estimator.time
         if not self._due - PERIOD - STALE <= now < self._due:

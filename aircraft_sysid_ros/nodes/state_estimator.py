@@ -16,15 +16,11 @@ from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.options import Option, When, described, options_from
-from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, Column
-from aircraft_sysid_ros.reconstruction.state_estimator import (
-    StateEstimator,
-    StateOptions,
-    nanoseconds,
-    warm_up,
-)
-from aircraft_sysid_ros.recordings.output_messages import state_fields, wind_fields
-from aircraft_sysid_ros.recordings.ros_conversion import message_fields, to_samples
+from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, warm_up
+from aircraft_sysid_ros.ros_messages.conversion import message_fields, to_samples
+from aircraft_sysid_ros.ros_messages.output_messages import state_fields, wind_fields
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 INPUTS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data")
@@ -137,7 +133,7 @@ class StateEstimatorNode(EstimatorNode):
         self.rows_published += len(rows)
         if self.on_rows is not None:
             self.on_rows(rows)
-        stamps = nanoseconds(rows[:, Column.TIME], self.estimator.epoch)
+        stamps = nanoseconds(rows[:, StateField.TIME], self.estimator.epoch)
         fields, wind = state_fields(rows), wind_fields(rows[-1:])
         for i, stamp in enumerate(stamps):
             content = {name: _plain(values[i]) for name, values in fields.items()}

@@ -126,9 +126,7 @@ class Alignment:
         self._start_air_velocity(now, x, p, rotation, wind, wind_std)
         return x, p
 
-    def _start_air_velocity(
-        self, now: float, x: Array, p: Array, rotation: Array, wind: Array, std: Array
-    ) -> None:
+    def _start_air_velocity(self, now: float, x: Array, p: Array, rotation: Array, wind: Array, std: Array) -> None:
         """From air data where they are there, whatever the heading; else from velocity, attitude and wind."""
         flow = self.air_data(now)
         if flow is not None:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import Setup
 from aircraft_sysid_ros.samples import Kind
-
-if TYPE_CHECKING:
-    from aircraft_sysid_ros.reconstruction.state_estimator import StateOptions
 
 Array = npt.NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, right_jacobian
 from aircraft_sysid_ros.estimation.iterated_ekf import gain, joseph_update, solve_factored, symmetrise
 from aircraft_sysid_ros.reconstruction.air_data_errors import settle
-from aircraft_sysid_ros.reconstruction.assumptions import is_due, update_by
-from aircraft_sysid_ros.reconstruction.flight_tape import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import propagate
+from aircraft_sysid_ros.reconstruction.pseudo_measurements import is_due, update_by
+from aircraft_sysid_ros.reconstruction.smoother_history import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, D_ATTITUDE, ERROR_SIZE, Memory, Setup
 from aircraft_sysid_ros.reconstruction.state_row import write_row
@@ -92,9 +92,7 @@ def measurement_variance(kind: int, values: Array, setup: Setup) -> Array:
 
 
 @njit(cache=True)
-def fuse(
-    kind: int, values: Array, x: Array, p: Array, rate: Array, time: float, setup: Setup, memory: Memory
-) -> None:
+def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float, setup: Setup, memory: Memory) -> None:
     """One measurement update (3.15)-(3.18) on the state x and p, in place, with its gate.
 
     x (19,), p (18, 18), or x (25,), p (24, 24) with errors of the air data.
@@ -145,9 +143,7 @@ def fuse(
 
 
 @njit(cache=True)
-def _passes_gate(
-    kind: int, innovation: Array, factor: Array, time: float, setup: Setup, memory: Memory
-) -> bool:
+def _passes_gate(kind: int, innovation: Array, factor: Array, time: float, setup: Setup, memory: Memory) -> bool:
     """Normalised innovation squared against its gate; keeps the counts and the consistency."""
     m = len(innovation)
     weighted = solve_factored(factor, innovation)
@@ -197,9 +193,7 @@ def _is_flying(x: Array, rate: Array, values: Array, kind: int, setup: Setup) ->
 
 
 @njit(cache=True)
-def _take(
-    kind: int, values: Array, x: Array, p: Array, rate: Array, time: float, setup: Setup, memory: Memory
-) -> None:
+def _take(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float, setup: Setup, memory: Memory) -> None:
     """Fuse or note one sample that is not an IMU sample."""
     if kind == _AIR:
         if values[0] > 0.0:
@@ -238,9 +232,7 @@ def _has_diverged(setup: Setup, memory: Memory) -> bool:
 
 
 @njit(cache=True)
-def _look_at_interval(
-    end: float, values: Array, setup: Setup, memory: Memory, bend: Array, density: Array
-) -> None:
+def _look_at_interval(end: float, values: Array, setup: Setup, memory: Memory, bend: Array, density: Array) -> None:
     """Density (2,) of the noise of the IMU up to its sample at ``end`` [s], and its bend (6,), 0 where it is dense."""
     interval = end - memory.imu[0]
     of_force, of_rate = setup.accelerometer_variance, setup.gyro_variance
@@ -291,7 +283,7 @@ def run(
     """Process samples ``start`` onward, up to the last IMU sample among them.
 
     times (n,) [s] ascending, kinds (n,), values (n, WIDTH). The IMU input is interpolated between its samples
-    (``sparse_imu``), so that every measurement is fused at its own time. Writes rows (at most n, Column.WIDTH), and
+    (``sparse_imu``), so that every measurement is fused at its own time. Writes rows (at most n, StateField.WIDTH), and
     for a smoother every step of the integration to the tape (at most n, STEP_WIDTH; of length 0: off).
     Returns the index of the first sample that is not processed, the numbers of rows and of steps, and RUNNING,
     or GAP when the IMU was silent for longer than setup.maximum_gap before that sample, or DIVERGED when GPS and

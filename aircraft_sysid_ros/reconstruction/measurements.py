@@ -90,9 +90,7 @@ def air_data_gradient(kind: int, v: Array) -> Array:
 
 
 @njit(cache=True)
-def _air_data(
-    kind: int, value: float, x: Array, rate: Array, setup: Setup, residual: Array, h: Array
-) -> int:
+def _air_data(kind: int, value: float, x: Array, rate: Array, setup: Setup, residual: Array, h: Array) -> int:
     place = setup.probe_from_imu
     v = air_velocity_at(x, rate, place)
     uw = np.sqrt(v[0] * v[0] + v[2] * v[2])

@@ -131,10 +131,7 @@ def _apply_transition(m: Array, blocks: tuple[Array, ...], dt: float) -> None:
             m[D_VELOCITY + i, c] += step
             m[D_ATTITUDE + i, c] = _row(aa, i, a0, a1, a2) + _row(ag, i, g0, g1, g2)
             m[D_AIR_VELOCITY + i, c] = (
-                _row(aa, i, u0, u1, u2)
-                + _row(ua, i, a0, a1, a2)
-                + _row(ub, i, b0, b1, b2)
-                + _row(ug, i, g0, g1, g2)
+                _row(aa, i, u0, u1, u2) + _row(ua, i, a0, a1, a2) + _row(ub, i, b0, b1, b2) + _row(ug, i, g0, g1, g2)
             )
 
 

@@ -24,7 +24,9 @@ from aircraft_sysid_ros.aircraft.frames import (
 )
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky, solve_factored
 from aircraft_sysid_ros.estimation.smoothing import smoothed_covariance, smoother_gain
-from aircraft_sysid_ros.reconstruction.flight_tape import (
+from aircraft_sysid_ros.reconstruction.fusion import retract, turn_attitude_error
+from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate, transition_matrix
+from aircraft_sysid_ros.reconstruction.smoother_history import (
     DENSITY,
     DT,
     FORCE,
@@ -32,17 +34,15 @@ from aircraft_sysid_ros.reconstruction.flight_tape import (
     RATE,
     STATE,
     WIND_WALK,
-    FlightTape,
+    SmootherHistory,
     recorded_covariance,
 )
-from aircraft_sysid_ros.reconstruction.fusion import retract, turn_attitude_error
-from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate, transition_matrix
-from aircraft_sysid_ros.reconstruction.state import ATTITUDE, D_ATTITUDE, ERROR_SIZE, Column, Setup
+from aircraft_sysid_ros.reconstruction.state import ATTITUDE, D_ATTITUDE, ERROR_SIZE, Setup, StateField
 from aircraft_sysid_ros.reconstruction.state_row import write_state
 
 Array = npt.NDArray[np.float64]
 
-_STD = Column.STANDARD_DEVIATIONS
+_STD = StateField.STANDARD_DEVIATIONS
 
 
 @njit(cache=True)
@@ -102,7 +102,7 @@ def smooth_state(step: Array, x: Array, setup: Setup) -> Array:
 def smooth_segment(
     steps: Array, rows: Array, x: Array, p: Array, setup: Setup, with_covariance: bool = True
 ) -> tuple[Array, Array]:
-    """Write the smoothed states over the rows (n, Column.WIDTH) of a segment that ends with x (19,), p (18, 18).
+    """Write the smoothed states over the rows (n, StateField.WIDTH) of a segment that ends with x (19,), p (18, 18).
 
     Returns the smoothed state and its covariance at the beginning. Without the covariance, p stays as it is and the
     standard deviations of the rows stay those of the filter. A segment that ends with numbers that are not
@@ -138,8 +138,8 @@ def _rewrite(row: Array, x: Array, p: Array, setup: Setup, with_covariance: bool
         row[_STD], row[51] = spread, flow_std
 
 
-def smooth(tape: FlightTape, with_covariance: bool = True) -> Array:
-    """Smooth a recorded flight, each segment between two breaks on its own; returns its rows (n, Column.WIDTH).
+def smooth(tape: SmootherHistory, with_covariance: bool = True) -> Array:
+    """Smooth a recorded flight, each segment between two breaks on its own; returns its rows (n, StateField.WIDTH).
 
     Without the covariance it is several times faster, and standard deviations are those of the filter. The
     rows lie in the file of the tape and stand in the place of those that the filter wrote.

@@ -31,7 +31,7 @@ D_VELOCITY, D_POSITION, D_ATTITUDE, D_ACCELEROMETER_BIAS, D_GYRO_BIAS, D_AIR_VEL
 ERROR_SIZE = 18
 
 
-class Column:
+class StateField:
     """Columns of a row of reconstructed states, one row per IMU sample."""
 
     TIME = 0
@@ -60,7 +60,7 @@ class Column:
 
 
 class Status:
-    """Values of Column.STATUS: what the state rests on."""
+    """Values of StateField.STATUS: what the state rests on."""
 
     WAITING = 0
     OK = 1

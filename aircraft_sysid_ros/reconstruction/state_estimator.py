@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,10 +25,10 @@ from aircraft_sysid_ros.reconstruction.filter_setup import (
     sensor_scales,
     with_options,
 )
-from aircraft_sysid_ros.reconstruction.flight_tape import STEP_WIDTH, FlightTape
 from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
-from aircraft_sysid_ros.reconstruction.standing_still import StandingStill
+from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import (
     ATTITUDE,
     D_ACCELEROMETER_BIAS,
@@ -38,39 +37,25 @@ from aircraft_sysid_ros.reconstruction.state import (
     ERROR_SIZE,
     GUSTY_START,
     STATE_SIZE,
-    Column,
     Memory,
     Setup,
+    StateField,
     Status,
     new_memory,
 )
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
+from aircraft_sysid_ros.reconstruction.stuck_sensors import StuckSensors
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
 
 Array = npt.NDArray[np.float64]
 
 #: Kinds that the first step uses. Any other would split the integration between two IMU samples, so that the
 #: numbers depended on who else listens.
-_USED = np.isin(
-    np.arange(len(Kind)), (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.FIVE_HOLE), invert=True
-)
+_USED = np.isin(np.arange(len(Kind)), (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.FIVE_HOLE), invert=True)
 #: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
 _EPOCH_STEP = 2**20 * NANOSECONDS
 #: States that air data have a part in.
 _AIRBORNE = (Status.OK, Status.NO_GPS, Status.INFERRED_ALPHA, Status.INFERRED_BETA, Status.INFERRED_ANGLES)
-
-
-@dataclass(frozen=True)
-class StateOptions:
-    """Options of the first step; the live node offers them as parameters."""
-
-    horizon: float = 0.5  # [s] how late a sample may come and still be fused at its own time
-    gate: float = 5.0  # [sigma] of a scalar innovation; more outputs at the same probability
-    maximum_iterations: int = 5
-    tolerance: float = 1e-3  # of (3.16), in standard deviations
-    maximum_gap: float = 0.5  # [s] between IMU samples; longer, and the filter aligns anew
-    divergence_time: float = 5.0  # [s] of GPS position and velocity rejected without a break: align anew
-    air_data_errors: bool = False  # scales and offsets of V, alpha and beta are states too
 
 
 def epoch_of(stamp: int) -> int:
@@ -99,12 +84,14 @@ def sensor_delays(aircraft: Aircraft) -> Array:
 class StateEstimator:
     """Iterated extended Kalman filter over (6.24), fed in any order within the horizon.
 
-    ``push`` takes samples as they arrive and returns rows of ``state.Column``, one per IMU sample, complete
+    ``push`` takes samples as they arrive and returns rows of ``state.StateField``, one per IMU sample, complete
     up to ``horizon`` plus the longest sensor delay before the newest IMU stamp. With a ``tape`` it records what
     ``smooth`` needs at the end of the flight; errors of the air data have no place on it.
     """
 
-    def __init__(self, aircraft: Aircraft, options: StateOptions | None = None, tape: FlightTape | None = None) -> None:
+    def __init__(
+        self, aircraft: Aircraft, options: StateOptions | None = None, tape: SmootherHistory | None = None
+    ) -> None:
         self.aircraft = aircraft
         self.tape = tape
         self.smoothed = False
@@ -114,7 +101,7 @@ class StateEstimator:
         self.realignments = 0
         self._gate = gate_thresholds(self.options.gate)
         self._scales = sensor_scales(aircraft)
-        self._still = StandingStill(aircraft.minimum_airspeed)
+        self._still = StuckSensors(aircraft.minimum_airspeed)
         self._alignment = self._new_alignment(9.80665)
         self._start = StartValues()
         self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
@@ -128,7 +115,7 @@ class StateEstimator:
         self._last_airborne: Array | None = None  # newest row with air data
 
     def push(self, samples: Samples) -> Array:
-        """Take n samples in the order of arrival; returns rows (m, Column.WIDTH), m >= 0.
+        """Take n samples in the order of arrival; returns rows (m, StateField.WIDTH), m >= 0.
 
         Kinds that belong to the second step are passed over.
         """
@@ -162,7 +149,7 @@ class StateEstimator:
         return self._collect(self.order.flush())
 
     def smooth(self, with_covariance: bool = True) -> Array:
-        """Rows of the whole flight (n, Column.WIDTH), smoothed; after ``flush``. The newest does not change.
+        """Rows of the whole flight (n, StateField.WIDTH), smoothed; after ``flush``. The newest does not change.
 
         Without the covariance standard deviations stay those of the filter, and it is several times faster.
         """
@@ -170,7 +157,7 @@ class StateEstimator:
 
         assert self.tape is not None
         rows = smooth(self.tape, with_covariance)
-        airborne = np.flatnonzero(np.isin(rows[:, Column.STATUS], _AIRBORNE))
+        airborne = np.flatnonzero(np.isin(rows[:, StateField.STATUS], _AIRBORNE))
         if self._last_airborne is not None:
             self._last_airborne = rows[airborne[-1]].copy()
         self.smoothed = True
@@ -181,7 +168,7 @@ class StateEstimator:
         """Value of ``state.Status``."""
         if not self._aligned or self.last_row is None:
             return Status.WAITING
-        return int(self.last_row[Column.STATUS])
+        return int(self.last_row[StateField.STATUS])
 
     @property
     def flight_time(self) -> float:
@@ -246,7 +233,7 @@ class StateEstimator:
         if self._last_airborne is None:
             return self._known_wind()
         row = self._last_airborne
-        return row[Column.WIND], row[Column.STANDARD_DEVIATIONS][D_AIR_VELOCITY:]
+        return row[StateField.WIND], row[StateField.STANDARD_DEVIATIONS][D_AIR_VELOCITY:]
 
     def _known_wind(self) -> tuple[Array, Array]:
         """Newest wind NED (3,) and its standard deviations (3,)."""
@@ -283,7 +270,7 @@ class StateEstimator:
                     self.epoch = epoch_of(int(part.samples.stamp[0]))
                 times = seconds(part.samples.stamp, self.epoch)
                 blocks.extend(self._process(times, part.samples.kind, part.samples.values))
-        return np.vstack(blocks) if blocks else np.empty((0, Column.WIDTH))
+        return np.vstack(blocks) if blocks else np.empty((0, StateField.WIDTH))
 
     def _process(self, times: Array, kinds: npt.NDArray[np.int64], values: Array) -> Iterator[Array]:
         """Samples in time order; those after the last IMU sample wait for the next one."""
@@ -298,15 +285,15 @@ class StateEstimator:
                 at = self._align(times, kinds, values, at)
                 continue
             assert self._setup is not None  # known from the first alignment on
-            rows = np.full((int(np.sum(kinds[at:] == Kind.IMU)), Column.WIDTH), np.nan)
+            rows = np.full((int(np.sum(kinds[at:] == Kind.IMU)), StateField.WIDTH), np.nan)
             tape = np.empty((0 if self.tape is None else len(times) - at, STEP_WIDTH))
             at, count, steps, state = run(
                 times, kinds, values, at, self._x, self._p, self._setup, self.memory, rows, tape
             )
             if count:
-                rows[:count, Column.LATE] = self.order.counts.late.sum()
+                rows[:count, StateField.LATE] = self.order.counts.late.sum()
                 self.last_row = rows[count - 1]
-                airborne = np.flatnonzero(np.isin(rows[:count, Column.STATUS], _AIRBORNE))
+                airborne = np.flatnonzero(np.isin(rows[:count, StateField.STATUS], _AIRBORNE))
                 if len(airborne):
                     self._last_airborne = rows[airborne[-1]]
                 yield rows[:count]
@@ -388,7 +375,7 @@ def warm_up(aircraft: Aircraft, *, smoother: bool = False) -> None:
         samples_of(Kind.AIRSPEED, stamp, speed * ones),
         samples_of(Kind.IMU, stamp, level),
     ]
-    with FlightTape() as tape:
+    with SmootherHistory() as tape:
         estimator = StateEstimator(aircraft, tape=tape if smoother else None)
         estimator.push(concatenate(batches))
         estimator.flush()

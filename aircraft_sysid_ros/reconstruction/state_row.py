@@ -1,4 +1,4 @@
-"""A row of ``state.Column`` at the centre of gravity, from the state at the place of the IMU."""
+"""A row of ``state.StateField`` at the centre of gravity, from the state at the place of the IMU."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, cross_matrix, rotation_matrix
-from aircraft_sysid_ros.reconstruction.assumptions import has_vane, is_inferred
 from aircraft_sysid_ros.reconstruction.measurements import air_data_gradient, air_velocity_at
+from aircraft_sysid_ros.reconstruction.pseudo_measurements import has_vane, is_inferred
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
     AIR_VELOCITY,
@@ -19,9 +19,9 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_VELOCITY,
     ERROR_SIZE,
     GYRO_BIAS,
-    Column,
     Memory,
     Setup,
+    StateField,
     Status,
 )
 from aircraft_sysid_ros.samples import Kind
@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
 _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 # Columns, as plain numbers for numba.
-_COLUMN_STD = Column.STANDARD_DEVIATIONS.start
+_COLUMN_STD = StateField.STANDARD_DEVIATIONS.start
 
 _OK, _NO_GPS = Status.OK, Status.NO_GPS
 _NO_AIR_DATA, _INERTIAL_ONLY = Status.NO_AIR_DATA, Status.INERTIAL_ONLY

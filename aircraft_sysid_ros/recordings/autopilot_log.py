@@ -14,7 +14,7 @@ from aircraft_sysid_ros.mavlink.assembler import COMPUTED_ANGLES, Assembler, Out
 from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Table, readings_of
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, TOPICS
 
 #: Where a log without a date begins: 2000-01-01, Unix time [s].
 NO_DATE = 946_684_800
@@ -61,9 +61,7 @@ def import_content(content: LogContent, table: Table, calibration: Calibration |
     return ImportedLog(content.format, topics, missing, content.notes, _found(content.found, table, used))
 
 
-def assembled(
-    readings: Sequence[Reading], table: Table, calibration: Calibration
-) -> tuple[list[Output], Assembler]:
+def assembled(readings: Sequence[Reading], table: Table, calibration: Calibration) -> tuple[list[Output], Assembler]:
     """Messages of our topics from all readings of a log."""
     assembler = Assembler(table, calibration)
     assembler.choose({reading.source for reading in readings})
@@ -140,5 +138,3 @@ def _why_no_flow(name: str, quantities: set[Quantity], sources: set[str], calibr
     if sources & set(COMPUTED_ANGLES) and not calibration.measured_angles:
         return "the autopilot's angles are its own estimates; if vanes feed them, say so: flow_angles: measured"
     return "not measured: the filter works it out from wind and attitude, see docs/mavlink.md"
-
-

@@ -116,9 +116,7 @@ def layout(definitions: Definitions, type_name: str, string_size: Callable[[str,
     )
 
 
-def decode(
-    definitions: Definitions, type_name: str, messages: npt.NDArray[np.uint8]
-) -> npt.NDArray[Any] | None:
+def decode(definitions: Definitions, type_name: str, messages: npt.NDArray[np.uint8]) -> npt.NDArray[Any] | None:
     """Structured view (n,) of n messages of equal length (n, length), or None without a common layout."""
     if len(messages) == 0 or not np.all(messages[:, :2] == np.frombuffer(HEADER[:2], np.uint8)):
         return None

@@ -20,7 +20,7 @@ from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
 from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 _MAGIC = b"\xa3\x95"
 _HEADER = 3

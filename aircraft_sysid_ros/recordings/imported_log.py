@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, TOPICS
 
 Array = npt.NDArray[np.float64]
 
@@ -56,9 +56,7 @@ def stamps(start: float, seconds: Array) -> npt.NDArray[np.int64]:
     return round(start * NANOSECONDS) + np.round(seconds * NANOSECONDS).astype(np.int64)
 
 
-def write_log(
-    log: ImportedLog, source: str | Path, out: str | Path, *, overwrite: bool = False
-) -> dict[str, Any]:
+def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
     """Write the recording and return the report (JSON-able); messages arrive when they are stamped."""
     with RecordingWriter(out, overwrite=overwrite) as writer:
         for topic in log.topics:

@@ -29,7 +29,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import (
     STANDARD_GRAVITY,
 )
 from aircraft_sysid_ros.recordings.imported_log import Array, ImportedLog, ImportedTopic, gps_seconds, stamps
-from aircraft_sysid_ros.recordings.ros_conversion import (
+from aircraft_sysid_ros.ros_messages.conversion import (
     flu_from_frd,
     gps_fix_fields,
     gps_velocity_fields,
@@ -56,9 +56,7 @@ Rows = dict[str, npt.NDArray[Any]]
 
 def import_labelled(content: dict[str, Any]) -> ImportedLog:
     """an InertialNav log with labels"""
-    imu, mag, gps, navigation, control = (
-        _table(content, name) for name in ("IMU", "MAG", "GPS", "NTUN", "CTUN")
-    )
+    imu, mag, gps, navigation, control = (_table(content, name) for name in ("IMU", "MAG", "GPS", "NTUN", "CTUN"))
     parameters = {str(name): value for name, value in content["PARM"]}
     new = (np.diff(gps["TimeMS"], prepend=-1.0) != 0.0) & (gps["Status"] >= _FIX_3D)
     gps = {name: column[new] for name, column in gps.items()}
@@ -74,13 +72,9 @@ def import_labelled(content: dict[str, Any]) -> ImportedLog:
     topics = [
         ImportedTopic("imu/data", at(imu), imu_fields(force, rate), "IMU Gyr Acc"),
         ImportedTopic("imu/mag", at(mag), field, "MAG Mag"),
-        *_gps(
-            at(gps, "T"), gps["Lat"], gps["Lng"], gps["Alt"], gps["Spd"], np.radians(gps["GCrs"]), gps["VZ"]
-        ),
+        *_gps(at(gps, "T"), gps["Lat"], gps["Lng"], gps["Alt"], gps["Spd"], np.radians(gps["GCrs"]), gps["VZ"]),
         ImportedTopic("air_data", at(navigation), _air_data(navigation["Arspd"], density), "NTUN Arspd Alt"),
-        ImportedTopic(
-            "control_surfaces", at(control), {"throttle": control["ThrOut"] / 100.0}, "CTUN ThrOut"
-        ),
+        ImportedTopic("control_surfaces", at(control), {"throttle": control["ThrOut"] / 100.0}, "CTUN ThrOut"),
     ]
     missing = _MISSING | {"control_surfaces": "deflections are not in the log: only the throttle command"}
     notes = ["the delays of GPS and airspeed are in config/inertialnav_testlog2.yaml"]
@@ -96,9 +90,7 @@ def import_vectors(content: dict[str, Any]) -> ImportedLog:
     imu = imu_fields(content["accel"], content["angRate"])
     topics = [
         ImportedTopic("imu/data", stamps(SWISS_START, content["IMUtime"]), imu, "angRate accel"),
-        ImportedTopic(
-            "imu/mag", stamps(SWISS_START, content["MAGtime"][new]), magnetic, "MagX MagY MagZ, new ones"
-        ),
+        ImportedTopic("imu/mag", stamps(SWISS_START, content["MAGtime"][new]), magnetic, "MagX MagY MagZ, new ones"),
         *_gps(
             stamps(SWISS_START, content["GPStime"]),
             *(content[name] for name in ("LatDeg", "LngDeg", "Hgt", "GndSpd", "CourseDeg", "VelD")),
@@ -147,7 +139,5 @@ def _gps(
     fix = gps_fix_fields(np.radians(lat), np.radians(lon), alt)
     return [
         ImportedTopic("gps/fix", stamp, fix, "GPS latitude longitude altitude", "gps"),
-        ImportedTopic(
-            "gps/vel", stamp, gps_velocity_fields(velocity), "GPS speed, course and rate of descent", "gps"
-        ),
+        ImportedTopic("gps/vel", stamp, gps_velocity_fields(velocity), "GPS speed, course and rate of descent", "gps"),
     ]

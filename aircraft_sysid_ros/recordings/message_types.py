@@ -12,7 +12,7 @@ import numpy as np
 from aircraft_sysid_ros.recordings.cdr_layout import PRIMITIVES, Definitions, vector_components
 from aircraft_sysid_ros.recordings.message_definitions import PACKAGE, message_definitions
 from aircraft_sysid_ros.recordings.raw_messages import Channel
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -94,9 +94,7 @@ def message_from_dict(type_name: str, values: Mapping[str, Any]) -> Any:
     for name in values.keys() - members.keys():
         raise KeyError(f"{type_name} has no field {name}")
     missing = np.nan if type_name.startswith(PACKAGE) else 0.0
-    fields = {
-        name: _field_value(description, values.get(name), missing) for name, description in members.items()
-    }
+    fields = {name: _field_value(description, values.get(name), missing) for name, description in members.items()}
     return types.types[type_name](**fields)
 
 

@@ -86,7 +86,5 @@ class RawMessages:
         if length == 0 or np.any(self.length[rows] != length):
             return None
         # An overlapping view with a row from every byte on: picking rows from it copies each message once.
-        windows = np.ndarray(
-            len(self.data) - length + 1, np.dtype((np.void, length)), self.data, strides=(1,)
-        )
+        windows = np.ndarray(len(self.data) - length + 1, np.dtype((np.void, length)), self.data, strides=(1,))
         return windows[self.start[rows]].view(np.uint8).reshape(len(rows), length)

@@ -11,9 +11,9 @@ import numpy as np
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS, USED_FIELDS, samples_and_rows
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import table_of
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, TOPICS, USED_FIELDS, samples_and_rows
 from aircraft_sysid_ros.samples import Samples, concatenate
 
 #: No message holds more samples than this.
@@ -143,14 +143,10 @@ def _namespace(raw: RawMessages) -> str:
     return min(namespaces, key=lambda prefix: (-namespaces[prefix], prefix), default="")
 
 
-def _require_samples(
-    path: str | Path, batches: list[Samples], raw: RawMessages, skipped: Mapping[str, int]
-) -> None:
+def _require_samples(path: str | Path, batches: list[Samples], raw: RawMessages, skipped: Mapping[str, int]) -> None:
     if any(len(batch) for batch in batches):
         return
     if any(skipped.values()):
-        raise InputError(
-            f"no message of the recording {path} could be decoded: it is damaged or of another version"
-        )
+        raise InputError(f"no message of the recording {path} could be decoded: it is damaged or of another version")
     needed = ", ".join("/" + topic for topic in TOPICS)
     raise InputError(f"the recording {path} has none of the topics {needed}: it holds {raw.topic_names()}")

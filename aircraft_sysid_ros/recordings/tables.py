@@ -14,8 +14,8 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import cdr_layout
 from aircraft_sysid_ros.recordings.message_types import channel_types, flat_fields
 from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
 from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
 
@@ -53,9 +53,7 @@ def table_of(raw: RawMessages, key: int, names: Collection[str] | None = None) -
     missing = set(names or ()) - table.fields.keys()
     if missing and len(table.rows):
         channel = raw.channels[key]
-        raise InputError(
-            f"the recording has another {channel.type} on {channel.topic}: without {sorted(missing)[0]}"
-        )
+        raise InputError(f"the recording has another {channel.type} on {channel.topic}: without {sorted(missing)[0]}")
     return table
 
 
@@ -111,11 +109,7 @@ def _column(table: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     if name not in (table.dtype.names or ()):
         return np.full(len(table), "")  # a text without a byte has a length only
     values = table[name]
-    return (
-        np.char.decode(values, "utf8", "replace")
-        if values.dtype.kind == "S"
-        else np.ascontiguousarray(values)
-    )
+    return np.char.decode(values, "utf8", "replace") if values.dtype.kind == "S" else np.ascontiguousarray(values)
 
 
 def _stamp(table: Any, columns: Collection[str], log_time: Integers) -> Integers:

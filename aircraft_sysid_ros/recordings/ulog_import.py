@@ -16,7 +16,7 @@ from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES
 from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 _ELEMENT = re.compile(r"^(\w+)\[(\d+)\]$")
 _GPS = ("sensor_gps", "vehicle_gps_position")

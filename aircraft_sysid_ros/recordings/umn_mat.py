@@ -37,7 +37,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.imported_log import Array, ImportedLog, ImportedTopic, gps_seconds, stamps
-from aircraft_sysid_ros.recordings.ros_conversion import (
+from aircraft_sysid_ros.ros_messages.conversion import (
     TOPICS,
     gps_fix_fields,
     gps_velocity_fields,

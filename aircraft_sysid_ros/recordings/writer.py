@@ -21,7 +21,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import cdr_layout
 from aircraft_sysid_ros.recordings.message_definitions import PACKAGE
 from aircraft_sysid_ros.recordings.message_types import known_types, message_from_dict
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 _FRAME = "header.frame_id"
 
@@ -108,9 +108,7 @@ class RecordingWriter:
             with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:
                 bag = Path(folder) / self.path.stem
                 self._write_bag(bag)
-                _put_in_place(
-                    next(bag.glob("*.mcap")) if self.path.suffix == ".mcap" else bag, self.path, folder
-                )
+                _put_in_place(next(bag.glob("*.mcap")) if self.path.suffix == ".mcap" else bag, self.path, folder)
         except OSError as error:
             raise InputError(f"cannot write the recording {self.path}: {error.strerror or error}") from None
 
@@ -119,9 +117,7 @@ class RecordingWriter:
 
         log_times = np.concatenate([batch.log_time for batch in self._batches] or [np.empty(0, np.int64)])
         batch_of = np.repeat(np.arange(len(self._batches)), [len(batch.log_time) for batch in self._batches])
-        row_of = np.concatenate(
-            [np.arange(len(batch.log_time)) for batch in self._batches] or [np.empty(0, int)]
-        )
+        row_of = np.concatenate([np.arange(len(batch.log_time)) for batch in self._batches] or [np.empty(0, int)])
         order = np.argsort(log_times, kind="stable")
         contents = [(batch.connection[0], _split(batch.messages)) for batch in self._batches]
         with BagWriter(folder) as writer:

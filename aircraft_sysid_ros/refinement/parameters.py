@@ -22,7 +22,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     parameter_count,
     process_slice,
 )
-from aircraft_sysid_ros.modelling.trust import Evidence, TrustRules, judge
+from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.refinement.record import FlightRecord
 
 Array = npt.NDArray[np.float64]

@@ -48,8 +48,8 @@ from aircraft_sysid_ros.flight_model.layout import (
     FlightModel,
     flight_model_of,
 )
-from aircraft_sysid_ros.reconstruction.flight_tape import FlightTape
-from aircraft_sysid_ros.reconstruction.state import Column, Status
+from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
+from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, seconds, sensor_delays
 from aircraft_sysid_ros.refinement.resampling import cubic, sharpened
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
@@ -95,7 +95,7 @@ class FlightRecord:
 
 def record_of(aircraft: Aircraft, samples: Samples, rate: float) -> FlightRecord:
     """Record of a flight at about ``rate`` [Hz]; raises InputError where samples do not make a flight."""
-    with FlightTape() as tape:
+    with SmootherHistory() as tape:
         estimator = StateEstimator(aircraft, tape=tape)
         estimator.push(samples)
         estimator.flush()
@@ -106,16 +106,16 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float) -> FlightRecord
     if not len(first):
         raise InputError("the IMU samples of the run have gaps everywhere: nothing can be refined")
     every = int(last[0] - first[0] + 1)
-    time = _mean(rows[:, Column.TIME], first, every)
+    time = _mean(rows[:, StateField.TIME], first, every)
     states = _states(rows, first, every)
     delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
     times = seconds(samples.stamp - delays[samples.kind], estimator.epoch)
     values = np.where(is_absurd(samples), np.nan, samples.values)
     inputs, missing = _inputs(aircraft, samples.kind, times, values, rows, states, time, first, every)
-    origin = rows[first[0], Column.ORIGIN]
+    origin = rows[first[0], StateField.ORIGIN]
     outputs = _outputs(aircraft, samples.kind, times, values, rows, time, first, every)
-    airspeed = _mean(rows[:, Column.AIRSPEED], first, every)
-    status = rows[first, Column.STATUS]
+    airspeed = _mean(rows[:, StateField.AIRSPEED], first, every)
+    status = rows[first, StateField.STATUS]
     finite = np.all(np.isfinite(inputs), axis=1) & np.all(np.isfinite(states), axis=1)
     in_flight = finite & (airspeed >= aircraft.minimum_airspeed) & (status != Status.WAITING)
     model = flight_model_of(aircraft, float(gravity(origin[0], origin[2])), every)
@@ -128,7 +128,7 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float) -> FlightRecord
 
 def _groups(rows: Array, rate: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """First and last row of each group of IMU samples that is one grid step, without gaps inside."""
-    time = rows[:, Column.TIME]
+    time = rows[:, StateField.TIME]
     interval = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     every = max(round(1.0 / (rate * interval)), 1)
     broken = np.flatnonzero((np.diff(time) > 1.5 * interval) | (np.diff(time) <= 0.0)) + 1
@@ -146,14 +146,14 @@ def _mean(series: Array, first: npt.NDArray[np.int64], every: int) -> Array:
 
 def _states(rows: Array, first: npt.NDArray[np.int64], every: int) -> Array:
     states = np.empty((len(first), STATE_SIZE))
-    attitude = rows[:, Column.ATTITUDE]
+    attitude = rows[:, StateField.ATTITUDE]
     same_side = np.sign(np.sum(attitude[first][:, None] * np.stack([attitude[first + k] for k in range(every)], 1), 2))
     turned = np.sum([same_side[:, k, None] * attitude[first + k] for k in range(every)], axis=0)
-    states[:, 0:3] = _mean(rows[:, Column.VELOCITY], first, every)
-    states[:, 3:6] = _mean(rows[:, Column.POSITION], first, every)
+    states[:, 0:3] = _mean(rows[:, StateField.VELOCITY], first, every)
+    states[:, 3:6] = _mean(rows[:, StateField.POSITION], first, every)
     states[:, 6:10] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
-    states[:, 10:13] = _mean(rows[:, Column.ANGULAR_VELOCITY], first, every)
-    states[:, 13:16] = _mean(rows[:, Column.WIND], first, every)
+    states[:, 10:13] = _mean(rows[:, StateField.ANGULAR_VELOCITY], first, every)
+    states[:, 13:16] = _mean(rows[:, StateField.WIND], first, every)
     return states
 
 
@@ -177,8 +177,8 @@ def _inputs(
         never = ~np.any(np.isfinite(controls), axis=0)
         controls[:, never] = 0.0
         inputs[:, part] = controls
-    inputs[:, DENSITY] = _mean(rows[:, Column.AIR_DENSITY], first, every)
-    altitude = rows[first, Column.ORIGIN.stop - 1] - states[:, 5]
+    inputs[:, DENSITY] = _mean(rows[:, StateField.AIR_DENSITY], first, every)
+    altitude = rows[first, StateField.ORIGIN.stop - 1] - states[:, 5]
     ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(altitude.min())
     height = _series(Kind.HEIGHT, 1, kinds, times, values, time)[:, 0]
     inputs[:, HEIGHT] = np.where(np.isfinite(height), height, altitude - ground)
@@ -188,9 +188,7 @@ def _inputs(
     return inputs, frozenset(name for name, gone in zip(_CONTROL_SIGNALS, never, strict=True) if gone)
 
 
-def _series(
-    kind: Kind, width: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array
-) -> Array:
+def _series(kind: Kind, width: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array) -> Array:
     chosen = np.flatnonzero(kinds == kind)
     order = chosen[np.argsort(times[chosen], kind="stable")]
     return cubic(times[order], np.ascontiguousarray(values[order, :width]), at, _SETTLE)
@@ -208,12 +206,12 @@ def _outputs(
 ) -> Array:
     """Outputs (N, 18); the IMU as measured, that is with the biases that the rows are without."""
     y = np.full((len(time), OUTPUT_SIZE), np.nan)
-    force = rows[:, Column.SPECIFIC_FORCE] + rows[:, Column.ACCELEROMETER_BIAS]
+    force = rows[:, StateField.SPECIFIC_FORCE] + rows[:, StateField.ACCELEROMETER_BIAS]
     y[:, FORCE : FORCE + 3] = sharpened(_mean(force, first, every), time, every)
-    rates = _mean(rows[:, Column.ANGULAR_VELOCITY] + rows[:, Column.GYRO_BIAS], first, every)
+    rates = _mean(rows[:, StateField.ANGULAR_VELOCITY] + rows[:, StateField.GYRO_BIAS], first, every)
     y[:, GYRO : GYRO + 3] = sharpened(rates, time, every)
-    row_time = rows[:, Column.TIME]
-    origin = rows[first[0], Column.ORIGIN].copy()
+    row_time = rows[:, StateField.TIME]
+    origin = rows[first[0], StateField.ORIGIN].copy()
 
     def put(kind: Kind, at: int, found: Array, reference: Array | None) -> None:
         """Mean of the samples (m, k) at each grid time, carried there along the reference (rows, k)."""
@@ -222,9 +220,7 @@ def _outputs(
         if reference is not None:
             for j in range(found.shape[1]):
                 column = reference[:, j]
-                found[:, j] += (
-                    np.interp(time[nearest], row_time, column) - np.interp(seen, row_time, column)
-                )
+                found[:, j] += np.interp(time[nearest], row_time, column) - np.interp(seen, row_time, column)
         for j in range(found.shape[1]):
             there = near & np.isfinite(found[:, j])
             count = np.bincount(nearest[there], minlength=len(time))
@@ -236,12 +232,12 @@ def _outputs(
 
     geodetic = of(Kind.GPS_POSITION, 3)
     position = np.array([ned_from_geodetic(g[0], g[1], g[2], origin) for g in geodetic]).reshape(-1, 3)
-    put(Kind.GPS_POSITION, GPS_POSITION, position, rows[:, Column.POSITION])
-    put(Kind.GPS_VELOCITY, GPS_VELOCITY, of(Kind.GPS_VELOCITY, 3), rows[:, Column.VELOCITY])
+    put(Kind.GPS_POSITION, GPS_POSITION, position, rows[:, StateField.POSITION])
+    put(Kind.GPS_VELOCITY, GPS_VELOCITY, of(Kind.GPS_VELOCITY, 3), rows[:, StateField.VELOCITY])
     for kind, at, column in (
-        (Kind.AIRSPEED, AIRSPEED, Column.AIRSPEED),
-        (Kind.ANGLE_OF_ATTACK, ALPHA, Column.ANGLE_OF_ATTACK),
-        (Kind.SIDESLIP, BETA, Column.SIDESLIP),
+        (Kind.AIRSPEED, AIRSPEED, StateField.AIRSPEED),
+        (Kind.ANGLE_OF_ATTACK, ALPHA, StateField.ANGLE_OF_ATTACK),
+        (Kind.SIDESLIP, BETA, StateField.SIDESLIP),
     ):
         put(kind, at, of(kind, 1), rows[:, column : column + 1])
     if np.any(kinds == Kind.ATTITUDE):
@@ -265,9 +261,9 @@ def _nearest(time: Array, at: Array) -> tuple[npt.NDArray[np.int64], Mask]:
 
 def _attitude_at(at: float, rows: Array) -> Array:
     """Reference attitude (4,) at a time, from the row before it and its rates."""
-    k = int(np.clip(np.searchsorted(rows[:, Column.TIME], at) - 1, 0, len(rows) - 1))
-    turn = rows[k, Column.ANGULAR_VELOCITY] * np.clip(at - rows[k, Column.TIME], -0.1, 0.1)
-    return np.asarray(quaternion_product(rows[k, Column.ATTITUDE], quaternion_exp(turn)))
+    k = int(np.clip(np.searchsorted(rows[:, StateField.TIME], at) - 1, 0, len(rows) - 1))
+    turn = rows[k, StateField.ANGULAR_VELOCITY] * np.clip(at - rows[k, StateField.TIME], -0.1, 0.1)
+    return np.asarray(quaternion_product(rows[k, StateField.ATTITUDE], quaternion_exp(turn)))
 
 
 def _attitude_errors(quaternions: Array, at: Array, rows: Array) -> Array:

@@ -21,7 +21,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     output_slice,
     process_slice,
 )
-from aircraft_sysid_ros.modelling.body import body_of, body_with
+from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.refinement.filter_error import FilterModel, filter_error_fit
 from aircraft_sysid_ros.refinement.output_error import SegmentModel, output_error_fit
 from aircraft_sysid_ros.refinement.parameters import (
@@ -111,9 +111,7 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     errors = errors_not_fitted(run, record, segments, found.theta)
     content = {
         "method": method,
-        "parameters": judged(
-            run.aircraft.model, record, found.theta, found.std, active, scales, run.parameters
-        ),
+        "parameters": judged(run.aircraft.model, record, found.theta, found.std, active, scales, run.parameters),
         "biases": biases_json(record, found.theta, found.std, active),
         "cost": found.cost,
         "iterations": found.iterations,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.modelling import signals
+from aircraft_sysid_ros.identification.coefficients import signals
 
 Array = npt.NDArray[np.float64]
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.trust import physical_bounds
-from aircraft_sysid_ros.run_files import (
+from aircraft_sysid_ros.identification.physical_bounds import physical_bounds
+from aircraft_sysid_ros.run_reader import (
     AIRCRAFT,
     PARAMETERS,
     SAMPLES,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.report.pyplot import pyplot
-from aircraft_sysid_ros.run_folder import PARAMETERS, POINTS
+from aircraft_sysid_ros.run_writer import PARAMETERS, POINTS
 
 Array = npt.NDArray[np.float64]
 
@@ -59,9 +59,7 @@ def coefficients_figure(run: str | Path, path: str | Path, title: str) -> Path:
     plt = pyplot()
 
     points = load_points(run)
-    figure, axes = plt.subplots(
-        6, 2, figsize=(14, 13), sharex=True, width_ratios=(3, 2), layout="constrained"
-    )
+    figure, axes = plt.subplots(6, 2, figsize=(14, 13), sharex=True, width_ratios=(3, 2), layout="constrained")
     for i, axis in enumerate(AXES):
         measured, fitted = points["measured"][:, i], points["fitted"][:, i]
         both, residual = axes[i]
@@ -144,9 +142,7 @@ def outputs_figure(time: Array, measured: Array, modelled: Array, path: str | Pa
 
     shown = [i for i in range(len(OUTPUT_NAMES)) if np.any(np.isfinite(measured[:, i]))]
     rows = (len(shown) + 2) // 3
-    figure, axes = plt.subplots(
-        rows, 3, figsize=(16, 2.1 * rows), sharex=True, layout="constrained", squeeze=False
-    )
+    figure, axes = plt.subplots(rows, 3, figsize=(16, 2.1 * rows), sharex=True, layout="constrained", squeeze=False)
     for i, plot in zip(shown, axes.flat, strict=False):
         there, fitted = np.isfinite(measured[:, i]), np.isfinite(modelled[:, i])
         plot.plot(time[there], measured[there, i], color=MEASURED_COLOUR, lw=0, marker=".", ms=1.5, label="measured")

@@ -44,9 +44,7 @@ class Autopilot(NamedTuple):
 
 def pitch_rate_per_elevator(aircraft: Aircraft, trim: Trim, slopes: Derivatives) -> float:
     """Steady pitch rate per elevator [1/s]: C_m,a da + C_m,q q c/V + C_m,de de = 0 with q = lift_rate da."""
-    resistance = (
-        slopes.pitch_stiffness / slopes.lift_rate + slopes.pitch_damping * aircraft.chord / trim.airspeed
-    )
+    resistance = slopes.pitch_stiffness / slopes.lift_rate + slopes.pitch_damping * aircraft.chord / trim.airspeed
     return -slopes.pitch_control / resistance
 
 
@@ -72,9 +70,7 @@ def autopilot_for(aircraft: Aircraft, trim: Trim, slopes: Derivatives) -> Autopi
 def excitation_for(aircraft: Aircraft, qbar: float, trim: Trim, slopes: Derivatives) -> Excitation:
     """Sizes and pulse lengths of manoeuvres from the derivatives at a dynamic pressure [Pa]."""
     scale = qbar * aircraft.wing_area
-    pitch_force = (
-        slopes.pitch_stiffness + slopes.pitch_damping * aircraft.chord * slopes.lift_rate / trim.airspeed
-    )
+    pitch_force = slopes.pitch_stiffness + slopes.pitch_damping * aircraft.chord * slopes.lift_rate / trim.airspeed
     short_period = np.sqrt(max(-pitch_force * scale * aircraft.chord / aircraft.inertia[1, 1], 0.04))
     dutch_roll = np.sqrt(max(slopes.yaw_stiffness * scale * aircraft.span / aircraft.inertia[2, 2], 0.04))
     elevator = ALPHA_CHANGE * -pitch_force / slopes.pitch_control
@@ -104,9 +100,7 @@ def autopilot_controls(pilot, state, airspeed, bank_reference, airspeed_referenc
     height_error = state[POSITION + 2]
     climb = -state[VELOCITY + 2]
     # The wing must lift more in a turn; climb is fed back as well, which damps the phugoid.
-    pitch_reference = pilot.trim_pitch / max(np.cos(roll), 0.5) + pilot.climb_gain * (
-        height_error - 2.0 * climb
-    )
+    pitch_reference = pilot.trim_pitch / max(np.cos(roll), 0.5) + pilot.climb_gain * (height_error - 2.0 * climb)
     change = min(max(pitch_reference - pilot.trim_pitch, -PITCH_LIMIT), PITCH_LIMIT)
     out = pilot.trim_controls.copy()
     out[0] += pilot.pitch_gain * (pilot.trim_pitch + change - pitch)

@@ -15,10 +15,10 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.frames import cross_matrix
 from aircraft_sysid_ros.config_files import config_path
+from aircraft_sysid_ros.sensors.five_hole_probe import ProbeCalibration
+from aircraft_sysid_ros.sensors.instrument_errors import AIR_DATA, ANGLES, MagneticErrors, OutputErrors
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, generator
 from aircraft_sysid_ros.simulation.calibration_plan import CALIBRATION
-from aircraft_sysid_ros.simulation.five_hole_probe import ProbeCalibration
-from aircraft_sysid_ros.simulation.instrument_errors import AIR_DATA, ANGLES, MagneticErrors, OutputErrors
-from aircraft_sysid_ros.simulation.sensors import SensorOptions, generator
 from aircraft_sysid_ros.simulation.simulated_flight import HIDDEN_RATE, SimulatedFlight, simulate_samples
 
 Array = npt.NDArray[np.float64]

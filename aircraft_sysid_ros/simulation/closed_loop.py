@@ -27,6 +27,7 @@ from aircraft_sysid_ros.aircraft.frames import (
 from aircraft_sysid_ros.aircraft.rigid_body import cross
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
+from aircraft_sysid_ros.sensors.sensor_models import Stamps, generator, stamps_of
 from aircraft_sysid_ros.simulation.closed_loop_faults import Fault
 from aircraft_sysid_ros.simulation.dynamics import (
     ATTITUDE,
@@ -40,7 +41,6 @@ from aircraft_sysid_ros.simulation.dynamics import (
     runge_kutta_step,
 )
 from aircraft_sysid_ros.simulation.flight import HEIGHT, prepare
-from aircraft_sysid_ros.simulation.sensors import Stamps, generator, stamps_of
 from aircraft_sysid_ros.simulation.wind import low_altitude_turbulence, wind_series
 
 Array = npt.NDArray[np.float64]

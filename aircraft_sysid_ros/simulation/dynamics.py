@@ -101,8 +101,7 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
     missing = [name for name in model.parameter_names if name not in values]
     if missing:
         raise InputError(
-            f"aircraft '{aircraft.name}' cannot be simulated: its file lacks the coefficients "
-            f"{' '.join(missing)}"
+            f"aircraft '{aircraft.name}' cannot be simulated: its file lacks the coefficients {' '.join(missing)}"
         )
     code, term_offsets = model.linked
     return Airframe(

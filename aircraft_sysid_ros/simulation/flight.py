@@ -13,6 +13,7 @@ from aircraft_sysid_ros.aircraft import atmosphere, earth
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.autopilot import (
     Autopilot,
     autopilot_controls,
@@ -36,7 +37,6 @@ from aircraft_sysid_ros.simulation.dynamics import (
 )
 from aircraft_sysid_ros.simulation.manoeuvres import Excitation, Plan
 from aircraft_sysid_ros.simulation.trim import Trim, derivatives_at, trim_level
-from aircraft_sysid_ros.simulation.truth import Truth
 
 Array = npt.NDArray[np.float64]
 
@@ -107,9 +107,7 @@ def fly(setup: Setup, plan: Plan, wind: Array, change: Change | None = None) -> 
 
 
 @njit(cache=True)
-def _run(
-    before, after, change, ground, pilot, start, additions, bank, airspeed, height, flaps, wind, step
-):
+def _run(before, after, change, ground, pilot, start, additions, bank, airspeed, height, flaps, wind, step):
     """States and what acts in them at every step."""
     n = len(wind)
     states, signals = np.empty((n, STATE_SIZE)), np.empty((n, len(SIGNALS)))
@@ -140,9 +138,7 @@ def _truth(
         return signals[:, SIGNAL_INDEX[name]]
 
     surfaces = states[:, CONTROLS : CONTROLS + 3]
-    controls = np.column_stack(
-        [surfaces, column("flaps"), column("throttle"), thrust, column("propeller_speed")]
-    )
+    controls = np.column_stack([surfaces, column("flaps"), column("throttle"), thrust, column("propeller_speed")])
     altitude = setup.place.altitude - states[:, POSITION + 2]
     return Truth(
         time=time,

@@ -16,12 +16,12 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.diagnosis.effect import with_setting
-from aircraft_sysid_ros.diagnosis.effects import effect_of
+from aircraft_sysid_ros.effects import effect_of
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.sensors.sensor_models import generator
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.effect_recipes import RECIPES, STEP, Recipe
-from aircraft_sysid_ros.simulation.sensors import generator
 
 Array = npt.NDArray[np.float64]
 Setting = tuple[tuple[str, ...], float]

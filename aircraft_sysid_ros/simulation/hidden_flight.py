@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.dynamics import trim_airspeed_of
 from aircraft_sysid_ros.simulation.flight import Change, Setup, fly
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden
 from aircraft_sysid_ros.simulation.manoeuvres import Plan
-from aircraft_sysid_ros.simulation.truth import Truth
 
 Array = npt.NDArray[np.float64]
 

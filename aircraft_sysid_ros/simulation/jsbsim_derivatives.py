@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, textbook_model
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.jsbsim_flight import (
     ALPHA_DOT,
     COMMANDS,
@@ -29,7 +30,6 @@ from aircraft_sysid_ros.simulation.jsbsim_flight import (
     trimmed,
     truth_of_log,
 )
-from aircraft_sysid_ros.simulation.truth import Truth
 
 Array = npt.NDArray[np.float64]
 

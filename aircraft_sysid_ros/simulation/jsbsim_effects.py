@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden
 from aircraft_sysid_ros.simulation.jsbsim_flight import (
@@ -33,7 +34,6 @@ from aircraft_sysid_ros.simulation.jsbsim_flight import (
     trimmed,
 )
 from aircraft_sysid_ros.simulation.manoeuvres import Plan
-from aircraft_sysid_ros.simulation.truth import Truth
 
 Array = npt.NDArray[np.float64]
 

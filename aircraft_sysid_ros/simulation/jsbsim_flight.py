@@ -24,6 +24,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_di
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
+from aircraft_sysid_ros.sensors.truth import PROPELLER_SPEED, THROTTLE, THRUST, Truth
 from aircraft_sysid_ros.simulation.autopilot import (
     Autopilot,
     autopilot_controls,
@@ -34,7 +35,6 @@ from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, POSITION, STATE_SIZ
 from aircraft_sysid_ros.simulation.flight import LATITUDE, LONGITUDE
 from aircraft_sysid_ros.simulation.manoeuvres import Excitation, Plan, flight_plan, level_plan, orthogonal_multisines
 from aircraft_sysid_ros.simulation.trim import Derivatives, Trim, level_state
-from aircraft_sysid_ros.simulation.truth import PROPELLER_SPEED, THROTTLE, THRUST, Truth
 
 Array = npt.NDArray[np.float64]
 
@@ -152,9 +152,7 @@ def fly_jsbsim(
     truth = truth_of_log(setup.aircraft, time, _run(executive, command, wind))
     lost = ~np.isfinite(truth.airspeed) | (truth.height < _WHEELS) | (np.abs(truth.alpha) > 0.6)
     if lost.any():
-        raise InputError(
-            f"the JSBSim aircraft '{setup.name}' goes out of control after {time[np.argmax(lost)]:.1f} s"
-        )
+        raise InputError(f"the JSBSim aircraft '{setup.name}' goes out of control after {time[np.argmax(lost)]:.1f} s")
     return truth
 
 

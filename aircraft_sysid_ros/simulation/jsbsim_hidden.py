@@ -18,6 +18,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, textbook_model
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden, hidden_effect
 from aircraft_sysid_ros.simulation.hidden_flight import low_passes
 from aircraft_sysid_ros.simulation.jsbsim_effects import fly_jsbsim_hidden
@@ -32,7 +33,6 @@ from aircraft_sysid_ros.simulation.jsbsim_flight import (
     signals_of,
 )
 from aircraft_sysid_ros.simulation.manoeuvres import Plan
-from aircraft_sysid_ros.simulation.truth import Truth
 from aircraft_sysid_ros.simulation.varied_plan import plan_of
 
 Array = npt.NDArray[np.float64]

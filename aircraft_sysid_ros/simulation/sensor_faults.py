@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.sensors.sensor_models import stamps_of
 from aircraft_sysid_ros.simulation.dynamics import Effect
-from aircraft_sysid_ros.simulation.sensors import stamps_of
 
 Array = npt.NDArray[np.float64]
 Fault = Callable[[Samples, npt.NDArray[np.bool_]], Samples]

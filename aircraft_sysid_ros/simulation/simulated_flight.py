@@ -13,8 +13,9 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.ros_conversion import samples_and_rows
-from aircraft_sysid_ros.samples import Samples, concatenate
+from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.sensors.sensor_models import Biases, SensorOptions, Stream, arrived, generator, measure
+from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.dynamics import Effect, trim_airspeed_of
 from aircraft_sysid_ros.simulation.flight import HEIGHT, prepare
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden, hidden_effect, plans_of
@@ -32,8 +33,6 @@ from aircraft_sysid_ros.simulation.jsbsim_hidden import (
     projected,
     users_aircraft,
 )
-from aircraft_sysid_ros.simulation.sensors import Biases, SensorOptions, Stream, generator, measure
-from aircraft_sysid_ros.simulation.truth import Truth
 from aircraft_sysid_ros.simulation.varied_plan import PLANS, STANDARD, plan_of
 from aircraft_sysid_ros.simulation.wind import TURBULENCE_WIND, low_altitude_turbulence, wind_series
 
@@ -253,15 +252,3 @@ def _wind(
 ) -> npt.NDArray[np.float64]:
     gusts = low_altitude_turbulence(HEIGHT, TURBULENCE_WIND[turbulence]) if turbulence != "none" else None
     return wind_series(generator(seed, "wind"), count, 1.0 / rate, mean, walk, airspeed, gusts)
-
-
-def arrived(streams: Sequence[Stream]) -> Samples:
-    """Samples of all streams in order of arrival; those of one message stay together."""
-    batches: list[Samples] = []
-    keys: list[npt.NDArray[np.int64]] = []
-    for number, stream in enumerate(streams):
-        for part, (samples, rows) in enumerate(samples_and_rows(stream.topic, stream.stamp, stream.fields)):
-            batches.append(samples)
-            same = np.ones(len(rows), dtype=np.int64)
-            keys.append(np.stack([part * same, rows, number * same, stream.arrival[rows]]))
-    return concatenate(batches)[np.lexsort(np.concatenate(keys, axis=1))]

@@ -80,9 +80,7 @@ def trim_level(airframe: Airframe, place: Place, airspeed: float) -> Trim:
     upper = np.array([0.35, 0.2, *deflection, 1.0])
     lower = np.array([-0.35, -0.2, *(-np.array(deflection)), 0.0])
     start = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.4])
-    found = least_squares(
-        residual, start, bounds=(lower, upper), x_scale=0.1, xtol=1e-14, ftol=1e-14, gtol=1e-14
-    )
+    found = least_squares(residual, start, bounds=(lower, upper), x_scale=0.1, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     if not np.max(np.abs(found.fun)) < _TOLERANCE:
         raise InputError(
             f"no straight level flight at {airspeed:g} m/s with these coefficients and control limits: "

@@ -7,19 +7,22 @@ a rosbag2, whose readers look only at what its metadata lists, and beside a bare
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS, TOPICS
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, TOPICS
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH, stamps_of
+from aircraft_sysid_ros.sensors.truth import SERIES
 from aircraft_sysid_ros.simulation.jsbsim_derivatives import derived_truth
-from aircraft_sysid_ros.simulation.sensors import EPOCH, stamps_of
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight
-from aircraft_sysid_ros.simulation.truth import SERIES
 
 #: Rate [Hz] of the time series in truth.npz.
 TRUTH_RATE = 50.0
@@ -51,9 +54,7 @@ def load_truth(recording: str | Path) -> tuple[dict[str, Any], dict[str, npt.NDA
         with np.load(truth_path(recording, ".npz"), allow_pickle=False) as archive:
             return document, {name: archive[name] for name in archive.files}
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{recording} has no truth beside it: it is not a simulated flight ({error})"
-        ) from None
+        raise InputError(f"{recording} has no truth beside it: it is not a simulated flight ({error})") from None
 
 
 def truth_document(flight: SimulatedFlight) -> dict[str, Any]:
@@ -103,3 +104,12 @@ def truth_series(flight: SimulatedFlight) -> dict[str, npt.NDArray[Any]]:
         columns = [np.interp(stamp, flight.biases.stamp, column) for column in values.T]
         series[name + "_bias"] = np.stack(columns, axis=1)
     return {**series, "stamp": stamp, "time": time - begin, "origin": truth.origin}
+
+
+def true_values(truth: Mapping[str, Any]) -> dict[str, float]:
+    """True parameters by name from truth.json: those of the model and the terms of what was hidden."""
+    values = dict(truth["coefficients"])
+    for term in (term for effect in truth["hidden"] for term in effect["terms"]):
+        name = f"{term['axis']}_{term_label(parse_expression(term['expression']).text)}"
+        values[name] = values.get(name, 0.0) + term["value"]
+    return values

@@ -41,9 +41,7 @@ def low_altitude_turbulence(height: float, wind_at_20_feet: float) -> Turbulence
     return Turbulence((sigma_u, sigma_u, sigma_w), (length_u, length_u, h * FEET))
 
 
-def dryden_gusts(
-    rng: np.random.Generator, count: int, step: float, airspeed: float, turbulence: Turbulence
-) -> Array:
+def dryden_gusts(rng: np.random.Generator, count: int, step: float, airspeed: float, turbulence: Turbulence) -> Array:
     """Gusts u, v, w [m/s], shape (count, 3), every ``step`` [s] of flight at ``airspeed`` [m/s], stationary.
 
     Spectra of MIL-F-8785C: H_u = s_u sqrt(2 T) / (1 + T s) with T = L_u / V; H_v = s_v sqrt(T) (1 + sqrt(3) T
@@ -66,9 +64,7 @@ def dryden_gusts(
     return np.stack(columns, axis=1)
 
 
-def _stationary_output(
-    rng: np.random.Generator, count: int, step: float, a: Array, b: Array, c: Array
-) -> Array:
+def _stationary_output(rng: np.random.Generator, count: int, step: float, a: Array, b: Array, c: Array) -> Array:
     """Output (count,) of dx = a x dt + b dw, y = c x, sampled exactly, stationary from the first."""
     covariance = solve_continuous_lyapunov(a, -b @ b.T)
     transition = expm(a * step)

@@ -13,9 +13,9 @@ from collections.abc import Mapping
 from multiprocessing.connection import Connection
 from typing import Any
 
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.installation import missing_ros
-from aircraft_sysid_ros.modelling.trust import Trust
-from aircraft_sysid_ros.recordings.ros_conversion import nanoseconds_of
+from aircraft_sysid_ros.ros_messages.conversion import nanoseconds_of
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from nicegui import ui
 
-from aircraft_sysid_ros.diagnosis.effect import MEASUREMENT
-from aircraft_sysid_ros.diagnosis.effects import LIBRARY
+from aircraft_sysid_ros.effects import LIBRARY
+from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.errors_panel import Errors
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE, LiveFlight

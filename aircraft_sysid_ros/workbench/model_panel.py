@@ -15,7 +15,6 @@ from aircraft_sysid_ros.workbench.views.coefficients import ORDER, Span, axis_ro
 from aircraft_sysid_ros.workbench.views.figure import Figure
 
 if TYPE_CHECKING:
-    from aircraft_sysid_ros.workbench.page import Page
     from aircraft_sysid_ros.workbench.run_view import RunView
 
 #: Window [s] below which nothing is zoomed.
@@ -26,7 +25,7 @@ _RANGE = ("xaxis.range[0]", "xaxis.range[1]")
 class ModelPanel(Panel):
     """Time plots that move together, the errors, and three panels beside them."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Any) -> None:
         super().__init__(page)
         self._plots: dict[str, ui.plotly] = {}
         self._heads: dict[str, Any] = {}

@@ -12,8 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.commands.demo_story import true_values
-from aircraft_sysid_ros.commands.diagnose import RESULT
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
 from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, POINTS, FlightData
 from aircraft_sysid_ros.diagnosis.versions import (
@@ -27,11 +25,11 @@ from aircraft_sysid_ros.diagnosis.versions import (
     versions_of,
 )
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.recordings.tables import Table, read_table
-from aircraft_sysid_ros.run_files import ESTIMATES, PARAMETERS, SAMPLES, STATE, not_a_run
+from aircraft_sysid_ros.run_reader import DIAGNOSIS, ESTIMATES, PARAMETERS, SAMPLES, STATE, not_a_run
 from aircraft_sysid_ros.samples import Kind
-from aircraft_sysid_ros.simulation.truth_files import truth_path
+from aircraft_sysid_ros.simulation.truth_files import true_values, truth_path
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 
@@ -114,7 +112,7 @@ NO_TRUTH = TruthView({}, {})
 def signature_of(path: str | Path) -> tuple[int, ...]:
     """Changes when a file of the run changes that the page shows."""
     folder = Path(path)
-    names = (AIRCRAFT, SAMPLES, POINTS, PARAMETERS, STATE, CURRENT, RESULT)  # first those of the flight
+    names = (AIRCRAFT, SAMPLES, POINTS, PARAMETERS, STATE, CURRENT, DIAGNOSIS)  # first those of the flight
     return tuple(changed_at(folder / name) for name in names)
 
 
@@ -191,15 +189,15 @@ class _Flights:
 
 def _diagnosis(folder: Path, notes: list[str]) -> Mapping[str, Any] | None:
     """The last diagnosis; None where there is none, or none that can be read, which a note then says."""
-    if not (folder / RESULT).exists():
+    if not (folder / DIAGNOSIS).exists():
         return None
     try:
-        content = json.loads((folder / RESULT).read_text(encoding="utf8"))
+        content = json.loads((folder / DIAGNOSIS).read_text(encoding="utf8"))
         whole = content.keys() >= _OF_DIAGNOSIS and all(c.keys() >= _OF_CANDIDATE for c in content["candidates"])
     except (OSError, ValueError, AttributeError, TypeError):
         whole = False
     if not whole:
-        notes.append(f"{RESULT} of the run cannot be read: diagnose again")
+        notes.append(f"{DIAGNOSIS} of the run cannot be read: diagnose again")
     return content if whole else None
 
 

@@ -6,15 +6,15 @@ import difflib
 import re
 from collections.abc import Callable, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from nicegui import events, ui
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.diagnosis.additions import parse_request
-from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY
-from aircraft_sysid_ros.diagnosis.where import Place
+from aircraft_sysid_ros.diagnosis.error_regions import Place
+from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.markup import card_facts
 from aircraft_sysid_ros.workbench.panel import Panel, plot
@@ -25,16 +25,20 @@ from aircraft_sysid_ros.workbench.views.history import effect_name
 from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS, percent, symbol
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
-if TYPE_CHECKING:
-    from aircraft_sysid_ros.workbench.model_panel import ModelPanel
-
 _SPANS = re.compile(r"(\d+) to (\d+) s")
+
+
+class TimePlots(Protocol):
+    """The time plots that a side panel moves."""
+
+    def look_at(self, window: Span | None, marks: list[Span] | None = None) -> None:
+        """Show a window of time in all plots, the whole flight for None; ``marks`` None leaves what is marked."""
 
 
 class SidePanel(Panel):
     """A panel that can move the time plots, where there are any that move."""
 
-    def __init__(self, page: Any, plots: ModelPanel | None) -> None:
+    def __init__(self, page: Any, plots: TimePlots | None) -> None:
         super().__init__(page)
         self.plots = plots
 

@@ -111,17 +111,17 @@ class Desk:
         return ""
 
     def _diagnose(self, job: Job) -> str:
-        from aircraft_sysid_ros.commands.diagnose import RESULT
         from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
         from aircraft_sysid_ros.diagnosis.versions import open_run
-        from aircraft_sysid_ros.run_folder import write_json
+        from aircraft_sysid_ros.run_reader import DIAGNOSIS
+        from aircraft_sysid_ros.run_writer import write_json
 
         run = open_run(self.path)
         if run.samples is None:
             raise InputError(f"{self.path} holds no samples to diagnose from: replay the recording again")
         found = diagnose_flight(run.current.aircraft, run.samples, progress=self.progress).json
-        result = {"model": run.current.identifier, **found, "file": str(run.path / RESULT)}
-        write_json(run.path / RESULT, result)
+        result = {"model": run.current.identifier, **found, "file": str(run.path / DIAGNOSIS)}
+        write_json(run.path / DIAGNOSIS, result)
         return str(found["advice"])
 
     def _add(self, job: Job) -> str:

@@ -28,8 +28,8 @@ from rclpy.qos import QoSProfile
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.recordings import ros_conversion
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, USED_FIELDS, nanoseconds_of
+from aircraft_sysid_ros.ros_messages import conversion as ros_conversion
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, USED_FIELDS, nanoseconds_of
 from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, STEP, Sensed, SteppedAeroplane, damage_of
 from aircraft_sysid_ros.simulation.closed_loop_faults import fault_of
 

@@ -29,9 +29,9 @@ from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.consumer import ParameterSource, priors_of
 from aircraft_sysid_ros.consumer.subscriber import ParameterSubscriber
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.recordings.ros_conversion import frd_from_flu, nanoseconds_of, quaternion_ned_frd
+from aircraft_sysid_ros.ros_messages.conversion import frd_from_flu, nanoseconds_of, quaternion_ned_frd
+from aircraft_sysid_ros.sensors.sensor_models import stamps_of
 from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, STEP
-from aircraft_sysid_ros.simulation.sensors import stamps_of
 
 #: Age [s], in flight and by the clock, at which live parameters are said to have stopped; the estimator sends each 1 s.
 SILENCE_OF_PARAMETERS = 5.0

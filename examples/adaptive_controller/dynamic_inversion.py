@@ -67,9 +67,7 @@ def modelled_acceleration(rig, parameters, signals, rates):
     for axis in range(6):
         a, b = rig.axis_offsets[axis], rig.axis_offsets[axis + 1]
         coefficients[axis] = np.sum(terms[a:b] * parameters[a:b])
-    force, moment = rigid_body.forces_and_moments(
-        coefficients, signals[_QBAR], rig.wing_area, rig.span, rig.chord
-    )
+    force, moment = rigid_body.forces_and_moments(coefficients, signals[_QBAR], rig.wing_area, rig.span, rig.chord)
     moment = rigid_body.moment_at_centre_of_gravity(moment, force, rig.reference)
     return rigid_body.angular_acceleration(moment, rates, rig.inertia)
 

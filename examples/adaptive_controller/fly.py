@@ -27,8 +27,8 @@ from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.sensors.sensor_models import stamps_of
 from aircraft_sysid_ros.simulation.closed_loop import Reading
-from aircraft_sysid_ros.simulation.sensors import stamps_of
 
 #: The first start of the nodes compiles.
 PATIENCE = 180.0

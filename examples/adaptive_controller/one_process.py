@@ -16,11 +16,13 @@ from task import Multisine, Task
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.consumer import Origin, ParameterSource, Values, priors_of
-from aircraft_sysid_ros.modelling.parameter_set import ParameterSet
-from aircraft_sysid_ros.modelling.trust import Trust, physical_bounds
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.physical_bounds import physical_bounds
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
-from aircraft_sysid_ros.recordings.output_messages import parameters_content
+from aircraft_sysid_ros.ros_messages.output_messages import parameters_content
+from aircraft_sysid_ros.sensors.sensor_models import stamps_of
 from aircraft_sysid_ros.simulation.closed_loop import (
     ATTITUDE_TOPIC,
     STEP,
@@ -31,7 +33,6 @@ from aircraft_sysid_ros.simulation.closed_loop import (
     samples_of_sensed,
 )
 from aircraft_sysid_ros.simulation.closed_loop_faults import fault_of
-from aircraft_sysid_ros.simulation.sensors import stamps_of
 
 Array = npt.NDArray[np.float64]
 

@@ -143,6 +143,4 @@ def test_an_axis_that_is_left_out_has_no_terms():
     model = model_from_terms({"CZ": [1, "alpha"]})
     assert model.parameter_names == ("CZ_0", "CZ_alpha")
     assert model.terms["CX"] == () and model.regressors("CX", FLIGHT).shape == (1, 0)
-    np.testing.assert_allclose(
-        model.coefficients({"CZ_0": 1.0, "CZ_alpha": 2.0}, FLIGHT), [[0, 0, 1.02, 0, 0, 0]]
-    )
+    np.testing.assert_allclose(model.coefficients({"CZ_0": 1.0, "CZ_alpha": 2.0}, FLIGHT), [[0, 0, 1.02, 0, 0, 0]])

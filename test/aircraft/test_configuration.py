@@ -38,9 +38,7 @@ def test_a_minimal_file_is_enough(tmp_path):
     aircraft = loaded(tmp_path, MINIMAL)
     assert (aircraft.name, aircraft.mass, aircraft.wing_area) == ("Small", 2.0, 0.3)
     assert (aircraft.span, aircraft.chord) == (1.2, 0.25)
-    np.testing.assert_array_equal(
-        aircraft.inertia, [[0.07, 0.0, -0.014], [0.0, 0.09, 0.0], [-0.014, 0.0, 0.15]]
-    )
+    np.testing.assert_array_equal(aircraft.inertia, [[0.07, 0.0, -0.014], [0.0, 0.09, 0.0], [-0.014, 0.0, 0.15]])
     for position in ("imu_position", "air_data_position", "gps_position", "aerodynamic_reference"):
         np.testing.assert_array_equal(getattr(aircraft, position), np.zeros(3))
     assert aircraft.sensors == DEFAULT_SENSORS and aircraft.process_noise == DEFAULT_PROCESS_NOISE
@@ -174,20 +172,34 @@ BAD = {
     "surface": (MINIMAL + "surface_signs: {ruder: -1}\n", "unknown surface 'ruder': did you mean 'rudder'?"),
     "sign": (MINIMAL + "surface_signs: {rudder: 0.5}\n", "surface_signs rudder must be 1 or -1"),
     "coefficient": (MINIMAL + "coefficients: {CZ_alpha: high}\n", "coefficient CZ_alpha must be a number"),
-    "bounds of nobody": (MINIMAL + "parameter_bounds: {CZ_alhpa: [-8, -2]}\n",
-                         "unknown parameter in parameter_bounds: 'CZ_alhpa': did you mean 'CZ_alpha'?"),
-    "one bound": (MINIMAL + "parameter_bounds: {CZ_alpha: [-8]}\n",
-                  r"parameter_bounds CZ_alpha must be two numbers \[lowest, highest\], not a list"),
-    "bounds that fall": (MINIMAL + "parameter_bounds: {CZ_alpha: [-2, -8]}\n",
-                         "parameter_bounds CZ_alpha must rise, not go from -2 to -8"),
-    "bounds that are one": (MINIMAL + "parameter_bounds: {CZ_alpha: [-2, -2]}\n",
-                            "parameter_bounds CZ_alpha must rise, not go from -2 to -2"),
-    "bound without a number": (MINIMAL + "parameter_bounds: {CZ_alpha: [-8, .nan]}\n",
-                               "parameter_bounds CZ_alpha must be a finite number"),
-    "bounds unlike any name": (MINIMAL + "parameter_bounds: {lift_slope: [-8, -2]}\n",
-                               r"'lift_slope': the nearest are \w+, \w+, \w+; names are axis and term"),
-    "bound in words": (MINIMAL + "parameter_bounds: {CZ_alpha: [low, -2]}\n",
-                       "parameter_bounds CZ_alpha must be a number"),
+    "bounds of nobody": (
+        MINIMAL + "parameter_bounds: {CZ_alhpa: [-8, -2]}\n",
+        "unknown parameter in parameter_bounds: 'CZ_alhpa': did you mean 'CZ_alpha'?",
+    ),
+    "one bound": (
+        MINIMAL + "parameter_bounds: {CZ_alpha: [-8]}\n",
+        r"parameter_bounds CZ_alpha must be two numbers \[lowest, highest\], not a list",
+    ),
+    "bounds that fall": (
+        MINIMAL + "parameter_bounds: {CZ_alpha: [-2, -8]}\n",
+        "parameter_bounds CZ_alpha must rise, not go from -2 to -8",
+    ),
+    "bounds that are one": (
+        MINIMAL + "parameter_bounds: {CZ_alpha: [-2, -2]}\n",
+        "parameter_bounds CZ_alpha must rise, not go from -2 to -2",
+    ),
+    "bound without a number": (
+        MINIMAL + "parameter_bounds: {CZ_alpha: [-8, .nan]}\n",
+        "parameter_bounds CZ_alpha must be a finite number",
+    ),
+    "bounds unlike any name": (
+        MINIMAL + "parameter_bounds: {lift_slope: [-8, -2]}\n",
+        r"'lift_slope': the nearest are \w+, \w+, \w+; names are axis and term",
+    ),
+    "bound in words": (
+        MINIMAL + "parameter_bounds: {CZ_alpha: [low, -2]}\n",
+        "parameter_bounds CZ_alpha must be a number",
+    ),
     "bounds as list": (MINIMAL + "parameter_bounds: [-8, -2]\n", "parameter_bounds must be a mapping"),
     "coefficients as list": (MINIMAL + "coefficients: [1]\n", "coefficients must be a mapping"),
     "model as list": (MINIMAL + "model: [alpha]\n", "model must be a mapping"),
@@ -228,9 +240,7 @@ def test_yaml_anchors_and_merges_still_work(tmp_path):
 
 
 def test_keys_without_a_value_have_their_defaults(tmp_path):
-    empty = (
-        "sensors:\nmodel:\nimu_position:\nprocess_noise:\ncoefficients:\nminimum_airspeed:\ntrim_airspeed:\n"
-    )
+    empty = "sensors:\nmodel:\nimu_position:\nprocess_noise:\ncoefficients:\nminimum_airspeed:\ntrim_airspeed:\n"
     aircraft = loaded(tmp_path, MINIMAL + empty)
     assert aircraft.sensors == DEFAULT_SENSORS and len(aircraft.model.parameter_names) == 32
     assert with_sensor(gyro=None)["gyro"] == DEFAULT_SENSORS["gyro"]
@@ -254,9 +264,7 @@ def test_a_single_sensor_goes_before_its_group(group_first):
 
 
 def test_gps_noise_is_one_number_or_three_and_aliases_are_known():
-    sensors = with_sensor(
-        gps={"noise": [2.0, 0.1], "rate": 10}, beta={"rate": 20}, gyroscope={"noise": [0.2]}
-    )
+    sensors = with_sensor(gps={"noise": [2.0, 0.1], "rate": 10}, beta={"rate": 20}, gyroscope={"noise": [0.2]})
     assert sensors["gps_position"].noise == (2.0, 2.0, 2.0) and sensors["gps_velocity"].noise == (
         0.1,
         0.1,

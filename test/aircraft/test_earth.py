@@ -68,14 +68,10 @@ def test_an_arc_minute_of_latitude_is_a_nautical_mile(degrees):
     latitude = np.radians(degrees)
     position = ned_from_geodetic(latitude + ARC_MINUTE, 0.2, 0.0, np.array([latitude, 0.2, 0.0]))
     radius = (
-        SEMI_MAJOR_AXIS
-        * (1.0 - ECCENTRICITY_SQUARED)
-        / (1.0 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2) ** 1.5
+        SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / (1.0 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2) ** 1.5
     )
     # The radius of curvature changes by at most 1.5 e^2 per radian along the arc.
-    assert position[0] == pytest.approx(
-        radius * ARC_MINUTE, rel=ECCENTRICITY_SQUARED * ARC_MINUTE + ARC_MINUTE**2
-    )
+    assert position[0] == pytest.approx(radius * ARC_MINUTE, rel=ECCENTRICITY_SQUARED * ARC_MINUTE + ARC_MINUTE**2)
     assert position[0] == pytest.approx(1852.0, abs=11.0)  # 1842.9 m at the equator, 1861.6 m at the pole
     assert position[1] == pytest.approx(0.0, abs=1e-9)
     assert position[2] == pytest.approx(position[0] ** 2 / (2.0 * radius), rel=1e-3)  # the plane rises above

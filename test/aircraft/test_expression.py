@@ -37,9 +37,7 @@ def expressions(inner):
     return st.one_of(
         st.tuples(inner, st.sampled_from("+-*/"), inner).map(lambda a: f"({a[0]}{a[1]}{a[2]})"),
         st.tuples(inner, st.integers(1, 9)).map(lambda a: f"({a[0]})**{a[1]}"),
-        st.tuples(st.sampled_from(["abs", "sin", "cos", "tanh", "sign"]), inner).map(
-            lambda a: f"{a[0]}({a[1]})"
-        ),
+        st.tuples(st.sampled_from(["abs", "sin", "cos", "tanh", "sign"]), inner).map(lambda a: f"{a[0]}({a[1]})"),
         st.tuples(st.sampled_from(["max", "min"]), inner, inner).map(lambda a: f"{a[0]}({a[1]},{a[2]})"),
         inner.map(lambda a: f"-{a}"),
     )

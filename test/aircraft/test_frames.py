@@ -19,9 +19,7 @@ def unit(values):
 
 QUATERNION = st.tuples(NUMBER, NUMBER, NUMBER, NUMBER).map(unit)
 VECTOR = st.tuples(NUMBER, NUMBER, NUMBER).map(np.array)
-SHORT_ROTATION = st.tuples(VECTOR, st.floats(0.0, 3.14)).map(
-    lambda a: a[1] * a[0] / max(np.linalg.norm(a[0]), 1.0)
-)
+SHORT_ROTATION = st.tuples(VECTOR, st.floats(0.0, 3.14)).map(lambda a: a[1] * a[0] / max(np.linalg.norm(a[0]), 1.0))
 
 
 def assert_same_turn(a, b, tolerance):
@@ -90,9 +88,7 @@ def test_the_matrix_is_6_23_as_printed(roll, pitch, yaw):
 def test_a_nose_up_pitch_points_the_nose_up_and_a_right_roll_the_right_wing_down():
     up = frames.rotation_matrix(frames.quaternion_from_euler(0.0, 0.1, 0.0)) @ np.array([1.0, 0.0, 0.0])
     down = frames.rotation_matrix(frames.quaternion_from_euler(0.1, 0.0, 0.0)) @ np.array([0.0, 1.0, 0.0])
-    east = frames.rotation_matrix(frames.quaternion_from_euler(0.0, 0.0, np.pi / 2)) @ np.array(
-        [1.0, 0.0, 0.0]
-    )
+    east = frames.rotation_matrix(frames.quaternion_from_euler(0.0, 0.0, np.pi / 2)) @ np.array([1.0, 0.0, 0.0])
     assert up[2] == pytest.approx(-np.sin(0.1)) and down[2] == pytest.approx(np.sin(0.1))
     np.testing.assert_allclose(east, [0.0, 1.0, 0.0], atol=1e-15)
 
@@ -186,9 +182,7 @@ def test_euler_angles_rebuild_the_rotation_at_and_beside_the_vertical(sign, besi
         assert abs(angles[2]) <= np.pi
         rebuilt = frames.rotation_matrix(frames.quaternion_from_euler(*angles))
         exact = beside == 0.0 or beside > 1.45e-6
-        np.testing.assert_allclose(
-            rebuilt, frames.rotation_matrix(q), atol=1e-9 if exact else 2.0 * beside + 1e-9
-        )
+        np.testing.assert_allclose(rebuilt, frames.rotation_matrix(q), atol=1e-9 if exact else 2.0 * beside + 1e-9)
 
 
 def euler_rates(roll, pitch, rates):
@@ -217,9 +211,7 @@ def test_quaternion_kinematics_give_the_euler_rates_of_6_20_to_6_22(roll, pitch,
 @given(st.floats(0.1, 100.0), st.floats(-3.1, 3.1), st.floats(-1.5, 1.5))
 def test_air_data_and_air_velocity_are_inverses(speed, alpha, beta):
     velocity = frames.velocity_from_air_data(speed, alpha, beta)
-    np.testing.assert_allclose(
-        frames.air_data_from_velocity(velocity), (speed, alpha, beta), rtol=1e-12, atol=1e-12
-    )
+    np.testing.assert_allclose(frames.air_data_from_velocity(velocity), (speed, alpha, beta), rtol=1e-12, atol=1e-12)
 
 
 def test_air_data_signs_and_rest():

@@ -44,9 +44,7 @@ def test_torque_free_motion_keeps_angular_momentum_and_energy():
 def test_a_body_that_spins_about_a_principal_axis_keeps_spinning():
     moments, axes = np.linalg.eigh(INERTIA)
     for axis in axes.T:
-        np.testing.assert_allclose(
-            rigid_body.angular_acceleration(np.zeros(3), 3.0 * axis, INERTIA), 0.0, atol=1e-12
-        )
+        np.testing.assert_allclose(rigid_body.angular_acceleration(np.zeros(3), 3.0 * axis, INERTIA), 0.0, atol=1e-12)
     assert np.ptp(moments) > 0.01
 
 
@@ -54,16 +52,12 @@ def test_moment_of_motion_is_the_inverse_of_angular_acceleration():
     for _ in range(20):
         moment, rates = RNG.normal(size=3), RNG.normal(size=3)
         acceleration = rigid_body.angular_acceleration(moment, rates, INERTIA)
-        np.testing.assert_allclose(
-            rigid_body.moment_of_motion(acceleration, rates, INERTIA), moment, rtol=1e-10
-        )
+        np.testing.assert_allclose(rigid_body.moment_of_motion(acceleration, rates, INERTIA), moment, rtol=1e-10)
 
 
 def test_inertia_is_solved_as_by_a_general_solver():
     vector = RNG.normal(size=3)
-    np.testing.assert_allclose(
-        rigid_body.solve_inertia(INERTIA, vector), np.linalg.solve(INERTIA, vector), rtol=1e-12
-    )
+    np.testing.assert_allclose(rigid_body.solve_inertia(INERTIA, vector), np.linalg.solve(INERTIA, vector), rtol=1e-12)
 
 
 def test_coefficients_and_forces_are_inverses():
@@ -75,9 +69,7 @@ def test_coefficients_and_forces_are_inverses():
 
 
 def test_moments_scale_with_span_and_chord():
-    _, moment = rigid_body.forces_and_moments(
-        np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]), QBAR, AREA, SPAN, CHORD
-    )
+    _, moment = rigid_body.forces_and_moments(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]), QBAR, AREA, SPAN, CHORD)
     np.testing.assert_allclose(moment, QBAR * AREA * np.array([SPAN, CHORD, SPAN]))
 
 
@@ -95,9 +87,7 @@ def test_moment_moves_as_that_of_forces_at_points():
     np.testing.assert_allclose(
         rigid_body.moment_at_centre_of_gravity(about_reference, total, reference), about_cg, rtol=1e-12
     )
-    np.testing.assert_allclose(
-        rigid_body.moment_at_reference(about_cg, total, reference), about_reference, rtol=1e-12
-    )
+    np.testing.assert_allclose(rigid_body.moment_at_reference(about_cg, total, reference), about_reference, rtol=1e-12)
 
 
 def test_body_velocity_derivative_is_that_of_the_world_seen_from_a_turning_body():
@@ -112,7 +102,5 @@ def test_body_velocity_derivative_is_that_of_the_world_seen_from_a_turning_body(
         return rotation_matrix(turned).T @ (velocity_n + t * (to_world @ force + gravity_n))
 
     expected = (body_velocity(step) - body_velocity(-step)) / (2.0 * step)
-    actual = rigid_body.body_velocity_derivative(
-        force, rates, to_world.T @ velocity_n, to_world.T @ gravity_n
-    )
+    actual = rigid_body.body_velocity_derivative(force, rates, to_world.T @ velocity_n, to_world.T @ gravity_n)
     np.testing.assert_allclose(actual, expected, atol=1e-6)

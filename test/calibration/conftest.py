@@ -7,8 +7,8 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.config_files import config_path
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, calibration_flight
-from aircraft_sysid_ros.simulation.sensors import SensorOptions
 
 
 @pytest.fixture(scope="session")
@@ -23,9 +23,7 @@ def calibration_aircraft():
 def calibration_flown(calibration_aircraft):
     """200 s: every manoeuvre somewhat shorter than nominal."""
     wind = np.array([4.0, -5.0, 0.3])
-    return calibration_flight(
-        3, 200.0, aircraft=calibration_aircraft, wind=wind, sensors=SensorOptions(attitude=True)
-    )
+    return calibration_flight(3, 200.0, aircraft=calibration_aircraft, wind=wind, sensors=SensorOptions(attitude=True))
 
 
 @pytest.fixture(scope="session")

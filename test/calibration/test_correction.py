@@ -9,7 +9,7 @@ from aircraft_sysid_ros.calibration.calibration_file import calibration_from_dic
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Kind, concatenate
-from aircraft_sysid_ros.simulation.sensors import EPOCH, air_data_at
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH, air_data_at
 
 FIELD = dict.fromkeys((*magnetometer.NAMES1, *magnetometer.NAMES2), 0.0)
 PROBE = {

@@ -15,9 +15,9 @@ from aircraft_sysid_ros.calibration.segments import find_segments
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.least_squares import central_differences
 from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.sensors.five_hole_probe import ProbeCalibration
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
-from aircraft_sysid_ros.simulation.five_hole_probe import ProbeCalibration
-from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 

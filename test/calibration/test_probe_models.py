@@ -11,9 +11,9 @@ from aircraft_sysid_ros.calibration.five_hole_probe import probe_flight
 from aircraft_sysid_ros.calibration.probe_models import CURVE, ProbeModel, solve_probe, unbent
 from aircraft_sysid_ros.calibration.procedure import residuals
 from aircraft_sysid_ros.estimation.least_squares import central_differences
+from aircraft_sysid_ros.sensors.five_hole_probe import bent
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight, drawn_errors
-from aircraft_sysid_ros.simulation.five_hole_probe import bent
-from aircraft_sysid_ros.simulation.sensors import EPOCH
 
 KAPPA = (1.1, 2.0)
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, nanoseconds_of
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.simulation.sensors import SensorOptions
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, nanoseconds_of
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 SECOND = 1_000_000_000
@@ -338,7 +338,7 @@ def test_an_interrupted_replay_leaves_nothing(cli, bag, aircraft_file, tmp_path,
 
     target = {
         "push": "aircraft_sysid_ros.pipeline.Pipeline.flush",
-        "finish": "aircraft_sysid_ros.run_folder.RunWriter._write_points",
+        "finish": "aircraft_sysid_ros.run_writer.RunWriter._write_points",
     }[place]
     monkeypatch.setattr(target, interrupt)
     status, out, err = cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run", "--json")

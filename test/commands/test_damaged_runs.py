@@ -13,7 +13,7 @@ import pytest
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.refinement.run_data import load_run
-from aircraft_sysid_ros.run_files import damaged_files
+from aircraft_sysid_ros.run_reader import damaged_files
 from aircraft_sysid_ros.samples import Kind
 
 

@@ -10,13 +10,13 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands import demo_story
-from aircraft_sysid_ros.commands.demo_story import flown_errors, story_json, story_text, tell, true_values
+from aircraft_sysid_ros.commands.demo_story import flown_errors, story_json, story_text, tell
 from aircraft_sysid_ros.diagnosis.versions import open_run
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.report.story_figure import story_figure
-from aircraft_sysid_ros.run_folder import RunWriter
+from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
-from aircraft_sysid_ros.simulation.truth_files import truth_document
+from aircraft_sysid_ros.simulation.truth_files import true_values, truth_document
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.workbench.run_view import load_run_view
 from aircraft_sysid_ros.workbench.views.candidates import cards
 from aircraft_sysid_ros.workbench.views.coefficients import axis_rows

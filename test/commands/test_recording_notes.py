@@ -8,9 +8,9 @@ import sys
 import pytest
 
 from aircraft_sysid_ros.recordings import mcap_records
-from aircraft_sysid_ros.recordings.ros_conversion import gps_velocity_fields
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import gps_velocity_fields
 
 
 def command(*arguments):

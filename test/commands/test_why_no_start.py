@@ -5,7 +5,7 @@ import pytest
 
 from aircraft_sysid_ros.commands.replay import why_no_start
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.recordings.ros_conversion import NO_FIX, gps_fix_fields, to_samples
+from aircraft_sysid_ros.ros_messages.conversion import NO_FIX, gps_fix_fields, to_samples
 from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
 
 SECOND = 10**9

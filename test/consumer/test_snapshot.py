@@ -5,12 +5,13 @@ import pytest
 
 from aircraft_sysid_ros.consumer import ParameterSource, snapshot_of
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.recordings.output_messages import parameters_content
+from aircraft_sysid_ros.ros_messages.output_messages import parameters_content
+from aircraft_sysid_ros.sensors.sensor_models import stamps_of
 from aircraft_sysid_ros.simulation.sensor_faults import with_fault
-from aircraft_sysid_ros.simulation.sensors import stamps_of
 
 FAULT, LENGTH = (70.0, 80.0), 100.0  # [s] of a vane, and of the flight
 
@@ -115,7 +116,7 @@ def test_what_was_never_learnt_may_be_nan(content):
 def test_the_estimator_itself_is_never_refused(aircraft, flight, estimator):
     """From nothing learnt to the end of a flight in which a vane sticks: holds, a way back, what is not known."""
     options = ParameterOptions(estimator=estimator, rml_rate=50.0)
-    before = parameters_content(ParameterEstimator(aircraft, options).snapshot())
+    before = parameters_content(Identifier(aircraft, options).snapshot())
     assert not snapshot_of(0, before).usable.any()
     samples = flight.samples[flight.samples.stamp < stamps_of(LENGTH)]
     samples = with_fault(samples, "alpha_stuck", *FAULT)

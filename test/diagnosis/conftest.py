@@ -7,7 +7,7 @@ import time
 import pytest
 
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.run_folder import RunWriter
+from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 

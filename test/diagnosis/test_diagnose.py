@@ -11,20 +11,26 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.bootstrap_flight import world_of
 from aircraft_sysid_ros.diagnosis.diagnose import FALSE_ALARM, Null, diagnose
-from aircraft_sysid_ros.diagnosis.effect import with_setting
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.measurement import maximum, measurement_faults
-from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, flying, in_its_gusts, reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.replica import world_of
-from aircraft_sysid_ros.diagnosis.replicas import fitted_parameters, without_excess
-from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import fitted_parameters, without_excess
+from aircraft_sysid_ros.diagnosis.reconstruction import (
+    fit_sensor_noise,
+    fit_wind_noise,
+    flying,
+    reconstruct,
+    settled_flight,
+)
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.run_folder import RunWriter
+from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
-from aircraft_sysid_ros.simulation.sensors import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 SOME = [
@@ -74,7 +80,7 @@ def test_with_what_was_found_the_error_is_that_of_the_truth(two_effects):
 
 def test_an_effect_outside_the_library_is_unexplained_and_not_given_another_name(two_effects):
     library = [effect for effect in SOME if effect.identifier != "dihedral_alpha"]
-    without = diagnose(Bench(two_effects.flight), two_effects.replicas, library)
+    without = diagnose(CandidateEvaluator(two_effects.flight), two_effects.replicas, library)
     best = max(without.found, key=lambda f: f.excess)
     assert without.verdict == "unexplained"
     assert best.trial.candidate.effect is None and best.trial.candidate.label == "Cl: alpha*beta"
@@ -100,9 +106,9 @@ def test_a_replica_of_a_flight_with_an_effect_is_as_noisy_as_a_flight_without(ai
     rows = flying(made.rows, aircraft.minimum_airspeed)
     parameters = fitted_parameters(settled_flight(made))
     world = world_of(aircraft, rows, with_effect.samples, made.epoch, parameters, made.gusts, seed=1)
-    replica = Bench(without_excess(world, reconstruct(world.aircraft, world.samples(1))))
-    honest = Bench(settled_flight(reconstruct(aircraft, clean.samples)))
-    spoilt = Bench(settled_flight(made))
+    replica = CandidateEvaluator(without_excess(world, reconstruct(world.aircraft, world.samples(1))))
+    honest = CandidateEvaluator(settled_flight(reconstruct(aircraft, clean.samples)))
+    spoilt = CandidateEvaluator(settled_flight(made))
     assert spoilt.fits["Cl"].nrmse_held_out > 5.0 * honest.fits["Cl"].nrmse_held_out
     for axis in AXES:
         assert replica.fits[axis].nrmse_held_out == pytest.approx(honest.fits[axis].nrmse_held_out, rel=0.35)
@@ -133,7 +139,7 @@ def test_a_wrong_scale_of_the_vane_is_found_before_aerodynamics_is_blamed(aircra
     truth = with_setting(aircraft, ("sensors", "angle_of_attack", "scale"), 1.15)
     samples = simulate_samples(truth, seed=4, duration=60.0).samples
     made = reconstruct(aircraft, samples, with_covariance=False)
-    faults = measurement_faults(made, [BY_ID["alpha_scale"], BY_ID["beta_scale"]], in_its_gusts(aircraft, samples)[1])
+    faults = measurement_faults(made, [BY_ID["alpha_scale"], BY_ID["beta_scale"]], fit_wind_noise(aircraft, samples)[1])
     assert [f.effect.identifier for f in faults][:1] == ["alpha_scale"]
     assert faults[0].value == pytest.approx(1.15, abs=0.03)
     assert not measurement_faults(reconstruct(truth, samples, with_covariance=False), [BY_ID["alpha_scale"]], True)
@@ -147,7 +153,7 @@ def test_faults_of_transmission_do_not_count_as_noise(aircraft):
     values[samples.kind == Kind.SIDESLIP, 0] = 1e300
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found, known = as_noisy_as(aircraft, replace(samples, values=values)), as_noisy_as(aircraft, samples)
+        found, known = fit_sensor_noise(aircraft, replace(samples, values=values)), fit_sensor_noise(aircraft, samples)
     for name in ("accelerometer", "gyro", "airspeed"):
         assert found.sensors[name].noise[0] == pytest.approx(known.sensors[name].noise[0], rel=0.05)
 
@@ -156,13 +162,13 @@ def test_faults_of_transmission_do_not_count_as_noise(aircraft):
 def test_noise_that_the_file_does_not_know_is_no_fault_of_a_scale(aircraft, scale):
     """Sensors twice or half as noisy as the file says: the flight tells, and no setting is preferred for it."""
     flight = flight_of(aircraft, duration=60.0, sensors=SensorOptions(noise_scale=scale), turbulence="light")
-    seen = as_noisy_as(aircraft, flight.samples)
+    seen = fit_sensor_noise(aircraft, flight.samples)
     for name in ("accelerometer", "gyro", "airspeed", "angle_of_attack", "sideslip"):
         factor = seen.sensors[name].noise[0] / aircraft.sensors[name].noise[0]
         assert 0.9 * scale < factor < (1.0 if scale < 1.0 else 1.2 * scale)  # quiet sensors show fast motion too
     made = reconstruct(seen, flight.samples, with_covariance=False)
     scales = [BY_ID[name] for name in ("alpha_scale", "airspeed_scale")]
-    assert not measurement_faults(made, scales, in_its_gusts(seen, flight.samples)[1])
+    assert not measurement_faults(made, scales, fit_wind_noise(seen, flight.samples)[1])
 
 
 @pytest.mark.parametrize(("start", "top"), [(0.0, 0.31), (0.0, -0.4), (1.0, 1.07)])

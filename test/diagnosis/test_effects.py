@@ -8,19 +8,19 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SCALED_SENSORS, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate, parse_expression
-from aircraft_sysid_ros.diagnosis.effect import (
+from aircraft_sysid_ros.effects import BY_ID, LIBRARY, effect_of
+from aircraft_sysid_ros.effects.effect import (
     AERODYNAMIC,
     CHANGE,
     KINDS,
     MEASUREMENT,
     Effect,
-    Inner,
+    ShapeParameter,
     Variant,
     fill,
     placeholders,
     with_setting,
 )
-from aircraft_sysid_ros.diagnosis.effects import BY_ID, LIBRARY, effect_of
 from aircraft_sysid_ros.errors import InputError
 
 INTERFACE = {
@@ -116,9 +116,7 @@ def test_inner_numbers_are_those_of_the_terms_and_have_sensible_ranges(effect):
             assert number.signal in SIGNALS and number.low >= 0.0 and number.high <= 1.0
 
 
-@pytest.mark.parametrize(
-    "effect", [e for e in LIBRARY if e.kind == MEASUREMENT], ids=lambda effect: effect.identifier
-)
+@pytest.mark.parametrize("effect", [e for e in LIBRARY if e.kind == MEASUREMENT], ids=lambda effect: effect.identifier)
 def test_a_measurement_effect_is_one_more_aircraft_file(aircraft, effect):
     """Every value of its range is allowed in the file; only that number changes, and it can be changed back."""
     for variant in effect.variants:
@@ -156,7 +154,7 @@ def test_a_new_effect_is_one_entry():
         (Variant(terms={"Cn": ("max(abs(beta)-{onset},0)*sign(beta)",)}),),
         "No error of C_n in small sideslips.",
         "Steady sideslips.",
-        (Inner("onset", "rad", 0.05, 0.2, 7),),
+        (ShapeParameter("onset", "rad", 0.05, 0.2, 7),),
     )
     assert effect.axes == ("Cn",) and effect.signals == {"beta"}
     text = fill(effect.variants[0].terms["Cn"][0], {"onset": 0.1})

@@ -3,12 +3,12 @@
 import numpy as np
 
 from aircraft_sysid_ros.diagnosis.reconstruction import WRONG_FOR, given_up
-from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.reconstruction.state import StateField
 
 
 def rows_of(time, rejected):
-    rows = np.ones((len(time), Column.WIDTH))
-    rows[:, Column.TIME], rows[:, Column.REJECTED] = time, rejected
+    rows = np.ones((len(time), StateField.WIDTH))
+    rows[:, StateField.TIME], rows[:, StateField.REJECTED] = time, rejected
     return rows
 
 

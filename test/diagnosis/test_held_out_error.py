@@ -9,14 +9,14 @@ import pytest
 
 from aircraft_sysid_ros.diagnosis.additions import add
 from aircraft_sysid_ros.diagnosis.compare import compare
-from aircraft_sysid_ros.diagnosis.effect import with_setting
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.diagnosis.versions import open_run
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.run_folder import RunWriter
+from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 

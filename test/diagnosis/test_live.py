@@ -7,28 +7,28 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis import live
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.live_worker import Answer, LiveWorker, answer_to
-from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.point_memory import PointMemory
-from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, Column
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
-BIAS = Column.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
+BIAS = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 STEP = 0.04
 
 
 def memory_of(flight, end=np.inf):
     """What the node keeps of a flight until a time [s]."""
-    pipeline, memory = Pipeline(flight.aircraft), PointMemory()
+    pipeline, memory = Pipeline(flight.aircraft), SampleMemory()
     rows, points = (np.vstack(parts) for parts in zip(pipeline.push(flight.samples), pipeline.flush(), strict=True))
-    at = np.clip(np.searchsorted(rows[:, Column.TIME], points[:, 0]), 0, len(rows) - 1)
+    at = np.clip(np.searchsorted(rows[:, StateField.TIME], points[:, 0]), 0, len(rows) - 1)
     for point, row in zip(points, rows[at], strict=True):
         if point[0] - points[0, 0] <= end:
-            memory.add(point[None, :], row[BIAS : BIAS + 3], float(row[Column.AIR_VELOCITY_STD]))
+            memory.add(point[None, :], row[BIAS : BIAS + 3], float(row[StateField.AIR_VELOCITY_STD]))
     return memory
 
 
@@ -61,7 +61,7 @@ def test_windows_begin_when_settled_and_do_not_overlap(clean):
 
 
 def test_short_flights_are_not_judged(hidden):
-    assert live.windows(hidden.aircraft, PointMemory(), STEP) == []
+    assert live.windows(hidden.aircraft, SampleMemory(), STEP) == []
     assert live.windows(hidden.aircraft, memory_of(hidden, end=75.0), STEP) == []
     with pytest.raises(InputError, match="are settled"):
         live.diagnose_live([])
@@ -99,9 +99,9 @@ def test_nothing_is_said_of_a_clean_flight(clean):
 def test_what_reads_the_forces_is_not_judged(windows):
     terms = [c for f in live.diagnose_live(windows).findings for ts in f.trial.candidate.terms.values() for c in ts]
     assert not any("_dot" in term for term in terms)
-    trial = Bench(windows[0].data).best_of(BY_ID["alpha_dot"])
+    trial = CandidateEvaluator(windows[0].data).best_of(BY_ID["alpha_dot"])
     assert live.reads(trial.candidate, live.FORCES)
-    assert not live.reads(Bench(windows[0].data).best_of(BY_ID["stall"]).candidate, live.FORCES)
+    assert not live.reads(CandidateEvaluator(windows[0].data).best_of(BY_ID["stall"]).candidate, live.FORCES)
 
 
 # -- the null --------------------------------------------------------------------------------------------
@@ -127,7 +127,7 @@ def test_the_wald_test_holds_its_level_under_drift_of_the_bias(clean):
     flight = clean[0]
     data, rng = flight.data, np.random.default_rng(3)
     axis, column = "CY", np.maximum(data.time - 60.0, 0.0)[:, None]
-    fit = Bench(data).fits[axis]
+    fit = CandidateEvaluator(data).fits[axis]
     root, base = live.bias_drift(flight, axis), fit.columns @ fit.parameters
     still = live.LiveFlight(data, np.zeros_like(flight.bias_std), flight.window)
     noise = 0.3 * float(np.median(np.sqrt(np.sum(root**2, axis=1))))
@@ -169,9 +169,9 @@ def test_requests_that_make_no_sense_are_answered_with_a_sentence(windows):
 
 
 def test_terms_that_read_what_is_not_measured_are_refused():
-    memory = PointMemory()
-    point = np.zeros((1, Point.TERMS))
-    point[0, Point.SIGNALS.start + SIGNAL_INDEX["height"]] = np.nan
+    memory = SampleMemory()
+    point = np.zeros((1, CoefficientSample.TERMS))
+    point[0, CoefficientSample.SIGNALS.start + SIGNAL_INDEX["height"]] = np.nan
     live.check_signals({"CZ": ("height",)}, memory.newest())  # nothing is known yet
     memory.add(point, np.zeros(3), 1.0)
     live.check_signals({"CZ": ("alpha**3",)}, memory.newest())

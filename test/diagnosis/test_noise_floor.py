@@ -20,8 +20,9 @@ from aircraft_sysid_ros.diagnosis.noise_floor import (
 )
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.estimation.window_average import window_average
-from aircraft_sysid_ros.modelling.body import body_of
-from aircraft_sysid_ros.modelling.regression import CENTRIPETAL, FORCE, GYROSCOPIC, QBAR, RATE, measured_coefficients
+from aircraft_sysid_ros.identification.coefficients.body import body_of
+from aircraft_sysid_ros.identification.coefficients.evaluation import measured_coefficients
+from aircraft_sysid_ros.identification.coefficients.layout import CENTRIPETAL, FORCE, GYROSCOPIC, QBAR, RATE
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 

@@ -13,11 +13,11 @@ from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.commands.diagnose import render
 from aircraft_sysid_ros.diagnosis.additions import parse_request
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose, explains_more
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.reconstruction import as_noisy_as, reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.search import Bench
+from aircraft_sysid_ros.diagnosis.reconstruction import fit_sensor_noise, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.sudden_change import sudden_change
+from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
@@ -30,8 +30,8 @@ CHANGES = [BY_ID[n] for n in ("control_damage", "stuck_control", "parameter_chan
 
 def bench_of(aircraft, *effects, seed=5):
     samples = simulate_samples(aircraft, seed=seed, duration=100.0, effects=effects).samples
-    seen = as_noisy_as(aircraft, samples)
-    return Bench(settled_flight(reconstruct(seen, samples, with_covariance=False)))
+    seen = fit_sensor_noise(aircraft, samples)
+    return CandidateEvaluator(settled_flight(reconstruct(seen, samples, with_covariance=False)))
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_controls_that_are_not_measured_or_do_not_move_are_no_terms(aircraft):
     names = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
     terms = {axis: [t for t in data.model.terms[axis] if t not in ("dr", "da")] for axis in names}
     wing = replace(data.aircraft, model=model_from_terms(terms))
-    change = sudden_change(Bench(replace(data, aircraft=wing, signals=signals)))
+    change = sudden_change(CandidateEvaluator(replace(data, aircraft=wing, signals=signals)))
     assert change is not None and change.candidate.moment == pytest.approx(MOMENT, abs=2.0)
     changed = change.candidate.changed
     assert "Cn" in changed and not {"dr", "da"} & {term for axis in changed.values() for term in axis}
@@ -105,7 +105,7 @@ def test_a_change_that_the_library_knows_keeps_its_name(aircraft):
 
 def test_an_expression_must_explain_clearly_more(loose_fin):
     """The change against itself explains nothing more; against one of its axes alone it does."""
-    bench = Bench(loose_fin.flight)
+    bench = CandidateEvaluator(loose_fin.flight)
     change = sudden_change(bench)
     assert not explains_more(change, change)
     part = bench.best_of(BY_ID["parameter_change"])
@@ -114,6 +114,6 @@ def test_an_expression_must_explain_clearly_more(loose_fin):
 
 def test_a_library_that_knows_nothing_of_it_says_nothing_of_it(loose_fin):
     """The change is a rival of names: where no effect is significant, none is refused."""
-    found = diagnose(Bench(loose_fin.flight), loose_fin.replicas, [BY_ID["propeller_torque"]])
+    found = diagnose(CandidateEvaluator(loose_fin.flight), loose_fin.replicas, [BY_ID["propeller_torque"]])
     assert all(f.trial.candidate.effect is None for f in found.found)
     assert np.isfinite(list(found.floor.values())).all()

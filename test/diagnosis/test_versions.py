@@ -16,17 +16,17 @@ import pytest
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.diagnosis import additions, versions
 from aircraft_sysid_ros.diagnosis.additions import add, parse_request, remove
-from aircraft_sysid_ros.diagnosis.effect import Effect, Inner
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
 from aircraft_sysid_ros.diagnosis.fit import fit_axis, held_out_error
 from aircraft_sysid_ros.diagnosis.measurement import measurement_faults
 from aircraft_sysid_ros.diagnosis.reconstruction import (
     Reconstruction,
-    as_noisy_as,
+    fit_sensor_noise,
     reconstruct,
     reconstruct_as_flown,
 )
 from aircraft_sysid_ros.diagnosis.versions import open_run, version_identifier, version_with
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.refinement.run_data import load_run
 from aircraft_sysid_ros.samples import Kind
@@ -147,7 +147,7 @@ def test_an_effect_brings_its_terms_with_inner_numbers_fitted(run) -> None:
 def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, aircraft, monkeypatch) -> None:
     """All surfaces were recorded 80 ms after they moved, which the file does not say."""
     _shift(run, Kind.CONTROLS, 80_000_000)
-    effect = Effect(**{**vars(BY_ID["actuator_lag"]), "inner": (Inner("delay", "s", 0.0, 0.2, 5),)})
+    effect = Effect(**{**vars(BY_ID["actuator_lag"]), "inner": (ShapeParameter("delay", "s", 0.0, 0.2, 5),)})
     monkeypatch.setattr(additions, "parse_request", lambda text: effect)
     before = open_run(run)
     outcome = add(run, "actuator_lag")
@@ -170,7 +170,9 @@ def test_add_and_diagnose_find_the_same_lag_of_the_air_data(run, monkeypatch) ->
     _shift(run, Kind.ANGLE_OF_ATTACK, 100_000_000)
     _shift(run, Kind.SIDESLIP, 100_000_000)
     opened = open_run(run)
-    flight = reconstruct(as_noisy_as(opened.current.aircraft, opened.samples), opened.samples, with_covariance=False)
+    flight = reconstruct(
+        fit_sensor_noise(opened.current.aircraft, opened.samples), opened.samples, with_covariance=False
+    )
     effect = BY_ID["air_data_lag"]
     effect = Effect(**{**vars(effect), "variants": effect.variants[:1]})
     monkeypatch.setattr(additions, "parse_request", lambda text: effect)

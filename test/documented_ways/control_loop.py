@@ -18,7 +18,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.qos import qos_profile_sensor_data
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
-from aircraft_sysid_ros.recordings.ros_conversion import nanoseconds_of
+from aircraft_sysid_ros.ros_messages.conversion import nanoseconds_of
 
 
 class ControlLoop:

@@ -19,7 +19,7 @@ from user import PATIENCE
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.consumer import Origin
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
-from aircraft_sysid_ros.recordings.ros_conversion import FIX, UNKNOWN_FIX
+from aircraft_sysid_ros.ros_messages.conversion import FIX, UNKNOWN_FIX
 
 pytestmark = pytest.mark.xdist_group("nodes")
 WAY = {

@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter as RosParameter
 from recorder import Recorder
 from user import PATIENCE
 
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 pytestmark = pytest.mark.xdist_group("nodes")
 WAY = {

@@ -19,8 +19,11 @@ def five_hole_like(count, truth, seed=0, *, with_gradient=True):
     """Problem and its truth (10,), measurements with noise; all signals follow from the seed."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 60.0, count)
-    wave = lambda size, *periods: size * sum(  # noqa: E731
-        np.sin(2.0 * np.pi * t / p + rng.uniform(0, 6.28)) for p in periods) / len(periods) ** 0.5
+
+    def wave(size, *periods):
+        sines = sum(np.sin(2.0 * np.pi * t / p + rng.uniform(0, 6.28)) for p in periods)
+        return size * sines / len(periods) ** 0.5
+
     heading, bank, pitch = 2.0 * np.pi * t / 20.0, wave(0.4, 17.0, 9.0), wave(0.15, 11.0, 5.0)
     speed, alpha, beta = 17.0 + wave(2.0, 13.0, 4.0), 0.06 + wave(0.06, 3.0, 7.0), wave(0.08, 2.5, 6.0)
     ch, sh, cb, sb, cp, sp = (f(x) for x in (heading, bank, pitch) for f in (np.cos, np.sin))

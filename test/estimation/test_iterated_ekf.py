@@ -96,9 +96,7 @@ def test_iterating_finds_the_minimum_of_the_cost_2_5_2_6_and_one_step_does_not()
     iterated = iterated_update(x, p, y, ranges, ranges_jacobian, variances)
     once = iterated_update(x, p, y, ranges, ranges_jacobian, variances, maximum_iterations=1)
     assert iterated.converged and 2 < iterated.iterations < 20
-    np.testing.assert_allclose(
-        iterated.state, best, atol=1e-6
-    )  # a minimum is only seen to the root of rounding
+    np.testing.assert_allclose(iterated.state, best, atol=1e-6)  # a minimum is only seen to the root of rounding
     gradient = np.linalg.solve(p, iterated.state - x) - ranges_jacobian(iterated.state).T @ (
         (y - ranges(iterated.state)) / variances
     )

@@ -176,9 +176,7 @@ def test_newton_and_gauss_newton_find_the_same_minimum():
     start = TRUE + [-0.1, 0.1, 0.3, -0.2]
     cost, gradient = cost_of(y), gradient_of(y)
     gauss = minimise(cost, gauss_newton(y), start, tolerance=1e-3)
-    newton = minimise(
-        cost, lambda t: newton_expansion(cost, gradient, t, np.full(4, 1e-4)), start, tolerance=1e-3
-    )
+    newton = minimise(cost, lambda t: newton_expansion(cost, gradient, t, np.full(4, 1e-4)), start, tolerance=1e-3)
     assert gauss.converged and newton.converged
     errors = np.sqrt(np.diag(covariance_of(gauss.expansion.matrix)))
     assert np.all(np.abs(gauss.theta - newton.theta) < 0.01 * errors)

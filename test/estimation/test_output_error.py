@@ -38,6 +38,7 @@ class Response:
     def linearise(self, theta, nuisances):
         records = []
         for g, residual in enumerate(self.residuals(theta, nuisances)):
+
             def slope(dt, de, g=g):
                 up = self.outputs(theta + dt, nuisances[g] + de, g)
                 return (up - self.outputs(theta - dt, nuisances[g] - de, g)) / 2e-6

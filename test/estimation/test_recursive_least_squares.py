@@ -51,9 +51,7 @@ def test_vector_measurements_need_4_14_without_the_weight_that_is_printed_too_ma
     y = h @ TRUE + rng.multivariate_normal(np.zeros(2), w, size=30)
     prior = 10.0 * np.eye(3)
     information = np.linalg.inv(prior) + sum(hk.T @ np.linalg.solve(w, hk) for hk in h)
-    batch = np.linalg.solve(
-        information, sum(hk.T @ np.linalg.solve(w, yk) for hk, yk in zip(h, y, strict=True))
-    )
+    batch = np.linalg.solve(information, sum(hk.T @ np.linalg.solve(w, yk) for hk, yk in zip(h, y, strict=True)))
 
     theta, ours = np.zeros(3), prior.copy()
     right, printed = prior.copy(), prior.copy()
@@ -87,9 +85,7 @@ def test_a_million_samples_of_cruise_are_held_where_exponential_forgetting_blows
     rng = np.random.default_rng(3)
     forgetting, sigma = 0.999, 0.05
     rows = rng.normal(size=(5000, 3))
-    theta, p = run(
-        np.zeros(3), 1e8 * np.eye(3), rows, rows @ TRUE + sigma * rng.normal(size=5000), forgetting
-    )
+    theta, p = run(np.zeros(3), 1e8 * np.eye(3), rows, rows @ TRUE + sigma * rng.normal(size=5000), forgetting)
     before, p_before = theta.copy(), p.copy()
 
     x = np.array([1.0, 0.05, -0.02])  # nothing moves any more
@@ -99,9 +95,7 @@ def test_a_million_samples_of_cruise_are_held_where_exponential_forgetting_blows
     np.testing.assert_array_equal(p, p.T)
     assert np.linalg.eigvalsh(p).min() > 0.0
     assert np.linalg.eigvalsh(p).max() < 3.0 * np.linalg.eigvalsh(p_before).max()  # n = 3 shared one memory
-    assert x @ p @ x == pytest.approx(
-        1.0 / forgetting - 1.0, rel=1e-6
-    )  # memory of 1000 samples, no more, no less
+    assert x @ p @ x == pytest.approx(1.0 / forgetting - 1.0, rel=1e-6)  # memory of 1000 samples, no more, no less
     across = np.linalg.svd((p_before @ x)[None, :])[2][1:]
     np.testing.assert_allclose(across @ theta, across @ before, atol=1e-9)  # held
     np.testing.assert_allclose(across @ p, across @ p_before, rtol=1e-6, atol=1e-9)

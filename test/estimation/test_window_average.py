@@ -30,9 +30,7 @@ def sample_times(kind):
 
 
 TIMES = pytest.mark.parametrize("kind", ["even", "jittered", "with a gap"])
-WINDOWS = pytest.mark.parametrize(
-    ("center", "half_width"), [(1.0, 0.08), (0.9937, 0.08), (1.003, 0.03), (0.8, 0.5)]
-)
+WINDOWS = pytest.mark.parametrize(("center", "half_width"), [(1.0, 0.08), (0.9937, 0.08), (1.003, 0.03), (0.8, 0.5)])
 
 
 @TIMES

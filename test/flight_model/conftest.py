@@ -18,7 +18,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     flight_model_of,
     make_theta,
 )
-from aircraft_sysid_ros.simulation.sensors import air_data_at, specific_force_at, turned
+from aircraft_sysid_ros.sensors.sensor_models import air_data_at, specific_force_at, turned
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 BIASES = np.array([0.1, -0.05, 0.08, 0.004, -0.006, 0.002])

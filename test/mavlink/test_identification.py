@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.mavlink.session import Session
-from aircraft_sysid_ros.modelling.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.stand_in.autopilot import Faults, StandIn

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from aircraft_sysid_ros.mavlink.mavros_table import MAVROS
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 FILE = Path(__file__).resolve().parents[2] / "launch" / "mavros.launch.py"
 

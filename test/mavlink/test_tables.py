@@ -13,7 +13,7 @@ from aircraft_sysid_ros.mavlink.esc_status import EscStatus
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.px4_table import PX4
 from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Batch, Quantity, readings_of
-from aircraft_sysid_ros.recordings.ros_conversion import to_samples
+from aircraft_sysid_ros.ros_messages.conversion import to_samples
 
 STAMP = 1_760_000_000_123_456_789
 G = 9.80665

@@ -117,8 +117,7 @@ class Bench:
         chosen = [
             (self.publisher(message_class(channel.type), channel.topic.strip("/")), raw[i])
             for i, channel in ((i, raw.channels[int(raw.channel[i])]) for i in range(len(raw)))
-            if channel.topic.strip("/") in heard
-            and begin <= (raw.log_time[i] - raw.log_time[0]) * 1e-9 < end
+            if channel.topic.strip("/") in heard and begin <= (raw.log_time[i] - raw.log_time[0]) * 1e-9 < end
         ]
         wanted = sum(publisher.topic_name.strip("/") in node.received for publisher, _ in chosen)
         wanted += sum(node.received.values())

@@ -15,7 +15,7 @@ from aircraft_sysid_ros.consumer.subscriber import ParameterSubscriber
 from aircraft_sysid_ros.nodes.common import start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
-from aircraft_sysid_ros.recordings.ros_conversion import message_fields, samples_and_rows
+from aircraft_sysid_ros.ros_messages.conversion import message_fields, samples_and_rows
 from aircraft_sysid_ros.samples import concatenate
 from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, SteppedAeroplane, samples_of_sensed
 
@@ -52,9 +52,7 @@ def test_messages_hold_what_the_sensors_show(aircraft):
     sensed = [one for one in sensed if one.topic != ATTITUDE_TOPIC]
     direct = samples_of_sensed(sensed)
     batches = [
-        part
-        for one in sensed
-        for part, _ in samples_and_rows(one.topic, *message_fields(one.topic, message_of(one)))
+        part for one in sensed for part, _ in samples_and_rows(one.topic, *message_fields(one.topic, message_of(one)))
     ]
     heard = concatenate(batches)
     assert np.array_equal(direct.kind, heard.kind) and np.array_equal(direct.stamp, heard.stamp)

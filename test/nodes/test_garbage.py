@@ -7,7 +7,7 @@ from aircraft_sysid_msgs.msg import AircraftState
 from aircraft_sysid_ros.nodes.common import message_class, start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 BEFORE, AFTER = 8.0, 26.0  # [s] of flight
 #: Far in the future, and the last that a stamp can hold.
@@ -140,4 +140,4 @@ def test_a_matrix_that_cannot_be_solved_ends_no_node(bench, raw):
     bench.spin_until(lambda: parameters.states_received == state.rows_published == len(states))
     assert (state.numerical_faults, parameters.numerical_faults) == (1, 1)
     assert state.rows_published - before > 1000 and states[-1].status == AircraftState.STATUS_OK
-    assert parameters.estimator.learning.updates.min() > 100
+    assert parameters.estimator.learning.least_squares.state.updates.min() > 100

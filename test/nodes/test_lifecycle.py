@@ -245,17 +245,17 @@ def test_diagnostics_count_what_arrived(flown):
 
 def test_services_reset_save_and_load(flown, tmp_path):
     bench, state, parameters, _ = flown
-    learnt = parameters.estimator.learning.theta.copy()
+    learnt = parameters.estimator.learning.least_squares.state.theta.copy()
     assert learnt.any()
     path = tmp_path / "model.json"
     saved = bench.call(SaveModel, "/parameter_estimator/save_model", path=str(path))
     assert saved.success and str(path) in saved.message
     assert len(json.loads(path.read_text())["parameters"]) == 32
     assert bench.call(Reset, "/parameter_estimator/reset").success
-    assert not parameters.estimator.learning.theta.any()
+    assert not parameters.estimator.learning.least_squares.state.theta.any()
     loaded = bench.call(LoadModel, "/parameter_estimator/load_model", path=str(path))
     assert loaded.success and loaded.model == parameters.estimator.model.identifier
-    assert (parameters.estimator.learning.theta == learnt).all()
+    assert (parameters.estimator.learning.least_squares.state.theta == learnt).all()
     assert bench.call(Reset, "/state_estimator/reset").success
     assert state.estimator.last_row is None
 

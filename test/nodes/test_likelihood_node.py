@@ -3,7 +3,7 @@
 import numpy as np
 from aircraft_sysid_msgs.msg import Parameters
 
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.nodes.common import start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode

@@ -84,9 +84,7 @@ def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replay
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "termination"])
-def test_stopped_by_a_signal_the_run_is_written_in_full(
-    domain, recording, aircraft_file, replayed, tmp_path, number
-):
+def test_stopped_by_a_signal_the_run_is_written_in_full(domain, recording, aircraft_file, replayed, tmp_path, number):
     def playback(attempt):
         run = tmp_path / str(attempt) / "run"
         run.parent.mkdir()

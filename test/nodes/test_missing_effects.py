@@ -1,6 +1,5 @@
 """A flight with a hidden effect over real ROS 2: the node names it, takes it in, and its error falls."""
 
-
 from types import SimpleNamespace
 
 import numpy as np

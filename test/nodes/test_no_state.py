@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from processes import START, live
 from sensor_msgs.msg import Imu, NavSatFix, NavSatStatus
 
-from aircraft_sysid_ros.recordings.ros_conversion import NO_FIX
+from aircraft_sysid_ros.ros_messages.conversion import NO_FIX
 
 
 @pytest.fixture

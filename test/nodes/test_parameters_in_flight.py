@@ -10,7 +10,8 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters,
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterEstimator, ParameterOptions
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.common import start
 from aircraft_sysid_ros.nodes.estimator_node import COMMON
@@ -18,7 +19,8 @@ from aircraft_sysid_ros.nodes.model_services import DIAGNOSIS_OPTIONS
 from aircraft_sysid_ros.nodes.options import When
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions
+from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import concatenate
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -106,7 +108,7 @@ def test_a_change_in_flight_divides_it_to_the_last_bit(bench, aircraft, flying):
         return estimator.state_vector
 
     def second_step(options):
-        estimator, epoch = ParameterEstimator(aircraft), parameters._epoch
+        estimator, epoch = Identifier(aircraft), parameters._epoch
         estimator.push_samples(concatenate(given["parameters"][: at["parameters"]]), epoch)
         estimator.push_states(np.vstack(given["rows"][: at["rows"]]), epoch)
         estimator.change_options(options)
@@ -266,7 +268,7 @@ def test_what_the_transforms_are_weighted_with_cannot_change_while_they_grow(ben
     result = put(bench, "parameter_estimator", forgetting_time=30.0)[0]
     assert not result.successful and "the estimator fourier" in result.reason
     assert put(bench, "parameter_estimator", excitation=1.0)[0].successful
-    assert node.estimator.learner._setting.excitation == 1.0
+    assert node.estimator.learning.estimator._setting.excitation == 1.0
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from aircraft_sysid_ros.nodes.common import start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
-from aircraft_sysid_ros.reconstruction.state import Column, Status
+from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 
 NAMES = (
@@ -62,18 +62,18 @@ def test_every_status_has_its_constant():
 
 def check_states(node, messages, rows):
     assert len(rows) > 900
-    assert [stamp(m) for m in messages] == nanoseconds(rows[:, Column.TIME], node.estimator.epoch).tolist()
+    assert [stamp(m) for m in messages] == nanoseconds(rows[:, StateField.TIME], node.estimator.epoch).tolist()
     for name, columns in (
-        ("air_velocity_body", Column.AIR_VELOCITY), ("position_ned", Column.POSITION),
-        ("velocity_ned", Column.VELOCITY), ("attitude", Column.ATTITUDE), ("wind_ned", Column.WIND),
-        ("accelerometer_bias", Column.ACCELEROMETER_BIAS), ("gyro_bias", Column.GYRO_BIAS),
-        ("standard_deviations", Column.STANDARD_DEVIATIONS), ("angular_velocity", Column.ANGULAR_VELOCITY),
+        ("air_velocity_body", StateField.AIR_VELOCITY), ("position_ned", StateField.POSITION),
+        ("velocity_ned", StateField.VELOCITY), ("attitude", StateField.ATTITUDE), ("wind_ned", StateField.WIND),
+        ("accelerometer_bias", StateField.ACCELEROMETER_BIAS), ("gyro_bias", StateField.GYRO_BIAS),
+        ("standard_deviations", StateField.STANDARD_DEVIATIONS), ("angular_velocity", StateField.ANGULAR_VELOCITY),
     ):  # fmt: skip
         assert np.array_equal(np.array([getattr(m, name) for m in messages]), rows[:, columns]), name
     last, row = messages[-1], node.estimator.last_row
     assert (last.status, last.status_text) == (AircraftState.STATUS_OK, "")
     assert last.fused == sum(counts["fused"] for counts in node.estimator.counts().values())
-    assert last.true_airspeed == row[Column.AIRSPEED]
+    assert last.true_airspeed == row[StateField.AIRSPEED]
     w, x, y, z = last.attitude
     assert last.euler[0] == pytest.approx(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
     assert last.euler[2] == pytest.approx(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
@@ -84,13 +84,13 @@ def check_states(node, messages, rows):
 
 
 def check_wind(node, messages, rows):
-    by_stamp = dict(zip(nanoseconds(rows[:, Column.TIME], node.estimator.epoch).tolist(), rows, strict=True))
+    by_stamp = dict(zip(nanoseconds(rows[:, StateField.TIME], node.estimator.epoch).tolist(), rows, strict=True))
     for message in messages:
         row = by_stamp[stamp(message)]
-        north, east, down = row[Column.WIND]
+        north, east, down = row[StateField.WIND]
         linear, covariance = message.twist.twist.linear, message.twist.covariance
         assert (linear.x, linear.y, linear.z) == (east, north, -down)
-        deviations = row[Column.STANDARD_DEVIATIONS][15:18]
+        deviations = row[StateField.STANDARD_DEVIATIONS][15:18]
         assert [covariance[0], covariance[7], covariance[14]] == pytest.approx(
             [deviations[i] ** 2 for i in (1, 0, 2)], rel=1e-14
         )
@@ -138,11 +138,11 @@ def test_a_known_wind_by_hand(bench, aircraft):
     heard = bench.listen(TwistWithCovarianceStamped, "state_estimator/wind")
     assert start(node)
     bench.spin_until(lambda: node._wind_publisher.get_subscription_count() > 0)
-    row = np.zeros((1, Column.WIDTH))
-    row[0, Column.WIND] = [3.0, -2.0, 0.5]
-    row[0, Column.STANDARD_DEVIATIONS][15:18] = [0.1, 0.2, 0.3]
-    row[0, Column.ATTITUDE.start] = 1.0
-    row[0, Column.TIME] = 1.5
+    row = np.zeros((1, StateField.WIDTH))
+    row[0, StateField.WIND] = [3.0, -2.0, 0.5]
+    row[0, StateField.STANDARD_DEVIATIONS][15:18] = [0.1, 0.2, 0.3]
+    row[0, StateField.ATTITUDE.start] = 1.0
+    row[0, StateField.TIME] = 1.5
     node.estimator.epoch = 1_000_000_000
     node._publish(row)
     bench.spin_until(lambda: bool(heard))
@@ -156,7 +156,7 @@ def test_parameters_are_published_once_a_second_also_while_nothing_is_learnt(ben
     """The time of the estimator is that of the newest point, or of the newest state: it may fall back a little."""
     node = bench.node(ParameterEstimatorNode)
     assert start(node)
-    published, clock = [], type("Clock", (), {"newest_point": (), "snapshot": dict, "model_error": list, "time": 0.0})()
+    published, clock = [], type("Clock", (), {"newest": (), "snapshot": dict, "model_error": list, "time": 0.0})()
     node.estimator, node._epoch = clock, 0
     node._publish_parameters = lambda now, estimates: published.append(now)
     node._publish_model_error = node.model_services.search_if_due = lambda *_: None

@@ -9,7 +9,7 @@ from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.common import message_class, start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 PARAMETERS = parameter_estimator.INPUTS
 PROBE = {"five_hole_probe": {"alpha_sensitivity": 3.9, "beta_sensitivity": 3.9}}

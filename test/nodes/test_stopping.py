@@ -20,8 +20,8 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 
 from aircraft_sysid_ros.nodes.common import message_class
 from aircraft_sysid_ros.recordings.reader import read_recording
-from aircraft_sysid_ros.recordings.ros_conversion import nanoseconds_of
 from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.ros_messages.conversion import nanoseconds_of
 from aircraft_sysid_ros.samples import Kind
 
 LONG = 4.0  # [s] horizon

@@ -20,19 +20,20 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import (
 )
 from aircraft_sysid_ros.reconstruction.fusion import fuse, retract
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import (
     AIR_VELOCITY,
     ATTITUDE,
     ERROR_SIZE,
     STATE_SIZE,
-    Column,
+    StateField,
     new_memory,
 )
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.samples import WIDTH, Kind
+from aircraft_sysid_ros.sensors.instrument_errors import OutputErrors
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight, drawn_errors
-from aircraft_sysid_ros.simulation.instrument_errors import OutputErrors
 
 ERRORS = np.array([0.2, -1.0, -0.1, 0.03, 0.15, -0.02])
 AIR_DATA = (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
@@ -128,9 +129,11 @@ def test_states_that_are_known_change_nothing():
     _, plain = flown(right, until=12000)
     _, more = flown(right, WITH_ERRORS, known, until=12000)
     assert len(plain) > 1000
-    apart = np.abs(plain - more)[:, Column.AIR_VELOCITY.start : Column.WIND.stop]
+    apart = np.abs(plain - more)[:, StateField.AIR_VELOCITY.start : StateField.WIND.stop]
     assert np.max(apart) < 0.02 and np.max(apart[-1]) < 1e-3
-    np.testing.assert_allclose(more[:, Column.STANDARD_DEVIATIONS], plain[:, Column.STANDARD_DEVIATIONS], rtol=0.01)
+    np.testing.assert_allclose(
+        more[:, StateField.STANDARD_DEVIATIONS], plain[:, StateField.STANDARD_DEVIATIONS], rtol=0.01
+    )
 
 
 def test_an_update_is_one_of_what_the_sensors_show():
@@ -192,9 +195,9 @@ def test_a_wrong_scale_is_found_in_the_wind(wrong):
     for name, value in truth.items():
         assert abs(found[name]["value"] - value) < 4.0 * found[name]["std"], (name, found[name])
     assert abs(found["lambda_V"]["value"] + 0.2) < 0.02 and found["lambda_V"]["std"] < 0.02
-    assert np.linalg.norm(rows[-1, Column.WIND][:2] - [-5.0, 6.2]) < 0.5
+    assert np.linalg.norm(rows[-1, StateField.WIND][:2] - [-5.0, 6.2]) < 0.5
     _, plain = flown(wrong)
-    assert np.linalg.norm(plain[-1, Column.WIND][:2] - [-5.0, 6.2]) > 1.0
+    assert np.linalg.norm(plain[-1, StateField.WIND][:2] - [-5.0, 6.2]) > 1.0
 
 
 def test_errors_outlast_a_gap(wrong):

@@ -18,8 +18,9 @@ from aircraft_sysid_ros.aircraft.frames import (
 )
 from aircraft_sysid_ros.reconstruction.fusion import fuse, retract
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup, new_memory
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, StateOptions
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import WIDTH, Kind
 
 RATE = np.array([0.3, -0.2, 0.5])

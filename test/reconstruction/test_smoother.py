@@ -13,53 +13,53 @@ from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.commands.replay import BLOCK, smoothed
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.flight_tape import (
-    HAS_ROW,
-    STEP_WIDTH,
-    WIND_WALK,
-    FlightTape,
-    record_step,
-    recorded_covariance,
-)
 from aircraft_sysid_ros.reconstruction.fusion import retract
 from aircraft_sysid_ros.reconstruction.process import propagate, transition_matrix
 from aircraft_sysid_ros.reconstruction.smoother import difference, smooth_segment, smooth_step
-from aircraft_sysid_ros.reconstruction.state import ERROR_SIZE, STATE_SIZE, Column
+from aircraft_sysid_ros.reconstruction.smoother_history import (
+    HAS_ROW,
+    STEP_WIDTH,
+    WIND_WALK,
+    SmootherHistory,
+    record_step,
+    recorded_covariance,
+)
+from aircraft_sysid_ros.reconstruction.state import ERROR_SIZE, STATE_SIZE, StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 from aircraft_sysid_ros.simulation.truth_files import write_flight
 
-ALL_STD = Column.STANDARD_DEVIATIONS
+ALL_STD = StateField.STANDARD_DEVIATIONS
 
 
 def recorded(aircraft, samples: Samples, block: int = 5000) -> tuple[StateEstimator, np.ndarray]:
     """A flight through the filter with a tape; the filter's rows."""
-    estimator = StateEstimator(aircraft, tape=FlightTape())
+    estimator = StateEstimator(aircraft, tape=SmootherHistory())
     rows = [estimator.push(samples[i : i + block]) for i in range(0, len(samples), block)]
     return estimator, np.vstack([*rows, estimator.flush()])
 
 
 def errors_of(flight, estimator, rows) -> tuple[np.ndarray, np.ndarray]:
-    """Time of flight (n,) and truth less estimate (n, 21): 18 as Column.STANDARD_DEVIATIONS, then air velocity."""
+    """Time of flight (n,) and truth less estimate (n, 21): 18 as StateField.STANDARD_DEVIATIONS, then air velocity."""
     start = int(flight.biases.stamp[0])
-    time = rows[:, Column.TIME] + (estimator.epoch - start) * 1e-9
+    time = rows[:, StateField.TIME] + (estimator.epoch - start) * 1e-9
     truth = flight.truth.at(time)
     attitude = [
         quaternion_log(quaternion_product(quaternion_conjugate(q), t))
-        for q, t in zip(rows[:, Column.ATTITUDE], truth.quaternion, strict=True)
+        for q, t in zip(rows[:, StateField.ATTITUDE], truth.quaternion, strict=True)
     ]
-    shift = ned_from_geodetic(*flight.truth.origin, rows[0, Column.ORIGIN])
+    shift = ned_from_geodetic(*flight.truth.origin, rows[0, StateField.ORIGIN])
     biases = np.hstack([flight.biases.accelerometer, flight.biases.gyro])
     bias_time = (flight.biases.stamp - start) * 1e-9
     bias = np.stack([np.interp(time, bias_time, column) for column in biases.T], axis=1)
     parts = [
-        truth.velocity - rows[:, Column.VELOCITY],
-        truth.position + shift - rows[:, Column.POSITION],
+        truth.velocity - rows[:, StateField.VELOCITY],
+        truth.position + shift - rows[:, StateField.POSITION],
         attitude,
-        bias - rows[:, Column.ACCELEROMETER_BIAS.start : Column.GYRO_BIAS.stop],
-        truth.wind - rows[:, Column.WIND],
-        truth.air_velocity - rows[:, Column.AIR_VELOCITY],
+        bias - rows[:, StateField.ACCELEROMETER_BIAS.start : StateField.GYRO_BIAS.stop],
+        truth.wind - rows[:, StateField.WIND],
+        truth.air_velocity - rows[:, StateField.AIR_VELOCITY],
     ]
     return time, np.hstack(parts)
 
@@ -142,7 +142,7 @@ def test_the_end_of_a_segment_that_is_not_finite_is_left_out(both, setup):
     first_lost = int(steps[:299, HAS_ROW].sum())
     assert np.all(np.isfinite(few[:, ALL_STD]))
     np.testing.assert_array_equal(few[first_lost + 1 :], rows[first_lost + 1 : count])
-    assert np.any(few[: first_lost - 5, Column.WIND] != rows[: first_lost - 5, Column.WIND])
+    assert np.any(few[: first_lost - 5, StateField.WIND] != rows[: first_lost - 5, StateField.WIND])
 
 
 # -- whole flights ------------------------------------------------------------------------------------------
@@ -193,11 +193,11 @@ def test_nees_of_smoothed_states_over_many_flights(aircraft):
 def nees_of(flight, estimator, row, x, p) -> float:
     """Normalised error squared of the state x (19,) of the filter at the time of a row."""
     start = int(flight.biases.stamp[0])
-    time = row[Column.TIME] + (estimator.epoch - start) * 1e-9
+    time = row[StateField.TIME] + (estimator.epoch - start) * 1e-9
     truth, arm = flight.truth.at([time]), flight.aircraft.imu_position
     turn = np.cross(truth.rates[0], arm)
     c = rotation_matrix(truth.quaternion[0])
-    shift = ned_from_geodetic(*flight.truth.origin, row[Column.ORIGIN])
+    shift = ned_from_geodetic(*flight.truth.origin, row[StateField.ORIGIN])
     nearest = int(np.argmin(np.abs(flight.biases.stamp - start - time * 1e9)))
     true = np.concatenate(
         [
@@ -218,8 +218,8 @@ def test_the_last_smoothed_state_is_the_filtered_one(both):
     np.testing.assert_allclose(better[-1], rows[-1], rtol=1e-12, atol=1e-14)
     summary = estimator.summary()
     assert summary["smoothed"] is True
-    assert summary["wind_ned"] == better[-1, Column.WIND].tolist()
-    same = [Column.TIME, Column.AIR_DENSITY, *range(Column.CONSISTENCY, Column.WIDTH)]
+    assert summary["wind_ned"] == better[-1, StateField.WIND].tolist()
+    same = [StateField.TIME, StateField.AIR_DENSITY, *range(StateField.CONSISTENCY, StateField.WIDTH)]
     np.testing.assert_array_equal(better[:, same], rows[:, same])
 
 
@@ -262,22 +262,22 @@ def test_a_vane_that_is_lost_stays_lost(flight, aircraft):
     estimator, rows = recorded(aircraft, samples)
     better = estimator.smooth()
     np.testing.assert_array_equal(np.isnan(better), np.isnan(rows))
-    assert np.isnan(better[:, Column.ANGLE_OF_ATTACK]).any()
+    assert np.isnan(better[:, StateField.ANGLE_OF_ATTACK]).any()
 
 
 def test_a_flight_without_a_start_has_no_rows(aircraft):
-    estimator = StateEstimator(aircraft, tape=FlightTape())
+    estimator = StateEstimator(aircraft, tape=SmootherHistory())
     estimator.flush()
-    assert estimator.smooth().shape == (0, Column.WIDTH)
+    assert estimator.smooth().shape == (0, StateField.WIDTH)
 
 
 def test_a_full_disk_is_said_in_one_sentence(aircraft, setup):
-    with FlightTape() as tape, open("/dev/full", "wb", buffering=0) as full:
+    with SmootherHistory() as tape, open("/dev/full", "wb", buffering=0) as full:
         tape.begin(setup)
         tape._steps.close()
         tape._steps = full
         with pytest.raises(InputError, match=r"1 GB per hour.*No space left on device.*TMPDIR"):
-            tape.add(np.zeros((1, STEP_WIDTH)), np.zeros((1, Column.WIDTH)), np.zeros(19), np.eye(18))
+            tape.add(np.zeros((1, STEP_WIDTH)), np.zeros((1, StateField.WIDTH)), np.zeros(19), np.eye(18))
 
 
 # -- replay -------------------------------------------------------------------------------------------------
@@ -285,7 +285,7 @@ def test_a_full_disk_is_said_in_one_sentence(aircraft, setup):
 
 def test_parameters_from_smoothed_states_are_right(flight, aircraft):
     pipeline = Pipeline(aircraft)
-    pipeline.state.tape = FlightTape()
+    pipeline.state.tape = SmootherHistory()
     blocks = [flight.samples[i : i + BLOCK] for i in range(0, len(flight.samples), BLOCK)]
     for _ in smoothed(pipeline, blocks, blocks):
         pass
@@ -319,12 +319,12 @@ def test_states_alone_are_those_with_the_covariance(aircraft):
     flight = simulate_samples(aircraft, seed=3, duration=30.0, turbulence="light")
     rows = []
     for with_covariance in (True, False):
-        estimator = StateEstimator(aircraft, tape=FlightTape())
+        estimator = StateEstimator(aircraft, tape=SmootherHistory())
         estimator.push(flight.samples)
         estimator.flush()
         rows.append(np.array(estimator.smooth(with_covariance)))
-    spread = Column.STANDARD_DEVIATIONS
-    states = np.r_[Column.TIME : spread.start, spread.stop : Column.AIR_VELOCITY_STD]
+    spread = StateField.STANDARD_DEVIATIONS
+    states = np.r_[StateField.TIME : spread.start, spread.stop : StateField.AIR_VELOCITY_STD]
     np.testing.assert_allclose(rows[1][:, states], rows[0][:, states], rtol=1e-6, atol=1e-7)
     middle = rows[0][len(rows[0]) // 2, spread] / rows[1][len(rows[1]) // 2, spread]
     assert np.all(middle <= 1.0 + 1e-6) and np.any(middle < 0.8)

@@ -7,7 +7,7 @@ import pytest
 from slow_flights import all_thinned, fast_flight, file_of_users, thinned
 
 from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
-from aircraft_sysid_ros.reconstruction.state import Column, new_memory
+from aircraft_sysid_ros.reconstruction.state import StateField, new_memory
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind
 
@@ -97,10 +97,10 @@ def test_states_of_a_slow_imu_are_as_near_as_the_filter_says(shown) -> None:
     estimator = StateEstimator(file_of_users())
     rows = np.vstack([estimator.push(shown(flight.samples)), estimator.flush()])
     assert estimator.epoch is not None and estimator.realignments == 0
-    time = rows[:, Column.TIME] + (estimator.epoch - int(flight.biases.stamp[0])) * 1e-9
+    time = rows[:, StateField.TIME] + (estimator.epoch - int(flight.biases.stamp[0])) * 1e-9
     truth, late = flight.truth.at(time), time > 20.0
-    across = (truth.air_velocity - rows[:, Column.AIR_VELOCITY])[:, 1:] / rows[:, [Column.AIR_VELOCITY_STD]]
-    ground = (truth.velocity - rows[:, Column.VELOCITY]) / rows[:, Column.STANDARD_DEVIATIONS][:, :3]
+    across = (truth.air_velocity - rows[:, StateField.AIR_VELOCITY])[:, 1:] / rows[:, [StateField.AIR_VELOCITY_STD]]
+    ground = (truth.velocity - rows[:, StateField.VELOCITY]) / rows[:, StateField.STANDARD_DEVIATIONS][:, :3]
     assert 0.5 < np.mean(across[late] ** 2) < 1.3
     assert 0.4 < np.mean(ground[late] ** 2) < 1.8
     assert all(0.6 < value < 1.2 for value in estimator.innovation_consistency().values())

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.reconstruction.standing_still import STILL_TIME, StandingStill
-from aircraft_sysid_ros.reconstruction.state import Column, Status
+from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.reconstruction.stuck_sensors import STILL_TIME, StuckSensors
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
@@ -29,7 +29,7 @@ def frozen(samples: Samples, kind: Kind) -> Samples:
 
 
 def filtered(samples: Samples, size: int) -> np.ndarray:
-    still = StandingStill(8.0)
+    still = StuckSensors(8.0)
     return np.vstack([still.without(samples[i : i + size]).values for i in range(0, len(samples), size)])
 
 
@@ -71,7 +71,7 @@ def test_the_state_says_that_it_does_without(flight) -> None:
     """Wind explains a frozen airspeed; silence it cannot explain."""
     estimator = StateEstimator(default_aircraft())
     rows = np.vstack([estimator.push(frozen(flight, Kind.AIRSPEED)), estimator.flush()])
-    time = rows[:, Column.TIME] - rows[0, Column.TIME]
-    during = rows[(time > BEGIN + STILL_TIME + 3.0) & (time < END - 1.0), Column.STATUS]
-    after = rows[time > END + 2.0, Column.STATUS]
+    time = rows[:, StateField.TIME] - rows[0, StateField.TIME]
+    during = rows[(time > BEGIN + STILL_TIME + 3.0) & (time < END - 1.0), StateField.STATUS]
+    after = rows[time > END + 2.0, StateField.STATUS]
     assert np.all(during == Status.NO_AIR_DATA) and np.all(after == Status.OK)

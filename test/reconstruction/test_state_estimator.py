@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_log, quaternion_product
-from aircraft_sysid_ros.reconstruction.state import Column, Status
+from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 
 GPS = (Kind.GPS_POSITION, Kind.GPS_VELOCITY)
 AIR_DATA = (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP, Kind.AIR)
-ATTITUDE_STD = slice(Column.STANDARD_DEVIATIONS.start + 6, Column.STANDARD_DEVIATIONS.start + 9)
-WIND_STD = slice(Column.STANDARD_DEVIATIONS.stop - 3, Column.STANDARD_DEVIATIONS.stop)
+ATTITUDE_STD = slice(StateField.STANDARD_DEVIATIONS.start + 6, StateField.STANDARD_DEVIATIONS.start + 9)
+WIND_STD = slice(StateField.STANDARD_DEVIATIONS.stop - 3, StateField.STANDARD_DEVIATIONS.stop)
 
 
 def run(aircraft, samples: Samples, block: int = 5000) -> tuple[StateEstimator, np.ndarray]:
@@ -36,14 +36,14 @@ def without(flight, kinds, start: float, end: float) -> Samples:
 
 def true_rows(flight, estimator: StateEstimator, rows: np.ndarray):
     offset = (estimator.epoch - flight.biases.stamp[0]) * 1e-9
-    return flight.truth.at(rows[:, Column.TIME] + offset), rows[:, Column.TIME] + offset
+    return flight.truth.at(rows[:, StateField.TIME] + offset), rows[:, StateField.TIME] + offset
 
 
 def attitude_error(rows: np.ndarray, truth) -> np.ndarray:
     return np.array(
         [
             quaternion_log(quaternion_product(quaternion_conjugate(q), t))
-            for q, t in zip(rows[:, Column.ATTITUDE], truth.quaternion, strict=True)
+            for q, t in zip(rows[:, StateField.ATTITUDE], truth.quaternion, strict=True)
         ]
     )
 
@@ -54,8 +54,8 @@ def test_errors_are_as_large_as_the_standard_deviations_say(flight, aircraft) ->
     settled = time > 60.0
     errors = {
         "attitude": (attitude_error(rows, truth), rows[:, ATTITUDE_STD]),
-        "wind": (truth.wind - rows[:, Column.WIND], rows[:, WIND_STD]),
-        "velocity": (truth.velocity - rows[:, Column.VELOCITY], rows[:, Column.STANDARD_DEVIATIONS][:, :3]),
+        "wind": (truth.wind - rows[:, StateField.WIND], rows[:, WIND_STD]),
+        "velocity": (truth.velocity - rows[:, StateField.VELOCITY], rows[:, StateField.STANDARD_DEVIATIONS][:, :3]),
     }
     for name, (error, std) in errors.items():
         z = (error / std)[settled]
@@ -82,7 +82,7 @@ def test_late_arrival_gives_the_same_bits(flight, aircraft) -> None:
     _, expected = run(aircraft, in_order)
     estimator, rows = run(aircraft, samples[order], 50)
     assert estimator.order.counts.late.sum() == 0
-    assert np.array_equal(rows[:, : Column.FUSED], expected[:, : Column.FUSED], equal_nan=True)
+    assert np.array_equal(rows[:, : StateField.FUSED], expected[:, : StateField.FUSED], equal_nan=True)
 
 
 def test_fused_at_its_own_time_is_better_than_at_arrival(flight, aircraft) -> None:
@@ -114,22 +114,22 @@ def test_fused_at_its_own_time_is_better_than_at_arrival(flight, aircraft) -> No
 def test_a_gap_of_ten_seconds_in_each_sensor(kinds, status, flight, aircraft) -> None:
     estimator, rows = run(aircraft, without(flight, kinds, 50.0, 60.0))
     truth, time = true_rows(flight, estimator, rows)
-    assert np.all(np.isfinite(rows[:, : Column.AIRSPEED + 1]))
+    assert np.all(np.isfinite(rows[:, : StateField.AIRSPEED + 1]))
     inside = (time > 53.0) & (time < 60.0)
     if status is None:
         assert not inside.any() and estimator.realignments == 1
     else:
-        assert np.all(rows[inside, Column.STATUS] == status)
+        assert np.all(rows[inside, StateField.STATUS] == status)
         assert estimator.realignments == 0
     after = time > 75.0
-    assert np.all(rows[after, Column.STATUS] == Status.OK)
+    assert np.all(rows[after, StateField.STATUS] == Status.OK)
     z = attitude_error(rows[after], truth[after]) / rows[after][:, ATTITUDE_STD]
     assert np.abs(z).max() < 6.0
-    assert np.abs((rows[:, Column.AIRSPEED] - truth.airspeed)[after]).max() < 0.5
+    assert np.abs((rows[:, StateField.AIRSPEED] - truth.airspeed)[after]).max() < 0.5
 
 
 @pytest.mark.parametrize(
-    ("kind", "column"), [(Kind.ANGLE_OF_ATTACK, Column.ANGLE_OF_ATTACK), (Kind.SIDESLIP, Column.SIDESLIP)]
+    ("kind", "column"), [(Kind.ANGLE_OF_ATTACK, StateField.ANGLE_OF_ATTACK), (Kind.SIDESLIP, StateField.SIDESLIP)]
 )
 def test_an_angle_without_its_vane_is_not_measured(kind, column, flight, aircraft) -> None:
     """NaN, never a guess: parameters must not be learnt from an angle that rests on the wind staying as it was."""
@@ -144,13 +144,13 @@ def test_gps_lost_for_a_minute(flight, aircraft) -> None:
     estimator, rows = run(aircraft, without(flight, GPS, 50.0, 110.0))
     truth, time = true_rows(flight, estimator, rows)
     lost = (time > 55.0) & (time < 109.0)
-    assert np.all(rows[lost, Column.STATUS] == Status.NO_GPS)
+    assert np.all(rows[lost, StateField.STATUS] == Status.NO_GPS)
     assert np.degrees(np.abs(attitude_error(rows[lost], truth[lost]))).max() < 5.0
-    assert np.abs(rows[lost, Column.AIRSPEED] - truth.airspeed[lost]).max() < 0.5
+    assert np.abs(rows[lost, StateField.AIRSPEED] - truth.airspeed[lost]).max() < 0.5
     at = int(np.flatnonzero(lost)[-1])
-    position_std = rows[at, Column.STANDARD_DEVIATIONS][3:5]
+    position_std = rows[at, StateField.STANDARD_DEVIATIONS][3:5]
     assert np.all(position_std > 3.0)
-    assert rows[-1, Column.STATUS] == Status.OK
+    assert rows[-1, StateField.STATUS] == Status.OK
     assert estimator.counts()["gps_position"]["rejected"] <= 3
 
 
@@ -161,7 +161,7 @@ def test_nan_samples_are_counted_and_harmless(kind, flight, aircraft) -> None:
     values = samples.values.copy()
     values[chosen, 0] = np.nan
     estimator, rows = run(aircraft, Samples(samples.stamp, samples.kind, values))
-    assert np.all(np.isfinite(rows[:, : Column.STATUS]))
+    assert np.all(np.isfinite(rows[:, : StateField.STATUS]))
     assert estimator.counts()[kind.name.lower()]["invalid"] == len(chosen)
 
 
@@ -173,7 +173,7 @@ def test_stamps_that_go_backwards_for_good_are_a_restart(flight, aircraft) -> No
     estimator, rows = run(aircraft, Samples(samples.stamp - shift, samples.kind, samples.values))
     assert estimator.order.counts.restarts == 1
     assert estimator.realignments == 1
-    assert np.all(np.isfinite(rows[:, : Column.STATUS]))
+    assert np.all(np.isfinite(rows[:, : StateField.STATUS]))
     gyro = np.array(estimator.summary()["gyro_bias"])
     assert np.abs(gyro - flight.biases.gyro[-1]).max() < 0.002
 
@@ -189,7 +189,7 @@ def test_a_sensor_that_lies_is_rejected_by_the_gate(kind: Kind, flight, aircraft
     assert estimator.counts()[kind.name.lower()]["rejected"] > 0.9 * len(chosen)
     truth, at = true_rows(flight, estimator, rows)
     during = (at > 60.0) & (at < 70.0)
-    assert np.abs(rows[during, Column.AIRSPEED] - truth.airspeed[during]).max() < 1.0
+    assert np.abs(rows[during, StateField.AIRSPEED] - truth.airspeed[during]).max() < 1.0
 
 
 def test_without_gps_the_filter_waits_and_says_so(flight, aircraft) -> None:
@@ -231,6 +231,6 @@ def test_a_state_that_contradicts_gps_is_given_up(flight, aircraft) -> None:
     values[(samples.kind == Kind.GPS_VELOCITY) & (time > 50.0), 1] += 30.0
     estimator, rows = run(aircraft, Samples(samples.stamp, samples.kind, values))
     assert estimator.realignments == 1
-    after = rows[rows[:, Column.TIME] > rows[-1, Column.TIME] - 20.0]
-    assert np.all(np.isfinite(after[:, : Column.STATUS]))
-    assert np.median(after[:, Column.WIND][:, 1]) == pytest.approx(30.0 + flight.truth.wind[-1, 1], abs=5.0)
+    after = rows[rows[:, StateField.TIME] > rows[-1, StateField.TIME] - 20.0]
+    assert np.all(np.isfinite(after[:, : StateField.STATUS]))
+    assert np.median(after[:, StateField.WIND][:, 1]) == pytest.approx(30.0 + flight.truth.wind[-1, 1], abs=5.0)

@@ -17,16 +17,15 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_product,
     rotation_matrix,
 )
-from aircraft_sysid_ros.reconstruction.state import Column, Status
+from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.simulation.sensors import SensorOptions, measure, turned
-from aircraft_sysid_ros.simulation.simulated_flight import arrived
-from aircraft_sysid_ros.simulation.truth import Truth
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, arrived, measure, turned
+from aircraft_sysid_ros.sensors.truth import Truth
 
 AIRSPEED, PITCH_RATE, WIND = 24.0, 1.2, np.array([3.0, -2.0, 0.0])
 BEGIN, RAMP, LEVEL_AFTER, STEPS = 20.0, 0.5, 4.0, 400.0
 END = BEGIN + 4.0 * np.pi / PITCH_RATE + RAMP
-ATTITUDE_STD = slice(Column.STANDARD_DEVIATIONS.start + 6, Column.STANDARD_DEVIATIONS.start + 9)
+ATTITUDE_STD = slice(StateField.STANDARD_DEVIATIONS.start + 6, StateField.STANDARD_DEVIATIONS.start + 9)
 SEEDS = range(4)
 
 
@@ -74,17 +73,17 @@ def flown(aircraft, truth: Truth, seed: int, **sensors: bool) -> Flown:
     streams, biases = measure(aircraft, truth, seed, SensorOptions(**sensors))
     estimator = StateEstimator(aircraft)
     rows = np.vstack([estimator.push(arrived(streams)), estimator.flush()])
-    time = rows[:, Column.TIME] + (estimator.epoch - biases.stamp[0]) * 1e-9
+    time = rows[:, StateField.TIME] + (estimator.epoch - biases.stamp[0]) * 1e-9
     true = truth.at(time).quaternion
-    pairs = zip(rows[:, Column.ATTITUDE], true, strict=True)
+    pairs = zip(rows[:, StateField.ATTITUDE], true, strict=True)
     error = [quaternion_log(quaternion_product(quaternion_conjugate(q), t)) for q, t in pairs]
     nose = -turned(true, np.array([1.0, 0.0, 0.0]))[:, 2]
     return Flown(estimator, rows, time, np.degrees(error), np.degrees(rows[:, ATTITUDE_STD]), nose)
 
 
 def check_unbroken(flight: Flown) -> None:
-    assert np.all(np.isfinite(flight.rows[:, : Column.STATUS]))
-    assert np.all(flight.rows[:, Column.STATUS] == Status.OK)
+    assert np.all(np.isfinite(flight.rows[:, : StateField.STATUS]))
+    assert np.all(flight.rows[:, StateField.STATUS] == Status.OK)
     assert np.all(np.diff(flight.time) < 0.011) and flight.time[-1] > END + LEVEL_AFTER - 0.1
     assert flight.estimator.realignments == 0
 
@@ -102,7 +101,7 @@ def test_the_looping_is_one(looping) -> None:
 def test_the_attitude_stays_right_through_the_vertical(seed, looping, aircraft) -> None:
     flight = flown(aircraft, looping, seed)
     check_unbroken(flight)
-    assert flight.rows[-1, Column.REJECTED] == 0
+    assert flight.rows[-1, StateField.REJECTED] == 0
     vertical, second = np.abs(flight.nose) > np.cos(np.radians(5.0)), flight.time > BEGIN + 2.0 * np.pi / PITCH_RATE
     assert np.sum(vertical & second) > 20
     size = np.linalg.norm(flight.error, axis=1)
@@ -110,7 +109,7 @@ def test_the_attitude_stays_right_through_the_vertical(seed, looping, aircraft) 
     turning = flight.time > BEGIN
     assert np.sqrt(np.mean((flight.error / flight.std)[turning] ** 2)) < 1.6
     assert np.abs((flight.error / flight.std)[turning]).max() < 5.0
-    assert flight.rows[-1, Column.WIND] == pytest.approx(WIND, abs=0.3)
+    assert flight.rows[-1, StateField.WIND] == pytest.approx(WIND, abs=0.3)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

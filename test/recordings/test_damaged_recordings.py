@@ -15,9 +15,9 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses, mcap_file, mcap_records, mcap_storage
 from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import read_recording
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, gps_velocity_fields, imu_fields
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, gps_velocity_fields, imu_fields
 
 START = 1_700_000_000_000_000_000
 #: [s] of processor time for one reading: never a hang.

@@ -7,8 +7,8 @@ from aircraft_sysid_ros.recordings import tables
 from aircraft_sysid_ros.recordings.cdr_layout import decode
 from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
 from aircraft_sysid_ros.recordings.tables import table_of
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 TYPES = [*sorted(set(TOPICS.values())), "aircraft_sysid_msgs/msg/AircraftState"]
 
@@ -39,9 +39,7 @@ def raw_of(type_name, contents):
     n = len(contents)
     data = np.frombuffer(b"".join(contents), np.uint8)
     start = np.cumsum(lengths) - lengths
-    return RawMessages(
-        data, np.ones(n, np.int64), np.arange(n), start, lengths, {1: Channel("/x", type_name)}
-    )
+    return RawMessages(data, np.ones(n, np.int64), np.arange(n), start, lengths, {1: Channel("/x", type_name)})
 
 
 def assert_same(fast, slow):
@@ -67,13 +65,9 @@ def test_decoding_at_once_says_the_same_as_one_by_one(type_name, size):
 def test_padding_at_the_end_is_allowed(padding):
     type_name = TOPICS["air_data"]
     rng = np.random.default_rng(0)
-    contents = [
-        bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(2)
-    ]
+    contents = [bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(2)]
     raw = raw_of(type_name, [content + bytes(padding) for content in contents])
-    assert_same(
-        tables._decoded_at_once(raw, 1, None), tables._decoded_at_once(raw_of(type_name, contents), 1, None)
-    )
+    assert_same(tables._decoded_at_once(raw, 1, None), tables._decoded_at_once(raw_of(type_name, contents), 1, None))
 
 
 def test_big_endian_messages_are_decoded_one_by_one():
@@ -103,9 +97,7 @@ def test_frame_ids_of_several_lengths_are_decoded_one_by_one():
 def test_a_message_that_cannot_be_decoded_is_skipped_and_counted():
     type_name = TOPICS["air_data"]
     rng = np.random.default_rng(0)
-    contents = [
-        bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(3)
-    ]
+    contents = [bytes(known_types().serialize_cdr(random_message(type_name, rng, "f"), type_name)) for _ in range(3)]
     table = table_of(raw_of(type_name, [contents[0], contents[1][:20], contents[2]]), 1)
     assert table.skipped == 1
     np.testing.assert_array_equal(table.rows, [0, 2])

@@ -22,9 +22,7 @@ DATA = REPOSITORY.parent / "shared" / "data"
 THOR = DATA / "umn_thor_flight75" / "flight75.mat"
 TESTLOG = DATA / "inertialnav" / "TestLog2.mat"
 SWISS = DATA / "inertialnav" / "SwissLog1.mat"
-needs_data = pytest.mark.skipif(
-    not THOR.exists() or not TESTLOG.exists(), reason="the real flights are not here"
-)
+needs_data = pytest.mark.skipif(not THOR.exists() or not TESTLOG.exists(), reason="the real flights are not here")
 
 
 def imported(path, folder):
@@ -78,9 +76,7 @@ class TestThor:
     def test_stamps_are_the_time_of_the_recorder_from_the_day_of_the_flight(self, thor):
         data, report, _, recording = thor
         imu = of_kind(recording, Kind.IMU)
-        np.testing.assert_allclose(
-            np.diff(imu.stamp) * 1e-9, np.diff(data.time[data.imuStatus > 0]), atol=2e-9
-        )
+        np.testing.assert_allclose(np.diff(imu.stamp) * 1e-9, np.diff(data.time[data.imuStatus > 0]), atol=2e-9)
         assert report["start"].startswith("2012-10-10T16:")  # 11:57 in Minnesota is when the file was written
 
     def test_stamps_agree_with_gps_time(self, thor):
@@ -107,9 +103,7 @@ class TestThor:
         north = np.gradient(fix.values[:, 0] * 6.37e6, time)
         east = np.gradient(fix.values[:, 1] * 6.37e6 * np.cos(np.radians(45.33)), time)
         down = -np.gradient(fix.values[:, 2], time)
-        for found, recorded, least in zip(
-            (north, east, down), velocity.values.T, (0.97, 0.97, 0.9), strict=False
-        ):
+        for found, recorded, least in zip((north, east, down), velocity.values.T, (0.97, 0.97, 0.9), strict=False):
             assert np.corrcoef(found, recorded)[0, 1] > least
 
     def test_airspeed_agrees_with_the_onboard_one(self, thor):
@@ -225,9 +219,7 @@ class TestInertialNav:
     def test_testlog_velocity_agrees_with_speed_and_altitude(self, testlog):
         recording = testlog[3]
         fix, velocity = of_kind(recording, Kind.GPS_POSITION), of_kind(recording, Kind.GPS_VELOCITY)
-        assert (
-            np.corrcoef(np.gradient(fix.values[:, 2], fix.stamp * 1e-9), -velocity.values[:, 2])[0, 1] > 0.95
-        )
+        assert np.corrcoef(np.gradient(fix.values[:, 2], fix.stamp * 1e-9), -velocity.values[:, 2])[0, 1] > 0.95
         north = np.gradient(fix.values[:, 0], fix.stamp * 1e-9)
         assert np.corrcoef(north, velocity.values[:, 0])[0, 1] > 0.95
 

@@ -11,8 +11,8 @@ import pytest
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.playback import LONGEST_LAG, Schedule, every
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, imu_fields
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, imu_fields
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

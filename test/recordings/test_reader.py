@@ -10,10 +10,10 @@ import pytest
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import read_recording
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, USED_FIELDS, gps_velocity_fields, imu_fields
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, USED_FIELDS, gps_velocity_fields, imu_fields
 from aircraft_sysid_ros.samples import Kind
 
 START = 1_700_000_000_000_000_000
@@ -24,9 +24,7 @@ def write_flight(path, prefix="", n=20, **options):
     stamp = START + np.arange(n) * 10_000_000
     with RecordingWriter(path, **options) as writer:
         speed = np.arange(n)[:, None] * np.array([1.0, 0.0, 0.0])
-        writer.write(
-            prefix + "imu/data", TOPICS["imu/data"], stamp, imu_fields(speed, speed), frame_id="base_link"
-        )
+        writer.write(prefix + "imu/data", TOPICS["imu/data"], stamp, imu_fields(speed, speed), frame_id="base_link")
         writer.write(prefix + "gps/vel", TOPICS["gps/vel"], stamp[::5], gps_velocity_fields(speed[::5]))
     return path
 
@@ -67,9 +65,7 @@ def test_samples_are_in_order_of_arrival(flight):
 def test_order_is_by_log_time_and_the_stamp_is_kept(tmp_path):
     stamp = START + np.array([0, 10, 20])
     with RecordingWriter(tmp_path / "late") as writer:
-        writer.write(
-            "gps/vel", TOPICS["gps/vel"], stamp[:1], gps_velocity_fields([[0, 0, 0]]), log_time=stamp[:1] + 15
-        )
+        writer.write("gps/vel", TOPICS["gps/vel"], stamp[:1], gps_velocity_fields([[0, 0, 0]]), log_time=stamp[:1] + 15)
         fields = imu_fields(np.zeros((3, 3)), np.zeros((3, 3)))
         writer.write("imu/data", TOPICS["imu/data"], stamp, fields, log_time=stamp)
     samples = read_recording(tmp_path / "late").samples
@@ -80,9 +76,7 @@ def test_order_is_by_log_time_and_the_stamp_is_kept(tmp_path):
 def test_the_parts_of_a_message_stay_together(tmp_path):
     stamp = START + np.arange(3)
     with RecordingWriter(tmp_path / "air") as writer:
-        writer.write(
-            "air_data", TOPICS["air_data"], stamp, {"true_airspeed": 15.0, "sideslip": np.arange(3.0)}
-        )
+        writer.write("air_data", TOPICS["air_data"], stamp, {"true_airspeed": 15.0, "sideslip": np.arange(3.0)})
     samples = read_recording(tmp_path / "air").samples
     assert samples.kind.tolist() == [Kind.AIRSPEED, Kind.SIDESLIP] * 3
     np.testing.assert_array_equal(samples.values[1::2, 0], np.arange(3))
@@ -137,9 +131,7 @@ def test_split_recordings_are_joined(tmp_path):
     for i, part in enumerate(parts):
         shutil.copy(next(part.glob("*.mcap")), folder / f"split_{i}.mcap")
     text = (parts[0] / "metadata.yaml").read_text()
-    (folder / "metadata.yaml").write_text(
-        text.replace("  - part0.mcap\n", "  - split_0.mcap\n  - split_1.mcap\n")
-    )
+    (folder / "metadata.yaml").write_text(text.replace("  - part0.mcap\n", "  - split_0.mcap\n  - split_1.mcap\n"))
     recording = read_recording(folder)
     assert recording.topics == {"imu/data": 20, "gps/vel": 4}
     assert (np.diff(recording.samples.stamp) >= 0).all()
@@ -191,9 +183,7 @@ def test_definition_of_the_recording_goes_before_ours(tmp_path):
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     name = TOPICS["five_hole_probe"]
-    text = "std_msgs/Header header\nfloat64 extra\n" + "".join(
-        f"float64 {f}\n" for f in USED_FIELDS["five_hole_probe"]
-    )
+    text = "std_msgs/Header header\nfloat64 extra\n" + "".join(f"float64 {f}\n" for f in USED_FIELDS["five_hole_probe"])
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg(text, name))
     header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](1, 0), "air")
@@ -240,9 +230,7 @@ def test_a_recorder_that_died_leaves_what_it_wrote(tmp_path):
     assert lengths[-1] == len(whole)
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + bytes(100), bytes(4096)]
-)
+@pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + bytes(100), bytes(4096)])
 @pytest.mark.parametrize("suffix", [".mcap", ".db3", ".txt"])
 def test_what_is_no_recording(tmp_path, suffix, content):
     file = tmp_path / f"thing{suffix}"

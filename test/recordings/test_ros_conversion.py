@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, rotation_matrix
-from aircraft_sysid_ros.recordings import ros_conversion as ros
+from aircraft_sysid_ros.ros_messages import conversion as ros
 from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
 
 STAMP = np.array([5_000_000_007])
@@ -71,16 +71,12 @@ def test_imu_variance_is_the_mean_of_the_diagonal_where_it_is_known():
 
 @pytest.mark.parametrize("first", [-1.0, 0.0])
 def test_orientation_without_covariance_is_not_used(first):
-    assert [
-        s.kind[0] for s in ros.to_samples("imu/data", STAMP, imu(orientation_covariance=[first] * 9))
-    ] == [Kind.IMU]
+    assert [s.kind[0] for s in ros.to_samples("imu/data", STAMP, imu(orientation_covariance=[first] * 9))] == [Kind.IMU]
 
 
 @pytest.mark.parametrize("orientation", [[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.2], [np.nan, 0.0, 0.0, 1.0]])
 def test_orientation_that_is_no_turn_is_not_used(orientation):
-    batches = ros.to_samples(
-        "imu/data", STAMP, imu(orientation=orientation, orientation_covariance=np.eye(3).ravel())
-    )
+    batches = ros.to_samples("imu/data", STAMP, imu(orientation=orientation, orientation_covariance=np.eye(3).ravel()))
     assert [len(batch) for batch in batches[1:]] in ([], [0])
 
 
@@ -192,9 +188,7 @@ def air(n, **values):
 
 
 def test_air_data_gives_a_sample_for_each_measured_part():
-    samples = ros.to_samples(
-        "air_data", STAMP, air(1, true_airspeed=[15.0], angle_of_attack=[0.1], air_density=[1.2])
-    )
+    samples = ros.to_samples("air_data", STAMP, air(1, true_airspeed=[15.0], angle_of_attack=[0.1], air_density=[1.2]))
     assert [Kind(s.kind[0]) for s in samples] == [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.AIR]
     assert [s.values[0, 0] for s in samples] == [15.0, 0.1, 1.2]
     assert np.isnan(samples[2].values[0, 1])

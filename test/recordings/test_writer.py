@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS
 from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 START = 1_700_000_000_000_000_000
 STATE = "aircraft_sysid_msgs/msg/AircraftState"
@@ -15,9 +15,7 @@ STATE = "aircraft_sysid_msgs/msg/AircraftState"
 def write_all(path):
     stamp = START + np.arange(5) * 20_000_000
     with RecordingWriter(path) as writer:
-        writer.write(
-            "air_data", TOPICS["air_data"], stamp, {"true_airspeed": np.arange(5.0)}, frame_id="probe"
-        )
+        writer.write("air_data", TOPICS["air_data"], stamp, {"true_airspeed": np.arange(5.0)}, frame_id="probe")
         writer.write(
             "state_estimator/state",
             STATE,
@@ -40,9 +38,7 @@ def write_all(path):
             "parameters": parameters,
             "covariance": np.eye(2),
         }
-        writer.write_message(
-            "~/parameters".lstrip("~"), "aircraft_sysid_msgs/msg/Parameters", START + 7, message
-        )
+        writer.write_message("~/parameters".lstrip("~"), "aircraft_sysid_msgs/msg/Parameters", START + 7, message)
     return path
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.modelling.model_file import parameters_json
-from aircraft_sysid_ros.modelling.regression import Point
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.model_file import parameters_json
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.run_data import RunData
@@ -21,9 +21,9 @@ def run_of(flight):
         flight.samples,
         {p["name"]: p for p in parameters_json(pipeline.parameters)["parameters"]},
         np.array([*state["accelerometer_bias"], *state["gyro_bias"]]),
-        nanoseconds(points[:, Point.TIME], pipeline.state.epoch),
-        points[:, Point.MEASURED],
-        points[:, Point.TERMS :],
+        nanoseconds(points[:, CoefficientSample.TIME], pipeline.state.epoch),
+        points[:, CoefficientSample.MEASURED],
+        points[:, CoefficientSample.TERMS :],
     )
 
 

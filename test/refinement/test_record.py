@@ -12,7 +12,7 @@ from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.refinement.resampling import cubic
 from aircraft_sysid_ros.refinement.segments import Segment, segments_of
 from aircraft_sysid_ros.samples import Kind
-from aircraft_sysid_ros.simulation.sensors import air_data_at, specific_force_at
+from aircraft_sysid_ros.sensors.sensor_models import air_data_at, specific_force_at
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_segments_cover_the_flight_and_do_not_cross_gaps(record):
 
 
 def test_magnetometer_and_attitude_become_rotation_vectors(aircraft):
-    from aircraft_sysid_ros.simulation.sensors import SensorOptions
+    from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
     from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
     for options, columns in ((SensorOptions(magnetometer=True), [14]), (SensorOptions(attitude=True), [12, 13, 14])):

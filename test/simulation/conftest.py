@@ -33,7 +33,5 @@ def coefficients_of_motion(aircraft, truth):
         moment = rigid_body.moment_of_motion(truth.angular_acceleration[i], truth.rates[i], aircraft.inertia)
         moment = rigid_body.moment_at_reference(moment, force, aircraft.aerodynamic_reference)
         qbar = 0.5 * truth.density[i] * truth.airspeed[i] ** 2
-        rows.append(
-            rigid_body.coefficients_of(force, moment, qbar, aircraft.wing_area, aircraft.span, aircraft.chord)
-        )
+        rows.append(rigid_body.coefficients_of(force, moment, qbar, aircraft.wing_area, aircraft.span, aircraft.chord))
     return np.array(rows)

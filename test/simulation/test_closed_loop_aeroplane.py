@@ -57,9 +57,7 @@ def test_the_imu_moves_as_the_antenna_and_its_lever_arm_say(aircraft, calm):
     readings, _, aeroplane = calm
     turn = np.array([rotation_matrix(q) for q in readings[:, Reading.QUATERNION]])
     arm = aircraft.imu_position - aircraft.gps_position
-    velocity = readings[:, Reading.VELOCITY] + np.einsum(
-        "kij,kj->ki", turn, np.cross(readings[:, Reading.RATES], arm)
-    )
+    velocity = readings[:, Reading.VELOCITY] + np.einsum("kij,kj->ki", turn, np.cross(readings[:, Reading.RATES], arm))
     measured = np.einsum("kij,kj->ki", turn, readings[:, Reading.FORCE]) + [0.0, 0.0, aeroplane.setup.place.gravity]
     difference = (velocity[2:] - velocity[:-2]) / (2.0 * STEP)
     assert np.abs(measured).max() > 1.0

@@ -112,9 +112,7 @@ def test_flow_rates_are_derivatives_of_the_flow_angles():
         u, v, w = velocity + t * change
         return np.array([np.arctan2(w, u), np.arctan2(v, np.hypot(u, w))])
 
-    np.testing.assert_allclose(
-        flow_rates(velocity, change), (angles(step) - angles(-step)) / (2 * step), rtol=1e-7
-    )
+    np.testing.assert_allclose(flow_rates(velocity, change), (angles(step) - angles(-step)) / (2 * step), rtol=1e-7)
 
 
 def test_position_velocity_attitude_and_forces_belong_together(flight):
@@ -126,9 +124,7 @@ def test_position_velocity_attitude_and_forces_belong_together(flight):
         return (values[2:] - values[:-2]) / (2.0 * step)
 
     np.testing.assert_allclose(derivative(truth.position), truth.velocity[middle], atol=1e-3)
-    force = np.array(
-        [rotation_matrix(q) @ f for q, f in zip(truth.quaternion, truth.specific_force, strict=True)]
-    )
+    force = np.array([rotation_matrix(q) @ f for q, f in zip(truth.quaternion, truth.specific_force, strict=True)])
     weight = derivative(truth.velocity) - force[middle]
     np.testing.assert_allclose(np.median(weight, axis=0), [0.0, 0.0, 9.805], atol=1e-3)
     assert np.percentile(np.abs(weight - np.median(weight, axis=0)), 99) < 0.02
@@ -144,9 +140,7 @@ def test_without_air_forces_a_body_falls_on_a_parabola(aircraft):
     state[RATES : RATES + 3] = [1.0, -0.5, 2.0]
     start, step, count = state.copy(), 1.0 / 400.0, 800
     for i in range(count):
-        np.testing.assert_array_equal(
-            motion(airframe, setup.place, state, CALM, 0.0).specific_force, np.zeros(3)
-        )
+        np.testing.assert_array_equal(motion(airframe, setup.place, state, CALM, 0.0).specific_force, np.zeros(3))
         state = runge_kutta_step(airframe, setup.place, state, state[CONTROLS:], CALM, CALM, i * step, step)
     seconds = count * step
     fall = np.array([0.0, 0.0, setup.place.gravity])
@@ -156,8 +150,7 @@ def test_without_air_forces_a_body_falls_on_a_parabola(aircraft):
         state[POSITION : POSITION + 3], seconds * velocity + 0.5 * seconds**2 * fall, rtol=1e-9, atol=1e-9
     )
     momentum = [
-        rotation_matrix(s[ATTITUDE : ATTITUDE + 4]) @ aircraft.inertia @ s[RATES : RATES + 3]
-        for s in (start, state)
+        rotation_matrix(s[ATTITUDE : ATTITUDE + 4]) @ aircraft.inertia @ s[RATES : RATES + 3] for s in (start, state)
     ]
     np.testing.assert_allclose(momentum[1], momentum[0], rtol=1e-6)
 
@@ -167,9 +160,7 @@ def test_trimmed_flight_stays_trimmed_with_the_controls_held(aircraft):
     state = setup.trim.state.copy()
     step = 1.0 / 400.0
     for i in range(8000):
-        state = runge_kutta_step(
-            setup.airframe, setup.place, state, setup.trim.controls, CALM, CALM, i * step, step
-        )
+        state = runge_kutta_step(setup.airframe, setup.place, state, setup.trim.controls, CALM, CALM, i * step, step)
     assert abs(state[POSITION + 2]) < 1e-3
     np.testing.assert_allclose(state[RATES : RATES + 3], 0.0, atol=1e-5)
     speed = np.linalg.norm(state[VELOCITY : VELOCITY + 3])
@@ -207,9 +198,7 @@ def test_the_integration_is_of_fourth_order(aircraft, shear):
         state = start
         for t in step * np.arange(round(0.5 / step)):
             command = setup.trim.controls
-            state = runge_kutta_step(
-                setup.airframe, setup.place, state, command, rate * t, rate * (t + step), t, step
-            )
+            state = runge_kutta_step(setup.airframe, setup.place, state, command, rate * t, rate * (t + step), t, step)
         return state
 
     exact = final(1.0 / 1600.0)

@@ -7,13 +7,13 @@ import pytest
 
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.commands.simulate import parse_hidden
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
+from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.reconstruction.state import Column
+from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, first_order_lag, measure
 from aircraft_sysid_ros.simulation.hidden_effects import RECIPES, SIMULATED, hidden_effect, plans_of
 from aircraft_sysid_ros.simulation.jsbsim_flight import signals_of
-from aircraft_sysid_ros.simulation.sensors import SensorOptions, first_order_lag, measure
 from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight
 from aircraft_sysid_ros.simulation.truth_files import truth_document
 from aircraft_sysid_ros.simulation.varied_plan import PLANS
@@ -121,10 +121,10 @@ def test_a_scale_in_the_file_undoes_that_of_the_sensor():
     for aircraft in (flight.aircraft, flight.oracle):
         estimator = StateEstimator(aircraft)
         rows = np.vstack([estimator.push(flight.samples), estimator.flush()])
-        late = rows[:, Column.TIME] > rows[-1, Column.TIME] - 15.0
-        since = rows[late, Column.TIME] - rows[-1, Column.TIME] + flight.truth.time[-1]
+        late = rows[:, StateField.TIME] > rows[-1, StateField.TIME] - 15.0
+        since = rows[late, StateField.TIME] - rows[-1, StateField.TIME] + flight.truth.time[-1]
         true = np.interp(since, flight.truth.time, flight.truth.alpha)
-        errors.append(np.std(rows[late, Column.ANGLE_OF_ATTACK] - true))
+        errors.append(np.std(rows[late, StateField.ANGLE_OF_ATTACK] - true))
     assert errors[1] < 0.5 * errors[0]
 
 

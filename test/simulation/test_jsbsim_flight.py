@@ -50,9 +50,7 @@ def test_forces_are_the_curvature_of_the_way(flight):
     truth = flight.truth
     step = truth.time[1] - truth.time[0]
     acceleration = (truth.velocity[2:] - truth.velocity[:-2]) / (2.0 * step)
-    force = np.array(
-        [rotation_matrix(q) @ f for q, f in zip(truth.quaternion, truth.specific_force, strict=True)]
-    )
+    force = np.array([rotation_matrix(q) @ f for q, f in zip(truth.quaternion, truth.specific_force, strict=True)])
     weight = np.median(acceleration - force[1:-1], axis=0)
     np.testing.assert_allclose(weight, [0.0, 0.0, 9.803], atol=0.012)  # within Coriolis acceleration
 
@@ -69,8 +67,7 @@ def test_position_is_the_integral_of_velocity(flight):
 def test_the_flow_is_motion_less_wind(flight):
     truth = flight.truth[::50]
     flow = [
-        rotation_matrix(q).T @ (v - w)
-        for q, v, w in zip(truth.quaternion, truth.velocity, truth.wind, strict=True)
+        rotation_matrix(q).T @ (v - w) for q, v, w in zip(truth.quaternion, truth.velocity, truth.wind, strict=True)
     ]
     np.testing.assert_allclose(truth.air_velocity, flow, atol=1e-6)
     np.testing.assert_allclose(truth.wind[0], [3.0, -2.0, 0.0], atol=1e-9)
@@ -113,13 +110,8 @@ def test_the_aerodynamic_reference_is_that_of_jsbsim(name):
     reference = np.array(jsbsim_aircraft_file(name)["aerodynamic_reference"]) / FOOT
     force = np.array([executive[f"forces/fb{axis}-aero-lbs"] for axis in "xyz"])
     moment = np.array([executive[f"moments/{axis}-aero-lbsft"] for axis in "lmn"])
-    terms = [
-        line.split()[0] for line in executive.query_property_catalog("aero/coefficient/").split("\n") if line
-    ]
-    own = [
-        sum(executive[t] for t in terms if t.startswith(f"aero/coefficient/{axis}"))
-        for axis in ("Cl", "Cm", "Cn")
-    ]
+    terms = [line.split()[0] for line in executive.query_property_catalog("aero/coefficient/").split("\n") if line]
+    own = [sum(executive[t] for t in terms if t.startswith(f"aero/coefficient/{axis}")) for axis in ("Cl", "Cm", "Cn")]
     np.testing.assert_allclose(rigid_body.moment_at_reference(moment, force, reference), own, rtol=1e-9)
 
 

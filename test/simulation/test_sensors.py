@@ -13,18 +13,19 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_product,
     rotation_matrix,
 )
-from aircraft_sysid_ros.recordings.ros_conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 from aircraft_sysid_ros.samples import Kind
-from aircraft_sysid_ros.simulation.five_hole_probe import ProbeCalibration
-from aircraft_sysid_ros.simulation.sensors import (
+from aircraft_sysid_ros.sensors.five_hole_probe import ProbeCalibration
+from aircraft_sysid_ros.sensors.sensor_models import (
     EPOCH,
     SensorOptions,
     air_data_at,
+    arrived,
     measure,
     specific_force_at,
     stamps_of,
 )
-from aircraft_sysid_ros.simulation.simulated_flight import arrived, simulate_samples
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 EXACT = SensorOptions(
     noise_scale=0.0, accelerometer_bias=0.0, gyro_bias=0.0,
@@ -35,9 +36,7 @@ EXACT = SensorOptions(
 @pytest.fixture(scope="module")
 def still(aircraft):
     """The aircraft without random walks of its biases."""
-    return replace(
-        aircraft, process_noise={**aircraft.process_noise, "accelerometer_bias": 0.0, "gyro_bias": 0.0}
-    )
+    return replace(aircraft, process_noise={**aircraft.process_noise, "accelerometer_bias": 0.0, "gyro_bias": 0.0})
 
 
 @pytest.fixture(scope="module")
@@ -118,18 +117,13 @@ def test_the_accelerometer_reads_the_acceleration_of_its_place(flight, still, ex
     acceleration = (place[2:] - 2.0 * place[1:-1] + place[:-2]) / step**2
     gravity = np.array([0.0, 0.0, earth.gravity(truth.origin[0], truth.origin[2])])
     expected = np.array(
-        [
-            rotation_matrix(q).T @ (a - gravity)
-            for q, a in zip(truth.quaternion[1:-1], acceleration, strict=True)
-        ]
+        [rotation_matrix(q).T @ (a - gravity) for q, a in zip(truth.quaternion[1:-1], acceleration, strict=True)]
     )
     error = specific_force_at(truth, position)[1:-1] - expected
     assert np.percentile(np.abs(error), 99) < 0.05
     without = truth.specific_force[1:-1] - expected
     assert np.percentile(np.abs(without), 99) > 0.5
-    np.testing.assert_allclose(
-        values[:, :3], specific_force_at(truth.at(time), still.imu_position), atol=1e-12
-    )
+    np.testing.assert_allclose(values[:, :3], specific_force_at(truth.at(time), still.imu_position), atol=1e-12)
 
 
 def test_a_sample_shows_what_was_true_one_delay_before(aircraft, flight):
@@ -149,9 +143,7 @@ def test_a_sample_shows_what_was_true_one_delay_before(aircraft, flight):
         return np.mean((values[:, 0] - true(flight.truth.at(time - lag))) ** 2)
 
     lags = np.arange(0.0, 0.4, 0.01)
-    airspeed = [
-        misfit(Kind.AIRSPEED, lambda t: air_data_at(t, late.air_data_position)[:, 0], x) for x in lags
-    ]
+    airspeed = [misfit(Kind.AIRSPEED, lambda t: air_data_at(t, late.air_data_position)[:, 0], x) for x in lags]
     velocity = [misfit(Kind.GPS_VELOCITY, lambda t: t.velocity[:, 0], x) for x in lags]
     assert lags[np.argmin(airspeed)] == pytest.approx(0.08, abs=0.011)
     assert lags[np.argmin(velocity)] == pytest.approx(0.2, abs=0.011)
@@ -188,10 +180,7 @@ def test_attitude_noise_is_a_turn_of_the_stated_size(aircraft, flight):
     time, values = of_kind(arrived(streams), Kind.ATTITUDE)
     true = flight.truth.at(time).quaternion
     errors = np.array(
-        [
-            quaternion_log(quaternion_product(quaternion_conjugate(q), v[:4]))
-            for q, v in zip(true, values, strict=True)
-        ]
+        [quaternion_log(quaternion_product(quaternion_conjugate(q), v[:4])) for q, v in zip(true, values, strict=True)]
     )
     np.testing.assert_allclose(errors.std(axis=0), aircraft.sensors["attitude"].noise[0], rtol=0.05)
 

@@ -7,7 +7,7 @@ import pytest
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.reader import read_recording
-from aircraft_sysid_ros.simulation.sensors import SensorOptions
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 from aircraft_sysid_ros.simulation.truth_files import load_truth, truth_path, write_flight
 
@@ -29,9 +29,7 @@ def test_reading_the_recording_gives_the_samples_of_memory(flown, bag):
     read = read_recording(bag).samples
     np.testing.assert_array_equal(read.stamp, flown.samples.stamp)
     np.testing.assert_array_equal(read.kind, flown.samples.kind)
-    np.testing.assert_allclose(
-        read.values, flown.samples.values, rtol=1e-6, atol=1e-12
-    )  # Range holds float32
+    np.testing.assert_allclose(read.values, flown.samples.values, rtol=1e-6, atol=1e-12)  # Range holds float32
 
 
 def test_others_read_the_recording_with_the_truth_in_its_folder(flown, bag):

@@ -29,9 +29,7 @@ def test_gusts_have_the_stated_standard_deviation(gusts):
 
 
 def test_gusts_begin_in_their_stationary_distribution():
-    starts = np.array(
-        [dryden_gusts(np.random.default_rng(s), 2, STEP, AIRSPEED, GUSTS)[0] for s in range(1500)]
-    )
+    starts = np.array([dryden_gusts(np.random.default_rng(s), 2, STEP, AIRSPEED, GUSTS)[0] for s in range(1500)])
     np.testing.assert_allclose(starts.std(axis=0), GUSTS.sigma, rtol=0.08)
 
 

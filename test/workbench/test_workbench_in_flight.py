@@ -10,7 +10,7 @@ import pytest
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.workbench import live_session
 from aircraft_sysid_ros.workbench.live_flight import MOST_ERRORS, MOST_STATES, LiveFlight
 from aircraft_sysid_ros.workbench.live_link import ANSWER, NO_ROS, PRESENCE, READY

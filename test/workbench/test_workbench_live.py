@@ -28,7 +28,8 @@ NODE = "/parameter_estimator"
 
 def wait_for_text(page, name: str, text: str) -> None:
     page.wait_for_function(
-        "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[marked(name), text],
+        "([s, t]) => document.querySelector(s)?.innerText.includes(t)",
+        arg=[marked(name), text],
         timeout=1e3 * PATIENCE,
     )
 
@@ -120,9 +121,7 @@ def error_of(page, axis: str) -> float:
     return float(page.inner_text(marked(f"held-out-{axis}")).split()[0])
 
 
-def test_a_hidden_effect_is_named_and_added_in_flight(
-    player, aircraft_file, tmp_path, served, open_page
-) -> None:
+def test_a_hidden_effect_is_named_and_added_in_flight(player, aircraft_file, tmp_path, served, open_page) -> None:
     with served("--live") as address:
         page = open_page(address)
         wait_for_text(page, "notice", f"No {NODE} yet")

@@ -207,4 +207,3 @@ def within_bounds(problem: Problem, optimum: Optimum) -> bool:
     """Whether xi1 of an optimum of xi2 alone stayed within its bounds, see (20)."""
     low, high = problem.bounds1.T
     return bool(np.all((optimum.xi1 >= low) & (optimum.xi1 <= high)))
-

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.decoder import Decoder
-from aircraft_sysid_ros.simulation.sensors import EPOCH
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 from aircraft_sysid_ros.simulation.stand_in.messages import MESSAGES_OF, Encoder
 from aircraft_sysid_ros.simulation.stand_in.sensors import Event
 

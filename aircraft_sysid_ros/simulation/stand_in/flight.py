@@ -9,7 +9,7 @@ import numpy as np
 
 from aircraft_sysid_ros.mavlink.assembler import Output
 from aircraft_sysid_ros.mavlink.session import Session
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, USED_FIELDS, samples_and_rows
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, USED_FIELDS, samples_and_rows
 from aircraft_sysid_ros.samples import Samples, concatenate
 from aircraft_sysid_ros.simulation.stand_in.autopilot import StandIn
 from aircraft_sysid_ros.simulation.stand_in.sensors import Event

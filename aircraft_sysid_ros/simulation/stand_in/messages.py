@@ -16,7 +16,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, HEAT_RATIO, STA
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.mavlink.airspeed import SEA_LEVEL_DENSITY
 from aircraft_sysid_ros.mavlink.calibration import MIXING, Calibration
-from aircraft_sysid_ros.recordings.ros_conversion import frd_from_flu, ned_from_enu
+from aircraft_sysid_ros.ros_messages.conversion import frd_from_flu, ned_from_enu
 from aircraft_sysid_ros.simulation.stand_in.sensors import ATTITUDE, VELOCITY, WIND, Event
 
 Array = npt.NDArray[np.float64]

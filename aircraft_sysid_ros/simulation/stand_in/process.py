@@ -25,6 +25,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.calibration import load_calibration
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.jsbsim_flight import (
     DEFAULT_MODEL,
     MODELS,
@@ -38,7 +39,6 @@ from aircraft_sysid_ros.simulation.jsbsim_flight import (
 from aircraft_sysid_ros.simulation.simulated_flight import DEFAULT_WIND, simulate_samples
 from aircraft_sysid_ros.simulation.stand_in.autopilot import Faults, StandIn
 from aircraft_sysid_ros.simulation.stand_in.sensors import Event, FlightSensors, pieces, write_direct
-from aircraft_sysid_ros.simulation.truth import Truth
 
 NANOSECONDS = 1_000_000_000
 DEFAULT_CALIBRATION = "stand_in_calibration.yaml"

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
-from aircraft_sysid_ros.recordings.ros_conversion import TOPICS, flu_from_frd, samples_and_rows
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, flu_from_frd, samples_and_rows
 from aircraft_sysid_ros.samples import Samples, concatenate
-from aircraft_sysid_ros.simulation.sensors import EPOCH, SensorOptions, generator, measure
-from aircraft_sysid_ros.simulation.truth import Truth
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH, SensorOptions, generator, measure
+from aircraft_sysid_ros.sensors.truth import Truth
 
 Array = npt.NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.effects import BY_ID
-from aircraft_sysid_ros.modelling.parameter_estimator import ParameterOptions
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import FAILS, MORE, NO_DATA, NOISE, AxisRow
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, figure, line

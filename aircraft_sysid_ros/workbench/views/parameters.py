@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.modelling.trust import Trust
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, beyond, encoded, figure, line
 

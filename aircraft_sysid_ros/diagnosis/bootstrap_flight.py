@@ -1,0 +1,235 @@
+"""Replicas of a flight in which nothing is missing: the same motion, fresh sensor noise, the model as the truth.
+
+What looks like an effect may be the errors of the reconstruction: in turbulence angles of attack, sideslip and
+rates are not known exactly, their errors stand on both sides of the regression, and no reshuffling of the data
+shows how large that is. A replica does. The reconstructed motion is taken as true, sensors are simulated along it,
+and the whole chain runs on them as it ran on the flight. What the coefficients of that motion have beyond the model
+is known exactly and is taken off again: what a search still finds in a replica is there by chance.
+
+The reconstructed wind is smoother than the true one; gusts as fast as the reconstruction cannot follow are added.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import butter, filtfilt, lfilter
+
+from aircraft_sysid_ros.aircraft import atmosphere
+from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
+from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
+from aircraft_sysid_ros.diagnosis.reconstruction import AIR_DATA
+from aircraft_sysid_ros.estimation.window_average import window_average
+from aircraft_sysid_ros.identification.coefficients.body import body_of
+from aircraft_sysid_ros.identification.coefficients.signals import fill_signals
+from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, arrived, generator, measure
+from aircraft_sysid_ros.sensors.truth import Truth
+
+Array = npt.NDArray[np.float64]
+
+#: Above this [Hz] reconstructed rates and accelerations are the noise of their sensors, not motion.
+MOTION_BAND = 8.0
+RATE = 100.0  # [Hz] of the world
+
+_SENSOR_OF_RATE = {
+    Kind.IMU: ("accelerometer", "gyro"),
+    Kind.GPS_POSITION: ("gps_position",),
+    Kind.GPS_VELOCITY: ("gps_velocity",),
+    Kind.AIRSPEED: ("airspeed", "angle_of_attack", "sideslip", "static_pressure"),
+    Kind.CONTROLS: ("control_surfaces",),
+    Kind.ATTITUDE: ("attitude",),
+    Kind.MAGNETIC_FIELD: ("magnetometer",),
+    Kind.HEIGHT: ("height_above_ground",),
+}
+
+
+@dataclass(frozen=True)
+class FlightConditions:
+    """The motion of a flight as the truth of another, and what its coefficients have beyond the model."""
+
+    aircraft: Aircraft
+    sensing: Aircraft  # with sensors as fast as those of the flight are
+    truth: Truth
+    excess: Array  # (n, 6) C of the motion minus C of the model, at truth.time
+    kinds: tuple[int, ...]  # of samples that the flight has
+
+    def samples(self, seed: int) -> Samples:
+        """What the sensors of the flight would have sent, with the noise of one seed."""
+        present = set(self.kinds)
+        options = SensorOptions(
+            accelerometer_bias=0.05,
+            gyro_bias=0.003,
+            attitude=int(Kind.ATTITUDE) in present,
+            magnetometer=int(Kind.MAGNETIC_FIELD) in present,
+            height_above_ground=int(Kind.HEIGHT) in present,
+        )
+        streams, _ = measure(self.sensing, self.truth, seed, options)
+        samples = arrived(streams)
+        return samples[np.isin(samples.kind, self.kinds)]
+
+    def excess_at(self, times: Array, half_width: float) -> Array:
+        """The excess (m, 6) at times [s] of the world, averaged as measured coefficients are."""
+        out, slopes = np.full((len(times), 6), np.nan), np.empty(6)
+        grid = self.truth.time
+        for i, center in enumerate(times):
+            first = int(np.searchsorted(grid, center - half_width, side="right")) - 1
+            last = int(np.searchsorted(grid, center + half_width))
+            if first >= 0 and last < len(grid):
+                window_average(grid, self.excess, first, last, center, half_width, out[i], slopes)
+        return out
+
+
+def world_of(
+    aircraft: Aircraft,
+    rows: Array,
+    samples: Samples,
+    epoch: int,
+    parameters: Array,
+    gusts: float,
+    seed: int,
+) -> FlightConditions:
+    """The world of a flight.
+
+    rows (n, StateField.WIDTH) smoothed states in flight without a gap, samples of the flight and the epoch [ns] of the
+    rows' time, parameters (p,) of the aircraft's model, gusts: random walk of the wind [m/s per sqrt(s)] that the
+    reconstruction found. The seed draws the gusts that it could not follow.
+    """
+    time = np.arange(rows[0, StateField.TIME], rows[-1, StateField.TIME], 1.0 / RATE)
+    on_grid = _resampled(rows, time)
+    quaternion = on_grid[:, StateField.ATTITUDE]
+    quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    rates = low_passed(on_grid[:, StateField.ANGULAR_VELOCITY], MOTION_BAND)
+    turning = np.gradient(rates, 1.0 / RATE, axis=0)
+    arm = aircraft.imu_position
+    force = low_passed(on_grid[:, StateField.SPECIFIC_FORCE], MOTION_BAND)
+    force = force - np.cross(turning, arm) - np.cross(rates, np.cross(rates, arm))
+    band = gust_band(sensing(aircraft, samples), float(np.mean(rows[:, StateField.AIRSPEED])), gusts)
+    wind = on_grid[:, StateField.WIND] + _fast_gusts(len(time), gusts, band, seed)
+    velocity = on_grid[:, StateField.VELOCITY]
+    to_body = np.array([rotation_matrix(q).T for q in quaternion])
+    air_velocity = np.einsum("nij,nj->ni", to_body, velocity - wind)
+    flow = np.array([air_data_from_velocity(v) for v in air_velocity])
+    world_rows = on_grid.copy()
+    world_rows[:, StateField.ATTITUDE], world_rows[:, StateField.ANGULAR_VELOCITY] = quaternion, rates
+    world_rows[:, StateField.SPECIFIC_FORCE], world_rows[:, StateField.AIR_VELOCITY] = force, air_velocity
+    world_rows[:, StateField.AIRSPEED : StateField.SIDESLIP + 1] = flow
+    controls = _series(samples, Kind.CONTROLS, 7, time, epoch)
+    controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
+    altitude = on_grid[:, StateField.ORIGIN.stop - 1] - on_grid[:, StateField.POSITION.stop - 1]
+    height = _series(samples, Kind.HEIGHT, 1, time, epoch)[:, 0]
+    ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(np.min(altitude))
+    height = np.where(np.isfinite(height), height, altitude - ground)
+    coefficients = _coefficients(aircraft, force, rates, turning, flow[:, 0], on_grid[:, StateField.AIR_DENSITY])
+    truth = Truth(
+        time=time - time[0],
+        position=on_grid[:, StateField.POSITION],
+        velocity=velocity,
+        quaternion=quaternion,
+        rates=rates,
+        angular_acceleration=turning,
+        specific_force=force,
+        air_velocity=air_velocity,
+        airspeed=flow[:, 0],
+        alpha=flow[:, 1],
+        beta=flow[:, 2],
+        density=on_grid[:, StateField.AIR_DENSITY],
+        static_pressure=np.array([atmosphere.pressure(h) for h in altitude]),
+        height=height,
+        controls=controls,
+        wind=wind,
+        coefficients=coefficients,
+        origin=on_grid[0, StateField.ORIGIN],
+    )
+    model = _model_coefficients(aircraft, world_rows, controls, height, parameters)
+    kinds = tuple(int(kind) for kind in np.unique(samples.kind))
+    return FlightConditions(aircraft, sensing(aircraft, samples), truth, coefficients - model, kinds)
+
+
+def sensing(aircraft: Aircraft, samples: Samples) -> Aircraft:
+    """The aircraft with the rates that the sensors of the recording really have."""
+    sensors = dict(aircraft.sensors)
+    for kind, names in _SENSOR_OF_RATE.items():
+        stamps = samples.stamp[samples.kind == kind]
+        if len(stamps) > 10:
+            rate = float(1e9 / np.median(np.diff(np.sort(stamps))))
+            for name in names:
+                sensors[name] = replace(sensors[name], rate=rate)
+    return replace(aircraft, sensors=sensors)
+
+
+def low_passed(series: Array, band: float) -> Array:
+    """Columns (n, k) at RATE without what is faster than ``band`` [Hz], without delay."""
+    b, a = butter(2, band / (0.5 * RATE))
+    return np.asarray(filtfilt(b, a, series, axis=0))
+
+
+def gust_band(aircraft: Aircraft, speed: float, walk: float) -> float:
+    """Band [rad/s] below which a smoother has a random walk of the wind [m/s per sqrt(s)] in its result.
+
+    With white noise of spectral density R it passes 1 / (1 + (w/b)^2), b = walk / sqrt(R); what is left of a gust has
+    the variance of a random walk without what is slower than 2 b. R is the mean over the three air data.
+    """
+    noise = [aircraft.sensors[name].noise[0] * (1.0 if name == "airspeed" else speed) for name in AIR_DATA]
+    rates = [aircraft.sensors[name].rate for name in AIR_DATA]
+    density = float(np.mean(np.square(noise) / rates))
+    return 2.0 * walk / np.sqrt(max(density, 1e-12))
+
+
+def _fast_gusts(count: int, walk: float, band: float, seed: int) -> Array:
+    """Gusts (n, 3) [m/s] of a random walk, without what is slower than ``band`` [rad/s]."""
+    steps = walk / np.sqrt(RATE) * generator(seed, "gusts").standard_normal((count, 3))
+    return np.asarray(lfilter([1.0], [1.0, -np.exp(-band / RATE)], steps, axis=0))
+
+
+def _resampled(rows: Array, time: Array) -> Array:
+    """Rows at other times, linear; quaternions on the nearer side."""
+    rows = rows.copy()
+    flips = np.sign(np.sum(rows[1:, StateField.ATTITUDE] * rows[:-1, StateField.ATTITUDE], axis=1))
+    rows[1:, StateField.ATTITUDE] *= np.cumprod(np.where(flips == 0.0, 1.0, flips))[:, None]
+    return np.stack([np.interp(time, rows[:, StateField.TIME], column) for column in rows.T], axis=1)
+
+
+def _series(samples: Samples, kind: Kind, width: int, time: Array, epoch: int) -> Array:
+    """Values (n, width) of one kind of samples at times [s] after the epoch; NaN where there are none."""
+    chosen = samples.kind == kind
+    at = (samples.stamp[chosen] - epoch) * 1e-9
+    values = samples.values[chosen]
+    out = np.full((len(time), width), np.nan)
+    for k in range(width):
+        known = np.isfinite(values[:, k]) if len(values) else np.zeros(0, bool)
+        if known.any():
+            order = np.argsort(at[known], kind="stable")
+            out[:, k] = np.interp(time, at[known][order], values[known, k][order])
+    return out
+
+
+def _coefficients(
+    aircraft: Aircraft, force: Array, rates: Array, turning: Array, airspeed: Array, density: Array
+) -> Array:
+    """C_X … C_n (n, 6) of a motion: forces and (6.19)."""
+    total_force = aircraft.mass * force
+    momentum = rates @ aircraft.inertia.T
+    moment = turning @ aircraft.inertia.T + np.cross(rates, momentum)
+    moment = moment - np.cross(aircraft.aerodynamic_reference, total_force)
+    scale = (0.5 * density * airspeed**2 * aircraft.wing_area)[:, None]
+    lengths = np.array([aircraft.span, aircraft.chord, aircraft.span])
+    return np.hstack([total_force / scale, moment / (scale * lengths)])
+
+
+def _model_coefficients(aircraft: Aircraft, rows: Array, controls: Array, height: Array, parameters: Array) -> Array:
+    """What the model says of a motion, (n, 6)."""
+    body, signals = body_of(aircraft), np.empty((len(rows), len(SIGNALS)))
+    for row, control, h, out in zip(rows, controls, height, signals, strict=True):
+        fill_signals(row, control, h, float(rows[0, StateField.TIME]), body.geometry, body.gravity, out)
+    code, offsets = aircraft.model.linked
+    terms = np.empty((len(rows), len(offsets) - 1))
+    evaluate_rows(code, offsets, signals, terms)
+    edges = aircraft.model.offsets
+    columns = [terms[:, a:b] @ parameters[a:b] for a, b in itertools.pairwise(edges)]
+    return np.stack(columns, axis=1)

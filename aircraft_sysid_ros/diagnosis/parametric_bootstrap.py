@@ -1,0 +1,114 @@
+"""Several replicas of a flight through the whole chain and over the library, on all cores."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.bootstrap_flight import FlightConditions, world_of
+from aircraft_sysid_ros.diagnosis.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, flying, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.effects.effect import Effect
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH
+
+Array = npt.NDArray[np.float64]
+
+#: Replicas of a flight, and the longest stretch [s] of it that they repeat.
+COUNT, LONGEST = 5, 300.0
+#: Rows below which a flight is too short to be repeated.
+LEAST_ROWS = 1000
+_PR_SET_PDEATHSIG = 1
+#: Half-width [s] of the window of measured coefficients.
+_HALF_WIDTH = 0.08
+
+
+def fitted_parameters(data: FlightData) -> Array:
+    """Parameters (p,) of the flight's model, 0 where the flight does not determine them."""
+    parts = []
+    for axis in AXES:
+        try:
+            parts.append(np.nan_to_num(fit_axis(data, axis).fit.parameters))
+        except InputError:
+            part = data.model.axis_slice(axis)
+            parts.append(np.zeros(part.stop - part.start))
+    return np.concatenate(parts)
+
+
+@dataclass(frozen=True)
+class Replica:
+    """A flight in which nothing is missing, and what each effect of the library seems to explain in it."""
+
+    data: FlightData
+    scores: Mapping[str, float]  # by id of the effect
+
+
+def worker_pool(workers: int) -> ProcessPoolExecutor:
+    """Processes that share what is in memory now, and that end with this one, however it ends."""
+    context = multiprocessing.get_context("fork")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with, initargs=(os.getpid(),))
+
+
+def _end_with(parent: int) -> None:
+    """Let the kernel end this process when its parent ends, also when that is killed (Linux)."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def replicas_of(
+    flight: Reconstruction,
+    library: Sequence[Effect],
+    count: int = COUNT,
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[Replica]:
+    """``count`` replicas; fewer where the filter does not start on one. Their seeds are 0, 1, …."""
+    rows = flying(flight.rows, flight.aircraft.minimum_airspeed)
+    rows = rows[rows[:, StateField.TIME] <= rows[0, StateField.TIME] + LONGEST] if len(rows) else rows
+    if len(rows) < LEAST_ROWS:
+        return []
+    results: list[Replica] = []
+    parameters = fitted_parameters(settled_flight(flight))
+    arguments = [(flight, rows, parameters, library, seed) for seed in range(count)]
+    workers = min(count, len(os.sched_getaffinity(0)))
+    with worker_pool(workers) as pool:
+        for number, replica in enumerate(pool.map(_replica, arguments), 1):
+            progress(number / count)
+            if replica is not None:
+                results.append(replica)
+    return results
+
+
+def _replica(arguments: tuple[Reconstruction, Array, Array, Sequence[Effect], int]) -> Replica | None:
+    """One replica, in a process of its own."""
+    flight, rows, parameters, library, seed = arguments
+    world = world_of(flight.aircraft, rows, flight.samples, flight.epoch, parameters, flight.gusts, seed)
+    try:
+        again = reconstruct(world.aircraft, world.samples(seed), with_covariance=False)
+        bench = CandidateEvaluator(without_excess(world, again))
+    except InputError:
+        return None
+    trials = {effect.identifier: bench.best_of(effect) for effect in library}
+    return Replica(bench.data, {name: trial.score for name, trial in trials.items() if trial is not None})
+
+
+def without_excess(world: FlightConditions, again: Reconstruction) -> FlightData:
+    """Data of a replica with what its motion has beyond the model taken off."""
+    data = settled_flight(again)
+    times = data.time + again.points[0, CoefficientSample.TIME] + (again.epoch - EPOCH) * 1e-9
+    return replace(data, measured=data.measured - world.excess_at(times, _HALF_WIDTH))

@@ -1,0 +1,389 @@
+"""Effects in the forces and moments that act all the time; (6.8)-(6.13) of the summary have none of them."""
+
+from __future__ import annotations
+
+from aircraft_sysid_ros.effects.effect import AERODYNAMIC, OF_TIME, Effect, ShapeParameter, Variant
+
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
+        "stall",
+        "Stall",
+        AERODYNAMIC,
+        "Beyond some angle of attack the flow leaves the upper side of the wing, so that lift grows less or falls "
+        "and drag rises. The centre of pressure moves aft and the tail enters the wake, which changes the pitching "
+        "moment.",
+        "J. Roskam, Airplane Flight Dynamics and Automatic Flight Controls; R. Jategaonkar, Flight Vehicle System "
+        "Identification (Goman and Khrabrov's point of separation)",
+        "C_Z, C_X, C_m += a (α - α₀)⁺ + b ((α - α₀)⁺)²",
+        (
+            Variant(
+                terms={
+                    axis: ("max(alpha-{onset},0)", "max(alpha-{onset},0)**2") for axis in ("CZ", "CX", "Cm")
+                }
+            ),
+        ),
+        "No error below an angle of attack, above it C_Z, C_X and C_m run away together, on the way down longer than "
+        "on the way up.",
+        "Slow deceleration to the stall with elevator 3-2-1-1 near the onset; pull-ups.",
+        (ShapeParameter("onset", "rad", 0.4, 0.92, 9, "alpha"),),
+    ),
+    Effect(
+        "ground_effect",
+        "Ground effect",
+        AERODYNAMIC,
+        "Within about half a span of the ground the trailing vortices are mirrored, which turns the downwash up: the "
+        "lift slope grows and induced drag falls. The tail meets less downwash, so that the nose is pushed down.",
+        "B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics; S. Hoerner, Fluid-Dynamic Lift",
+        "C_Z, C_X, C_m += (a + b α) exp(-h / h₀)",
+        (
+            Variant(
+                terms={
+                    axis: ("exp(-max(height,0)/{decay})", "exp(-max(height,0)/{decay})*alpha")
+                    for axis in ("CZ", "CX", "Cm")
+                }
+            ),
+        ),
+        "Errors of C_Z, C_X and C_m only in low passes, take-off and landing, the larger the lower.",
+        "Low passes at different heights below a span, with small elevator pulses.",
+        (ShapeParameter("decay", "m", 0.3, 8.0, 14),),
+    ),
+    Effect(
+        "alpha_dot",
+        "Lag of the downwash (α̇ derivatives)",
+        AERODYNAMIC,
+        "The downwash that the tail meets left the wing a moment ago, so that while the angle of attack changes the "
+        "tail is at another angle than in steady flight. It damps the short period as C_m,q does, but differs from it "
+        "when the path curves without α changing.",
+        "B. Etkin and L. Reid, Dynamics of Flight; V. Klein and E. Morelli, Aircraft System Identification",
+        "C_Z, C_m += a α̇ c/V",
+        (Variant(terms={"CZ": ("alpha_dot",), "Cm": ("alpha_dot",)}),),
+        "Errors of C_m, and less of C_Z, in quick elevator inputs, in phase with dα/dt; nearly what q explains.",
+        "Pitch 3-2-1-1 together with steep turns, or plunging motion: q and α̇ must differ.",
+    ),
+    Effect(
+        "flaps",
+        "Flaps",
+        AERODYNAMIC,
+        "Flaps camber the wing: more lift at the same angle of attack, more drag, and a pitching moment from the aft "
+        "load and from the changed downwash at the tail. Drag grows faster than the deflection.",
+        "J. Roskam, Airplane Design, part VI; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
+        "C_Z, C_m += a δ_f, C_X += a δ_f + b δ_f²",
+        (
+            Variant(terms={"CZ": ("flaps",), "CX": ("flaps", "flaps**2"), "Cm": ("flaps",)}),
+            Variant(
+                "with lift slope", {"CZ": ("flaps", "flaps*alpha"), "CX": ("flaps", "flaps*alpha"), "Cm": ("flaps",)}
+            ),
+        ),
+        "Constant errors of C_Z, C_X and C_m while the flaps are out.",
+        "Flaps out and in at constant speed, in two settings.",
+    ),
+    Effect(
+        "propwash",
+        "Slipstream over wing and tail",
+        AERODYNAMIC,
+        "The slipstream of the propeller has more dynamic pressure than the free stream, so that surfaces in it work "
+        "better with thrust. Elevator, rudder and the inner wing gain in proportion to T_c S / A_propeller.",
+        "W. Phillips, Mechanics of Flight; S. Hoerner, Fluid-Dynamic Lift",
+        "C_m, C_Z += T_c (a δ_e + b α), C_n, C_Y += T_c (a δ_r + b β)",
+        (
+            Variant("elevator and wing", {"Cm": ("Tc*de", "Tc*alpha"), "CZ": ("Tc*de", "Tc*alpha")}),
+            Variant("rudder", {"Cn": ("Tc*dr", "Tc*beta"), "CY": ("Tc*dr",)}),
+            Variant(
+                "elevator, wing and rudder",
+                {
+                    "Cm": ("Tc*de", "Tc*alpha"),
+                    "CZ": ("Tc*de", "Tc*alpha"),
+                    "Cn": ("Tc*dr", "Tc*beta"),
+                    "CY": ("Tc*dr",),
+                },
+            ),
+        ),
+        "The model is right at one power setting: at full power the answer to elevator and rudder is larger.",
+        "Elevator and rudder doublets at idle and at full power, at the same speed.",
+    ),
+    Effect(
+        "thrust_offset",
+        "Thrust line above or below the centre of gravity",
+        AERODYNAMIC,
+        "A thrust line that passes the centre of gravity at a distance makes a pitching moment in proportion to "
+        "thrust. A line that is not parallel to the body axis has a part of the thrust in C_Z as well.",
+        "B. Stevens, F. Lewis and E. Johnson, Aircraft Control and Simulation; J. Roskam, Airplane Flight "
+        "Dynamics and Automatic Flight Controls",
+        "C_m += a T_c, C_Z += b T_c",
+        (Variant("offset", {"Cm": ("Tc",)}), Variant("offset and angle", {"Cm": ("Tc",), "CZ": ("Tc",)})),
+        "Error of C_m that follows the throttle, at any attitude.",
+        "Throttle steps at constant speed.",
+    ),
+    Effect(
+        "propeller_torque",
+        "Torque of the propeller",
+        AERODYNAMIC,
+        "What turns the propeller turns the aeroplane the other way. The reaction is a rolling moment that grows with "
+        "power.",
+        "W. Phillips, Mechanics of Flight; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
+        "C_l += a T_c",
+        (Variant(terms={"Cl": ("Tc",)}),),
+        "Error of C_l that follows the throttle, without sideslip or aileron.",
+        "Throttle steps with wings level.",
+    ),
+    Effect(
+        "propeller_gyroscopic",
+        "Gyroscopic moments of the propeller",
+        AERODYNAMIC,
+        "A turning propeller is a gyroscope: to yaw it takes a pitching moment and to pitch it a yawing moment, "
+        "M = -h r and N = h q with its angular momentum h. Pitch and yaw, which the aerodynamic model keeps apart, are "
+        "coupled in proportion to the propeller speed.",
+        "B. Etkin and L. Reid, Dynamics of Flight (spinning rotors); B. Stevens, F. Lewis and E. Johnson, Aircraft "
+        "Control and Simulation",
+        "C_m += -a Ω r V / q̄, C_n += b Ω q V / q̄ (r, q normalised; b / a = b² / 2c² of the geometry)",
+        (Variant(terms={"Cm": ("propeller_speed*r*V/qbar",), "Cn": ("propeller_speed*q*V/qbar",)}),),
+        "Error of C_m in phase with the yaw rate and of C_n in phase with the pitch rate, the larger the slower the "
+        "flight.",
+        "Pitch and yaw doublets at low speed and high power.",
+    ),
+    Effect(
+        "compressibility",
+        "Compressibility",
+        AERODYNAMIC,
+        "Towards the speed of sound pressure differences on the wing grow with 1 / √(1 - M²), and with them lift "
+        "slope, stability and control power. Beyond the critical Mach number shocks add drag and move the neutral "
+        "point aft.",
+        "J. Anderson, Fundamentals of Aerodynamics (rule of Prandtl and Glauert); J. Roskam, Airplane Design, part VI",
+        "C_Z, C_m += (1 / √(1 - M²) - 1) (a α + b δ_e), C_X += a M⁴",
+        (
+            Variant(
+                terms={
+                    "CZ": (
+                        "(1/sqrt(max(1-mach**2,0.05))-1)*alpha",
+                        "(1/sqrt(max(1-mach**2,0.05))-1)*de",
+                    ),
+                    "Cm": (
+                        "(1/sqrt(max(1-mach**2,0.05))-1)*alpha",
+                        "(1/sqrt(max(1-mach**2,0.05))-1)*de",
+                    ),
+                    "CX": ("mach**4",),
+                }
+            ),
+        ),
+        "The same manoeuvre has larger answers at high Mach number than dynamic pressure explains.",
+        "The same elevator inputs at several Mach numbers above 0.3; invisible below.",
+    ),
+    Effect(
+        "adverse_yaw",
+        "Adverse yaw that depends on lift",
+        AERODYNAMIC,
+        "The down-going aileron raises lift and with it induced drag on its side, which yaws the nose away from the "
+        "turn. It grows with the angle of attack, so that one constant C_n,δa is right at one lift only.",
+        "B. Etkin and L. Reid, Dynamics of Flight; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
+        "C_n += a α δ_a + b δ_a |δ_a|",
+        (
+            Variant("with lift", {"Cn": ("alpha*da",)}),
+            Variant("with lift and deflection", {"Cn": ("alpha*da", "da*abs(da)")}),
+        ),
+        "Error of C_n in phase with the aileron, the sign turning at some angle of attack.",
+        "Aileron doublets with the rudder held, at two speeds.",
+    ),
+    Effect(
+        "dihedral_alpha",
+        "Dihedral effect that depends on lift",
+        AERODYNAMIC,
+        "Sweep, wing tips and the interference of fuselage and wing make the rolling moment of sideslip depend on "
+        "lift. C_l,β is then a straight line in the angle of attack and no constant.",
+        "B. Etkin and L. Reid, Dynamics of Flight; J. Roskam, Airplane Design, part VI",
+        "C_l += a α β",
+        (Variant(terms={"Cl": ("alpha*beta",)}),),
+        "Error of C_l in phase with sideslip, of opposite sign at low and at high angle of attack.",
+        "Rudder doublets or steady sideslips at several speeds.",
+    ),
+    Effect(
+        "sideslip_drag",
+        "Drag of sideslip",
+        AERODYNAMIC,
+        "Across the flow the fuselage and the fin have more drag, and the side force has a part along the flow, which "
+        "grow with the square of a small sideslip and in proportion to a large one. Drag does not depend on the side "
+        "from which the air comes.",
+        "S. Hoerner, Fluid-Dynamic Drag; B. Stevens, F. Lewis and E. Johnson, Aircraft Control and Simulation",
+        "C_X += a β², a |β|, or a β₀ (√(1 + (β/β₀)²) - 1), which is the first below β₀ and the second above",
+        (
+            Variant("quadratic", {"CX": ("beta**2",)}),
+            Variant("linear", {"CX": ("abs(beta)",)}),
+            Variant("quadratic, then linear", {"CX": ("{knee}*(sqrt(1+(beta/{knee})**2)-1)",)}),
+        ),
+        "Error of C_X in sideslips of either sign.",
+        "Steady sideslips to both sides, small and large.",
+        (ShapeParameter("knee", "rad", 0.01, 0.25, 9),),
+    ),
+    Effect(
+        "sideslip_pitching",
+        "Pitching moment of sideslip",
+        AERODYNAMIC,
+        "In sideslip one half of the tail leaves the downwash or enters the wake of the fuselage, which changes the "
+        "pitching moment. It does not depend on the side from which the air comes.",
+        "B. Stevens, F. Lewis and E. Johnson, Aircraft Control and Simulation; S. Hoerner, Fluid-Dynamic Lift",
+        "C_m += a β² or a |β|",
+        (Variant("quadratic", {"Cm": ("beta**2",)}), Variant("linear", {"Cm": ("abs(beta)",)})),
+        "Error of C_m in sideslips of either sign.",
+        "Steady sideslips to both sides, elevator held.",
+    ),
+    Effect(
+        "control_nonlinearity",
+        "Control that is not in proportion to deflection",
+        AERODYNAMIC,
+        "At large deflections the flow leaves the control surface and its effect grows less than in proportion. Slots "
+        "and horns can do the opposite around zero.",
+        "J. Roskam, Airplane Design, part VI (plain flaps at large deflections); S. Hoerner, Fluid-Dynamic Lift",
+        "C += a δ³ or a δ |δ|, in the axes of the surface",
+        (
+            Variant("elevator, cubic", {"Cm": ("de**3",), "CZ": ("de**3",)}),
+            Variant("elevator, quadratic", {"Cm": ("de*abs(de)",), "CZ": ("de*abs(de)",)}),
+            Variant("aileron, cubic", {"Cl": ("da**3",), "Cn": ("da**3",)}),
+            Variant("aileron, quadratic", {"Cl": ("da*abs(da)",), "Cn": ("da*abs(da)",)}),
+            Variant("rudder, cubic", {"Cn": ("dr**3",), "CY": ("dr**3",), "Cl": ("dr**3",)}),
+            Variant("rudder, quadratic", {"Cn": ("dr*abs(dr)",), "CY": ("dr*abs(dr)",), "Cl": ("dr*abs(dr)",)}),
+        ),
+        "Small inputs are under-, large ones over-predicted, the same at every speed.",
+        "The same doublet in three sizes, up to the stop.",
+    ),
+    Effect(
+        "control_effectiveness_alpha",
+        "Control power that depends on angle of attack",
+        AERODYNAMIC,
+        "Towards the stall the flow over ailerons thickens, and tail surfaces enter the wake of wing and fuselage, so "
+        "that control power falls with the angle of attack. The sign can be the opposite for an elevator that leaves "
+        "the downwash.",
+        "V. Klein and E. Morelli, Aircraft System Identification; J. Roskam, Airplane Flight Dynamics and "
+        "Automatic Flight Controls",
+        "C += a α δ, in the axes of the surface",
+        (
+            Variant("elevator", {"Cm": ("alpha*de",), "CZ": ("alpha*de",)}),
+            Variant("aileron", {"Cl": ("alpha*da",), "Cn": ("alpha*da",)}),
+            Variant("rudder", {"Cn": ("alpha*dr",), "CY": ("alpha*dr",), "Cl": ("alpha*dr",)}),
+            Variant("aileron in roll", {"Cl": ("alpha*da",)}),
+        ),
+        "Control power right at one speed, too large at lower, too small at higher ones.",
+        "The same doublets at low and at high speed.",
+    ),
+    Effect(
+        "asymmetric_thrust",
+        "Thrust line beside the centre of gravity",
+        AERODYNAMIC,
+        "Thrust that does not pass the plane of symmetry, because engines differ or are turned, yaws the aeroplane in "
+        "proportion to it. The fin in the swirl of the slipstream looks the same.",
+        "J. Roskam, Airplane Flight Dynamics and Automatic Flight Controls; W. Phillips, Mechanics of Flight",
+        "C_n += a T_c",
+        (Variant("yaw", {"Cn": ("Tc",)}), Variant("yaw and side force", {"Cn": ("Tc",), "CY": ("Tc",)})),
+        "Error of C_n that follows the throttle.",
+        "Throttle steps with wings level and rudder held.",
+    ),
+    Effect(
+        "landing_gear",
+        "Landing gear",
+        AERODYNAMIC,
+        "A gear that is extended, or a door that opens, adds drag at once. Its drag acts below the centre of gravity "
+        "and pitches the nose down.",
+        "S. Hoerner, Fluid-Dynamic Drag; J. Roskam, Airplane Design, part VI",
+        "C_X, C_m += a for t > t₀",
+        (Variant(terms={"CX": ("max(sign(time-{t0}),0)",), "Cm": ("max(sign(time-{t0}),0)",)}),),
+        "From some time on constant errors of C_X and C_m, none of C_Z.",
+        "Extension and retraction in steady flight.",
+        (ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME),),
+    ),
+    Effect(
+        "icing",
+        "Icing",
+        AERODYNAMIC,
+        "Ice that grows on the leading edges roughens the wing: drag rises, lift slope and control power fall. It "
+        "takes its time, in contrast to damage.",
+        "M. Bragg et al., Smart Icing Systems for Aircraft Icing Safety, AIAA 2002-0813: C_iced = (1 + η k) C",
+        "C_X, C_Z, C_m += η(t) (a + b α), η(t) = (t - t₀)⁺, or growing to an end",
+        (
+            Variant(
+                "growing",
+                {
+                    "CX": ("max(time-{t0},0)", "max(time-{t0},0)*alpha"),
+                    "CZ": ("max(time-{t0},0)*alpha",),
+                    "Cm": ("max(time-{t0},0)*alpha",),
+                },
+            ),
+            Variant(
+                "settling",
+                {
+                    "CX": ("(1-exp(-max(time-{t0},0)/30))", "(1-exp(-max(time-{t0},0)/30))*alpha"),
+                    "CZ": ("(1-exp(-max(time-{t0},0)/30))*alpha",),
+                    "Cm": ("(1-exp(-max(time-{t0},0)/30))*alpha",),
+                },
+            ),
+        ),
+        "Errors of C_X and C_Z that grow slowly from some time on.",
+        "Speed changes and pull-ups, repeated during the flight.",
+        (ShapeParameter("t0", "s", 0.0, 0.8, 9, OF_TIME),),
+    ),
+    Effect(
+        "lift_nonlinearity",
+        "Curved lift and moment",
+        AERODYNAMIC,
+        "Wings of low aspect ratio gain lift from their tip vortices, which grows with the square of the angle of "
+        "attack, and thick boundary layers bend the lift curve well below the stall. The moment curve bends with it.",
+        "S. Hoerner, Fluid-Dynamic Lift; V. Klein and E. Morelli, Aircraft System Identification",
+        "C_Z, C_m += a α², a α |α| or a α³, this also in C_X",
+        (
+            Variant("quadratic", {"CZ": ("alpha**2",), "Cm": ("alpha**2",)}),
+            Variant("vortex lift", {"CZ": ("alpha*abs(alpha)",), "Cm": ("alpha*abs(alpha)",)}),
+            Variant("cubic", {"CZ": ("alpha**3",), "Cm": ("alpha**3",), "CX": ("alpha**3",)}),
+        ),
+        "Errors of C_Z and C_m of one sign at both ends of the range of α and of the other in its middle.",
+        "Pushover and pull-up, slow and fast flight.",
+    ),
+    Effect(
+        "lift_tilt",
+        "Tilt of the lift with angle of attack",
+        AERODYNAMIC,
+        "Lift stands on the flow and not on the body, so that α times every part of the lift, of the elevator and of "
+        "pitch rate as well, points forward in C_X. A C_X with α² alone knows only the part of the lift that α makes.",
+        "V. Klein and E. Morelli, Aircraft System Identification: C_X = C_L sin α - C_D cos α",
+        "C_X += α (a δ_e + b q)",
+        (Variant(terms={"CX": ("alpha*de", "alpha*q")}),),
+        "Small errors of C_X in quick elevator inputs, of the sign of α times the input.",
+        "Elevator inputs at low speed.",
+    ),
+    Effect(
+        "lateral_rates_alpha",
+        "Roll and yaw derivatives that depend on lift",
+        AERODYNAMIC,
+        "A yawing wing has more speed and so more lift on the outer side, and a rolling wing tilts its lift forward "
+        "on the down-going side. C_l,r and C_n,p are therefore in proportion to lift and no constants.",
+        "B. Etkin and L. Reid, Dynamics of Flight; J. Roskam, Airplane Design, part VI",
+        "C_l += α (a r + b p), C_n += α (a p + b r)",
+        (Variant(terms={"Cl": ("alpha*r", "alpha*p"), "Cn": ("alpha*p", "alpha*r")}),),
+        "Errors of C_l and C_n in rolls and turns, of opposite sign at low and at high angle of attack.",
+        "Aileron and rudder doublets at several speeds.",
+    ),
+    Effect(
+        "p_factor",
+        "Propeller at an angle to the flow",
+        AERODYNAMIC,
+        "The blade that goes down meets the air faster when the propeller is inclined, so that thrust acts beside its "
+        "axis. It yaws the aeroplane with thrust times angle of attack and pitches it with thrust times sideslip.",
+        "W. Phillips, Mechanics of Flight; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
+        "C_n += a T_c α, C_m += b T_c β",
+        (Variant(terms={"Cn": ("Tc*alpha",), "Cm": ("Tc*beta",)}),),
+        "Error of C_n at high power and high angle of attack.",
+        "Throttle steps at low and at high speed, sideslips under power.",
+    ),
+    Effect(
+        "aeroelasticity",
+        "Bending of wing and tail with dynamic pressure",
+        AERODYNAMIC,
+        "A wing twists and a fuselage bends under load, so that lift slope and control power change with dynamic "
+        "pressure. Ailerons lose power first, up to their reversal.",
+        "B. Etkin and L. Reid, Dynamics of Flight; J. Roskam, Airplane Flight Dynamics and Automatic Flight Controls",
+        "C += a q̄ α or a q̄ δ",
+        (
+            Variant("tail", {"Cm": ("qbar*de", "qbar*alpha"), "CZ": ("qbar*alpha",)}),
+            Variant("wing and ailerons", {"Cl": ("qbar*da", "qbar*p")}),
+            Variant("fin", {"Cn": ("qbar*dr", "qbar*beta")}),
+        ),
+        "Control power right at one speed and smaller at higher ones.",
+        "The same doublets at several speeds.",
+    ),
+)  # fmt: skip

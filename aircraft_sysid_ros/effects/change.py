@@ -1,0 +1,120 @@
+"""Effects that begin during a flight: damage, failures, and changes of mass and of the centre of gravity."""
+
+from __future__ import annotations
+
+from aircraft_sysid_ros.effects.effect import CHANGE, OF_TIME, Effect, ShapeParameter, Variant
+
+STEP = "max(sign(time-{t0}),0)"
+_TIME_OF_CHANGE = (ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME),)
+
+
+def _after(*terms: str) -> tuple[str, ...]:
+    """Terms from the time of the change on."""
+    return tuple(STEP if term == "1" else f"{STEP}*{term}" for term in terms)
+
+
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
+        "control_damage",
+        "Damage of a control surface",
+        CHANGE,
+        "A surface that lost a part of its area, or one of two halves, answers less from one moment on. What is lost "
+        "on one side makes a moment about the other axes too.",
+        "R. Jategaonkar, Flight Vehicle System Identification; M. Steinberg, Historical Overview of Research in "
+        "Reconfigurable Flight Control, Proc. IMechE G 219, 2005",
+        "C += a δ for t > t₀, in the axes of the surface",
+        (
+            Variant("elevator", {"Cm": _after("de"), "CZ": _after("de")}),
+            Variant("one half of the elevator", {"Cm": _after("de"), "CZ": _after("de"), "Cl": _after("de")}),
+            Variant("aileron", {"Cl": _after("da"), "Cn": _after("da")}),
+            Variant("rudder", {"Cn": _after("dr"), "CY": _after("dr"), "Cl": _after("dr")}),
+        ),
+        "Good before one moment, afterwards errors in phase with one surface.",
+        "Doublets of every surface, repeated during the flight.",
+        _TIME_OF_CHANGE,
+    ),
+    Effect(
+        "stuck_control",
+        "Stuck control surface",
+        CHANGE,
+        "A surface that stays where it was no longer follows the recorded command, or one of two halves does not. Its "
+        "part of the moment is then a constant instead of one in proportion to the command.",
+        "M. Steinberg, Historical Overview of Research in Reconfigurable Flight Control, Proc. IMechE G 219, 2005; "
+        "B. Stevens, F. Lewis and E. Johnson, Aircraft Control and Simulation",
+        "C += a δ + b for t > t₀, in the axes of the surface (b / a = minus the position where it stuck)",
+        (
+            Variant("elevator", {"Cm": _after("de", "1"), "CZ": _after("de", "1")}),
+            Variant(
+                "one half of the elevator",
+                {"Cm": _after("de", "1"), "CZ": _after("de", "1"), "Cl": _after("de", "1")},
+            ),
+            Variant("aileron", {"Cl": _after("da", "1"), "Cn": _after("da", "1")}),
+            Variant("rudder", {"Cn": _after("dr", "1"), "CY": _after("dr", "1"), "Cl": _after("dr", "1")}),
+        ),
+        "As of a damage, with a constant moment from the same moment on.",
+        "Doublets of every surface, repeated during the flight.",
+        _TIME_OF_CHANGE,
+    ),
+    Effect(
+        "parameter_change",
+        "Change of a derivative",
+        CHANGE,
+        "Damage of wing, tail or fin, or a part that came loose, changes how stable or damped the aeroplane is from "
+        "one moment on. The controls work as before.",
+        "V. Klein and E. Morelli, Aircraft System Identification; R. Jategaonkar, Flight Vehicle System Identification",
+        "C += a x + b for t > t₀, with x the variable of the derivative",
+        (
+            Variant("pitch stiffness", {"Cm": _after("alpha", "1")}),
+            Variant("pitch damping", {"Cm": _after("q")}),
+            Variant("lift slope", {"CZ": _after("alpha", "1")}),
+            Variant("yaw stiffness", {"Cn": _after("beta"), "CY": _after("beta")}),
+            Variant("roll damping", {"Cl": _after("p")}),
+            Variant("dihedral", {"Cl": _after("beta")}),
+            Variant("yaw damping", {"Cn": _after("r")}),
+        ),
+        "Good before one moment, afterwards errors of one axis in phase with one variable of the motion.",
+        "Excitation of all axes, repeated during the flight.",
+        _TIME_OF_CHANGE,
+    ),
+    Effect(
+        "mass_change",
+        "Change of mass",
+        CHANGE,
+        "Coefficients of force are mass times specific force, so that with a wrong mass all three are wrong by the "
+        "same factor. Dropped load or water makes it so from one moment on.",
+        "V. Klein and E. Morelli, Aircraft System Identification; (6.14)-(6.18) of the summary",
+        "C_X, C_Y, C_Z += a C_X, a C_Y, a C_Z for t > t₀, with one a = m_file / m - 1 for the three",
+        (Variant(terms={"CX": _after("{CX}"), "CY": _after("{CY}"), "CZ": _after("{CZ}")}),),
+        "From one moment on C_X, C_Y and C_Z are wrong by the same factor; moments too, as inertia changed.",
+        "Any, before and after the change; throttle steps tell it from icing.",
+        _TIME_OF_CHANGE,
+    ),
+    Effect(
+        "cg_shift",
+        "Shift of the centre of gravity",
+        CHANGE,
+        "Forces act about the centre of gravity: when it moves by d, the moments change by d × F. A shift along the "
+        "fuselage changes static stability and trim, one along the wing rolls the aeroplane with its lift.",
+        "B. Etkin and L. Reid, Dynamics of Flight; W. Phillips, Mechanics of Flight",
+        "C_m += a C_Z, C_n += -a c/b C_Y (along); C_l += a C_Z, C_n += -a C_X (across), for t > t₀",
+        (
+            Variant("along the fuselage", {"Cm": _after("{CZ}"), "Cn": _after("{CY}")}),
+            Variant("along the wing", {"Cl": _after("{CZ}"), "Cn": _after("{CX}")}),
+        ),
+        "From one moment on C_m is wrong in proportion to lift, C_n to side force.",
+        "Pull-ups and sideslips before and after.",
+        _TIME_OF_CHANGE,
+    ),
+    Effect(
+        "fuel_burn",
+        "Mass that falls with time",
+        CHANGE,
+        "An aeroplane that burns fuel gets lighter, so that coefficients worked out with the mass of the file grow "
+        "wrong by the same share in all three forces. It begins at the start and is steady.",
+        "(6.14)-(6.18) of the summary; V. Klein and E. Morelli, Aircraft System Identification",
+        "C_X, C_Y, C_Z += a t C_X, a t C_Y, a t C_Z",
+        (Variant(terms={"CX": ("time*{CX}",), "CY": ("time*{CY}",), "CZ": ("time*{CZ}",)}),),
+        "Errors of C_X, C_Y and C_Z that grow in proportion to time and to the coefficient.",
+        "The same manoeuvres at the beginning and at the end.",
+    ),
+)

@@ -1,0 +1,138 @@
+"""What an effect is: a physical cause that a model may lack, as data.
+
+An effect in the forces and moments is terms per axis: ``C_axis += sum_j value_j * term_j``. A term is an
+expression over the signals of ``aircraft.expression`` in which ``{name}`` stands for an inner number (a stall
+onset, the time of a change) and ``{CZ}`` for what the present model says of that coefficient, so that a change
+of mass or of the centre of gravity is a term as well. An effect in the measurement is a change of one number of
+the aircraft file that says how a sensor measures. With either, the model stays an aircraft file: a new version
+is a new file.
+
+Several variants (the elevator, the aileron or the rudder is damaged) share one name; the best one counts.
+"""
+
+from __future__ import annotations
+
+import copy
+import string
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import SENSOR_GROUPS, Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, parse_expression
+
+AERODYNAMIC, CHANGE, MEASUREMENT = "aerodynamic", "change in flight", "measurement"
+KINDS = (AERODYNAMIC, CHANGE, MEASUREMENT)
+
+#: Ranges of inner numbers that come from the flight: the time of the flight, a signal that is in it.
+OF_TIME = "time"
+
+
+@dataclass(frozen=True)
+class ShapeParameter:
+    """A number inside an effect that is fitted too: tried on ``count`` values between two limits, then refined.
+
+    ``signal`` names a signal of the flight whose range limits the number, so that nothing is tried where no
+    data are; low and high are then shares of that range (0.5 is its middle).
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    count: int = 9
+    signal: str | None = None
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One form of an effect: terms by axis, or a key of the aircraft file that changes."""
+
+    name: str = ""
+    terms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    #: Key of the aircraft file, such as ("sensors", "sideslip", "scale"), that the inner number changes.
+    setting: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect in the words of flight dynamics."""
+
+    identifier: str
+    name: str
+    kind: str
+    physics: str  # two plain sentences
+    source: str
+    formula: str
+    variants: tuple[Variant, ...]
+    residuals: str  # what it looks like in the residuals
+    manoeuvre: str  # which manoeuvre shows it
+    inner: tuple[ShapeParameter, ...] = ()
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes that any variant enters."""
+        found = {axis: None for variant in self.variants for axis in variant.terms}
+        return tuple(found)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Axes whose present model stands in a term."""
+        terms = (term for variant in self.variants for term in _terms(variant.terms.values()))
+        return tuple(dict.fromkeys(name for term in terms for name in placeholders(term) if name in AXES))
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """Signals that every variant needs, besides those of the model."""
+        needed = [_signals_of(variant) for variant in self.variants]
+        return frozenset.intersection(*needed) if needed else frozenset()
+
+
+def placeholders(term: str) -> list[str]:
+    """Names in braces of a term, in order."""
+    return [name for _, name, _, _ in string.Formatter().parse(term) if name]
+
+
+def fill(term: str, values: Mapping[str, float | str]) -> str:
+    """The term with numbers and texts in place of its braces, in brackets so that signs and powers hold."""
+    shown = {k: f"({v})" if isinstance(v, str) else f"({v:.6g})" for k, v in values.items()}
+    return term.format(**shown)
+
+
+def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> Aircraft:
+    """The aircraft with one number of its file changed, as a measurement effect does.
+
+    A position such as ("imu_position", "x") is moved by value * span [m]; anything else, such as
+    ("sensors", "air_data", "delay") or ("process_noise", "wind"), becomes the value. Raises InputError where the
+    file may not hold it.
+    """
+    source = copy.deepcopy(aircraft.source)
+    if setting[0].endswith("_position"):
+        position = np.array(getattr(aircraft, setting[0]))
+        position["xyz".index(setting[1])] += value * aircraft.span
+        source[setting[0]] = position.tolist()
+        return aircraft_from_dict(source)
+    names = SENSOR_GROUPS.get(setting[1], (setting[1],))
+    for name in names:
+        place = source
+        for key in (setting[0], name)[: len(setting) - 1]:
+            place[key] = dict(place.get(key) or {})
+            place = place[key]
+        place[setting[-1]] = float(value)
+    return aircraft_from_dict(source)
+
+
+def _signals_of(variant: Variant) -> frozenset[str]:
+    used: set[str] = set()
+    for term in _terms(variant.terms.values()):
+        neutral = dict.fromkeys(placeholders(term), 0.5)
+        code = parse_expression(fill(term, neutral)).code
+        used |= {SIGNALS[int(argument)] for operation, argument in code if operation == 1}
+    return frozenset(used)
+
+
+def _terms(lists: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    for terms in lists:
+        yield from terms

@@ -1,0 +1,131 @@
+"""Effects in the measurement: nothing is wrong with the aeroplane, but with what its sensors are said to do.
+
+Each changes numbers of the aircraft file; ``effect.with_setting`` says how a value of the inner number does.
+"""
+
+from __future__ import annotations
+
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, ShapeParameter, Variant
+
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
+        "alpha_scale",
+        "Scale of the angle of attack",
+        MEASUREMENT,
+        "A vane or probe sits in the upwash of wing and fuselage and shows more than the angle of the free stream. "
+        "The factor is as constant as the place of the sensor.",
+        "V. Klein and E. Morelli, Aircraft System Identification; W. Gracey, Measurement of Aircraft Speed and "
+        "Altitude, NASA RP-1046",
+        "α_measured = λ α",
+        (Variant(setting=("sensors", "angle_of_attack", "scale")),),
+        "Innovations of α in phase with pitch motion; C_Z,α and C_m,α wrong by the factor; wind that turns with pitch.",
+        "Pushover and pull-up, speed changes in level flight (where α is the pitch angle).",
+        (ShapeParameter("scale", "", 0.8, 1.25, 10),),
+    ),
+    Effect(
+        "beta_scale",
+        "Scale of sideslip",
+        MEASUREMENT,
+        "A vane or probe beside or before the fuselage sits in its sidewash and shows another angle than the free "
+        "stream has. The factor is as constant as the place of the sensor.",
+        "V. Klein and E. Morelli, Aircraft System Identification",
+        "β_measured = λ β",
+        (Variant(setting=("sensors", "sideslip", "scale")),),
+        "Innovations of β in phase with yaw motion; every β derivative wrong by the factor.",
+        "Rudder doublets and steady sideslips to both sides.",
+        (ShapeParameter("scale", "", 0.8, 1.25, 10),),
+    ),
+    Effect(
+        "airspeed_scale",
+        "Scale of airspeed",
+        MEASUREMENT,
+        "Static ports in disturbed pressure and a pitot tube out of line show a share too much or too little. All "
+        "coefficients are then wrong by its square.",
+        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, "
+        "Aircraft System Identification",
+        "V_measured = λ V",
+        (Variant(setting=("sensors", "airspeed", "scale")),),
+        "The wind that is found turns with the heading; C_Z,α and all others wrong by λ².",
+        "Turns through all headings in steady wind, speed changes.",
+        (ShapeParameter("scale", "", 0.85, 1.15, 9),),
+    ),
+    Effect(
+        "air_data_lag",
+        "Lag of the air data",
+        MEASUREMENT,
+        "Long pressure tubes, filters in the sensor and vanes with inertia show air data later than they are. In quick "
+        "manoeuvres the late angle looks like damping.",
+        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, "
+        "Aircraft System Identification",
+        "V, α, β measured at t show t - τ",
+        (
+            Variant("all air data", setting=("sensors", "air_data", "delay")),
+            Variant("angle of attack", setting=("sensors", "angle_of_attack", "delay")),
+            Variant("sideslip", setting=("sensors", "sideslip", "delay")),
+            Variant("airspeed", setting=("sensors", "airspeed", "delay")),
+        ),
+        "Innovations of α and β in phase with their rates.",
+        "Quick elevator and rudder doublets.",
+        (ShapeParameter("delay", "s", 0.0, 0.3, 11),),
+    ),
+    Effect(
+        "probe_offset",
+        "Place of the air data probe",
+        MEASUREMENT,
+        "A probe away from the centre of gravity moves with the rotation of the aeroplane and meets other air "
+        "velocities: ω × r. With a wrong place in the file this is taken off in the wrong amount.",
+        "V. Klein and E. Morelli, Aircraft System Identification; (6.3) of the summary",
+        "velocity at the probe = u + ω × (r + d)",
+        (
+            Variant("ahead", setting=("air_data_position", "x")),
+            Variant("sideways", setting=("air_data_position", "y")),
+            Variant("below", setting=("air_data_position", "z")),
+        ),
+        "Innovations of α in phase with p or q, of β with r or p, of V with r or q.",
+        "Rolls, quick pitch and yaw doublets.",
+        (ShapeParameter("shift", "span", -0.5, 0.5, 9),),
+    ),
+    Effect(
+        "imu_offset",
+        "Place of the IMU",
+        MEASUREMENT,
+        "An accelerometer away from the centre of gravity measures the acceleration of rotation as well: "
+        "ω' × r + ω × (ω × r). With a wrong place in the file forces have a part of the moments in them.",
+        "V. Klein and E. Morelli, Aircraft System Identification; (6.3) of the summary",
+        "A_IMU = A + ω' × (r + d) + ω × (ω × (r + d))",
+        (
+            Variant("ahead", setting=("imu_position", "x")),
+            Variant("sideways", setting=("imu_position", "y")),
+            Variant("below", setting=("imu_position", "z")),
+        ),
+        "Errors of C_Z in phase with the pitch acceleration, of C_Y with those of roll and yaw.",
+        "Quick doublets of all surfaces.",
+        (ShapeParameter("shift", "span", -0.3, 0.3, 9),),
+    ),
+    Effect(
+        "actuator_lag",
+        "Surfaces later than recorded",
+        MEASUREMENT,
+        "What is recorded is often the command and not the surface, which follows through servo and linkage some "
+        "hundredths of a second later. Control moments then come late, and rates seem to act early.",
+        "R. Jategaonkar, Flight Vehicle System Identification; V. Klein and E. Morelli, Aircraft System Identification",
+        "δ(t) = δ_recorded(t - τ)",
+        (Variant(setting=("sensors", "control_surfaces", "delay")),),
+        "Errors of C_m, C_l and C_n that are the rate of change of the surface.",
+        "Doublets and 3-2-1-1 with sharp edges.",
+        (ShapeParameter("delay", "s", -0.25, 0.0, 11),),
+    ),
+    Effect(
+        "wind_change",
+        "Wind that changes faster than assumed",
+        MEASUREMENT,
+        "The reconstruction takes the wind for nearly constant; a front, wave or shear changes it within seconds. "
+        "Until the estimate has followed, the angles of flow are wrong.",
+        "MIL-F-8785C, 3.7.3 (discrete gusts); (6.16)-(6.18) of the summary hold for constant wind only",
+        "random walk of the wind larger than the process noise of the file",
+        (Variant(setting=("process_noise", "wind")),),
+        "A stretch of some seconds with innovations of V, α, β and of the GPS velocity, errors in all axes.",
+        "Straight flight through the change.",
+        (ShapeParameter("walk", "m/s/√s", 0.02, 2.0, 7),),
+    ),
+)

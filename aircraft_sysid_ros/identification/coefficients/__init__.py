@@ -1,0 +1,1 @@
+"""States and controls in, samples of the measured coefficients out."""

@@ -1,0 +1,131 @@
+"""Controls, heights and mass properties as they come, late or early, and what they are at the times of states."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
+from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
+from aircraft_sysid_ros.identification.coefficients.layout import Body
+from aircraft_sysid_ros.identification.coefficients.pace import SPARSEST_CONTROLS, Pace
+from aircraft_sysid_ros.identification.coefficients.signals import interpolate, interpolate_sparse
+from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
+from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+#: Batches that wait for the first state; older ones are from before it.
+MOST_EARLY = 10_000
+#: Late samples of a kind that are kept, in case the clock began anew and the states have yet to say so.
+_MOST_BEHIND = 1000
+_CONTROL_COUNT = 7
+
+
+class ControlHistory:
+    """Series of controls and heights [s after the epoch], and the body that mass properties make."""
+
+    def __init__(self, aircraft: Aircraft, settle: float) -> None:
+        """``settle`` [s]: how much later than the state a sample may come."""
+        self._aircraft, self.settle = aircraft, settle
+        self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
+        self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
+        self._masses: list[tuple[float, Array]] = []
+        self._lowest = np.inf
+        self.body = body_of(aircraft)
+        self.late = 0
+        self.pace = Pace()  # of the controls
+        self._behind: dict[Kind, deque[tuple[float, Array]]] = {}
+        self.restart_clock()
+
+    def restart_clock(self) -> None:
+        """The clock began anew. Samples by the new clock that were late by the old one are taken now."""
+        behind = self._behind
+        self._series: dict[Kind, tuple[Array, Array]] = {
+            Kind.CONTROLS: (np.empty(0), np.empty((0, _CONTROL_COUNT))),
+            Kind.HEIGHT: (np.empty(0), np.empty((0, 1))),
+        }
+        self._behind = {kind: deque(maxlen=_MOST_BEHIND) for kind in self._series}
+        self.used_until = -np.inf
+        self.pace.restart()
+        for kind, samples in behind.items():
+            self.late -= len(samples)
+            for time, values in samples:
+                self._insert(kind, np.array([time]), values[None])
+
+    def add(self, samples: Samples, epoch: int, due: Integers | None = None) -> None:
+        """Take controls, heights and mass properties; other kinds are passed over.
+
+        ``due`` (n,) [ns] is the newest time of states that could have come before each sample, where samples come in
+        blocks: what was late by then is late, however large the blocks are.
+        """
+        times = seconds(samples.stamp - self._delays[samples.kind], epoch)
+        values = np.where(is_absurd(samples), np.nan, samples.values)
+        for kind in (Kind.CONTROLS, Kind.HEIGHT):
+            chosen = samples.kind == kind
+            if chosen.any():
+                used = None if due is None else seconds(due[chosen], epoch) - self.settle
+                self._insert(kind, times[chosen], values[chosen], used)
+        for i in np.flatnonzero(samples.kind == Kind.MASS):
+            self._masses.append((float(times[i]), values[i]))
+            self._masses.sort(key=lambda item: item[0])
+
+    def _insert(self, kind: Kind, times: Array, values: Array, used: Array | None = None) -> None:
+        """Keep a series sorted; what comes after its time was used, or could have been (n,) [s], is late."""
+        in_time = times > (self.used_until if used is None else np.maximum(used, self.used_until))
+        self.late += int((~in_time).sum())
+        if in_time.any():
+            self._behind[kind].clear()
+        self._behind[kind].extend(zip(times[~in_time].tolist(), values[~in_time], strict=True))
+        old_times, old_values = self._series[kind]
+        all_times = np.concatenate([old_times, times[in_time]])
+        all_values = np.vstack([old_values, values[in_time, : old_values.shape[1]]])
+        order = np.argsort(all_times, kind="stable")
+        self._series[kind] = (all_times[order], all_values[order])
+
+    def at(self, rows: Array, sparse: bool) -> tuple[Array, Array]:
+        """Controls (n, 7), with the signs of the aircraft file, and heights above ground (n,) [m] of states (n, …).
+
+        ``sparse``: the states are far apart beside the motion.
+        """
+        times = rows[:, StateField.TIME]
+        series = self._series[Kind.CONTROLS]
+        if sparse:
+            controls = interpolate_sparse(*series, times, SPARSEST_CONTROLS, self.settle)
+        else:
+            controls = interpolate(*series, times, self.settle, 2.0 / self._aircraft.sensors["control_surfaces"].rate)
+        heights = interpolate(*self._series[Kind.HEIGHT], times, self.settle, self.settle)[:, 0]
+        return controls * self._signs, np.where(np.isfinite(heights), heights, self._height_from_gps(rows))
+
+    def _height_from_gps(self, rows: Array) -> Array:
+        altitude = rows[:, StateField.ORIGIN.stop - 1] - rows[:, StateField.POSITION.stop - 1]
+        if self._aircraft.ground_altitude is not None:
+            return altitude - self._aircraft.ground_altitude
+        lowest = np.minimum.accumulate(np.minimum(altitude, self._lowest))
+        self._lowest = float(lowest[-1])
+        return altitude - lowest
+
+    def forget_before(self, used_until: float) -> None:
+        """States up to a time [s] have been used."""
+        times = self._series[Kind.CONTROLS][0]
+        self.pace.take(times[(times > self.used_until) & (times <= used_until)])
+        self.used_until = used_until
+        for kind, (times, values) in self._series.items():
+            keep = max(int(np.searchsorted(times, used_until)) - 2, 0)
+            self._series[kind] = (times[keep:], values[keep:])
+
+    def parts_of_one_mass(self, rows: Array) -> Iterator[tuple[Array, Body]]:
+        """States split where mass properties change, each part with its body."""
+        while self._masses and self._masses[0][0] <= rows[-1, StateField.TIME]:
+            time, values = self._masses.pop(0)
+            at = int(np.searchsorted(rows[:, StateField.TIME], time))
+            if at:
+                yield rows[:at], self.body
+            rows = rows[at:]
+            self.body = body_with(self._aircraft, self.body, values)
+        yield rows, self.body

@@ -1,0 +1,208 @@
+"""Measured coefficients and the terms of the model, from reconstructed states: compiled loops.
+
+A state becomes a history row: what the equations of motion need, each signal with its noise, and each term of the
+model times dynamic pressure. At every multiple of the step the rows of a window about it are averaged in the weak form
+(``estimation.window_average``), which gives forces, moments and terms that belong together, however fast they change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.expression import STACK_SIZE, evaluate_program, evaluate_programs, reads_signal
+from aircraft_sysid_ros.aircraft.rigid_body import coefficients_of, moment_at_reference
+from aircraft_sysid_ros.estimation.window_average import window_average
+from aircraft_sysid_ros.identification.coefficients.layout import (
+    BIAS_VARIANCE,
+    CENTRIPETAL,
+    FLYING,
+    FORCE,
+    FORCE_BIAS_VARIANCE,
+    GYROSCOPIC,
+    LEARNT,
+    MEASURED,
+    NOISE,
+    PREDICTED,
+    QBAR,
+    RATE,
+    SIGNAL,
+    SIGNALS_OF_SAMPLE,
+    TERM,
+    TERMS_OF_SAMPLE,
+    TIME,
+    VALID,
+    WHITE_VARIANCE,
+    Body,
+    CoefficientSample,
+)
+from aircraft_sysid_ros.identification.coefficients.signals import fill_signals, signal_noise
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+#: Nothing is learnt while the innovations of the first step are this much larger than expected: a sensor lies.
+LARGEST_CONSISTENCY = 4.0
+#: Nor with biases that no working IMU has: it is mounted or scaled in another way than the recording says.
+LARGEST_ACCELEROMETER_BIAS = 2.0  # [m/s^2]
+LARGEST_GYRO_BIAS = 0.3  # [rad/s]
+
+_TIME, _AIRSPEED, _DENSITY = StateField.TIME, StateField.AIRSPEED, StateField.AIR_DENSITY
+_CONSISTENCY, _STATUS = StateField.CONSISTENCY, StateField.STATUS
+_ACCELEROMETER_BIAS, _GYRO_BIAS = StateField.ACCELEROMETER_BIAS.start, StateField.GYRO_BIAS.start
+_SPECIFIC_FORCE, _RATES = StateField.SPECIFIC_FORCE.start, StateField.ANGULAR_VELOCITY.start
+_ACCELEROMETER_BIAS_STD = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
+_SAMPLE_TIME = CoefficientSample.TIME
+_FORCES = 3
+
+
+@njit(cache=True)
+def _may_learn(row: Array, body: Body) -> bool:
+    """In flight, and the first step is not at odds with its sensors."""
+    if not (row[_AIRSPEED] >= body.minimum_airspeed and row[_STATUS] > 0.0 and row[_CONSISTENCY] < LARGEST_CONSISTENCY):
+        return False
+    for i in range(3):
+        if abs(row[_ACCELEROMETER_BIAS + i]) > LARGEST_ACCELEROMETER_BIAS:
+            return False
+        if abs(row[_GYRO_BIAS + i]) > LARGEST_GYRO_BIAS:
+            return False
+    return True
+
+
+@njit(cache=True)
+def fill_history(
+    rows: Array,
+    controls: Array,
+    heights: Array,
+    body: Body,
+    sensors: Array,
+    code: Array,
+    code_offsets: Integers,
+    start_time: float,
+    out: Array,
+) -> None:
+    """History rows (n, TERM + terms) from states (n, StateField.WIDTH), controls (n, 7) and heights (n,)."""
+    for i in range(len(rows)):
+        row, h = rows[i], out[i]
+        rate = row[_RATES : _RATES + 3]
+        signals = h[SIGNAL:NOISE]
+        h[TIME] = row[_TIME]
+        h[FLYING] = 1.0 if _may_learn(row, body) else 0.0
+        fill_signals(row, controls[i], heights[i], start_time, body.geometry, body.gravity, signals)
+        signal_noise(signals, row, sensors, body.geometry, h[NOISE:TERM])
+        h[QBAR] = 0.5 * row[_DENSITY] * row[_AIRSPEED] * row[_AIRSPEED]
+        h[RATE : RATE + 3] = rate
+        momentum = body.inertia @ rate
+        h[GYROSCOPIC : GYROSCOPIC + 3] = np.cross(rate, momentum)
+        h[CENTRIPETAL : CENTRIPETAL + 3] = np.cross(rate, np.cross(rate, body.imu))
+        h[FORCE : FORCE + 3] = body.mass * row[_SPECIFIC_FORCE : _SPECIFIC_FORCE + 3]
+        for k in range(3):
+            std = body.mass * row[_ACCELEROMETER_BIAS_STD + k] / (h[QBAR] * body.geometry[0])
+            h[BIAS_VARIANCE + k] = std * std
+        evaluate_programs(code, code_offsets, signals, h[TERM:])
+        h[TERM:] *= h[QBAR]
+
+
+@njit(cache=True)
+def measured_coefficients(means: Array, slopes: Array, body: Body, out: Array) -> None:
+    """C_X … C_n (6,) from window means: m A / (qbar S), A at the centre of gravity; (6.19) for moments."""
+    acceleration = slopes[RATE : RATE + 3]
+    at_cg = means[FORCE : FORCE + 3] - body.mass * (
+        np.cross(acceleration, body.imu) + means[CENTRIPETAL : CENTRIPETAL + 3]
+    )
+    moment = body.inertia @ acceleration + means[GYROSCOPIC : GYROSCOPIC + 3]
+    moment = moment_at_reference(moment, at_cg, body.reference)
+    area, span, chord = body.geometry
+    out[:] = coefficients_of(at_cg, moment, means[QBAR], area, span, chord)
+
+
+@njit(cache=True)
+def term_noise(code: Array, code_offsets: Integers, signals: Array, noise: Array, terms: Array, out: Array) -> None:
+    """One sigma of each term (n,) from the noise of the signals it reads, by finite differences."""
+    out[:] = 0.0
+    stack = np.empty(STACK_SIZE)
+    moved = signals.copy()
+    for k in range(len(signals)):
+        if noise[k] > 0.0 and np.isfinite(noise[k]) and np.isfinite(signals[k]):
+            moved[k] = signals[k] + noise[k]
+            for j in range(len(terms)):
+                first, last = code_offsets[j], code_offsets[j + 1]
+                if reads_signal(code, first, last, k):
+                    shifted = evaluate_program(code, first, last, moved, stack)
+                    if np.isfinite(shifted):
+                        out[j] += (shifted - terms[j]) ** 2
+            moved[k] = signals[k]
+    for j in range(len(terms)):
+        out[j] = np.sqrt(out[j])
+
+
+@njit(cache=True)
+def _window(
+    times: Array, history: Array, low: int, center: float, half_width: float, largest_gap: float
+) -> tuple[int, int, bool]:
+    """First and last row of the window about ``center``, and whether it is in flight and without a gap."""
+    while low + 1 < len(times) and times[low + 1] <= center - half_width:
+        low += 1
+    high = low
+    usable = times[low] <= center - half_width
+    while usable and times[high] < center + half_width:
+        high += 1
+        usable = (
+            times[high] - times[high - 1] <= largest_gap
+            and history[high, FLYING] > 0.0
+            and history[high - 1, FLYING] > 0.0
+        )
+    return low, high, usable
+
+
+@njit(cache=True)
+def evaluate_windows(
+    history: Array,
+    next_index: int,
+    step: float,
+    half_width: float,
+    largest_gap: float,
+    force_noise: float,
+    sparse: bool,
+    body: Body,
+    code: Array,
+    code_offsets: Integers,
+    samples: Array,
+    noise: Array,
+    weights: Array,
+) -> tuple[int, int]:
+    """Coefficients and terms at every multiple of the step [s] whose window the history covers.
+
+    history (n, TERM + terms) ascending in time; ``next_index`` the first multiple to look at; ``force_noise`` [N] one
+    sigma of the accelerometer's white noise over a window, times mass; ``sparse``: rows are far apart for the window.
+    Returns the next multiple and how many rows were written to ``samples`` (m, CoefficientSample.TERMS + terms),
+    ``noise`` (m, terms) and ``weights`` (m, WEIGHT_COLUMNS). A window with a gap or on the ground is passed over.
+    """
+    times = history[:, TIME].copy()
+    count, low = 0, 0
+    means, slopes = np.empty(history.shape[1]), np.empty(history.shape[1])
+    at_mean = np.empty(history.shape[1] - TERM)
+    while True:
+        center = next_index * step
+        if center + half_width > times[-1] or count == len(samples):
+            return next_index, count
+        next_index += 1
+        low, high, usable = _window(times, history, low, center, half_width, largest_gap)
+        if not usable:
+            continue
+        window_average(times, history, low, high, center, half_width, means, slopes, sparse)
+        sample, signals = samples[count], means[SIGNAL:NOISE]
+        sample[:] = np.nan
+        sample[VALID : LEARNT + 6] = 0.0
+        sample[_SAMPLE_TIME] = center
+        measured_coefficients(means, slopes, body, sample[MEASURED:PREDICTED])
+        sample[SIGNALS_OF_SAMPLE:TERMS_OF_SAMPLE] = signals
+        sample[TERMS_OF_SAMPLE:] = means[TERM:] / means[QBAR]
+        evaluate_programs(code, code_offsets, signals, at_mean)  # a mean of powers is no power of means
+        term_noise(code, code_offsets, signals, means[NOISE:TERM], at_mean, noise[count])
+        weights[count, WHITE_VARIANCE] = (force_noise / (means[QBAR] * body.geometry[0])) ** 2
+        for k in range(_FORCES):
+            weights[count, FORCE_BIAS_VARIANCE + k] = means[BIAS_VARIANCE + k]
+        count += 1

@@ -1,0 +1,120 @@
+"""How fast states come, known from their times alone: what the second step does depends on it.
+
+Where they are dense, up to LONG [s] apart, nothing depends on it. Where they are sparse the interval between them is
+the median of a BLOCK, so that lost samples and jitter do not count, and is taken anew where it has become another by
+more than CHANGE. Blocks are counted from the first state on: the interval at a state depends on the times before it,
+and not on the portions in which they came.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
+
+Array = npt.NDArray[np.float64]
+
+#: Intervals of a block.
+BLOCK = 24
+#: Factor by which an interval must change to be taken anew.
+CHANGE = 1.3
+#: Rate [Hz] below which nothing is learnt, and how far it may be missed: a median of few jittered intervals errs.
+LOWEST_RATE, SLACK = 10.0, 1.25
+#: Intervals that are so many times as long as usual are gaps where samples are sparse: nobody knows what was in them.
+GAP = 1.5
+#: Share of a parameter that may be lost to what no sample saw, at LOWEST_RATE; it goes with the square of the interval.
+#: The rms of flights of perfect sensors, of the derivatives that it is worst for (docs/parameters.md).
+SAMPLING_ERROR = 0.025
+#: Time [s] between samples of the controls over which they are known, beside sparse states.
+SPARSEST_CONTROLS = GAP / LOWEST_RATE
+
+
+def too_slow(rate: float) -> str:
+    """What is said of an IMU at ``rate`` [Hz] from which nothing can be learnt."""
+    return f"the IMU comes at {rate:.2g} Hz: derivatives need at least {LOWEST_RATE:g} Hz"
+
+
+class Pace:
+    """Of one series of times."""
+
+    def __init__(self) -> None:
+        self.interval = 0.0  # [s]; 0: dense, or not known yet
+        self.restart()
+
+    def restart(self) -> None:
+        """The clock began anew; the rate is taken to be what it was."""
+        self._newest = np.nan
+        self._open = np.empty(0)
+
+    @property
+    def is_sparse(self) -> bool:
+        """Samples are so far apart that what happens between them counts."""
+        return self.interval > 0.0
+
+    @property
+    def is_too_slow(self) -> bool:
+        """Nothing can be learnt."""
+        return self.interval * LOWEST_RATE > SLACK
+
+    @property
+    def rate(self) -> float:
+        """[Hz]; infinite where samples are dense."""
+        return 1.0 / self.interval if self.is_sparse else np.inf
+
+    @property
+    def sampling_error(self) -> float:
+        """Share of a parameter that may be lost to what happens between samples; 0 where they are dense."""
+        return SAMPLING_ERROR * (self.interval * LOWEST_RATE) ** 2 if self.is_sparse else 0.0
+
+    def largest_gap(self, dense: float, intervals: float = GAP) -> float:
+        """Longest time [s] between samples that is no gap: ``dense``, or so many intervals where they are sparse."""
+        if self.is_too_slow:
+            return 0.0
+        return max(dense, intervals * self.interval) if self.is_sparse else dense
+
+    def seen_by(self, aircraft: Aircraft) -> Aircraft:
+        """The aircraft with the rates that samples really have, where they are sparse."""
+        if not self.is_sparse:
+            return aircraft
+        sensors = dict(aircraft.sensors)
+        for name in ("accelerometer", "gyro"):
+            sensors[name] = replace(sensors[name], rate=self.rate)
+        controls = sensors["control_surfaces"]  # read at the times of states
+        sensors["control_surfaces"] = replace(controls, rate=min(controls.rate, self.rate))
+        return replace(aircraft, sensors=sensors)
+
+    def follow(self, times: Array) -> Iterator[slice]:
+        """Parts of times [s] (n,), ascending, at each of which ``interval`` is that of all of the part."""
+        cuts, found = self._blocks(times)
+        edges = [0, *cuts, len(times)]
+        for (begin, end), interval in zip(pairwise(edges), [self.interval, *found], strict=True):
+            self.interval = interval
+            if end > begin:
+                yield slice(begin, end)
+
+    def take(self, times: Array) -> None:
+        """Times [s] (n,), ascending."""
+        for _ in self.follow(times):
+            pass
+
+    def _blocks(self, times: Array) -> tuple[list[int], list[float]]:
+        """Where the interval becomes another one, and which; a block counts after its last time."""
+        intervals = np.diff(times, prepend=self._newest)
+        waiting = np.concatenate([self._open, intervals[np.isfinite(intervals)]])
+        self._newest = float(times[-1]) if len(times) else self._newest
+        full = len(waiting) // BLOCK
+        self._open = waiting[full * BLOCK :]
+        cuts, found, now = [], [], self.interval
+        medians = np.median(waiting[: full * BLOCK].reshape(full, BLOCK), axis=1) if full else np.empty(0)
+        for number, median in enumerate(np.where(medians > LONG, medians, 0.0).tolist()):
+            if median > CHANGE * now or CHANGE * median < now:
+                now = median
+                cuts.append(len(times) - len(self._open) - (full - 1 - number) * BLOCK)
+                found.append(now)
+        return cuts, found

@@ -1,0 +1,158 @@
+"""Signals that the terms of a model read, from reconstructed states and measured controls."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.reconstruction.state import StateField
+
+Array = npt.NDArray[np.float64]
+
+_ALPHA, _BETA, _P, _Q, _R = (SIGNAL_INDEX[s] for s in ("alpha", "beta", "p", "q", "r"))
+_DE, _DA, _DR, _FLAPS = (SIGNAL_INDEX[s] for s in ("de", "da", "dr", "flaps"))
+_TC, _THROTTLE, _PROPELLER = (SIGNAL_INDEX[s] for s in ("Tc", "throttle", "propeller_speed"))
+_V, _QBAR, _MACH, _HEIGHT = (SIGNAL_INDEX[s] for s in ("V", "qbar", "mach", "height"))
+_ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[s] for s in ("alpha_dot", "beta_dot", "time"))
+_POSITION_DOWN = StateField.POSITION.stop - 1
+_ORIGIN_ALTITUDE = StateField.ORIGIN.stop - 1
+
+
+@njit(cache=True)
+def flow_angle_rates(row: Array, gravity: float) -> tuple[float, float]:
+    """Time derivatives of alpha and beta [rad/s] from kinematics (6.16)-(6.18), without differentiation.
+
+    ``row`` is a row of StateField. Exact for steady wind; specific force at the IMU, whose lever arm is neglected
+    here.
+    """
+    alpha, beta, speed = row[48], row[49], row[47]
+    c = rotation_matrix(row[10:14])
+    ax = row[41] + gravity * c[2, 0]
+    ay = row[42] + gravity * c[2, 1]
+    az = row[43] + gravity * c[2, 2]
+    p, q, r = row[44], row[45], row[46]
+    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    alpha_dot = q - np.tan(beta) * (p * ca + r * sa) + (az * ca - ax * sa) / (speed * cb)
+    beta_dot = p * sa - r * ca + (ay * cb - ax * ca * sb - az * sa * sb) / speed
+    return alpha_dot, beta_dot
+
+
+@njit(cache=True)
+def fill_signals(
+    row: Array, controls: Array, height: float, start_time: float, geometry: Array, gravity: float, out: Array
+) -> None:
+    """One row of SIGNALS into ``out``.
+
+    row: a row of StateField; controls (7,) as in Kind.CONTROLS with the signs of the aircraft file applied;
+    height above ground [m]; geometry = (wing area, span, chord).
+    """
+    speed, density = row[47], row[50]
+    area, span, chord = geometry
+    qbar = 0.5 * density * speed * speed
+    altitude = row[_ORIGIN_ALTITUDE] - row[_POSITION_DOWN]
+    out[_ALPHA], out[_BETA] = row[48], row[49]
+    out[_P] = row[44] * span / (2.0 * speed)
+    out[_Q] = row[45] * chord / speed
+    out[_R] = row[46] * span / (2.0 * speed)
+    out[_DE], out[_DA], out[_DR], out[_FLAPS] = controls[0], controls[1], controls[2], controls[3]
+    out[_TC] = controls[5] / (qbar * area)
+    out[_THROTTLE], out[_PROPELLER] = controls[4], controls[6]
+    out[_V], out[_QBAR] = speed, qbar
+    out[_MACH] = speed / speed_of_sound(altitude)
+    out[_HEIGHT] = height
+    alpha_dot, beta_dot = flow_angle_rates(row, gravity)
+    out[_ALPHA_DOT] = alpha_dot * chord / speed
+    out[_BETA_DOT] = beta_dot * span / (2.0 * speed)
+    out[_TIME] = row[0] - start_time
+
+
+@njit(cache=True)
+def signal_noise(signals: Array, row: Array, sensors: Array, geometry: Array, out: Array) -> None:
+    """One sigma of the noise in each signal, into ``out``: what a regressor must exceed to say anything.
+
+    ``sensors`` = noise of gyro [rad/s], of surfaces [rad]. alpha and beta: from the filter's own covariance.
+    """
+    _, span, chord = geometry
+    speed = signals[_V]
+    flow = row[51] / speed
+    out[:] = 0.0
+    out[_ALPHA] = out[_BETA] = flow
+    out[_P] = out[_R] = sensors[0] * span / (2.0 * speed)
+    out[_Q] = sensors[0] * chord / speed
+    out[_DE] = out[_DA] = out[_DR] = out[_FLAPS] = sensors[1]
+    out[_TC] = 0.02 * abs(signals[_TC]) + 0.001
+    out[_THROTTLE] = 0.01
+    out[_PROPELLER] = 0.01 * abs(signals[_PROPELLER])
+    out[_V] = row[51]
+    out[_QBAR] = 2.0 * signals[_QBAR] * flow
+    out[_MACH] = signals[_MACH] * flow
+    out[_HEIGHT] = 0.3
+    out[_ALPHA_DOT] = flow * chord / speed
+    out[_BETA_DOT] = flow * span / speed
+
+
+@njit(cache=True)
+def interpolate(times: Array, values: Array, at: Array, longest: float, held: float = np.inf) -> Array:
+    """Series (n, k) at ascending times ``at`` (m,), linear between samples at most ``longest`` [s] away.
+
+    Where only an earlier sample is near, at most ``held`` [s], it is held; where none is near, NaN.
+    """
+    out = np.full((len(at), values.shape[1]), np.nan)
+    j = 0
+    for i in range(len(at)):
+        while j < len(times) and times[j] <= at[i]:
+            j += 1
+        before, after = j - 1, j
+        has_before = before >= 0 and at[i] - times[before] <= longest
+        has_after = after < len(times) and times[after] - at[i] <= longest
+        if has_before and has_after:
+            weight = (at[i] - times[before]) / (times[after] - times[before])
+            for k in range(values.shape[1]):
+                out[i, k] = values[before, k] + weight * (values[after, k] - values[before, k])
+        elif has_before and at[i] - times[before] <= held:
+            out[i] = values[before]
+    return out
+
+
+def cubic(times: Array, values: Array, at: Array, longest: float, ahead: float = np.inf) -> Array:
+    """Series (n, k) at times ``at`` (m,), cubic through the two samples before and the two after.
+
+    NaN where four samples are not there, where one step between them is longer than ``longest`` [s], or where the last
+    of them is more than ``ahead`` [s] later.
+    """
+    if len(times) < 4:
+        return np.full((len(at), values.shape[1]), np.nan)
+    j = np.clip(np.searchsorted(times, at, side="right"), 2, len(times) - 2)
+    nodes = np.stack([times[j + k] for k in (-2, -1, 0, 1)])
+    steps = np.diff(nodes, axis=0)
+    regular = (at >= nodes[1]) & (at <= nodes[2]) & np.all((steps > 0.0) & (steps <= longest), axis=0)
+    total = np.zeros((len(at), values.shape[1]))
+    for k in range(4):
+        weight = np.ones(len(at))
+        for other in range(4):
+            if other != k:
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    weight *= (at - nodes[other]) / (nodes[k] - nodes[other])
+        total += weight[:, None] * values[j + k - 2]
+    total[~(regular & (nodes[3] - at <= ahead))] = np.nan
+    return total
+
+
+def interpolate_sparse(times: Array, values: Array, at: Array, longest: float, ahead: float) -> Array:
+    """Series (n, k) at times ``at`` (m,) from samples that are far apart beside the motion.
+
+    Cubic as in ``cubic``; a straight line where that is not possible; NaN where the samples on both sides are more
+    than ``longest`` [s] apart, since nobody knows what was between them.
+    """
+    straight = interpolate(times, values, at, longest)
+    j = np.searchsorted(times, at, side="right")
+    inside = (j > 0) & (j < len(times))
+    apart = np.full(len(at), np.inf)
+    apart[inside] = times[j[inside]] - times[j[inside] - 1]
+    straight[apart > longest] = np.nan
+    curved = cubic(times, values, at, longest, ahead)
+    return np.where(np.isfinite(curved), curved, straight)

@@ -1,0 +1,153 @@
+"""States and controls in, coefficient samples out: one direction."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import evaluate_rows
+from aircraft_sysid_ros.identification.coefficients.body import force_noise
+from aircraft_sysid_ros.identification.coefficients.controls import MOST_EARLY, ControlHistory
+from aircraft_sysid_ros.identification.coefficients.evaluation import evaluate_windows, fill_history
+from aircraft_sysid_ros.identification.coefficients.layout import (
+    NOISE,
+    QBAR,
+    SIGNAL,
+    TERM,
+    TIME,
+    WEIGHT_COLUMNS,
+    Body,
+    CoefficientBatch,
+    CoefficientSample,
+)
+from aircraft_sysid_ros.identification.coefficients.pace import Pace
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.samples import Kind, Samples
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+#: Rows this long [s] before the newest window are dropped.
+_MARGIN = 0.5
+_OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
+
+
+class CoefficientStream:
+    """States wait for their controls, become history rows, and those become samples at every multiple of the step."""
+
+    def __init__(self, aircraft: Aircraft, options: ParameterOptions) -> None:
+        self._aircraft = aircraft
+        self._sensor_noise = np.array([aircraft.sensors[name].noise[0] for name in ("gyro", "control_surfaces")])
+        self._early: deque[Samples] = deque(maxlen=MOST_EARLY)
+        self.controls = ControlHistory(aircraft, options.settle)
+        self.pace = Pace()  # of the states
+        self.change_options(options)
+        self._set_model(aircraft)
+        self._history = np.empty((0, self._width))
+        self._restart()
+
+    def change_options(self, options: ParameterOptions) -> None:
+        """Go on with other options."""
+        self._options, self.controls.settle = options, options.settle
+        self._keep_pace()
+
+    def _keep_pace(self) -> None:
+        """Gaps and noise for the rate at which states come now."""
+        self._kept_interval = self.pace.interval
+        self._largest_gap = self.pace.largest_gap(self._options.largest_gap)
+        self.force_noise = force_noise(self.pace.seen_by(self._aircraft), self._options.half_width)
+
+    def _set_model(self, aircraft: Aircraft) -> None:
+        self._model, self._code = aircraft.model, aircraft.model.linked
+        self._width = TERM + len(self._model.parameter_names)
+
+    def adopt(self, aircraft: Aircraft) -> None:
+        """Go on with another model: the terms of the rows that are kept are worked out anew."""
+        self._set_model(aircraft)
+        terms = np.empty((len(self._history), self._width - TERM))
+        evaluate_rows(*self._code, np.ascontiguousarray(self._history[:, SIGNAL:NOISE]), terms)
+        self._history = np.hstack([self._history[:, :TERM], terms * self._history[:, QBAR : QBAR + 1]])
+
+    def _restart(self) -> None:
+        self._waiting: list[Array] = []
+        self._history = np.empty((0, self._width))
+        self._newest: float | None = None
+        self._next_index = 0
+        #: Time [s] of the first state by this clock.
+        self.start_time: float | None = None
+
+    def restart_clock(self) -> None:
+        """The clock began anew: what waited has been taken."""
+        self._restart()
+        self.pace.restart()
+        self.controls.restart_clock()
+
+    # -- what comes in ------------------------------------------------------------------------------------------------
+
+    def wait_for_states(self, samples: Samples, *, whole: bool) -> None:
+        """Samples from before the first state; the ``whole`` of them, or what this stream needs."""
+        self._early.append(samples if whole else samples[np.isin(samples.kind, _OWN_KINDS)])
+
+    def early_samples(self) -> Iterator[Samples]:
+        """What has waited for the first state, in order, once."""
+        while self._early:
+            yield self._early.popleft()
+
+    def has_passed(self, time: float) -> bool:
+        """Whether a state of this time [s] cannot follow those that have come."""
+        return self._newest is not None and time <= self._newest
+
+    def add_states(self, rows: Array) -> float:
+        """States (n, StateField.WIDTH) in order of time; returns up to when [s] their controls should be there."""
+        self._waiting.append(rows)
+        self._newest = float(rows[-1, StateField.TIME])
+        return self._newest - self._options.settle
+
+    # -- what comes out -----------------------------------------------------------------------------------------------
+
+    def history_until(self, limit: float) -> Iterator[tuple[Array, Array, Body]]:
+        """States up to a time [s] with their history rows, in parts of one body and of one ``pace``."""
+        if not self._waiting:
+            return
+        rows = np.vstack(self._waiting)
+        due = int(np.searchsorted(rows[:, StateField.TIME], limit, side="right"))
+        self._waiting = [rows[due:]] if due < len(rows) else []
+        if not due:
+            return
+        for part, body in self.controls.parts_of_one_mass(rows[:due]):
+            for even in self.pace.follow(part[:, StateField.TIME]):
+                if self.pace.interval != self._kept_interval:
+                    self._keep_pace()
+                yield part[even], self._history_of(part[even], body), body
+
+    def _history_of(self, rows: Array, body: Body) -> Array:
+        times = rows[:, StateField.TIME]
+        if self.start_time is None:
+            self.start_time = float(times[0])
+            self._next_index = int(np.ceil(times[0] / self._options.step))
+        controls, heights = self.controls.at(rows, self.pace.is_sparse)
+        history = np.empty((len(rows), self._width))
+        fill_history(rows, controls, heights, body, self._sensor_noise, *self._code, self.start_time, history)
+        self.controls.forget_before(float(times[-1]))
+        return history
+
+    def batch(self, rows: Array, history: Array, body: Body) -> CoefficientBatch:
+        """States that came together with the samples whose windows they close."""
+        options, terms = self._options, self._width - TERM
+        self._history = np.vstack([self._history, history])
+        span = self._history[-1, TIME] - self._next_index * options.step
+        most = max(int(span / options.step) + 2, 0)
+        samples, noise = np.empty((most, CoefficientSample.TERMS + terms)), np.empty((most, terms))
+        weights = np.empty((most, WEIGHT_COLUMNS))
+        self._next_index, count = evaluate_windows(
+            self._history, self._next_index, options.step, options.half_width, self._largest_gap, self.force_noise,
+            self.pace.is_sparse, body, *self._code, samples, noise, weights,
+        )  # fmt: skip
+        oldest = self._next_index * options.step - options.half_width - _MARGIN
+        self._history = self._history[int(np.searchsorted(self._history[:, TIME], oldest)) :]
+        return CoefficientBatch(rows, history, body, samples[:count], noise[:count], weights[:count])

@@ -1,0 +1,50 @@
+"""What is known now, with verdicts, made when it is asked for: a description is work, and seldom needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
+from aircraft_sysid_ros.identification.inferred_angles import InferredAngles
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
+
+Array = npt.NDArray[np.float64]
+
+
+class Description(NamedTuple):
+    """All that a ``ParameterSet`` is made of: copies, or what does not change until it is made."""
+
+    model: AerodynamicModel
+    time: float  # [s]
+    newest: Array | None  # newest sample
+    least_squares: RlsState
+    own: list[AxisEstimate | None]  # of each axis, where another estimator than least squares is published
+    missing: list[str]  # what each axis lacks, in words
+    changed: list[float]  # [s] of flight of the newest change of each axis
+    inferred: InferredAngles
+    ranges: list[tuple[float, float]]  # learnt between these V, alpha, beta
+    bounds: Mapping[str, tuple[float, float]]  # of the aircraft file
+
+    def __call__(self) -> ParameterSet:
+        """The parameters, with standard errors corrected for coloured residuals and a verdict on each."""
+        model, count = self.model, len(self.model.parameter_names)
+        covariance = np.full((count, count), np.nan)
+        estimates: list[ParameterEstimate] = []
+        for axis, name in enumerate(AXES):
+            part = model.axis_slice(name)
+            of_axis, block = axis_estimates(
+                model, axis, self.least_squares, self.time, self.missing[axis], self.own[axis], self.changed[axis],
+                self.bounds,
+            )  # fmt: skip
+            estimates.extend(of_axis)
+            covariance[part, :] = covariance[:, part] = 0.0
+            covariance[part, part] = block
+        airspeed, alpha, beta = self.ranges
+        found = ParameterSet(self.time, model.identifier, tuple(estimates), covariance, airspeed, alpha, beta)
+        return self.inferred.widened(found, model, self.newest)

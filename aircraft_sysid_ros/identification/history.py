@@ -1,0 +1,182 @@
+"""Everything that looks back looks here: the newest coefficient samples once, what was known at older times once."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS, CoefficientSample
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+
+Array = npt.NDArray[np.float64]
+
+#: Time [s] for which samples are kept.
+SAMPLE_MEMORY = 20.0
+#: Time [s] between checkpoints, and for how long they are kept.
+SPACING, CHECKPOINT_MEMORY = 1.0, 30.0
+
+_TIME = CoefficientSample.TIME
+_WEIGHTS = slice(0, WEIGHT_COLUMNS)
+_BY_LEAST_SQUARES = slice(WEIGHT_COLUMNS, WEIGHT_COLUMNS + 6)
+_EXTRA = WEIGHT_COLUMNS + 6
+
+
+class SampleHistory:
+    """The newest coefficient samples, with their weights and what least squares predicted of them.
+
+    The samples themselves hold the predictions that are published. ``count`` of samples ever added numbers them.
+    """
+
+    def __init__(self, columns: int, newest: int) -> None:
+        """``columns`` of a sample; the ``newest`` so many are kept however old they are."""
+        self.keep_newest(newest)
+        self._samples, self._extra = np.empty((1024, columns)), np.empty((1024, _EXTRA))
+        self._first = self._last = self._dropped = self._begin = 0
+
+    def keep_newest(self, count: int) -> None:
+        """The newest so many samples are kept however old they are."""
+        self._newest = count
+
+    @property
+    def count(self) -> int:
+        """How many samples were ever added."""
+        return self._dropped + self._last
+
+    def restart(self) -> None:
+        """The clock or the model is another one: only ``newest`` still shows what was before."""
+        self._begin = self.count
+
+    def widen(self, columns: int) -> None:
+        """Another model: samples have other terms, those of the past are not known."""
+        shared = min(columns, CoefficientSample.TERMS)
+        samples = np.full((len(self._samples), columns), np.nan)
+        samples[:, :shared] = self._samples[:, :shared]
+        self._samples = samples
+        self.restart()
+
+    def add(self, samples: Array, weights: Array, by_least_squares: Array) -> None:
+        """New samples (m, …), their weights (m, WEIGHT_COLUMNS), and the predictions (m, 6) of least squares."""
+        if self._last + len(samples) > len(self._samples):
+            self._compact(len(samples))
+        new = slice(self._last, self._last + len(samples))
+        self._samples[new], self._extra[new, _WEIGHTS] = samples, weights
+        self._extra[new, _BY_LEAST_SQUARES] = by_least_squares
+        self._last = new.stop
+
+    def _compact(self, count: int) -> None:
+        """Move what is young enough to the front, with room for ``count`` more."""
+        drop = max(min(self.first - self._dropped, self._last - self._newest), 0)
+        kept = self._last - drop
+        size = max(len(self._samples), 2 * (kept + count))
+        for name in ("_samples", "_extra"):
+            old = getattr(self, name)
+            new = np.empty((size, old.shape[1]))
+            new[:kept] = old[drop : self._last]
+            setattr(self, name, new)
+        self._last, self._dropped = kept, self._dropped + drop
+        self._first = max(self._first - drop, 0)
+
+    @property
+    def first(self) -> int:
+        """Number of the oldest sample that is young enough."""
+        low = max(self._begin - self._dropped, self._first)
+        times = self._samples[low : self._last, _TIME]
+        if len(times):
+            low += int(np.searchsorted(times, times[-1] - SAMPLE_MEMORY))
+        self._first = low
+        return self._dropped + low
+
+    def since(self, number: int) -> Array:
+        """Samples (n, …) from a number on, of those that are young enough: a view."""
+        return self._samples[max(number, self.first) - self._dropped : self._last]
+
+    def weights(self, number: int) -> Array:
+        """(n, WEIGHT_COLUMNS) of ``since``: a view."""
+        return self._extra[max(number, self.first) - self._dropped : self._last, _WEIGHTS]
+
+    def by_least_squares(self, number: int) -> Array:
+        """Predictions (n, 6) of ``since`` by least squares: a view."""
+        return self._extra[max(number, self.first) - self._dropped : self._last, _BY_LEAST_SQUARES]
+
+    def newest(self) -> Array:
+        """The newest samples (n, …), however old: a view."""
+        return self._samples[max(self._last - self._newest, 0) : self._last]
+
+    def forget_predictions(self, axes: list[int]) -> None:
+        """Leave out what was predicted of some axes: their model is another one now."""
+        for axis in axes:
+            self._samples[: self._last, CoefficientSample.VALID.start + axis] = 0.0
+
+
+@dataclass(frozen=True)
+class ParameterCheckpoint:
+    """All that was known at a time [s]; copies that nobody changes."""
+
+    time: float
+    describe: Any  # Callable[[], ParameterSet]: makes ``found``: seldom needed, and work
+    least_squares: RlsState
+    estimator: Any  # what ``Estimator.checkpoint`` gave, if another one is published; else None
+    changed: Array  # (2, 6) when each axis changed last: [s] as in CoefficientSample.TIME, [s] of flight
+    ranges: Array  # (3, 2) learnt between these V, alpha, beta
+
+    @cached_property
+    def found(self) -> ParameterSet:
+        """As it was published then."""
+        return self.describe()
+
+    @cached_property
+    def theta(self) -> Array:
+        """The same values (parameters,), 0 where nothing was known."""
+        return np.nan_to_num(np.array([p.value for p in self.found.parameters]))
+
+    def without_time(self) -> ParameterCheckpoint:
+        """The same after the clock began anew: what was found then has no age on it."""
+        found = replace(self.found, time=np.nan)
+        return replace(self, describe=lambda: found)
+
+
+class Checkpoints:
+    """The checkpoints of the newest half minute, and per axis since when they are sound."""
+
+    def __init__(self) -> None:
+        self._kept: deque[ParameterCheckpoint] = deque()
+        self._slot = -np.inf
+        self._sound_since = np.full(len(AXES), -np.inf)
+        self._fallback: list[ParameterCheckpoint | None] = [None] * len(AXES)
+
+    def clear(self) -> None:
+        """The clock or the model is another one."""
+        self.__init__()  # type: ignore[misc]
+
+    def is_due(self, time: float) -> bool:
+        """Whether a checkpoint is to be kept at ``time`` [s]."""
+        before, self._slot = self._slot, float(np.floor(time / SPACING))
+        return bool(self._slot != before)
+
+    def keep(self, kept: ParameterCheckpoint) -> None:
+        """One more."""
+        self._kept.append(kept)
+        while self._kept[0].time < kept.time - CHECKPOINT_MEMORY:
+            self._kept.popleft()
+
+    def newest(self) -> ParameterCheckpoint | None:
+        """The newest checkpoint."""
+        return self._kept[-1] if self._kept else None
+
+    def before(self, time: float, axis: int) -> ParameterCheckpoint | None:
+        """Newest checkpoint that is not younger than ``time`` [s] and sound in an axis; None where there is none."""
+        for kept in reversed(self._kept):
+            if self._sound_since[axis] < kept.time <= time:
+                return kept
+        return self._fallback[axis]
+
+    def begin_anew(self, axis: int, now: float, fallback: ParameterCheckpoint | None) -> None:
+        """Checkpoints from before ``now`` [s] say nothing of an axis any more, but for one."""
+        self._sound_since[axis], self._fallback[axis] = now, fallback

@@ -1,0 +1,179 @@
+"""Second step: states and controls in, aerodynamic parameters out. The facade of ``identification``.
+
+One direction: states wait for their controls and become coefficient samples (``coefficients``), estimators learn from
+those (``estimators``), monitors compare what was predicted (``monitoring``) and return commands, which ``learning``
+carries out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream
+from aircraft_sysid_ros.identification.estimators.contract import Estimator
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
+from aircraft_sysid_ros.identification.learning import Learning
+from aircraft_sysid_ros.identification.monitoring.error_window import AxisError, model_errors
+from aircraft_sysid_ros.identification.options import ParameterOptions, check_change
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.physical_bounds import check_bounds
+from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.samples import Samples
+
+Array = npt.NDArray[np.float64]
+
+#: Time [s] between evaluations of the monitors.
+EVALUATION_STEP = 0.2
+
+
+class Identifier:
+    """Estimates the parameters of an aircraft's model, fed with states and samples of controls, height and mass.
+
+    ``options.estimator`` names whose parameters are the result.
+    """
+
+    def __init__(self, aircraft: Aircraft, options: ParameterOptions | None = None) -> None:
+        check_bounds(aircraft.parameter_bounds)
+        self.aircraft, self.options = aircraft, options or ParameterOptions()
+        self.stream = CoefficientStream(aircraft, self.options)
+        self.learning = Learning(aircraft, self.options, self.stream.pace, self.stream.controls.pace)
+        self._slot, self._interval = -np.inf, self.stream.pace.interval
+
+    @property
+    def model(self) -> AerodynamicModel:
+        """The model that is estimated."""
+        return self.aircraft.model
+
+    @property
+    def late(self) -> int:
+        """Samples of controls and heights that came after their time was used."""
+        return self.stream.controls.late
+
+    # -- starting over ------------------------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """Forget all that was learnt."""
+        self.learning.reset()
+        self._slot = -np.inf
+
+    def change_options(self, options: ParameterOptions) -> None:
+        """Go on with other options: what is learnt from now on is learnt with them.
+
+        Raises InputError for those that the estimator is made of, see ``options.check_change``.
+        """
+        check_change(self.options, options)
+        self.options = options
+        self.stream.change_options(options)
+        self.learning.change_options(options)
+
+    def adopt(self, aircraft: Aircraft, state: RlsState, estimator: Estimator) -> None:
+        """Go on with another model and what is known of it, see ``model_change``."""
+        self.aircraft = aircraft
+        self.learning.adopt(aircraft, state, estimator)
+        self.stream.adopt(aircraft)
+        self._slot = -np.inf
+
+    def restart_clock(self) -> Array:
+        """The clock of the states begins anew: what waits is used, what was learnt stays; returns new samples."""
+        samples = self.flush()
+        self.stream.restart_clock()
+        self.learning.restart_clock()
+        self._slot = -np.inf
+        return samples
+
+    # -- what comes in ------------------------------------------------------------------------------------------------
+
+    def push_samples(self, samples: Samples, epoch: int | None, due: npt.NDArray[np.int64] | None = None) -> None:
+        """Take controls, heights and mass properties, and what the estimator asks for.
+
+        ``epoch`` is that of the states; None while no state has come: the samples then wait for it. ``due`` (n,) [ns]
+        is the newest time of states that could have come before each sample, where samples come in blocks.
+        """
+        if epoch is None:
+            self.stream.wait_for_states(samples, whole=self.learning.lends)
+            return
+        self.learning.estimator.push_samples(samples, epoch)
+        self.stream.controls.add(samples, epoch, due)
+
+    def push_states(self, rows: Array, epoch: int | None = None) -> Array:
+        """Take states (n, StateField.WIDTH) in order of time; returns new samples (m, CoefficientSample.TERMS + …)."""
+        if not len(rows):
+            return self._no_samples()
+        if epoch is not None:
+            for early in self.stream.early_samples():
+                self.push_samples(early, epoch)
+        times = rows[:, StateField.TIME]
+        falls = np.flatnonzero(times[1:] <= times[:-1]) + 1
+        if len(falls):
+            return np.vstack([self.push_states(part, epoch) for part in np.split(rows, falls)])
+        before = self.restart_clock() if self.stream.has_passed(times[0]) else self._no_samples()
+        self.learning.inferred.note(rows)
+        samples = self._process_until(self.stream.add_states(rows))
+        return np.vstack([before, samples]) if len(before) else samples
+
+    def flush(self) -> Array:
+        """Process the states that wait for controls, at the end of a recording."""
+        return self._process_until(np.inf)
+
+    def _process_until(self, limit: float) -> Array:
+        """States up to a time [s] -> history -> samples -> estimators, cut where the monitors are due."""
+        found = [self._no_samples()]
+        for rows, history, body in self.stream.history_until(limit):
+            if self.stream.pace.interval != self._interval:
+                self._interval = self.stream.pace.interval
+                self.learning.keep_pace()
+            slots = np.floor(rows[:, StateField.TIME] / EVALUATION_STEP)
+            edges = [0, *(np.flatnonzero(slots[1:] != slots[:-1]) + 1).tolist(), len(rows)]
+            for part, slot in zip(map(slice, edges[:-1], edges[1:]), slots[edges[:-1]].tolist(), strict=True):
+                if slot != self._slot:
+                    self._slot = slot
+                    time, used_until = float(rows[part.start, StateField.TIME]), self.stream.controls.used_until
+                    self.learning.evaluate(time, self.stream.start_time or 0.0, used_until)
+                batch = self.stream.batch(rows[part], history[part], body)
+                self.learning.learn(batch)
+                found.append(batch.samples)
+        return np.vstack(found)
+
+    # -- what was learnt ----------------------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Time [s] of what is published; NaN before any sample."""
+        return self.learning.time(self.stream.controls.used_until)
+
+    def snapshot(self) -> ParameterSet:
+        """What is published now: ``estimates`` that have passed the integrity monitor, or what was known before."""
+        changed, start = self.learning.changes.since, self.stream.start_time or 0.0
+        return self.learning.integrity.gated(self.estimates(), changed, start)
+
+    def estimates(self) -> ParameterSet:
+        """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
+        return self.learning.estimates(self.stream.controls.used_until)
+
+    def model_error(self) -> list[AxisError]:
+        """Measured against predicted coefficients over the sliding window."""
+        return model_errors(self.learning.history.newest())
+
+    def _no_samples(self) -> Array:
+        return np.empty((0, self.learning.columns))
+
+    def warm_up(self) -> None:
+        """Compile (or load from the cache) the jitted loops before the first sample of a flight."""
+        warm_up(Identifier(self.aircraft, self.options))
+
+
+def warm_up(identifier: Identifier) -> None:
+    """Two seconds of level flight through an identifier of its own, and what they do not reach."""
+    rows = np.zeros((200, StateField.WIDTH))
+    rows[:, StateField.TIME] = 0.01 * np.arange(200)
+    rows[:, StateField.ATTITUDE.start] = rows[:, StateField.STATUS] = 1.0
+    rows[:, StateField.AIRSPEED] = 2.0 * identifier.aircraft.minimum_airspeed
+    rows[:, [StateField.AIR_DENSITY, StateField.AIR_VELOCITY_STD]] = 1.0
+    identifier.push_states(rows)
+    identifier.flush()
+    identifier.snapshot()
+    identifier.learning.least_squares.warm_up()
+    identifier.learning.estimator.warm_up()

@@ -1,0 +1,87 @@
+"""Parameters of an aircraft without vanes: what an inferred angle takes from their trust.
+
+An angle of attack or sideslip inferred from wind and attitude is right in its changes and off by a slow error, as
+large as the first step says. The slopes hardly feel it. The constant of an axis does: it takes up
+
+    delta(C_0) = dC/d(angle) * delta(angle)
+
+whatever the number of samples, which no residual shows. Its standard error is widened by that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
+from aircraft_sysid_ros.identification.trust import Trust, TrustRules
+from aircraft_sysid_ros.reconstruction.state import StateField, Status
+
+Array = npt.NDArray[np.float64]
+
+#: Angles that are inferred, by the status of the first step.
+ANGLES_OF_STATUS = {
+    Status.INFERRED_ALPHA: ("alpha",),
+    Status.INFERRED_BETA: ("beta",),
+    Status.INFERRED_ANGLES: ("alpha", "beta"),
+}
+_NAMES = {"alpha": "angle of attack", "beta": "sideslip"}
+_STEP = 1e-4  # [rad] of the derivative
+
+
+class InferredAngles:
+    """Which angles have no vane just now, and how well they are known."""
+
+    def __init__(self) -> None:
+        self.angles: tuple[str, ...] = ()
+        self.std = np.nan  # [rad]
+
+    def note(self, rows: Array) -> None:
+        """Take rows (n, StateField.WIDTH) in order of time; the newest counts that is in the air with GPS."""
+        status = rows[:, StateField.STATUS]
+        known = np.flatnonzero(np.isin(status, (Status.OK, *ANGLES_OF_STATUS)))
+        if len(known):
+            row = rows[known[-1]]
+            self.angles = ANGLES_OF_STATUS.get(int(row[StateField.STATUS]), ())
+            self.std = float(row[StateField.AIR_VELOCITY_STD] / max(row[StateField.AIRSPEED], 1e-3))
+
+    def widened(self, estimates: ParameterSet, model: AerodynamicModel, point: Array | None) -> ParameterSet:
+        """The parameters, the standard errors of their constants widened; the same where all angles are measured."""
+        if not self.angles or point is None:
+            return estimates
+        signals = point[CoefficientSample.SIGNALS]
+        parameters, covariance = list(estimates.parameters), estimates.covariance.copy()
+        for name in AXES:
+            part = model.axis_slice(name)
+            constants = [i for i in range(part.start, part.stop) if model.parameter_names[i].endswith("_0")]
+            theta = np.array([parameters[i].value for i in range(part.start, part.stop)])
+            of_angle = {angle: _slope(model, name, theta, signals, angle) * self.std for angle in self.angles}
+            extra = float(np.sqrt(sum(v * v for v in of_angle.values())))
+            for i in constants if np.isfinite(extra) and extra > 0.0 else []:
+                covariance[i, i] += extra**2
+                angle = max(of_angle, key=lambda a: abs(of_angle[a]))
+                parameters[i] = _judged(parameters[i], float(np.hypot(parameters[i].std, extra)), angle, self.std)
+        return replace(estimates, parameters=tuple(parameters), covariance=covariance)
+
+
+def _slope(model: AerodynamicModel, axis: str, theta: Array, signals: Array, angle: str) -> float:
+    """Derivative of a coefficient by an angle [1/rad] at the signals of a point, by central differences."""
+    moved = []
+    for step in (_STEP, -_STEP):
+        shifted = dict(zip(SIGNALS, np.nan_to_num(signals)[:, None].copy(), strict=True))
+        shifted[angle] = shifted[angle] + step
+        moved.append(float((model.regressors(axis, shifted) @ theta)[0]))
+    return (moved[0] - moved[1]) / (2.0 * _STEP)
+
+
+def _judged(estimate: ParameterEstimate, std: float, angle: str, angle_std: float) -> ParameterEstimate:
+    """A constant with its wider standard error; HOLD where it is no longer known well enough."""
+    if estimate.status != Trust.USE or std <= TrustRules().relative_error * abs(estimate.value):
+        return replace(estimate, std=std)
+    reason = f"rests on the {_NAMES[angle]}, which no vane measures: inferred to {np.degrees(angle_std):.1f} deg"
+    return replace(estimate, std=std, status=Trust.HOLD, reason=reason)

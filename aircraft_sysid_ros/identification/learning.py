@@ -1,0 +1,223 @@
+"""Estimators and monitors: the ones learn from coefficient samples, the others command; commands are done here."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientBatch, CoefficientSample
+from aircraft_sysid_ros.identification.coefficients.pace import LOWEST_RATE, SPARSEST_CONTROLS, Pace, too_slow
+from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions
+from aircraft_sysid_ros.identification.description import Description
+from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
+from aircraft_sysid_ros.identification.estimators.contract import AxisReset, Estimator
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RecursiveLeastSquares, RlsState
+from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
+from aircraft_sysid_ros.identification.inferred_angles import InferredAngles
+from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
+from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor, Restore
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.predictions import KnownHistory
+from aircraft_sysid_ros.identification.trust import TrustRules
+
+Array = npt.NDArray[np.float64]
+
+#: Without a sample for so long [s] what is published has the time of the newest state.
+STALE = 1.0
+
+
+def newest_count(options: ParameterOptions) -> int:
+    """How many samples the sliding model error is made of."""
+    return max(round(options.error_window / options.step), 2)
+
+
+class Learning:
+    """Recursive least squares, the estimator that is published, and the monitors of both.
+
+    Least squares always runs: it knows an axis first, says when the aeroplane has changed and how the terms moved, and
+    lends an axis its start. Where it is the published one, ``estimator`` is ``least_squares``.
+    """
+
+    def __init__(self, aircraft: Aircraft, options: ParameterOptions, pace: Pace, pace_of_controls: Pace) -> None:
+        """``pace`` of the states and of the controls: how fast they come now."""
+        self.aircraft, self._options = aircraft, options
+        self._pace, self._pace_of_controls = pace, pace_of_controls
+        self.least_squares = RecursiveLeastSquares(aircraft, options)
+        self.estimator: Estimator = make_estimator(aircraft, options, self.least_squares)
+        self.inferred = InferredAngles()
+        self._begin_monitors()
+
+    def _begin_monitors(self) -> None:
+        options = self._options
+        self.known = KnownHistory(options.half_width)
+        self.history = SampleHistory(self.columns, newest_count(options))
+        self.changes = ChangeDetector(options.step, options.half_width, self.history)
+        forgetting = self.least_squares.tuning.forgetting
+        self.integrity = IntegrityMonitor(self.aircraft, options.step, forgetting, self.estimator.joint, self.history)
+        self.conditions = LearntConditions()
+        self.newest: Array | None = None  # sample
+
+    @property
+    def columns(self) -> int:
+        """Columns of a sample."""
+        return CoefficientSample.TERMS + len(self.aircraft.model.parameter_names)
+
+    @property
+    def lends(self) -> bool:
+        """Whether another estimator than least squares is published."""
+        return self.estimator is not self.least_squares
+
+    # -- starting over ------------------------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """Forget all that was learnt."""
+        self.least_squares.reset()
+        self.estimator.reset()
+        self._begin_monitors()
+
+    def change_options(self, options: ParameterOptions) -> None:
+        """Go on with other options, which have passed ``check_change``."""
+        if options.relearn and not self._options.relearn:
+            self.changes.restart()  # its memory is from before it was switched off
+        self._options = options
+        self.least_squares.change_options(options)
+        if self.lends:
+            self.estimator.change_options(options)
+        self.integrity.forget_at(self.least_squares.tuning.forgetting)
+        self.history.keep_newest(newest_count(options))
+
+    def keep_pace(self) -> None:
+        """States come at another rate from now on."""
+        self.least_squares.keep_pace(self._pace)
+        if self.lends:
+            self.estimator.keep_pace(self._pace)
+
+    def adopt(self, aircraft: Aircraft, state: RlsState, estimator: Estimator) -> None:
+        """Go on with another model and what is known of it, see ``model_change``."""
+        self.least_squares.adopt(aircraft.model, state)
+        if estimator is not self.estimator and estimator is not self.least_squares:
+            self.known.begin(self.least_squares.known())  # until the new estimator knows better
+        self.aircraft, self.estimator = aircraft, estimator
+        self.history.widen(self.columns)
+        self.changes.restart()
+        self.integrity.adopt(aircraft)
+
+    def restart_clock(self) -> None:
+        """The clock began anew: what was learnt stays."""
+        self.least_squares.restart_clock()
+        if self.lends:
+            self.estimator.restart_clock()
+        self.known.restart_clock()
+        self.history.restart()
+        self.changes.restart_clock()
+        self.integrity.restart()
+
+    # -- samples in ---------------------------------------------------------------------------------------------------
+
+    def learn(self, batch: CoefficientBatch) -> None:
+        """Learn from samples, each predicted with what was known before it."""
+        self.changes.add_states(batch.rows)
+        self.integrity.sensors.add(batch.rows)
+        if self.lends:
+            self.known.add(self.estimator.step(batch))
+        self.least_squares.step(batch)
+        samples = batch.samples
+        if len(samples):
+            by_least_squares = samples[:, CoefficientSample.PREDICTED].copy()
+            if self.lends:
+                self.known.predict(samples, self.aircraft.model, self.estimator)
+            self.history.add(samples, batch.weights, by_least_squares)
+            self.conditions.add(samples)
+            self.newest = samples[-1]
+
+    def evaluate(self, time: float, start: float, used_until: float) -> None:
+        """Do what the monitors command at ``time`` [s]; ``start`` [s] of the flight, states used until a time [s]."""
+        state = self.least_squares.state
+        if self._options.relearn:
+            self._reset_axes(self.changes.evaluate(self.aircraft.model, state, start), time)
+            self.changes.remember(state)
+        self._restore(self.integrity.evaluate(time, state.updates >= KNOWN))
+        if self.newest is not None and self.integrity.checkpoints.is_due(time):
+            self.integrity.keep(self._checkpoint(time, used_until))
+
+    def _reset_axes(self, resets: list[AxisReset], time: float) -> None:
+        for reset in resets:
+            self.least_squares.reset_axis(reset)
+            self.integrity.note_change(reset.axis, time)
+        if not self.lends:
+            return
+        if resets:
+            self.estimator.reset_axis(*resets)
+            self.known.begin(self.estimator.known())
+        for axis in filter(self.estimator.needs_reseed, range(len(AXES))):
+            found = self.changes.relearnt(axis, self.aircraft.model, self.least_squares.state)
+            if found is not None:
+                self.estimator.reseed(axis, found)
+                self.known.begin(self.estimator.known())
+
+    def _restore(self, restores: list[Restore]) -> None:
+        for axis, good in restores:
+            self.least_squares.restore(good.least_squares, axis)
+            self.changes.undo(axis, good.changed[:, axis])
+            self.conditions.ranges[:] = good.ranges
+        if restores and self.lends:
+            oldest = min((good for _, good in restores), key=lambda good: good.time)
+            self.estimator.restore(oldest.estimator, *(axis for axis, _ in restores))
+            self.known.begin(self.estimator.known())
+
+    def _checkpoint(self, time: float, used_until: float) -> ParameterCheckpoint:
+        state = self.least_squares.checkpoint()
+        own = self.estimator.checkpoint() if self.lends else None
+        changed = np.array([self.changes.since, self.changes.times])
+        described = self._describe(state, self.time(used_until))
+        return ParameterCheckpoint(time, described, state, own, changed, self.conditions.ranges.copy())
+
+    # -- what was learnt ----------------------------------------------------------------------------------------------
+
+    def time(self, used_until: float) -> float:
+        """Time [s] of the newest sample, of the newest state that was used where no sample came for STALE.
+
+        NaN before any sample.
+        """
+        if self.newest is None:
+            return np.nan
+        newest = float(self.newest[CoefficientSample.TIME])
+        return used_until if used_until > newest + STALE else newest
+
+    def estimates(self, used_until: float) -> ParameterSet:
+        """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
+        return self._describe(self.least_squares.state, self.time(used_until))()
+
+    def _describe(self, state: RlsState, time: float) -> Description:
+        """What is known now; ``state`` of least squares must not have changed by the time that it is made."""
+        axes, estimator = range(len(AXES)), self.estimator
+        lent = [not self.lends or estimator.needs_reseed(axis) for axis in axes]
+        return Description(
+            self.aircraft.model, time, self.newest, state,
+            own=[None if lent[axis] else estimator.estimate(axis) for axis in axes],
+            missing=[self._missing(axis) for axis in axes],
+            changed=self.changes.times.tolist(),
+            inferred=copy(self.inferred),
+            ranges=[(float(low), float(high)) for low, high in self.conditions.ranges],
+            bounds=self.aircraft.parameter_bounds,
+        )  # fmt: skip
+
+    def _missing(self, axis: int) -> str:
+        """What keeps an axis from being learnt, in words; empty where nothing but motion does."""
+        updates, controls_pace = int(self.least_squares.state.updates[axis]), self._pace_of_controls
+        few = updates < TrustRules().samples
+        if few and self._pace.is_too_slow:
+            return too_slow(self._pace.rate)
+        needed, unseen = self.conditions.signals_of(self.aircraft.model, axis)
+        controls = ", ".join(name for name in needed if name in CONTROL_SIGNALS)
+        nothing = self.newest is not None and not updates
+        never = (few and self._pace.is_sparse) or (nothing and {*unseen} & CONTROL_SIGNALS)
+        if controls and never and controls_pace.interval > SPARSEST_CONTROLS:
+            rate = f"{controls_pace.rate:.2g} Hz"
+            return f"needs {controls}, which comes at {rate}: at least {LOWEST_RATE:g} Hz are needed"
+        return f"needs {', '.join(unseen)}, which is not measured" if nothing and unseen else ""

@@ -1,0 +1,293 @@
+"""Another model for a recursive estimator in flight, without losing what it has learnt.
+
+Recursive least squares knows theta_o with covariance P_o of y = x_o' theta_o + e. A term x_n that comes is written as
+x_n = G' x_o + z with z orthogonal to x_o over the flight (Frisch and Waugh 1933), so that
+
+    y = x_o' (theta_o + G theta_n) + z' theta_n + e.
+
+What was learnt is therefore phi = theta_o + G theta_n with P_o: it stays as it is. theta_n comes from z alone, with
+the prior of the start: S = sum z z' + 1/prior, theta_n = S^-1 sum z y. Back in the terms of the model,
+
+    theta_o = phi - G theta_n,    P = [[P_o + G S^-1 G', -G S^-1], [-S^-1 G', S^-1]],
+
+a congruence, so that P stays positive. Over the same points with the same weights it is what the recursion had found
+with the term from the beginning. G, S and the moments come from the newest points (``SampleMemory``), weighted as the
+recursion does; without points theta_n starts at zero with the variance of the prior, and G is zero.
+
+A term that goes is set to zero as if measured without error, which is the exact inverse:
+
+    theta_o = theta_o - P_oj P_jj^-1 theta_j,    P = P_oo - P_oj P_jj^-1 P_jo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.expression import evaluate_programs, evaluate_rows, link
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.lagged_moments import add_sample
+from aircraft_sysid_ros.identification.coefficients.evaluation import term_noise
+from aircraft_sysid_ros.identification.coefficients.signals import signal_noise
+from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import PRIOR_VARIANCE, RlsState
+from aircraft_sysid_ros.identification.flight_memory import RememberedSamples
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.reconstruction.state import StateField
+
+Array = npt.NDArray[np.float64]
+Terms = Mapping[str, tuple[str, ...]]
+
+#: Points per term below which the past says nothing of a new term.
+_LEAST_POINTS = 10
+#: A term of which others leave no more than this share is not one of its own.
+_SINGULAR = 1e-10
+#: Time [s] before now beyond which the motion of a term counts no more.
+_MOTION_TIME = 20.0
+_ROW_WIDTH, _AIR_VELOCITY_STD = StateField.WIDTH, StateField.AIR_VELOCITY_STD
+
+
+@dataclass(frozen=True)
+class ModelChange:
+    """What a change did."""
+
+    model: str  # id of the version that holds now
+    axes: tuple[str, ...]  # whose terms changed
+    restarted: bool  # the learner beside recursive least squares begins anew
+
+
+def with_terms(aircraft: Aircraft, added: Terms, removed: Terms) -> Aircraft:
+    """The aircraft with terms that come at the end of their axis, and without those that go.
+
+    Raises InputError for a term that is there already, that is not there, or that is the last of its axis.
+    """
+    terms = {axis: list(texts) for axis, texts in aircraft.model.terms.items()}
+    for axis, texts in removed.items():
+        for text in texts:
+            if text not in terms[axis]:
+                raise InputError(f"the model has no term '{text}' in {axis}: it has {' '.join(terms[axis])}")
+            terms[axis].remove(text)
+        if not terms[axis]:
+            raise InputError(f"'{texts[0]}' is the last term of {axis}: add another one first")
+    for axis, texts in added.items():
+        for text in texts:
+            if text in terms[axis]:
+                raise InputError(f"the model has the term '{text}' in {axis} already")
+            terms[axis].append(text)
+    model = {axis: [int(text) if text == "1" else text for text in texts] for axis, texts in terms.items()}
+    return aircraft_from_dict({**aircraft.source, "model": model})
+
+
+def change_model(estimator: Identifier, aircraft: Aircraft, past: RememberedSamples) -> ModelChange:
+    """Go on with the model of ``aircraft``, which differs from that of the estimator in its terms only.
+
+    ``past`` are the newest points of the flight (SampleMemory.newest). Axes whose terms stay are not touched, to the
+    bit. A learner other than recursive least squares begins anew with the new model. Raises InputError, with nothing
+    changed, where the new terms cannot be told from those that are there or the learner cannot have the model.
+    """
+    old, new = estimator.model, aircraft.model
+    changed = tuple(axis for axis in AXES if old.terms[axis] != new.terms[axis])
+    published = estimator.learning.estimator
+    if changed:
+        published = make_estimator(aircraft, estimator.options, estimator.learning.least_squares)
+    state = _changed_state(estimator, new, past)
+    restarted = published is not estimator.learning.estimator
+    estimator.adopt(aircraft, state, published)
+    estimator.learning.history.forget_predictions([AXES.index(axis) for axis in changed])
+    return ModelChange(new.identifier, changed, restarted)
+
+
+def _fading(estimator: Identifier, count: int) -> Array:
+    """What forgetting has left (count,) of the weights of points, the newest last."""
+    return np.asarray(np.exp(np.log(estimator.learning.least_squares.tuning.forgetting) * np.arange(count)[::-1]))
+
+
+# -- one axis -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Moments:
+    """Weighted rows of one axis over its past: those of the recursion, the newest with weight 1."""
+
+    rows: Array  # (k, n + 2) root of the weight times (x, y, 1), in order of time, without forgetting
+    fade: Array  # (k,) root of what forgetting has left
+    breaks: npt.NDArray[np.bool_]  # (k,) the point before is missing
+
+
+def _weighted(estimator: Identifier, model: AerodynamicModel, axis: int, past: RememberedSamples) -> _Moments:
+    used = (past.learnt[:, axis] > 0.0) & (past.time >= estimator.learning.changes.since[axis])
+    time, signals = past.time[used], past.signals[used]
+    code, offsets = link(model.programs[axis])
+    x = np.empty((len(time), len(offsets) - 1))
+    evaluate_rows(code, offsets, signals, x)
+    known = np.isfinite(x).all(axis=1)
+    weight = np.ones(len(time))
+    if axis < 3:
+        noise = estimator.stream.force_noise
+        doubt = estimator.stream.controls.body.mass * past.bias_std[used, axis]
+        weight = noise**2 / (noise**2 + doubt**2)
+    root = np.sqrt(weight[known])
+    rows = root[:, None] * np.column_stack([x, past.measured[used, axis], np.ones(len(time))])[known]
+    gaps = np.diff(time[known], prepend=-np.inf) > 1.5 * estimator.options.step
+    return _Moments(rows, np.sqrt(_fading(estimator, len(rows))), gaps)
+
+
+def extended(
+    theta: Array, p: Array, old: Array, new: Array, measured: Array, names: tuple[str, ...] = ()
+) -> tuple[Array, Array]:
+    """theta and P of old and new terms from those (n,), (n, n) of the old, see the module.
+
+    old (k, n), new (k, m) and measured (k,) are past regressors and responses times the roots of their weights.
+    ``names`` (m,) of the new terms are for the InputError where the others explain one.
+    """
+    n, m = old.shape[1], new.shape[1]
+    g, s, moment = np.zeros((n, m)), np.zeros((m, m)), np.zeros(m)
+    if len(old) >= _LEAST_POINTS * (n + m):
+        scale = np.sqrt(np.sum(old**2, axis=0))
+        scale[~(scale > 0.0)] = 1.0
+        g = np.linalg.lstsq(old / scale, np.column_stack([new, measured]), rcond=1e-12)[0] / scale[:, None]
+        z, rest = new - old @ g[:, :m], measured - old @ g[:, m]
+        g, s, moment = g[:, :m], z.T @ z, z.T @ rest
+        _check_apart(z, new, names)
+    root = np.linalg.cholesky(s + np.eye(m) / PRIOR_VARIANCE)
+    half = np.linalg.solve(root, np.eye(m))
+    own = half.T @ half
+    theta_new = half.T @ (half @ moment)
+    cross = -g @ own
+    joint = np.block([[p + g @ own @ g.T, cross], [cross.T, own]])
+    return np.concatenate([theta - g @ theta_new, theta_new]), 0.5 * (joint + joint.T)
+
+
+def _check_apart(z: Array, new: Array, names: tuple[str, ...]) -> None:
+    """Raises InputError where the old terms explain a new one, or the new ones each other."""
+    size = np.sqrt(np.sum(new**2, axis=0))
+    moving = size > 0.0
+    if not moving.any():
+        return
+    _, r = np.linalg.qr(z[:, moving] / size[moving])
+    left = np.abs(np.diag(r))
+    if left.min() ** 2 < _SINGULAR:
+        name = np.array(names)[moving][int(np.argmin(left))]
+        raise InputError(f"the term '{name}' is explained by the other terms of its axis in this flight: leave it out")
+
+
+def reduced(theta: Array, p: Array, keep: npt.NDArray[np.bool_]) -> tuple[Array, Array]:
+    """theta and P of the terms of a mask (n,) where the others are known to be zero, see the module."""
+    if keep.all():
+        return theta.copy(), p.copy()
+    root = np.linalg.cholesky(p[np.ix_(~keep, ~keep)])
+    half = np.linalg.solve(root, p[np.ix_(~keep, keep)])
+    rest = p[np.ix_(keep, keep)] - half.T @ half
+    return theta[keep] - half.T @ np.linalg.solve(root, theta[~keep]), 0.5 * (rest + rest.T)
+
+
+# -- all that was learnt ------------------------------------------------------------------------------------------
+
+
+def _changed_state(estimator: Identifier, new: AerodynamicModel, past: RememberedSamples) -> RlsState:
+    """Learning of the new model."""
+    old, was = estimator.model, estimator.learning.least_squares.state
+    learning = estimator.learning.least_squares.new_state(new)
+    for array in ("updates", "last_valid", "bias_variance", "prior_variance", "sampling"):
+        getattr(learning, array)[:] = getattr(was, array)
+    for i, axis in enumerate(AXES):
+        before, after = old.terms[axis], new.terms[axis]
+        place = [before.index(text) for text in after if text in before]  # new terms stand after old ones
+        n, count = len(place), len(before)
+        keep = np.isin(np.arange(count), place)
+        theta, p = reduced(was.theta[i, :count], was.p[i, :count, :count], keep)
+        rows = [*place, count, count + 1]
+        sums, recent = was.sums[i][:, rows][:, :, rows], was.recent[i][:, rows]
+        first, source = int(new.offsets[i]), int(old.offsets[i]) + np.array(place, dtype=np.int64)
+        for name in ("term_mean", "term_square", "noise_square", "last_learnt"):
+            getattr(learning, name)[first : first + n] = getattr(was, name)[source]
+        if len(after) > n:
+            moments = _weighted(estimator, new, i, past)
+            rows_now = moments.rows * moments.fade[:, None]
+            x, y = rows_now[:, : len(after)], rows_now[:, len(after)]
+            theta, p = extended(theta, p, x[:, :n], x[:, n:], y, after[n:])
+            sums, recent = _remade_sums(estimator, sums, recent, moments, n)
+            _follow_new_terms(estimator, learning, new, i, n, past)
+        m = len(after)
+        learning.theta[i, :m], learning.p[i, :m, :m] = theta, p
+        if before == after:
+            learning.prior[i, :m, :m] = was.prior[i, :m, :m]
+        learning.sums[i, :, : m + 2, : m + 2], learning.recent[i, :, : m + 2] = sums, recent
+    return learning
+
+
+def _remade_sums(estimator: Identifier, sums: Array, recent: Array, moments: _Moments, n: int) -> tuple[Array, Array]:
+    """Lagged sums and newest rows with more terms: from the past, or with zeros for them where there is none."""
+    m, lags = moments.rows.shape[1] - 2, len(sums)
+    out, newest = np.zeros((lags, m + 2, m + 2)), np.full((lags, m + 2), np.nan)
+    if len(moments.rows) >= _LEAST_POINTS * m:
+        _add_samples(out, newest, moments.rows, moments.breaks, estimator.learning.least_squares.tuning.forgetting)
+        return out, newest
+    place = [*range(n), m, m + 1]
+    out[np.ix_(np.arange(lags), place, place)] = sums
+    newest[:, place] = recent
+    newest[np.isfinite(recent[:, -1]), n:m] = 0.0
+    return out, newest
+
+
+@njit(cache=True)
+def _add_samples(sums: Array, recent: Array, rows: Array, breaks: npt.NDArray[np.bool_], forgetting: float) -> None:
+    for i in range(len(rows)):
+        if breaks[i]:
+            recent[:] = np.nan
+        add_sample(sums, recent, rows[i], forgetting)
+
+
+def _follow_new_terms(
+    estimator: Identifier, learning: RlsState, model: AerodynamicModel, axis: int, n: int, past: RememberedSamples
+) -> None:
+    """How the new terms of an axis have moved lately, and their noise."""
+    programs = model.programs[axis][n:]
+    code, offsets = link(programs)
+    part = slice(int(model.offsets[axis]) + n, int(model.offsets[axis + 1]))
+    since = past.time > np.max(past.time, initial=0.0) - _MOTION_TIME
+    values = np.empty((int(since.sum()), len(programs)))
+    evaluate_rows(code, offsets, past.signals[since], values)
+    weight = (
+        estimator.learning.least_squares.tuning.motion_weight
+        * (1.0 - estimator.learning.least_squares.tuning.motion_weight) ** np.arange(len(values))[::-1]
+    )
+    known = np.isfinite(values).all(axis=1)
+    if known.any():
+        share = weight[known] / weight[known].sum()
+        learning.term_mean[part] = share @ values[known]
+        learning.term_square[part] = share @ values[known] ** 2
+    used = past.learnt[:, axis] > 0.0
+    if used.any():
+        sensors = np.array([estimator.aircraft.sensors[name].noise[0] for name in ("gyro", "control_surfaces")])
+        geometry, std = estimator.stream.controls.body.geometry, past.air_velocity_std[used]
+        variance = _noise_variance(code, offsets, past.signals[used], std, sensors, geometry)
+        share = _fading(estimator, int(used.sum()))
+        learning.noise_square[part] = share @ variance / share.sum()
+        learning.last_learnt[part] = past.time[used][-1]
+
+
+@njit(cache=True)
+def _noise_variance(
+    code: Array,
+    offsets: npt.NDArray[np.int64],
+    signals: Array,
+    air_velocity_std: Array,
+    sensors: Array,
+    geometry: Array,
+) -> Array:
+    """Variance of each term (k, m) from the noise of the signals (k, …) that it reads, as in ``fill_history``."""
+    out, row = np.empty((len(signals), len(offsets) - 1)), np.zeros(_ROW_WIDTH)
+    noise, terms = np.empty(signals.shape[1]), np.empty(len(offsets) - 1)
+    for k in range(len(signals)):
+        row[_AIR_VELOCITY_STD] = air_velocity_std[k]
+        signal_noise(signals[k], row, sensors, geometry, noise)
+        evaluate_programs(code, offsets, signals[k], terms)
+        term_noise(code, offsets, signals[k], noise, terms, out[k])
+    return out**2

@@ -1,0 +1,160 @@
+"""Do two estimators agree? Another learner with recursive least squares, and that with itself: now with before.
+
+Estimates a and b of one parameter, of which each says its standard error, disagree where
+
+    |a - b| > SIGMA sqrt(s_a^2 + s_b^2),    |a - b| > SHARE |a|,    and |a - b| moves the coefficient by more than a
+    share NEGLIGIBLE of its spread:
+
+surely, and by a size that matters. Correlated errors make the true difference smaller than the first says.
+
+Recursive least squares is compared with itself on disjoint data: least squares over the newest motion, and over all
+before it, which fades as in the recursion. With M = sum x x' of either, and s the published standard error,
+
+    s_a^2 = s^2 (M_a^-1)_jj / ((M_a + M_b)^-1)_jj + [M_a^-1 (n_a v * theta_a)]_j^2,
+
+with what coloured residuals do to the whole, and with the pull that noise of variance v in the terms has on that part
+of the data alone: where a part hardly moves, that is most. It sees what came or went: a change, a poisoned stretch, a
+model that holds in one part of the flight only. It is blind to what both parts share: a scale, a delay, a constant
+bias. Constants are left out: they follow the accelerometer bias while it is being found.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, TERMS_OF_SAMPLE
+from aircraft_sysid_ros.identification.trust import are_far, disagree
+
+Array = npt.NDArray[np.float64]
+
+#: Evaluations of a block of motion; blocks of the newest part, and the least number of them before it.
+BLOCK, NEWEST, BEFORE = 125, 3, 3
+
+
+@njit(cache=True)
+def _add_products(samples: Array, first: int, last: int, axis: int, sums: Array) -> None:
+    """Sum of (x, y, 1)(x, y, 1)' over the samples (m, …) that the axis learnt from, into ``sums`` (n + 2, n + 2)."""
+    n = last - first
+    row = np.ones(n + 2)
+    for i in range(len(samples)):
+        if samples[i, LEARNT + axis] > 0.0:
+            for j in range(n):
+                row[j] = samples[i, TERMS_OF_SAMPLE + first + j]
+            row[n] = samples[i, MEASURED + axis]
+            for j in range(n + 2):
+                for k in range(n + 2):
+                    sums[j, k] += row[j] * row[k]
+
+
+class SplitHalfAgreement:
+    """Least squares over the newest motion of each axis, and over what was before it."""
+
+    def __init__(self, model: AerodynamicModel, forgetting: float) -> None:
+        """``forgetting`` per evaluation."""
+        self._model = model
+        self.forget_at(forgetting)
+        self._blocks: list[deque[Array]] = [deque() for _ in AXES]
+        self._open = [self._nothing(axis) for axis in range(len(AXES))]
+        self._before = [self._nothing(axis) for axis in range(len(AXES))]
+        self._parts: list[_Parts | None] = [None] * len(AXES)
+        self._moving = [constants == 0.0 for constants in model.constants]
+
+    def _nothing(self, axis: int) -> Array:
+        n = len(self._model.terms[AXES[axis]])
+        return np.zeros((n + 2, n + 2))
+
+    def forget_at(self, forgetting: float) -> None:
+        """Forget at another rate, per evaluation, from now on."""
+        self._fade = forgetting**BLOCK
+
+    def forget(self, axis: int) -> None:
+        """Begin an axis anew."""
+        self._blocks[axis].clear()
+        self._open[axis], self._before[axis] = self._nothing(axis), self._nothing(axis)
+        self._parts[axis] = None
+
+    def add(self, axis: int, samples: Array) -> None:
+        """New samples (m, …); those that the axis learnt from count."""
+        offsets = self._model.offsets
+        _add_products(samples, offsets[axis], offsets[axis + 1], axis, self._open[axis])
+        if self._open[axis][-1, -1] < BLOCK:
+            return
+        blocks = self._blocks[axis]
+        blocks.append(self._open[axis])
+        self._open[axis] = self._nothing(axis)
+        if len(blocks) > NEWEST:
+            self._before[axis] = self._fade * self._before[axis] + blocks.popleft()
+        enough = len(blocks) == NEWEST and self._before[axis][-1, -1] >= BEFORE * BLOCK
+        self._parts[axis] = parts_of(np.sum(blocks, axis=0), self._before[axis]) if enough else None
+
+    def are_apart(self, axis: int) -> bool:
+        """Whether now and before could disagree on the axis, whatever the standard errors."""
+        parts = self._parts[axis]
+        return parts is not None and bool(parts.far[self._moving[axis]].any())
+
+    def disagreeing(self, axis: int, std: Array, noise: Array) -> dict[int, tuple[float, float]]:
+        """Terms of the axis on which now and before disagree, with both values.
+
+        ``std`` (n,) is what is published, ``noise`` (n,) the variance of the noise in each term.
+        """
+        parts = self._parts[axis]
+        if parts is None:
+            return {}
+        per_unit = std / np.sqrt(np.diag(parts.inverse))
+        std_now, std_before = (
+            np.hypot(per_unit * np.sqrt(np.diag(half.inverse)), half.inverse @ (half.points * noise * half.theta))
+            for half in (parts.now, parts.before)
+        )
+        a, b = parts.now.theta, parts.before.theta
+        apart = disagree(a, b, std_now, std_before, parts.effect) & self._moving[axis]
+        return {j: (float(a[j]), float(b[j])) for j in np.flatnonzero(apart).tolist()}
+
+
+class _Half(NamedTuple):
+    theta: Array  # (n,)
+    inverse: Array  # (n, n)
+    points: float  # their number, faded
+
+
+class _Parts(NamedTuple):
+    """What two disjoint parts of the motion say of one axis."""
+
+    now: _Half
+    before: _Half
+    inverse: Array  # (n, n) of both together
+    effect: Array  # (n,) of one unit, over the spread of the coefficient
+    far: npt.NDArray[np.bool_]  # (n,) differ by a size that matters
+
+
+def parts_of(now: Array, before: Array) -> _Parts | None:
+    """From sums (n + 2, n + 2) of either part; None where terms are collinear."""
+    both, n = now + before, len(now) - 2
+    solutions = [solved(sums) for sums in (now, before, both)]
+    if any(solution is None for solution in solutions):
+        return None
+    (a, pa), (b, pb), (_, p) = (solution for solution in solutions if solution is not None)
+    mean = both / both[-1, -1]
+    spread = np.sqrt(max(mean[n, n] - mean[n, n + 1] ** 2, 1e-300))
+    halves = _Half(a, pa, float(now[-1, -1])), _Half(b, pb, float(before[-1, -1]))
+    effect = np.sqrt(np.diag(mean)[:n]) / spread
+    return _Parts(*halves, p, effect, are_far(a, b, effect))
+
+
+def solved(sums: Array) -> tuple[Array, Array] | None:
+    """Least squares (n,) and the inverse (n, n) from sums (n + 2, n + 2); None where terms are collinear."""
+    n = len(sums) - 2
+    scale = np.sqrt(np.diag(sums)[:n])
+    if not np.all(scale > 0.0):
+        return None
+    try:
+        root = np.linalg.cholesky(sums[:n, :n] / np.outer(scale, scale))
+    except np.linalg.LinAlgError:
+        return None
+    half = np.linalg.solve(root, np.diag(1.0 / scale))
+    return half.T @ (half @ sums[:n, n]), half.T @ half

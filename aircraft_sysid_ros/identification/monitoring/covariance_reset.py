@@ -1,0 +1,187 @@
+"""When the aeroplane has changed: what an axis knew becomes a prior, and it learns again from what was since.
+
+With theta_0, P_0 (in units of the noise variance s^2, as ``rls_update`` has it) from just before the change, opened to
+any change as ``estimators.reset_prior`` says, I_0 the information of that prior and S = sum x x' of the data since,
+M = I_0 + S, the estimate has the covariance
+
+    M^-1 [ sum_l w_l R_e(l) sum_k x(k) x(k-l)' + s^2 I_0 ] M^-1,
+
+that of ``lagged_moments`` for coloured residuals with the prior as one more, exact, observation.
+
+Whether the aeroplane has changed is asked of the errors of recursive least squares, whichever estimator is published:
+it always runs, knows its parameters first, and does not explain errors by noise.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_CONSISTENCY
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
+from aircraft_sysid_ros.identification.estimators.reset_prior import (
+    MEMORY,
+    changed_variance,
+    information,
+    spread_of_terms,
+)
+from aircraft_sysid_ros.identification.history import SampleHistory
+from aircraft_sysid_ros.identification.monitoring.residuals import RATIO, ResidualMonitor
+from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.reconstruction.state import StateField
+
+Array = npt.NDArray[np.float64]
+
+#: Evaluations that an axis has learnt from before its errors count.
+KNOWN = 250
+#: Parameters from this long [s] before the first window that the change is in are those from before it.
+_MARGIN = 0.1
+#: Half-widths from the change to the first window that is all after it, one of them for the error of its time.
+_STRADDLE = 2.0
+_TIME = CoefficientSample.TIME
+
+
+class ChangeDetector:
+    """Finds axes that have changed, by the errors of least squares and its parameters of the newest seconds."""
+
+    def __init__(self, step: float, half_width: float, history: SampleHistory) -> None:
+        """``step`` [s] between evaluations, ``half_width`` [s] of their windows."""
+        self.monitor = ResidualMonitor(step)
+        self._half_width, self._history = half_width, history
+        self.since = np.full(len(AXES), -np.inf)  # [s] as in CoefficientSample.TIME: newest change of each axis
+        self.times = np.full(len(AXES), np.nan)  # [s] of flight: the same
+        self.counts = np.zeros(len(AXES), np.int64)  # alarms of each axis
+        self.restart()
+
+    def restart(self) -> None:
+        """The clock or the model is another one: drop the memory."""
+        self._begin = self._seen = self._history.count
+        self._unsound: deque[tuple[int, int]] = deque()  # samples, by number, that do not count
+        self._newest = -np.inf  # [s] of the newest that does
+        self._at_odds = False
+        self._parameters: deque[tuple[float, Array, Array]] = deque()
+        self.monitor.skip()
+
+    def restart_clock(self) -> None:
+        """The clock began anew."""
+        self.restart()
+        self.since[:] = -np.inf
+
+    def alarms(self) -> list[tuple[str, float, int]]:
+        """Axes that have changed: when last [s of flight], and how often."""
+        known = np.flatnonzero(np.isfinite(self.times))  # not those that have been undone
+        return [(AXES[axis], float(self.times[axis]), int(self.counts[axis])) for axis in known]
+
+    def summary(self) -> dict[str, Any]:
+        """Number of alarms, and the newest: time [s] of flight and axes."""
+        newest = np.nanmax(self.times) if np.isfinite(self.times).any() else np.nan
+        axes = [AXES[axis] for axis in np.flatnonzero(self.times == newest)]
+        return {"changes": int(self.counts.sum()), "last_change": " ".join([f"{newest:.1f} s", *axes] if axes else [])}
+
+    def undo(self, axis: int, times: Array) -> None:
+        """An axis has gone back to what it knew before; ``times`` (2,) as it then had them: since, times."""
+        self.since[axis], self.times[axis] = times
+        self.monitor.forget(axis)
+        self._begin = self._history.count
+        self._newest = -np.inf
+        self._parameters.clear()
+
+    def add_states(self, rows: Array) -> None:
+        """States (n, StateField.WIDTH) that samples come from."""
+        if not self._at_odds:
+            self._at_odds = bool((rows[:, StateField.CONSISTENCY] > 0.5 * LARGEST_CONSISTENCY).any())
+
+    def _follow(self, state: RlsState) -> None:
+        """What came since the last evaluation, all at once, so that it does not matter in what portions it came."""
+        first, self._seen = self._seen, self._history.count
+        at_odds, self._at_odds = self._at_odds, False
+        if at_odds:
+            self.monitor.skip()
+            if self._seen > first:
+                self._unsound.append((first, self._seen))
+        if at_odds or self._seen == first:
+            return
+        samples = self._history.since(first)
+        self.monitor.add(samples, self._history.by_least_squares(first), state.updates >= KNOWN)
+        self._newest = float(samples[-1, _TIME])
+
+    def evaluate(self, model: AerodynamicModel, state: RlsState, start: float) -> list[AxisReset]:
+        """Axes that have changed, as commands; ``state`` is that of least squares, ``start`` [s] of the flight."""
+        self._follow(state)
+        resets = []
+        for axis in range(len(AXES)):
+            if self.monitor.has_changed(axis, partial(self._explained, axis, model, state)):
+                reset = self._reset_of(axis, model, state)
+                self.monitor.forget(axis)
+                self.counts[axis] += 1
+                self.since[axis], self.times[axis] = reset.since, reset.since - start
+                resets.append(reset)
+        return resets
+
+    def remember(self, state: RlsState) -> None:
+        """Keep the parameters as they are now, after resets."""
+        if self._newest > -np.inf:
+            self._parameters.append((self._newest, state.theta.copy(), state.p.copy()))
+        while self._parameters and self._parameters[0][0] < self._parameters[-1][0] - MEMORY:
+            self._parameters.popleft()
+
+    def relearnt(self, axis: int, model: AerodynamicModel, state: RlsState) -> AxisEstimate | None:
+        """What recursive least squares knows of an axis that changed, once its standard errors are small again."""
+        known, sums = least_squares(model, axis, state)
+        rules = TrustRules()
+        if known.samples < rules.samples:
+            return None
+        std, n = np.sqrt(np.diag(known.covariance)), len(known.theta)
+        small = np.maximum(rules.relative_error * np.abs(known.theta), rules.negligible * spread_of_terms(sums[0]))
+        return known if n and np.all(std <= small) else None
+
+    def _explained(self, axis: int, model: AerodynamicModel, state: RlsState) -> float:
+        """What explains a window without a change: variance of its predictions, by the covariance from before it.
+
+        A window whose error is no larger than noise of the terms makes is explained, too.
+        """
+        begin, n = self.monitor.window_begin(axis), len(model.terms[AXES[axis]])
+        theta, p = self._before(begin - _MARGIN, axis, state)
+        part = model.axis_slice(AXES[axis])
+        noise = float(theta[:n] ** 2 @ state.noise_square[part])
+        samples = self._since(begin)[0]
+        learnt = samples[samples[:, CoefficientSample.LEARNT.start + axis] > 0.0]
+        x = learnt[:, CoefficientSample.TERMS + part.start : CoefficientSample.TERMS + part.stop]
+        shares = np.einsum("ki,ij,kj->k", x, p[:n, :n], x)
+        return self.monitor.variance(axis) * float(shares.mean()) + noise / RATIO**2 if len(x) else np.inf
+
+    def _reset_of(self, axis: int, model: AerodynamicModel, state: RlsState) -> AxisReset:
+        begun = self.monitor.change_time(axis)
+        since = begun + self._half_width
+        variance = self.monitor.variance(axis)
+        theta, p = self._before(begun - self._half_width - _MARGIN, axis, state)
+        n = len(model.terms[AXES[axis]])
+        theta, p = theta[:n], p[:n, :n]
+        spread = spread_of_terms(state.sums[axis, 0, : n + 2, : n + 2])
+        opened = p + np.diag(changed_variance(theta, spread) / max(variance, 1e-300))
+        after = self._since(since + _STRADDLE * self._half_width)
+        return AxisReset(axis, since, spread, theta, opened, information(opened), variance, *after)
+
+    def _before(self, time: float, axis: int, state: RlsState) -> tuple[Array, Array]:
+        """Newest parameters of an axis that are not younger than ``time`` [s], or the oldest that there are."""
+        kept = [s for s in self._parameters if s[0] <= time] or [*self._parameters][:1]
+        _, theta, p = kept[-1] if kept else (time, state.theta.copy(), state.p.copy())
+        return theta[axis], p[axis]
+
+    def _since(self, time: float) -> tuple[Array, Array]:
+        """Samples (n, …) from a time [s] on that count, and their weights."""
+        first = max(self._begin, self._history.first)
+        samples, weights = self._history.since(first), self._history.weights(first)
+        chosen = samples[:, _TIME] >= max(time, self._newest - MEMORY)
+        for low, high in self._unsound:
+            chosen[max(low - first, 0) : max(high - first, 0)] = False
+        while self._unsound and self._unsound[0][1] <= first:
+            self._unsound.popleft()
+        return samples[chosen], weights[chosen]

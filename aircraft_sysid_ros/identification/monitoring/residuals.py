@@ -1,0 +1,209 @@
+"""Has the aeroplane changed? The model error of a second, against what it was since the parameters were known.
+
+Per axis: e = measured - predicted before the sample, where the axis learns. The mean square over the newest WINDOW of
+these is compared with those of earlier blocks of the same length, of which the newest GUARD evaluations are left out:
+a change is not to be in what it is measured by. The alarm wants both, RATIO times the rms of all blocks and WORST
+times the largest of them, over PATIENCE looks. Errors of a model that is always wrong somewhere raise the bar by
+themselves. Gusts that set in, or a noisier sensor, raise the errors of most axes, a change of the aeroplane those of
+some: by what the errors have grown in all but the quietest two axes is not counted. Nor is a window that is spread over
+SPREAD times its length: in cruise an axis learns now and then, from what is not motion.
+
+When the change was: with n errors of variance s^2 before it and RATIO^2 s^2 since, the sum of
+
+    e^2 / s^2 - ln(RATIO^2) RATIO^2 / (RATIO^2 - 1)
+
+from a time on is largest from the most likely one on (Page 1954, cumulative sums of log likelihoods).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+#: Evaluations (25 per second) of the window and of a block; those between the window and the blocks, the window too.
+WINDOW, GUARD = 25, 50
+#: Blocks that are remembered, and how many there must be.
+MOST_BLOCKS, LEAST_BLOCKS = 60, 8
+#: Rms of the window over that of all blocks, and over that of the largest.
+RATIO, WORST = 5.0, 3.0
+#: Looks in a row.
+PATIENCE = 2
+
+SPREAD = 2.0
+#: How many axes are quieter than the one that tells by what the errors of all have grown.
+_QUIETEST = 2
+
+_TIME = CoefficientSample.TIME
+
+
+class Errors(NamedTuple):
+    """Squared model errors of six axes."""
+
+    newest: Array  # (6, GUARD) newest first
+    time: Array  # (6, GUARD) [s] of them
+    filled: Integers  # (6,) how many there are
+    block: Array  # (6, 2) sum and count of the block that is being filled
+    blocks: Array  # (6, MOST_BLOCKS) mean squares, newest first
+    block_count: Integers  # (6,)
+
+
+class Summary(NamedTuple):
+    """What the errors of all axes are now against what they were."""
+
+    window: Array  # (6, 3) mean square of window, of all blocks, and of the largest; NaN where they do not compare
+    usual: Array  # (6, 2) mean square of all blocks and of the largest; NaN before there are enough
+    common: Array  # (1,) by what the mean square error has grown in most axes
+
+
+@njit(cache=True)
+def _shift(array: Array, axis: int, count: int) -> None:
+    """Make room at the front of a row."""
+    for i in range(count - 1, 0, -1):
+        array[axis, i] = array[axis, i - 1]
+
+
+@njit(cache=True)
+def add_errors(samples: Array, predicted: Array, known: npt.NDArray[np.bool_], errors: Errors) -> None:
+    """Take samples (m, …) with predictions (m, 6) of the axes (6,) whose parameters are known, in place."""
+    for i in range(len(samples)):
+        for axis in range(6):
+            e = samples[i, MEASURED + axis] - predicted[i, axis]
+            if not (known[axis] and samples[i, LEARNT + axis] > 0.0 and np.isfinite(e)):
+                continue
+            if errors.filled[axis] == GUARD:
+                _add_to_block(axis, errors.newest[axis, GUARD - 1], errors)
+            _shift(errors.newest, axis, GUARD)
+            _shift(errors.time, axis, GUARD)
+            errors.newest[axis, 0], errors.time[axis, 0] = e * e, samples[i, _TIME]
+            errors.filled[axis] = min(errors.filled[axis] + 1, GUARD)
+
+
+@njit(cache=True)
+def _add_to_block(axis: int, square: float, errors: Errors) -> None:
+    errors.block[axis, 0] += square
+    errors.block[axis, 1] += 1.0
+    if errors.block[axis, 1] == WINDOW:
+        _shift(errors.blocks, axis, MOST_BLOCKS)
+        errors.blocks[axis, 0] = errors.block[axis, 0] / WINDOW
+        errors.block_count[axis] = min(errors.block_count[axis] + 1, MOST_BLOCKS)
+        errors.block[axis] = 0.0
+
+
+@njit(cache=True)
+def summarise(errors: Errors, longest: float, summary: Summary) -> None:
+    """All of ``summary`` from the errors, in place; windows longer than ``longest`` [s] do not count."""
+    summary.window[:], summary.usual[:] = np.nan, np.nan
+    grown = np.full(6, np.inf)
+    for axis in range(6):
+        count = errors.block_count[axis]
+        if count < LEAST_BLOCKS:
+            continue
+        blocks = errors.blocks[axis, :count]
+        mean, largest = blocks.mean(), blocks.max()
+        summary.usual[axis, 0], summary.usual[axis, 1] = mean, largest
+        span = errors.time[axis, 0] - errors.time[axis, WINDOW - 1]
+        if errors.filled[axis] >= WINDOW and span <= longest and largest > 0.0:  # without any error there is no measure
+            window = errors.newest[axis, :WINDOW].mean()
+            summary.window[axis, 0], summary.window[axis, 1], summary.window[axis, 2] = window, mean, largest
+            grown[axis] = window / mean
+    grown.sort()
+    enough = np.isfinite(grown[_QUIETEST + 1])
+    summary.common[0] = max(grown[_QUIETEST], 1.0) if enough else 1.0
+
+
+@njit(cache=True)
+def excesses(summary: Summary, out: Array) -> None:
+    """Variance in the window of each axis (6,) that the blocks do not explain, over RATIO^2.
+
+    Negative or NaN: there is no alarm.
+    """
+    for axis in range(6):
+        now, mean, largest = summary.window[axis]
+        common = summary.common[0]
+        out[axis] = min(now / RATIO**2 - common * mean, now / WORST**2 - common * largest)
+
+
+class ResidualMonitor:
+    """Compares the model errors of all axes with what they were."""
+
+    def __init__(self, step: float) -> None:
+        """``step`` [s] between evaluations."""
+        self._longest = SPREAD * WINDOW * step
+        self._errors = Errors(
+            newest=np.zeros((6, GUARD)),
+            time=np.zeros((6, GUARD)),
+            filled=np.zeros(6, np.int64),
+            block=np.zeros((6, 2)),
+            blocks=np.zeros((6, MOST_BLOCKS)),
+            block_count=np.zeros(6, np.int64),
+        )
+        self.summary = Summary(np.full((6, 3), np.nan), np.full((6, 2), np.nan), np.ones(1))
+        self._excess = np.full(6, np.nan)
+        self._raised = np.zeros(6, np.int64)  # evaluations in a row at which the error was too large
+
+    def add(self, samples: Array, predicted: Array, known: npt.NDArray[np.bool_]) -> None:
+        """Take samples (m, …) with predictions (m, 6); only axes (6,) whose parameters are known count."""
+        add_errors(samples, predicted, known, self._errors)
+        self._compare()
+
+    def forget(self, axis: int) -> None:
+        """The parameters of an axis are others now: what its errors are is still to be seen."""
+        for array in self._errors:
+            array[axis] = 0
+        self._raised[axis] = 0
+        self._compare()
+
+    def skip(self, *axes: int) -> None:
+        """What was in the windows does not count, of some axes or any: sensors were at odds."""
+        chosen = list(axes) or slice(None)
+        self._errors.filled[chosen] = 0
+        self._raised[chosen] = 0
+        self._compare()
+
+    def _compare(self) -> None:
+        summarise(self._errors, self._longest, self.summary)
+        excesses(self.summary, self._excess)
+
+    def usual(self, axis: int) -> tuple[float, float]:
+        """Mean square error and largest block of an axis, grown as in most axes; NaN before there are enough blocks."""
+        mean, largest = self.summary.usual[axis].tolist()
+        common = float(self.summary.common[0])
+        return common * mean, common * largest
+
+    def variance(self, axis: int) -> float:
+        """Mean square of the error of an axis in the blocks; 0 without any."""
+        count = self._errors.block_count[axis]
+        return float(self._errors.blocks[axis, :count].mean()) if count else 0.0
+
+    def excess(self, axis: int) -> float:
+        """Variance in the window that the blocks do not explain, over RATIO^2; negative or NaN: there is no alarm."""
+        return float(self._excess[axis])
+
+    def has_changed(self, axis: int, explained: Callable[[], float]) -> bool:
+        """Whether the axis has changed; ``explained`` is a variance over RATIO^2 that has other reasons."""
+        excess = self._excess[axis]
+        if not excess > 0.0:
+            self._raised[axis] = 0
+            return False
+        self._raised[axis] = self._raised[axis] + 1 if excess > explained() else 0
+        return bool(self._raised[axis] >= PATIENCE)
+
+    def window_begin(self, axis: int) -> float:
+        """Time [s] of the oldest error in the window."""
+        return float(self._errors.time[axis, WINDOW - 1])
+
+    def change_time(self, axis: int) -> float:
+        """Most likely time [s] of the first error after the change."""
+        count = int(self._errors.filled[axis])
+        level = np.log(RATIO**2) * RATIO**2 / (RATIO**2 - 1.0)
+        gain = np.cumsum(self._errors.newest[axis, :count] / max(self.variance(axis), 1e-300) - level)
+        return float(self._errors.time[axis, int(np.argmax(gain))])

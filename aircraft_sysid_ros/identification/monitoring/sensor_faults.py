@@ -1,0 +1,263 @@
+"""Does the first step contradict its sensors? Signs of trouble, from reconstructed states alone.
+
+The first step is kinematics: no change of the aeroplane makes it contradict itself, only a sensor does. What counts is
+what the state rests on (GPS, air data, vanes), innovations (their running mean square, how many fail the gate), biases
+that leap, and a reconstruction that starts again. With P the variance of a bias as the filter states it and Q what it
+allows the bias to wander, an estimate that is right moves from t_1 to t_2 by
+
+    E (b_2 - b_1)^2 = P_1 - P_2 + Q (t_2 - t_1),
+
+so that a multiple of that is a leap.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_ACCELEROMETER_BIAS, LARGEST_GYRO_BIAS
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField, Status
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+#: Mean normalised innovation squared that working sensors do not have at so many evaluations in a row: gusts that set
+#: in do at one or two.
+LARGEST_CONSISTENCY, EVALUATIONS = 1.8, 3
+#: The same over its median of a minute: what stands still is without noise, and too well predicted. Evaluated over
+#: QUIET_TIME [s]. Noise has other reasons to fall: it counts only after another sign.
+LEAST_CONSISTENCY, QUIET_TIME = 0.8, 2.0
+#: So many measurements fail the gate within GATE_TIME [s].
+MOST_REJECTED, GATE_TIME = 7.0, 2.0
+#: A leap of a bias: standard deviations of its movement over LEAP_TIME [s], and least size [m/s^2], [rad/s].
+LEAP, LEAP_TIME, LEAST_LEAP = 8.0, 3.0, (0.05, 0.005)
+#: States this far apart [s]: the first step had to start again.
+LONGEST_GAP = 0.5
+#: Wind that moves within a second by this many times what it did in the last minute, and by so much [m/s], follows a
+#: sensor rather than the air. Gusts do so too: it counts only beside a model error.
+AGITATION, LEAST_AGITATION = 4.0, 0.4
+_WIND_TIME = 1.0
+_MEMORY, _LATELY = 60.0, 3.0  # [s] of wind and consistency; those of lately are no measure
+_SLACK = 0.05  # [s] by which evaluations may come early or late
+
+_TIME, _STATUS, _CONSISTENCY = StateField.TIME, StateField.STATUS, StateField.CONSISTENCY
+_AIRSPEED, _REJECTED = StateField.AIRSPEED, StateField.REJECTED
+_ALPHA, _BETA, _WIND = StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP, StateField.WIND.start
+_BIASES = StateField.ACCELEROMETER_BIAS.start  # of the accelerometer, then of the gyro
+_BIAS_STD = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
+_BIAS_COUNT = 6
+_NO_GPS, _NO_AIR_DATA, _INERTIAL_ONLY, _OK = Status.NO_GPS, Status.NO_AIR_DATA, Status.INERTIAL_ONLY, Status.OK
+
+#: What is wrong, in words; the number of each is a bit of what ``evaluate`` returns.
+WORDS = (
+    "state reconstruction had to begin anew", "no GPS", "no airspeed", "no angle of attack", "no sideslip",
+    "sensors contradict each other", "measurements are rejected", "an IMU bias leaps",
+)  # fmt: skip
+(
+    _RESTARTED, _LOST_GPS, _LOST_AIRSPEED, _LOST_ALPHA, _LOST_BETA, _CONTRADICTION, _GATED, _LEAPT,
+) = (1 << i for i in range(len(WORDS)))  # fmt: skip
+
+#: Evaluations that fit into the memories: at most one per tenth of a second.
+_LOOKED_SIZE, _PAST_SIZE = 64, 1024
+#: Columns of ``Memory.past``.
+_PAST_TIME, _PAST_MOVED, _PAST_CONSISTENCY = 0, 1, 2
+#: Elements of ``Memory.counts``.
+_LOOKED, _PAST = 0, 1
+
+
+class Limits(NamedTuple):
+    """What is usual of biases (6,) and of flight."""
+
+    walk: Array  # variance per second that the filter allows
+    least_leap: Array
+    largest: Array
+    minimum_airspeed: float
+
+
+class Memory(NamedTuple):
+    """What was seen before; the oldest first."""
+
+    looked: Array  # (_LOOKED_SIZE, StateField.WIDTH) newest state of each evaluation of the last LEAP_TIME
+    past: Array  # (_PAST_SIZE, 3) time [s], movement of the wind [m/s], consistency
+    counts: Integers  # (2,) how many of each there are
+    vanes: npt.NDArray[np.bool_]  # (2,) alpha, beta: have been measured
+    agitated: npt.NDArray[np.bool_]  # (1,) the wind leaps
+
+
+@njit(cache=True)
+def _ago(time: float, memory: Memory) -> int:
+    """Newest evaluation that is not younger than ``time`` [s], or the oldest that there is."""
+    count = memory.counts[_LOOKED]
+    limit = memory.looked[count - 1, _TIME] - time + _SLACK
+    for i in range(count - 1, -1, -1):
+        if memory.looked[i, _TIME] <= limit:
+            return i
+    return 0
+
+
+@njit(cache=True)
+def _drop(array: Array, first: int, count: int) -> int:
+    """Move rows ``first`` to ``count`` to the front; returns how many there are."""
+    for i in range(first, count):
+        array[i - first] = array[i]
+    return count - first
+
+
+@njit(cache=True)
+def _follow_wind(row: Array, memory: Memory) -> None:
+    """Is the wind more restless than it was?"""
+    now, past, counts = row[_TIME], memory.past, memory.counts
+    before = memory.looked[_ago(_WIND_TIME, memory)]
+    moved = 0.0
+    for k in range(3):
+        moved += (row[_WIND + k] - before[_WIND + k]) ** 2
+    moved = np.sqrt(moved)
+    first = 0
+    while first < counts[_PAST] and not past[first, _PAST_TIME] >= now - _MEMORY:
+        first += 1
+    first = max(first, counts[_PAST] + 1 - _PAST_SIZE)
+    if first > 0:
+        counts[_PAST] = _drop(past, first, counts[_PAST])
+    past[counts[_PAST], _PAST_TIME], past[counts[_PAST], _PAST_MOVED] = now, moved
+    past[counts[_PAST], _PAST_CONSISTENCY] = row[_CONSISTENCY]
+    counts[_PAST] += 1
+    square, number = 0.0, 0
+    for i in range(counts[_PAST]):
+        if past[i, _PAST_TIME] < now - _LATELY:
+            square += past[i, _PAST_MOVED] ** 2
+            number += 1
+    memory.agitated[0] = number > 0 and moved > max(AGITATION * np.sqrt(square / max(number, 1)), LEAST_AGITATION)
+
+
+@njit(cache=True)
+def _lost(row: Array, memory: Memory) -> int:
+    """Sensors that the state does without."""
+    status, signs = int(row[_STATUS]), 0
+    if status == _NO_GPS or status == _INERTIAL_ONLY:
+        signs |= _LOST_GPS
+    if status == _NO_AIR_DATA or status == _INERTIAL_ONLY:
+        signs |= _LOST_AIRSPEED
+    if status == _OK:
+        alpha, beta = np.isfinite(row[_ALPHA]), np.isfinite(row[_BETA])
+        if memory.vanes[0] and not alpha:
+            signs |= _LOST_ALPHA
+        if memory.vanes[1] and not beta:
+            signs |= _LOST_BETA
+        memory.vanes[0] |= alpha
+        memory.vanes[1] |= beta
+    return signs
+
+
+@njit(cache=True)
+def _at_odds(row: Array, memory: Memory) -> int:
+    """Innovations that are too large."""
+    signs, count = 0, memory.counts[_LOOKED]
+    if count >= EVALUATIONS:
+        least = np.inf
+        for i in range(count - EVALUATIONS, count):
+            least = min(least, memory.looked[i, _CONSISTENCY])
+        if least > LARGEST_CONSISTENCY:
+            signs |= _CONTRADICTION
+    if row[_REJECTED] - memory.looked[_ago(GATE_TIME, memory), _REJECTED] > MOST_REJECTED:
+        signs |= _GATED
+    return signs
+
+
+@njit(cache=True)
+def _leaps(row: Array, memory: Memory, limits: Limits) -> int:
+    """Biases that move as no bias does, or are where none is."""
+    past = memory.looked[_ago(LEAP_TIME, memory)]
+    elapsed = max(row[_TIME] - past[_TIME], 0.0)  # a clock may go back
+    for k in range(_BIAS_COUNT):
+        variance = max(past[_BIAS_STD + k] ** 2 - row[_BIAS_STD + k] ** 2, 0.0) + limits.walk[k] * elapsed
+        moved = abs(row[_BIASES + k] - past[_BIASES + k])
+        if moved > max(LEAP * np.sqrt(variance), limits.least_leap[k]) or abs(row[_BIASES + k]) > limits.largest[k]:
+            return _LEAPT
+    return 0
+
+
+@njit(cache=True)
+def _evaluate(newest: Array, gap: float, memory: Memory, limits: Limits) -> int:
+    """Signs in the newest state (StateField.WIDTH,) after states that were at most ``gap`` [s] apart, as bits."""
+    looked, counts = memory.looked, memory.counts
+    if counts[_LOOKED] == _LOOKED_SIZE:
+        counts[_LOOKED] = _drop(looked, 1, counts[_LOOKED])
+    looked[counts[_LOOKED]] = newest
+    counts[_LOOKED] += 1
+    first = 0
+    while looked[first, _TIME] < newest[_TIME] - LEAP_TIME - 2.0 * _SLACK:
+        first += 1
+    if gap > LONGEST_GAP:
+        first = counts[_LOOKED] - 1
+    if first > 0:
+        counts[_LOOKED] = _drop(looked, first, counts[_LOOKED])
+    if gap > LONGEST_GAP:
+        return _RESTARTED
+    _follow_wind(newest, memory)
+    if not newest[_AIRSPEED] >= limits.minimum_airspeed:
+        return 0
+    return _lost(newest, memory) | _at_odds(newest, memory) | _leaps(newest, memory, limits)
+
+
+class SensorFaultDetector:
+    """Takes states and evaluates them now and then."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        noise = aircraft.process_noise
+        self._limits = Limits(
+            walk=np.repeat([noise["accelerometer_bias"] ** 2, noise["gyro_bias"] ** 2], 3),
+            least_leap=np.repeat(LEAST_LEAP, 3),
+            largest=np.repeat([LARGEST_ACCELEROMETER_BIAS, LARGEST_GYRO_BIAS], 3),
+            minimum_airspeed=float(aircraft.minimum_airspeed),
+        )
+        self.restart()
+
+    def restart(self) -> None:
+        """The clock began anew."""
+        self._newest: Array | None = None
+        self._gap = 0.0
+        self._memory = Memory(
+            looked=np.zeros((_LOOKED_SIZE, StateField.WIDTH)),
+            past=np.zeros((_PAST_SIZE, 3)),
+            counts=np.zeros(2, np.int64),
+            vanes=np.zeros(2, np.bool_),
+            agitated=np.zeros(1, np.bool_),
+        )
+
+    @property
+    def agitated(self) -> bool:
+        """Whether the wind leaps."""
+        return bool(self._memory.agitated[0])
+
+    def add(self, rows: Array) -> None:
+        """States (n, StateField.WIDTH) in order of time."""
+        times = rows[:, _TIME]
+        if self._newest is not None:
+            before = self._newest[_TIME]
+        else:
+            count = self._memory.counts[_LOOKED]
+            before = self._memory.looked[count - 1, _TIME] if count else times[0]
+        self._gap = max(self._gap, float(times[0] - before), float(np.max(times[1:] - times[:-1], initial=0.0)))
+        self._newest = rows[-1]
+
+    def evaluate(self) -> list[str]:
+        """What is wrong since the last evaluation, in words; nothing on the ground."""
+        if self._newest is None:
+            return []
+        signs = _evaluate(self._newest, self._gap, self._memory, self._limits)
+        self._newest, self._gap = None, 0.0
+        return [words for i, words in enumerate(WORDS) if signs >> i & 1] if signs else []
+
+    def are_too_quiet(self) -> bool:
+        """Whether innovations are smaller than they were."""
+        past = self._memory.past[: self._memory.counts[_PAST]]
+        if not len(past):
+            return False
+        now, consistency = past[-1, _PAST_TIME], past[:, _PAST_CONSISTENCY]
+        usual = consistency[past[:, _PAST_TIME] < now - _LATELY]
+        lately = consistency[past[:, _PAST_TIME] > now - QUIET_TIME]
+        return bool(len(usual) and lately.max() < LEAST_CONSISTENCY * np.median(usual))

@@ -1,0 +1,133 @@
+"""What an estimator has learnt, as parameters with standard errors and verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
+from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, Verdict, disagree, judge
+
+Array = npt.NDArray[np.float64]
+
+#: A constant term is compared with this where others are compared with their noise.
+_NOISE_OF_ONE = 0.01
+#: Smallest eigenvalue of a correlation matrix that is more than rounding.
+_ROUNDING = 1e-14
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """One parameter as published."""
+
+    name: str
+    value: float
+    std: float
+    status: Trust
+    reason: str
+    age: float
+    excitation: float
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """All parameters at one time [s after the epoch]."""
+
+    time: float
+    model: str
+    parameters: tuple[ParameterEstimate, ...]
+    covariance: Array  # (n, n), corrected for coloured residuals
+    airspeed: tuple[float, float]  # learnt between these
+    alpha: tuple[float, float]
+    beta: tuple[float, float]
+
+
+def axis_estimates(
+    model: AerodynamicModel,
+    axis: int,
+    state: RlsState,
+    now: float,
+    missing: str,
+    own: AxisEstimate | None = None,
+    changed: float = np.nan,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[list[ParameterEstimate], Array]:
+    """Parameters of one axis at the time ``now`` [s] and their covariance (n, n).
+
+    ``missing`` says what the axis lacks, empty if nothing; ``own`` is what another estimator
+    knows of the axis: the parameters are then its, and recursive least squares only says how the terms moved.
+    ``changed`` is the time of flight [s] of the newest change of the axis, NaN if it never did; ``bounds`` are those
+    of the aircraft file.
+    """
+    names = model.parameter_names[model.axis_slice(AXES[axis])]
+    n, first = len(names), int(model.offsets[axis])
+    known, sums = least_squares(model, axis, state)
+    excitation, effect, per_unit = np.zeros(n), np.full(n, np.inf), np.zeros(n)
+    estimate = _with_sampling(known if own is None else own, float(state.sampling[axis]))
+    if known.samples > n:
+        moments = sums[0] / sums[0, n + 1, n + 1]
+        excitation = _excitation(moments, state.noise_square[first : first + n])
+        per_unit = _effect_of_std(moments, np.ones(n))
+        effect = per_unit * np.sqrt(np.diag(estimate.covariance))
+    if estimate.excitation is not None:
+        excitation = estimate.excitation
+    std_known, std_own = np.sqrt(np.diag(known.covariance)), np.sqrt(np.diag(estimate.covariance))
+    apart = disagree(estimate.theta, known.theta, std_own, std_known, per_unit)
+    estimates = []
+    for j, name in enumerate(names):
+        value, std = float(estimate.theta[j]), float(np.sqrt(estimate.covariance[j, j]))
+        excited = float(excitation[j])
+        limits = (bounds or {}).get(name, (-np.inf, np.inf))
+        evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing, limits)
+        verdict = judge(evidence, TrustRules())
+        if verdict.status == Trust.USE and apart[j]:
+            verdict = Verdict(Trust.HOLD, f"recursive least squares says {known.theta[j]:.3g}")
+        reason = verdict.reason
+        if verdict.status == Trust.HOLD and np.isfinite(changed):
+            reason = f"relearning since a change at {changed:.1f} s: {reason}"
+        age = float(now - estimate.last_learnt[j])
+        estimates.append(ParameterEstimate(name, value, std, verdict.status, reason, age, excited))
+    return estimates, estimate.covariance
+
+
+def _with_sampling(estimate: AxisEstimate, square: float) -> AxisEstimate:
+    """The estimate with what sparse samples may have taken of each parameter, ``square`` as in RlsState.sampling."""
+    if not square > 0.0:
+        return estimate
+    return estimate._replace(covariance=estimate.covariance + square * np.diag(estimate.theta**2))
+
+
+def _excitation(moments: Array, noise_square: Array) -> Array:
+    """Rms of each term that the other terms of its axis do not explain, over its noise, shape (n,)."""
+    n = len(noise_square)
+    scale = np.sqrt(np.diag(moments)[:n])
+    if not np.all(scale > 0.0):
+        return np.zeros(n)
+    alone = scale / np.sqrt(_inflation(moments[:n, :n] / np.outer(scale, scale)))
+    noise = np.sqrt(noise_square)
+    return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE))
+
+
+def _inflation(correlation: Array) -> Array:
+    """Diagonal (n,) of the inverse of a correlation matrix (n, n): 1 for a term alone, huge for collinear ones."""
+    with np.errstate(all="ignore"):
+        try:
+            found = np.diag(np.linalg.inv(correlation + _ROUNDING * np.eye(len(correlation))))
+        except np.linalg.LinAlgError:
+            found = np.zeros(len(correlation))
+    if np.all(found > 0.5):  # not so where rounding is all that is left of a term
+        return np.asarray(found)
+    values, vectors = np.linalg.eigh(correlation)
+    return np.asarray(vectors**2 @ (1.0 / np.maximum(values, _ROUNDING)))
+
+
+def _effect_of_std(moments: Array, std: Array) -> Array:
+    """What one standard error of each parameter moves the coefficient by, over the coefficient's spread."""
+    n = len(std)
+    spread = moments[n, n] - moments[n, n + 1] ** 2
+    return np.asarray(std * np.sqrt(np.diag(moments)[:n] / max(spread, 1e-300)))

@@ -1,0 +1,134 @@
+"""What the filter did in a flight, step by step, for a smoother that goes back over it.
+
+An hour of flight has some hundred thousand steps of 1.6 kB. They go to temporary files (in the folder that TMPDIR
+names, about 1 GB per hour at 100 Hz), so that the memory does not grow with the flight.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import IO
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.reconstruction.state import ERROR_SIZE, STATE_SIZE, Setup, StateField
+
+Array = npt.NDArray[np.float64]
+
+# Columns of one step of the integration, from a measurement or IMU sample to the next.
+STATE = slice(0, STATE_SIZE)  # filtered, before the step
+_COVARIANCE = STATE_SIZE  # of its error, the lower triangle row by row
+_FORCE = _COVARIANCE + ERROR_SIZE * (ERROR_SIZE + 1) // 2
+FORCE = slice(_FORCE, _FORCE + 3)  # as measured, mean over the step
+RATE = slice(_FORCE + 3, _FORCE + 6)
+DT = _FORCE + 6  # [s]
+DENSITY = slice(DT + 1, DT + 3)  # of the white noise of accelerometer and gyro, see process.add_process_noise
+WIND_WALK = DT + 3  # [m/s per sqrt(s)] that the filter used
+HAS_ROW = DT + 4  # 1: a row of state.StateField belongs to the end of the step
+STEP_WIDTH = DT + 5
+
+
+@njit(cache=True)
+def record_step(
+    step: Array, x: Array, p: Array, force: Array, rate: Array, dt: float, density: Array, wind_walk: float
+) -> None:
+    """Write one step: the arguments of ``process.propagate`` before it."""
+    step[STATE] = x
+    at = _COVARIANCE
+    for i in range(ERROR_SIZE):
+        step[at : at + i + 1] = p[i, : i + 1]
+        at += i + 1
+    step[FORCE] = force
+    step[RATE] = rate
+    step[DENSITY] = density
+    step[DT], step[WIND_WALK] = dt, wind_walk
+    step[HAS_ROW] = 0.0
+
+
+@njit(cache=True)
+def recorded_covariance(step: Array) -> Array:
+    """The covariance (18, 18) before a recorded step."""
+    p = np.empty((ERROR_SIZE, ERROR_SIZE))
+    at = _COVARIANCE
+    for i in range(ERROR_SIZE):
+        for j in range(i + 1):
+            p[i, j] = p[j, i] = step[at]
+            at += 1
+    return p
+
+
+@dataclass
+class Segment:
+    """A part of the flight without a break: numbers of steps and rows, and state and covariance at its end."""
+
+    setup: Setup
+    steps: int
+    rows: int
+    x: Array
+    p: Array
+
+
+class SmootherHistory:
+    """Records what a ``StateEstimator`` does when it is given to it before the first sample.
+
+    A context manager: its files are gone afterwards, what was mapped from them stays while it is in use.
+    """
+
+    def __init__(self) -> None:
+        self._steps, self._rows = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115
+        self._segments: list[Segment] = []
+
+    def __enter__(self) -> SmootherHistory:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self._steps.close()
+        self._rows.close()
+
+    def begin(self, setup: Setup) -> None:
+        """The filter was aligned: what follows has nothing to do with what was before."""
+        self._segments.append(Segment(setup, 0, 0, np.empty(0), np.empty((0, 0))))
+
+    def add(self, steps: Array, rows: Array, x: Array, p: Array) -> None:
+        """Steps (m, STEP_WIDTH) and rows (n, StateField.WIDTH), and the filtered state x (19,), p (18, 18) after them.
+
+        Raises InputError when they cannot be written.
+        """
+        segment = self._segments[-1]
+        try:
+            self._steps.write(np.ascontiguousarray(steps).data)
+            self._rows.write(np.ascontiguousarray(rows).data)
+        except OSError as error:
+            raise InputError(
+                f"the smoother needs about 1 GB per hour of flight in {tempfile.gettempdir()}: {error.strerror}; "
+                "let the variable TMPDIR name a folder that has it"
+            ) from None
+        segment.steps += len(steps)
+        segment.rows += len(rows)
+        segment.x, segment.p = x.copy(), p.copy()
+
+    @property
+    def rows(self) -> Array:
+        """All rows of the flight (n, StateField.WIDTH), mapped from the file; what is written to them stays."""
+        return _mapped(self._rows, StateField.WIDTH)
+
+    def segments(self) -> Iterator[tuple[Segment, Array, Array]]:
+        """The segments in order, each with its steps (m, STEP_WIDTH) and its rows (n, StateField.WIDTH)."""
+        steps, rows = _mapped(self._steps, STEP_WIDTH), self.rows
+        step = row = 0
+        for segment in self._segments:
+            yield segment, steps[step : step + segment.steps], rows[row : row + segment.rows]
+            step, row = step + segment.steps, row + segment.rows
+
+
+def _mapped(file: IO[bytes], width: int) -> Array:
+    file.flush()
+    if not file.tell():  # nothing can be mapped from an empty file
+        return np.empty((0, width))
+    return np.asarray(np.memmap(file, np.float64, "r+").reshape(-1, width))

@@ -1,0 +1,153 @@
+"""The files of a run: their names, how they are read, and which of them is damaged.
+
+Much may be unknown in a run, and is null or NaN there: parameters that HOLD or REJECT, signals that are not measured
+with the terms and predictions that read them, values of samples. What can be neither is refused: times, a parameter
+with USE that has no value or standard error, a flight without one sound IMU sample.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples
+
+Array = npt.NDArray[np.float64]
+
+AIRCRAFT, PARAMETERS, STATE, POINTS, SAMPLES, ESTIMATES = (
+    "aircraft.yaml", "parameters.json", "state.json", "points.npz", "samples.npz", "estimates.mcap",
+)  # fmt: skip
+#: What ``diagnose`` writes into a run.
+DIAGNOSIS = "diagnosis.json"
+#: What ``calibrate`` writes into its folder.
+CALIBRATION, RESULT = "calibration.yaml", "result.json"
+#: Arrays of points.npz, besides the stamps, that a run is read with.
+_OF_POINTS = ("measured", "valid", "terms", "signals", "signal_names")
+#: What the readers below raise where a file is not there, cannot be read, or is not what it should be.
+UNREADABLE = (OSError, EOFError, LookupError, TypeError, ValueError, AttributeError, zipfile.BadZipFile)
+
+
+class _Impossible(ValueError):
+    """What a file holds that no run can hold, as a sentence goes on after the name of the file."""
+
+
+def read_parameters(folder: Path) -> dict[str, dict[str, Any]]:
+    """Parameters by name, as in parameters.json. Raises UNREADABLE."""
+    listed = json.loads((folder / PARAMETERS).read_text(encoding="utf8"))["parameters"]
+    parameters = {str(p["name"]): p for p in listed}
+    for name, p in parameters.items():
+        if p["status"] not in Trust.__members__:
+            raise _Impossible(f"holds {name} with a status that is none of {', '.join(Trust.__members__)}")
+        if p["status"] == Trust.USE.name and not _are_finite(p["value"], p["std"]):
+            raise _Impossible(f"holds {name} to USE without a finite value and standard error")
+    return parameters
+
+
+def read_state(folder: Path) -> dict[str, Any]:
+    """The content of state.json. Raises UNREADABLE."""
+    state = json.loads((folder / STATE).read_text(encoding="utf8"))
+    biases = [b for key in ("accelerometer_bias", "gyro_bias") for b in state[key] if b is not None]
+    if not _are_finite(*biases):
+        raise _Impossible("holds biases that are not finite")
+    return dict(state)
+
+
+def read_samples(folder: Path) -> Samples:
+    """All samples, as they arrived: their stamps need not rise. Raises UNREADABLE."""
+    with np.load(folder / SAMPLES) as stored:
+        stamp, kind, values = _stamps(stored["stamp"]), stored["kind"].astype(np.int64), stored["values"]
+    of_imu = values[kind == Kind.IMU, : REQUIRED_VALUES[Kind.IMU]]
+    if not np.isfinite(of_imu).all(axis=1).any():
+        raise _Impossible("holds no IMU sample with finite numbers")
+    return Samples(stamp, kind, values)
+
+
+def read_points(folder: Path) -> dict[str, npt.NDArray[Any]]:
+    """The arrays of points.npz. Raises UNREADABLE."""
+    with np.load(folder / POINTS) as stored:
+        points = {name: stored[name] for name in stored.files}
+    points["stamp"] = _stamps(points["stamp"])
+    if np.any(np.diff(points["stamp"]) <= 0) and not _clock_leapt(folder):
+        raise _Impossible("holds times that do not rise")
+    lacking = [name for name in _OF_POINTS if name not in points]
+    if lacking:
+        raise _Impossible(f"lacks {' and '.join(lacking)}")
+    measured, valid = points["measured"], points["valid"]
+    if np.isinf(measured).any() or np.isnan(measured[valid]).any():
+        raise _Impossible("holds measured coefficients that are not finite")
+    return points
+
+
+def _stamps(stamp: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    if not np.isfinite(stamp).all():
+        raise _Impossible("holds times that are not finite")
+    return stamp.astype(np.int64)
+
+
+def _clock_leapt(folder: Path) -> bool:
+    try:
+        return bool(read_state(folder)["clock_restarts"])
+    except UNREADABLE:  # said of that file
+        return True
+
+
+def _are_finite(*values: Any) -> bool:
+    return all(value is not None and np.isfinite(float(value)) for value in values)
+
+
+def _read_aircraft(folder: Path) -> None:
+    (folder / AIRCRAFT).read_text(encoding="utf8")
+
+
+#: Readers of what a run needs; ESTIMATES is not needed to show a model.
+_READERS: dict[str, Callable[[Path], Any]] = {
+    AIRCRAFT: _read_aircraft,
+    PARAMETERS: read_parameters,
+    STATE: read_state,
+    SAMPLES: read_samples,
+    POINTS: read_points,
+    ESTIMATES: lambda folder: None,
+}
+
+
+def damaged_files(folder: Path) -> list[str]:
+    """What is wrong with which file, each in a few words; empty where all can be read."""
+    return [f"{name} {wrong}" for name in _READERS if (wrong := _wrong(folder, name))]
+
+
+def _wrong(folder: Path, name: str) -> str:
+    try:
+        if (folder / name).stat().st_size == 0:
+            return "is empty"
+        _READERS[name](folder)
+    except FileNotFoundError:
+        return "is not there"
+    except OSError as error:
+        return f"cannot be read ({error.strerror or error})"
+    except _Impossible as error:
+        return str(error)
+    except UNREADABLE:
+        return "is damaged"
+    return ""
+
+
+def not_a_run(path: str | Path) -> InputError:
+    """What to say of a folder that cannot be read as a run: which files are damaged, or that it is something else."""
+    folder = Path(path)
+    if any((folder / name).exists() for name in _READERS):
+        wrong = "".join(f", {text}" for text in [" and ".join(damaged_files(folder))] if text)
+        return InputError(
+            f"the run {path} is damaged{wrong}: replay the recording again with --out {path} --overwrite, "
+            "or copy that file back"
+        )
+    if (folder / CALIBRATION).exists() or (folder / RESULT).exists():
+        return InputError(f"{path} is no run but a calibration: give the folder that replay or live has written")
+    return InputError(f"{path} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")

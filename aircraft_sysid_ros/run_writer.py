@@ -1,0 +1,207 @@
+"""A run: the folder with everything that was estimated from a flight, live or replayed.
+
+estimates.mcap   states, wind, parameters and model error over the flight
+parameters.json  final parameters with standard errors and verdicts
+state.json       final biases and wind, what became of every sample, notes on the recording, duration, speed
+points.npz       measured coefficients and regressors, from which models are compared
+samples.npz      every sample as it arrived (stamp, kind, values of samples.Samples): the run needs no recording
+aircraft.yaml    the aircraft file that was used
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.model_file import parameters_json
+from aircraft_sysid_ros.identification.monitoring.error_window import AxisError
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.json_text import json_text
+from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages import output_messages as out
+from aircraft_sysid_ros.run_reader import AIRCRAFT, ESTIMATES, PARAMETERS, POINTS, SAMPLES, STATE
+from aircraft_sysid_ros.samples import Samples, concatenate
+
+Array = npt.NDArray[np.float64]
+
+#: States written per second of flight: the live topic has them all.
+STATE_RATE = 25.0
+
+
+class RunWriter:
+    """Context manager that gathers a run and writes its folder at once at the end, or not at all."""
+
+    def __init__(self, path: str | Path, aircraft: Aircraft, *, overwrite: bool = False) -> None:
+        self.path = Path(path)
+        self._aircraft = aircraft
+        self._rows: list[Array] = []
+        self._points: list[Array] = []
+        self._samples: list[Samples] = []
+        self._parameters: list[ParameterSet] = []
+        self._errors: list[tuple[float, list[AxisError]]] = []
+        self._last_state = -np.inf
+        _check_target(self.path, overwrite)
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self._rows.clear()
+        self._samples.clear()
+
+    def add_rows(self, rows: Array) -> None:
+        """New rows of StateField, in order; STATE_RATE of them are kept per second."""
+        if len(rows):
+            slot = np.floor(rows[:, StateField.TIME] * STATE_RATE)
+            new = np.diff(slot, prepend=self._last_state) != 0.0
+            self._last_state = float(slot[-1])
+            self._rows.append(rows[new])
+
+    def add_samples(self, samples: Samples) -> None:
+        """New samples, in the order of arrival."""
+        if len(samples):
+            self._samples.append(samples)
+
+    def add_points(self, points: Array) -> None:
+        """New rows of CoefficientSample, in order."""
+        if len(points):
+            self._points.append(points)
+
+    def add_parameters(self, estimates: ParameterSet, errors: list[AxisError]) -> None:
+        """Parameters and model error at one time of the flight; what is newer at the same time takes the place."""
+        if self._parameters and self._parameters[-1].time == estimates.time:
+            del self._parameters[-1], self._errors[-1]
+        if np.isfinite(estimates.time):
+            self._parameters.append(estimates)
+            self._errors.append((estimates.time, errors))
+
+    def finish(
+        self,
+        state: StateEstimator,
+        parameters: Identifier,
+        duration: float,
+        started: float,
+        notes: Sequence[str] = (),
+    ) -> dict[str, Any]:
+        """Write the folder; returns the content of its JSON files under "state" and "parameters".
+
+        ``duration`` of the flight [s], the reading of time.perf_counter() when the work began, and ``notes`` on what
+        could not be read of the recording.
+        """
+        result = {"state": {**state_json(state), "notes": list(notes)}, "parameters": parameters_json(parameters)}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:
+                new = Path(folder) / "run"
+                new.mkdir()
+                self._write_estimates(new / ESTIMATES, state.epoch or 0, parameters)
+                self._write_points(new / POINTS, state.epoch or 0, parameters)
+                samples = concatenate(self._samples)
+                np.savez(new / SAMPLES, stamp=samples.stamp, kind=samples.kind.astype(np.int8), values=samples.values)
+                aircraft = yaml.safe_dump(parameters.aircraft.source, sort_keys=False, explicit_end=True)
+                (new / AIRCRAFT).write_text(aircraft, encoding="utf8")
+                write_json(new / PARAMETERS, result["parameters"])
+                elapsed = time.perf_counter() - started
+                result["state"].update(duration=duration, realtime_factor=duration / elapsed)
+                write_json(new / STATE, result["state"])
+                if self.path.exists():
+                    self.path.rename(Path(folder) / "replaced")
+                shutil.move(new, self.path)
+        except OSError as error:
+            raise InputError(f"cannot write the run {self.path}: {error.strerror or error}") from None
+        return result
+
+    def _write_estimates(self, path: Path, epoch: int, parameters: Identifier) -> None:
+        with RecordingWriter(path) as writer:
+            if self._rows:
+                rows = np.vstack(self._rows)
+                stamps = nanoseconds(rows[:, StateField.TIME], epoch)
+                texts = np.array([STATUS_TEXT[int(status)] for status in rows[:, StateField.STATUS]])
+                fields = {**out.state_fields(rows), "status_text": texts}
+                writer.write(out.STATE_TOPIC, out.STATE_TYPE, stamps, fields)
+                writer.write(out.WIND_TOPIC, out.WIND_TYPE, stamps, out.wind_fields(rows))
+            for estimates, (at, errors) in zip(self._parameters, self._errors, strict=True):
+                stamp = int(nanoseconds(np.array(at), epoch))
+                content = {"header": {"stamp": stamp}, **out.parameters_content(estimates)}
+                writer.write_message(out.PARAMETERS_TOPIC, out.PARAMETERS_TYPE, stamp, content)
+                window = parameters.options.error_window
+                error = out.model_error_content(estimates.model, window, errors)
+                content = {"header": {"stamp": stamp}, **error}
+                writer.write_message(out.MODEL_ERROR_TOPIC, out.MODEL_ERROR_TYPE, stamp, content)
+
+    def _write_points(self, path: Path, epoch: int, parameters: Identifier) -> None:
+        model = parameters.model
+        points, terms = np.empty((0, CoefficientSample.TERMS)), np.empty((0, len(model.parameter_names)))
+        if self._points:
+            points = np.vstack([part[:, : CoefficientSample.TERMS] for part in self._points])
+            same = model.identifier == self._aircraft.model.identifier and all(
+                part.shape[1] == CoefficientSample.TERMS + terms.shape[1] for part in self._points
+            )
+            if same:
+                terms = np.vstack([part[:, CoefficientSample.TERMS :] for part in self._points])
+            else:  # the model changed in flight: its terms at the averaged signals of every point
+                terms = np.empty((len(points), len(model.parameter_names)))
+                evaluate_rows(*model.linked, np.ascontiguousarray(points[:, CoefficientSample.SIGNALS]), terms)
+        np.savez(
+            path,
+            stamp=nanoseconds(points[:, CoefficientSample.TIME], epoch),
+            measured=points[:, CoefficientSample.MEASURED],
+            predicted=points[:, CoefficientSample.PREDICTED],
+            valid=points[:, CoefficientSample.VALID] > 0.0,
+            learnt=points[:, CoefficientSample.LEARNT] > 0.0,
+            signals=points[:, CoefficientSample.SIGNALS],
+            terms=terms,
+            signal_names=np.array(SIGNALS),
+            parameter_names=np.array(model.parameter_names),
+            axes=np.array(AXES),
+        )
+
+
+def state_json(state: StateEstimator) -> dict[str, Any]:
+    """The content of state.json without the timing."""
+    counts = {kind: {k: n for k, n in c.items() if n} for kind, c in state.counts().items()}
+    return {
+        **state.summary(),
+        "innovation_consistency": state.innovation_consistency(),
+        "samples": {kind: c for kind, c in counts.items() if c},
+        "realignments": state.realignments,
+        "clock_restarts": state.order.counts.restarts,
+    }
+
+
+def write_json(path: Path, content: Any) -> None:
+    """JSON for people and programs."""
+    path.write_text(json_text(content) + "\n", encoding="utf8")
+
+
+def _check_target(path: Path, overwrite: bool) -> None:
+    existing = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    if existing != path:  # said before a flight, not after it
+        if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
+            raise InputError(f"cannot write the run {path}: {existing} is no folder that can be written to")
+        return
+    if not path.is_dir():
+        raise InputError(f"{path} is a file: give the name of a folder for the run")
+    contents = {item.name for item in path.iterdir()}
+    if contents and PARAMETERS not in contents:
+        raise InputError(f"{path} is not a run and is not overwritten: give another name")
+    if contents and not overwrite:
+        raise InputError(f"the run {path} is already there: give another name or --overwrite")

@@ -1,0 +1,1 @@
+"""What sensors show of a known motion: noise, delays, errors of the instruments."""

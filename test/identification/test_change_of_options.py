@@ -1,0 +1,103 @@
+"""Options that change in flight: from then on, whatever the blocks, and only where an estimator can go on."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS, CoefficientSample
+from aircraft_sysid_ros.identification.estimators.by_name import ESTIMATORS
+from aircraft_sysid_ros.identification.options import STRUCTURE, ParameterOptions
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+CHANGED = {"excitation": 100.0, "settle": 0.3, "largest_gap": 0.005, "error_window": 5.0}
+
+
+@pytest.fixture(scope="module")
+def short(aircraft):
+    return simulate_samples(aircraft, seed=2, duration=40.0)
+
+
+def flown(flight, name, changed, block=500, at=0.5):
+    """Parameters after a flight in which options changed at a share ``at`` of its samples."""
+    options = ParameterOptions(estimator=name)
+    pipeline, half = Pipeline(flight.aircraft, None, options), int(at * len(flight.samples))
+    for part in (flight.samples[:half], flight.samples[half:]):
+        for i in range(0, len(part), block):
+            pipeline.push(part[i : i + block])
+        pipeline.parameters.change_options(replace(options, **changed))
+    pipeline.flush()
+    found = pipeline.parameters.estimates().parameters
+    return np.array([[p.value, p.std] for p in found])
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_blocks_of_any_size_give_the_same_and_not_what_was_without_the_change(short, name):
+    changed = CHANGED | ({} if name == "fourier" else {"forgetting_time": 4.0})
+    expected = flown(short, name, changed)
+    assert np.array_equal(flown(short, name, changed, block=37), expected, equal_nan=True)
+    assert not np.array_equal(flown(short, name, {}), expected, equal_nan=True)
+
+
+def test_a_shorter_memory_is_less_sure(short):
+    std = {seconds: flown(short, "rls", {"forgetting_time": seconds})[:, 1] for seconds in (120.0, 4.0)}
+    assert np.median(std[4.0] / std[120.0]) > 1.2
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_what_an_estimator_is_made_of_cannot_change(short, name):
+    options = ParameterOptions(estimator=name)
+    parameters = Pipeline(short.aircraft, None, options).parameters
+    fixed = STRUCTURE + (("forgetting_time",) if name == "fourier" else ())
+    for field in fields(ParameterOptions):
+        value = getattr(options, field.name)
+        if field.name == "estimator":
+            other = "rml" if name == "rls" else "rls"
+        else:
+            other = (not value) if isinstance(value, bool) else 1.5 * value
+        wanted = replace(options, **{field.name: other})
+        if field.name in fixed:
+            with pytest.raises(InputError, match=f"{field.name} cannot change"):
+                parameters.change_options(wanted)
+            assert parameters.options == options
+        else:
+            parameters.change_options(wanted)
+            assert parameters.options == wanted
+            parameters.change_options(options)
+
+
+def test_the_error_window_keeps_what_it_has_and_grows(short):
+    parameters = Pipeline(short.aircraft).parameters
+    history, step = parameters.learning.history, parameters.options.step
+
+    def add(first, last):
+        samples = np.zeros((last - first, parameters.learning.columns))
+        samples[:, CoefficientSample.TIME] = step * np.arange(first, last)
+        history.add(samples, np.zeros((len(samples), WEIGHT_COLUMNS)), np.zeros((len(samples), 6)))
+
+    add(0, 400)
+    parameters.change_options(replace(parameters.options, error_window=4.0))
+    assert history.newest()[:, CoefficientSample.TIME] == pytest.approx(step * np.arange(300, 400))
+    parameters.change_options(replace(parameters.options, error_window=8.0))
+    add(400, 550)
+    assert history.newest()[:, CoefficientSample.TIME] == pytest.approx(step * np.arange(350, 550))
+
+
+def test_a_gate_that_opens_in_flight_lets_pass_what_was_rejected(short):
+    def rejected(gate):
+        pipeline = Pipeline(short.aircraft, StateOptions(gate=2.0))
+        half = len(short.samples) // 2
+        pipeline.push(short.samples[:half])
+        pipeline.state.change_options(StateOptions(gate=gate))
+        pipeline.push(short.samples[half:])
+        return sum(counts["rejected"] for counts in pipeline.state.counts().values())
+
+    assert rejected(100.0) < 0.7 * rejected(2.0)
+
+
+def test_errors_of_the_air_data_cannot_become_states_in_flight(short):
+    with pytest.raises(ValueError, match="states of the filter"):
+        Pipeline(short.aircraft).state.change_options(StateOptions(air_data_errors=True))

@@ -1,0 +1,95 @@
+"""A clock that begins anew in flight: little is lost, and how samples come together changes nothing."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+DURATION, LEAP = 60.0, 35.0  # [s]
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return default_aircraft(), simulate_samples(default_aircraft(), 3, DURATION).samples
+
+
+def leapt(samples: Samples, back: float) -> Samples:
+    """The same samples, by a clock that goes back by ``back`` [s] in flight."""
+    later = samples.stamp > samples.stamp[0] + int(LEAP * 1e9)
+    return Samples(samples.stamp - later * int(back * 1e9), samples.kind, samples.values)
+
+
+def blocks(samples: Samples, size: int):
+    edges = [*range(0, len(samples), size), len(samples)]
+    return [samples[low:high] for low, high in pairwise(edges)]
+
+
+def replayed(aircraft, samples, size):
+    pipeline = Pipeline(aircraft)
+    points = [pipeline.push(block)[1] for block in blocks(samples, size)]
+    return pipeline, np.vstack([*points, pipeline.flush()[1]])
+
+
+@pytest.mark.parametrize("back", [3.0, 20.0, 1e6])
+def test_blocks_of_any_size_give_the_same(flight, back) -> None:
+    aircraft, samples = flight[0], leapt(flight[1], back)
+    pipeline, expected = replayed(aircraft, samples, 100)
+    assert pipeline.state.order.counts.restarts == 1
+    assert sum(np.diff(expected[:, CoefficientSample.TIME]) < 0.0) == 1
+    for size in (1999, len(samples)):
+        assert np.array_equal(replayed(aircraft, samples, size)[1], expected, equal_nan=True)
+
+
+def test_all_but_two_seconds_are_learnt_from(flight) -> None:
+    """Half a window at the end, the first fixes and half a window at the beginning."""
+    aircraft, samples = flight
+    without, _ = replayed(aircraft, samples, 500)
+    with_leap, points = replayed(aircraft, leapt(samples, 20.0), 500)
+    lost = (
+        without.parameters.learning.least_squares.state.updates
+        - with_leap.parameters.learning.least_squares.state.updates
+    )
+    assert np.all(lost >= 0) and np.all(lost <= 2.0 / aircraft_step(points))
+    assert with_leap.parameters.late == 0
+
+
+def aircraft_step(points) -> float:
+    return float(np.median(np.diff(points[:, CoefficientSample.TIME])))
+
+
+def test_as_nodes_hear_it(flight) -> None:
+    """Controls come at once, states when their horizon has passed; nobody tells of the restart but the states."""
+    aircraft, samples = flight[0], leapt(flight[1], 20.0)
+    expected, _ = replayed(aircraft, samples, 500)
+    state, parameters = StateEstimator(aircraft), Identifier(aircraft)
+    for block in blocks(samples, 7):
+        parameters.push_samples(block, state.epoch)
+        for row in state.push(block):
+            parameters.push_states(row[None], state.epoch)
+    parameters.push_states(state.flush(), state.epoch)
+    parameters.flush()
+    found, wanted = parameters.snapshot().parameters, expected.parameters.snapshot().parameters
+    assert [(p.value, p.std, p.status) for p in found] == [(p.value, p.std, p.status) for p in wanted]
+
+
+def test_a_late_sample_is_no_restart(flight) -> None:
+    """One control sample far behind the others is dropped and counted; the rest goes on."""
+    aircraft, samples = flight
+    stamp = samples.stamp.copy()
+    controls = np.flatnonzero(samples.kind == Kind.CONTROLS)
+    one = controls[len(controls) // 2]
+    stamp[one] -= int(20e9)
+    pipeline, _ = replayed(aircraft, Samples(stamp, samples.kind, samples.values), 500)
+    without, _ = replayed(aircraft, samples, 500)
+    assert (pipeline.state.order.counts.restarts, pipeline.parameters.late) == (0, 1)
+    assert np.array_equal(
+        pipeline.parameters.learning.least_squares.state.updates,
+        without.parameters.learning.least_squares.state.updates,
+    )
