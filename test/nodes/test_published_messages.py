@@ -156,7 +156,9 @@ def test_parameters_are_published_once_a_second_also_while_nothing_is_learnt(ben
     """The time of the estimator is that of the newest point, or of the newest state: it may fall back a little."""
     node = bench.node(ParameterEstimatorNode)
     assert start(node)
-    published, clock = [], type("Clock", (), {"newest": (), "snapshot": dict, "model_error": list, "time": 0.0})()
+    learning = type("Learning", (), {"newest": ()})
+    published = []
+    clock = type("Clock", (), {"learning": learning, "snapshot": dict, "model_error": list, "time": 0.0})()
     node.estimator, node._epoch = clock, 0
     node._publish_parameters = lambda now, estimates: published.append(now)
     node._publish_model_error = node.model_services.search_if_due = lambda *_: None
