@@ -115,13 +115,13 @@ def test_a_change_in_flight_divides_it_to_the_last_bit(bench, aircraft, flying):
         estimator.push_samples(concatenate(given["parameters"][at["parameters"] :]), epoch)
         estimator.push_states(np.vstack(given["rows"][at["rows"] :]), epoch)
         estimator.flush()
-        return estimator.learning.theta
+        return estimator.learning.least_squares.state.theta
 
     assert np.array_equal(state.estimator.state_vector, first_step(StateOptions(horizon=0.2, gate=3.0)))
     assert not np.array_equal(state.estimator.state_vector, first_step(StateOptions(horizon=0.2)))
     options = replace(ParameterOptions(), **learning)
-    assert np.array_equal(parameters.estimator.learning.theta, second_step(options))
-    assert not np.array_equal(parameters.estimator.learning.theta, second_step(ParameterOptions()))
+    assert np.array_equal(parameters.estimator.learning.least_squares.state.theta, second_step(options))
+    assert not np.array_equal(parameters.estimator.learning.least_squares.state.theta, second_step(ParameterOptions()))
 
 
 def test_a_shorter_horizon_is_seen_in_the_states(bench, raw):
