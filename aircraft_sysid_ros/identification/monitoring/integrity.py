@@ -54,7 +54,7 @@ Integers = npt.NDArray[np.int64]
 
 #: Rms error over the usual and over the largest block of it: alarm (looks in a row), first sign, and normal again.
 ALARM, LOOKS, SIGN, NORMAL = (3.0, 2.0), 2, (2.0, 1.3), (2.0, 1.3)
-#: RlsState made it worse: mean square error over that of what was known LAG [s] ago.
+#: Learning made it worse: mean square error over that of what was known LAG [s] ago.
 WORSE, LAG = 2.0, 10.0
 #: Time [s] without a sign after which sensors are sound; points from SETTLED [s] on are asked which set is right.
 CLEAR, SETTLED, EVIDENCE, MOST_EVIDENCE = 5.0, 2.0, 50, 100
