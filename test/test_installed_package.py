@@ -246,6 +246,7 @@ EXTRAS = [
     (("import", "log.ulg", "--out", "other"), "pyulog", "logs"),
     (("import", "log.bin", "--out", "other"), "pymavlink", "logs"),
     (("import", "log.tlog", "--out", "other"), "pymavlink", "logs"),
+    (("import", "table.csv", "--map", "map.yaml", "--out", "other"), "pint", "tables"),
     (("bridge", "udp:127.0.0.1:14999"), "pymavlink", "bridge"),
     (("report", "run", "--out", "run.html"), "plotly", "workbench"),
     (("workbench", "run"), "nicegui and plotly", "workbench"),
@@ -256,9 +257,17 @@ EXTRAS = [
 def test_a_command_names_the_extra_that_it_needs(run, installed, place, command, package, extra):
     for name in ("log.ulg", "log.bin", "log.tlog"):
         (place / name).touch()
+    write_table(place)
     said = complaint(installed.command, *command, cwd=place)
     assert f" need {package}: python3 -m pip install '{PACKAGE}[{extra}]'" in said
     assert not (place / "other").exists()
+
+
+def write_table(place):
+    """A table of another program, and its map."""
+    (place / "table.csv").write_text("t,m\n0,1.5\n1,1.4\n2,1.3\n3,1.2\n")
+    mass = "{mass: {column: m, unit: kg}}"
+    (place / "map.yaml").write_text(f"tables: [{{time: {{column: t, unit: s}}, signals: {mass}}}]\n")
 
 
 @pytest.fixture(scope="module")
@@ -282,6 +291,10 @@ def test_an_extra_brings_all_that_its_commands_need(run, installed, place, wheel
         (place / name).touch()
         said = complaint(installed.command, "import", name, "--out", "other", cwd=place, **with_extra("logs"))
         assert "pip install" not in said
+    write_table(place)
+    command = (installed.command, "import", "table.csv", "--map", "map.yaml", "--out", "table", "--json")
+    report = json.loads(call(*command, cwd=place, **with_extra("tables")))
+    assert report["topics"]["mass_properties"]["messages"] == 4
 
 
 def test_with_the_ros_wheels_beside_it_the_installed_program_flies_live(run, installed, place):

@@ -22,8 +22,17 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "import", help="a log of another program to a recording", description=__doc__
     )
-    parser.add_argument("log", metavar="LOG", help=f"{' '.join(KINDS)} file, or a bag of MAVROS topics or px4_msgs")
+    parser.add_argument(
+        "log",
+        metavar="SOURCE",
+        help=f"{' '.join(KINDS)} file, a bag of MAVROS topics or px4_msgs; with --map a table, or a folder "
+        "of tables: CSV, TSV, columns between blanks, Parquet, HDF5, .mat, .xlsx",
+    )
     parser.add_argument("--out", required=True, metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap")
+    ways = parser.add_mutually_exclusive_group()
+    ways.add_argument(
+        "--map", metavar="MAP", help="which column is which signal, with unit and sign (YAML, docs/import.md)"
+    )
     parser.add_argument(
         "--calibration",
         metavar="FILE",
@@ -38,6 +47,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     path = Path(args.log)
     if not path.exists():
         raise InputError(f"there is no log {path}")
+    if args.map:
+        return _import_tables(path, args)
     suffix = path.suffix.lower()
     if suffix == ".mat":
         if args.calibration:
@@ -47,7 +58,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         return import_mat(path, args.out, overwrite=args.overwrite)
     importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(suffix)
     if importer is None:
-        raise InputError(f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags")
+        raise InputError(
+            f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; tables need --map MAP.yaml"
+        )
     return _import_autopilot(path, importer, args)
 
 
@@ -76,6 +89,15 @@ def _found_lines(found: dict[str, dict[str, Any]]) -> list[str]:
     for name, item in sorted(found.items()):
         by_state.setdefault(item["state"], []).append(f"{name} {item['messages']}")
     return [f"{state}: {', '.join(names)}" for state, names in by_state.items()]
+
+
+def _import_tables(path: Path, args: argparse.Namespace) -> dict[str, Any]:
+    from aircraft_sysid_ros.recordings.tabular.column_map import load_column_map
+    from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
+
+    if args.calibration:
+        raise InputError("--calibration is for logs of autopilots: say units and signs in the map")
+    return import_tables(path, load_column_map(args.map), args.out, overwrite=args.overwrite)
 
 
 def _import_autopilot(

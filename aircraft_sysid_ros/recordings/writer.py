@@ -1,7 +1,7 @@
 """Writes recordings: rosbag2 folders with one MCAP file, or a bare MCAP file, readable without this package.
 
-Everything is kept until the end, put in order of log time and written beside the target, which then takes the
-new name at once: an error or a kill leaves no half-written recording behind.
+Messages are kept until the end, or until they are released, put in order of log time and written beside the target,
+which then takes the new name at once: an error or a kill leaves no half-written recording behind.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ class _Batch:
     log_time: npt.NDArray[np.int64]
     messages: npt.NDArray[np.uint8]
 
+    def part(self, rows: npt.NDArray[np.bool_]) -> _Batch:
+        """Some of its messages, by rows (n,)."""
+        return self if rows.all() else _Batch(self.connection, self.log_time[rows], self.messages[rows])
+
 
 class RecordingWriter:
     """Context manager that writes a recording to a folder (rosbag2) or to a file when the path ends in .mcap.
@@ -45,6 +49,7 @@ class RecordingWriter:
         self.path = Path(path)
         self._batches: list[_Batch] = []
         self._connections: dict[str, str] = {}
+        self._bag: _OpenBag | None = None
         _check_target(self.path, overwrite)
 
     def __enter__(self) -> RecordingWriter:
@@ -53,8 +58,12 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if error is None:
-            self._finish()
+        try:
+            if error is None:
+                self._finish()
+        finally:
+            if self._bag is not None:
+                self._bag.discard()
 
     def write(
         self,
@@ -102,34 +111,66 @@ class RecordingWriter:
             raise ValueError(f"{topic} already has the type {self._connections[topic]}")
         return topic, type_name
 
-    def _finish(self) -> None:
+    def release(self, before: int) -> None:
+        """Write all messages with a log time before that [ns], which no later one may precede, and forget them."""
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:
-                bag = Path(folder) / self.path.stem
-                self._write_bag(bag)
-                _put_in_place(next(bag.glob("*.mcap")) if self.path.suffix == ".mcap" else bag, self.path, folder)
+            if self._bag is None:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self._bag = _OpenBag(self.path)
+            early = [batch.part(batch.log_time < before) for batch in self._batches]
+            late = [batch.part(batch.log_time >= before) for batch in self._batches]
+            self._batches = [batch for batch in late if len(batch.log_time)]
+            self._bag.write([batch for batch in early if len(batch.log_time)], self._connections)
         except OSError as error:
             raise InputError(f"cannot write the recording {self.path}: {error.strerror or error}") from None
 
-    def _write_bag(self, folder: Path) -> None:
+    def _finish(self) -> None:
+        self.release(np.iinfo(np.int64).max)
+        assert self._bag is not None
+        try:
+            self._bag.put_in_place(self.path)
+        except OSError as error:
+            raise InputError(f"cannot write the recording {self.path}: {error.strerror or error}") from None
+
+
+class _OpenBag:
+    """A recording that grows in a folder beside its target; nothing of it stays unless it is put in place."""
+
+    def __init__(self, target: Path) -> None:
         from aircraft_sysid_ros.recordings.mcap_storage import BagWriter
 
-        log_times = np.concatenate([batch.log_time for batch in self._batches] or [np.empty(0, np.int64)])
-        batch_of = np.repeat(np.arange(len(self._batches)), [len(batch.log_time) for batch in self._batches])
-        row_of = np.concatenate([np.arange(len(batch.log_time)) for batch in self._batches] or [np.empty(0, int)])
+        self._folder = tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.")
+        self._bag = Path(self._folder.name) / target.stem
+        self._writer = BagWriter(self._bag)
+        self._writer.open()
+        self._open: dict[str, Any] = {}
+
+    def write(self, batches: list[_Batch], connections: Mapping[str, str]) -> None:
+        """All messages of the batches, in order of log time."""
+        for topic, type_name in connections.items():
+            if topic not in self._open:
+                self._open[topic] = self._writer.add_connection(topic, type_name, typestore=known_types())
+        log_times = np.concatenate([batch.log_time for batch in batches] or [np.empty(0, np.int64)])
+        batch_of = np.repeat(np.arange(len(batches)), [len(batch.log_time) for batch in batches])
+        row_of = np.concatenate([np.arange(len(batch.log_time)) for batch in batches] or [np.empty(0, int)])
         order = np.argsort(log_times, kind="stable")
-        contents = [(batch.connection[0], _split(batch.messages)) for batch in self._batches]
-        with BagWriter(folder) as writer:
-            connections = {
-                topic: writer.add_connection(topic, type_name, typestore=known_types())
-                for topic, type_name in self._connections.items()
-            }
-            for i, row, log_time in zip(
-                batch_of[order].tolist(), row_of[order].tolist(), log_times[order].tolist(), strict=True
-            ):
-                topic, content = contents[i]
-                writer.write(connections[topic], log_time, content[row])
+        contents = [(batch.connection[0], _split(batch.messages)) for batch in batches]
+        for i, row, log_time in zip(
+            batch_of[order].tolist(), row_of[order].tolist(), log_times[order].tolist(), strict=True
+        ):
+            topic, content = contents[i]
+            self._writer.write(self._open[topic], log_time, content[row])
+
+    def put_in_place(self, target: Path) -> None:
+        """Finish it and give it the name of the target."""
+        self._writer.close()
+        new = next(self._bag.glob("*.mcap")) if target.suffix == ".mcap" else self._bag
+        _put_in_place(new, target, self._folder.name)
+
+    def discard(self) -> None:
+        """Leave nothing behind but what was put in place."""
+        with self._folder:
+            self._writer.abort()
 
 
 def _split(messages: npt.NDArray[np.uint8]) -> list[bytes]:

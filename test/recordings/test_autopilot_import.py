@@ -41,7 +41,9 @@ def calibration(tmp_path):
 
 
 def run_import(log, out, calibration=None):
-    args = argparse.Namespace(log=str(log), out=str(out), overwrite=False, calibration=calibration and str(calibration))
+    args = argparse.Namespace(
+        log=str(log), out=str(out), overwrite=False, map=None, guess=None, calibration=calibration and str(calibration)
+    )
     report = import_log.run(args)
     json.dumps(report)
     assert import_log.render(report)

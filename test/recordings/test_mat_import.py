@@ -292,7 +292,9 @@ def test_report_is_json_and_readable(thor):
 def test_the_command_overwrites_only_when_told(tmp_path):
     def run(*, overwrite):
         return import_log.run(
-            argparse.Namespace(log=str(SWISS), out=str(tmp_path / "bag"), overwrite=overwrite, calibration=None)
+            argparse.Namespace(
+                log=str(SWISS), out=str(tmp_path / "bag"), overwrite=overwrite, map=None, guess=None, calibration=None
+            )
         )
 
     assert run(overwrite=False)["topics"]["gps/vel"]["messages"] == 502
@@ -307,7 +309,14 @@ def test_other_files_are_an_input_error(tmp_path, name):
         (tmp_path / name).write_bytes(b"ULog")
     with pytest.raises(InputError) as error:
         import_log.run(
-            argparse.Namespace(log=str(tmp_path / name), out=str(tmp_path / "bag"), overwrite=False, calibration=None)
+            argparse.Namespace(
+                log=str(tmp_path / name),
+                out=str(tmp_path / "bag"),
+                overwrite=False,
+                map=None,
+                guess=None,
+                calibration=None,
+            )
         )
     assert name in str(error.value)
     if not name.startswith("nowhere"):

@@ -1,0 +1,132 @@
+"""Times of a table as stamps: whole nanoseconds since 1970, in UTC where the MAP says what time 0 is."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, gps_nanoseconds
+from aircraft_sysid_ros.recordings.tabular.column_map import GPS, UTC, ColumnMap, TimeBase
+from aircraft_sysid_ros.recordings.tabular.table import imported, numbers
+from aircraft_sysid_ros.recordings.tabular.units import conversion
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+
+Stamps = npt.NDArray[np.int64]
+#: Stands for a time that is not there.
+NO_TIME = np.iinfo(np.int64).min
+#: Stamps of ROS hold so many seconds.
+LATEST = (2**31 - 1) * NANOSECONDS
+_IRIG = re.compile(r"\s*(\d{1,3}):(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)\s*")
+_TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d*)?)\s*")
+_DAY = 86_400
+
+
+def stamps_of(values: npt.NDArray[Any], base: TimeBase, clock: str | datetime | None, where: str) -> Stamps:
+    """Stamps (n,) of a time column (n,), NO_TIME where it is empty. Raises InputError for what is no time."""
+    if base.unit in ("iso", "irig"):
+        found = _of_texts(values, base.unit, clock, where)
+        return np.where(found == NO_TIME, NO_TIME, found + round(base.offset * NANOSECONDS))
+    if values.dtype.kind in "mM" or _holds_times(values):
+        raise InputError(f"{where} holds date-times: write unit: iso")
+    ticks, missing = _ticks(values, base, where)
+    zero = _zero(clock, ticks[~missing])
+    return np.where(missing, NO_TIME, ticks + zero)
+
+
+def start_note(colmap: ColumnMap) -> list[str]:
+    """What is said where a MAP does not say when time 0 was."""
+    if colmap.clock is None and any(table.time.unit != "iso" for table in colmap.tables):
+        return ["the map has no clock: time 0 is stamped 2000-01-01"]
+    return []
+
+
+def _ticks(values: npt.NDArray[Any], base: TimeBase, where: str) -> tuple[Stamps, npt.NDArray[np.bool_]]:
+    """Times [ns] (n,) since time 0, whole numbers exactly, and where there is none."""
+    factor = conversion(base.unit, "s").factor * NANOSECONDS
+    offset = round(base.offset * factor)
+    if values.dtype.kind in "iu" and factor > 0.999:
+        exact = values.astype(np.int64)
+        if exact.size and np.abs(exact).max() < 9e18 / factor:
+            return exact * round(factor) + offset, np.zeros(len(values), dtype=bool)
+    found, bad = numbers(values)
+    if bad:
+        example = next(str(value) for value, number in zip(values, found, strict=True) if np.isnan(number) and value)
+        raise InputError(
+            f"{where} holds '{example[:40]}', which is no number: for times that are texts write iso or irig"
+        )
+    missing = ~np.isfinite(found)
+    found = np.where(missing, 0.0, found)
+    if found.size and np.abs(found).max() * factor > 9e18:
+        raise InputError(
+            f"{where} goes up to {np.abs(found).max():g} {base.unit}, which no clock shows: check its unit"
+        )
+    return np.round(found * factor).astype(np.int64) + offset, missing
+
+
+def _zero(clock: str | datetime | None, ticks: Stamps) -> int:
+    """Stamp [ns] of time 0."""
+    if isinstance(clock, datetime):
+        return round(clock.timestamp() * 1e6) * 1000
+    if clock == UTC:
+        return 0
+    if clock == GPS:
+        first = int(ticks[0]) // 1_000_000 if len(ticks) else 0
+        return gps_nanoseconds(0, first) - first * 1_000_000
+    return NO_DATE * NANOSECONDS
+
+
+def _holds_times(values: npt.NDArray[Any]) -> bool:
+    first = next((value for value in values if value is not None), None) if values.dtype.kind == "O" else None
+    return isinstance(first, datetime)
+
+
+def _of_texts(values: npt.NDArray[Any], unit: str, clock: str | datetime | None, where: str) -> Stamps:
+    if values.dtype.kind == "M":
+        found = values.astype("datetime64[ns]")
+        return np.where(np.isnat(found), NO_TIME, found.astype(np.int64))
+    texts = [None if value is None or value != value else str(value).strip() for value in values.tolist()]
+    found = np.full(len(texts), NO_TIME, dtype=np.int64)
+    there = [i for i, text in enumerate(texts) if text]
+    if not there:
+        return found
+    pattern = _IRIG if unit == "irig" else _TIME_OF_DAY
+    if unit == "irig" or pattern.fullmatch(str(texts[there[0]])):
+        day = _date(clock, unit)
+        found[there] = [day + _within(str(texts[i]), pattern, where) for i in there]
+        return found
+    pandas = imported("pandas")
+    try:
+        moments = pandas.to_datetime([texts[i] for i in there], utc=True, format="ISO8601")
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(
+            f"{where} holds a text that is no ISO 8601 time ({' '.join(str(error).split())[:90]})"
+        ) from None
+    found[there] = np.asarray(moments.tz_localize(None).to_numpy(), dtype="datetime64[ns]").astype(np.int64)
+    return found
+
+
+def _within(text: str, pattern: re.Pattern[str], where: str) -> int:
+    """Nanoseconds since midnight, or since the beginning of the year."""
+    match = pattern.fullmatch(text)
+    if match is None:
+        kind = "day:hour:minute:second" if pattern is _IRIG else "hour:minute:second"
+        raise InputError(f"{where} holds '{text[:40]}', which is no time {kind}")
+    *days, hours, minutes, seconds = match.groups()
+    day = int(days[0]) - 1 if days else 0
+    whole = ((day * 24 + int(hours)) * 60 + int(minutes)) * 60
+    return whole * NANOSECONDS + round(float(seconds.replace(",", ".")) * NANOSECONDS)
+
+
+def _date(clock: str | datetime | None, unit: str) -> int:
+    """Stamp [ns] of the midnight, or of the beginning of the year, that the MAP names."""
+    if not isinstance(clock, datetime):
+        return NO_DATE * NANOSECONDS
+    moment = clock.astimezone(timezone.utc)
+    if unit == "irig":
+        return int(datetime(moment.year, 1, 1, tzinfo=timezone.utc).timestamp()) * NANOSECONDS
+    return int(moment.timestamp()) // _DAY * _DAY * NANOSECONDS

@@ -1,0 +1,70 @@
+"""The signals that columns may be mapped to: name, SI unit, axes (FRD and NED)."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+
+from aircraft_sysid_ros.errors import InputError
+
+#: SI unit by signal, as pint writes it; a signal without a dimension has "1".
+UNITS: dict[str, str] = {
+    **{f"specific_force.{axis}": "m/s^2" for axis in "xyz"},
+    **{f"angular_velocity.{axis}": "rad/s" for axis in "xyz"},
+    **{f"attitude.{angle}": "rad" for angle in ("roll", "pitch", "yaw")},
+    "latitude": "rad", "longitude": "rad", "altitude": "m",
+    **{f"position.{axis}": "m" for axis in ("north", "east", "down")},
+    **{f"velocity.{axis}": "m/s" for axis in ("north", "east", "down")},
+    "pressure_altitude": "m", "static_pressure": "Pa", "dynamic_pressure": "Pa",
+    "air_temperature": "K", "air_density": "kg/m^3",
+    "true_airspeed": "m/s", "calibrated_airspeed": "m/s", "indicated_airspeed": "m/s",
+    "angle_of_attack": "rad", "sideslip": "rad",
+    "elevator": "rad", "aileron": "rad", "rudder": "rad", "flaps": "rad",
+    "throttle": "1", "thrust": "N", "propeller_speed": "rad/s",
+    "height_above_ground": "m", "mass": "kg",
+}  # fmt: skip
+INPUTS = "inputs."
+#: Signals that are one vector: a row counts where any of them is measured.
+VECTORS: dict[str, tuple[str, ...]] = {
+    "specific_force": tuple(f"specific_force.{axis}" for axis in "xyz"),
+    "angular_velocity": tuple(f"angular_velocity.{axis}" for axis in "xyz"),
+    "attitude": ("attitude.roll", "attitude.pitch", "attitude.yaw"),
+    "geodetic": ("latitude", "longitude", "altitude"),
+    "position": ("position.north", "position.east", "position.down"),
+    "velocity": ("velocity.north", "velocity.east", "velocity.down"),
+}
+_VECTOR_OF = {signal: vector for vector, signals in VECTORS.items() for signal in signals}
+_NAME = re.compile(r"[A-Za-z_]\w*")
+
+
+def check_signal(name: str) -> None:
+    """Raises InputError for a name that is no signal, with the nearest ones."""
+    if name in UNITS:
+        return
+    if name.startswith(INPUTS):
+        if not _NAME.fullmatch(name.removeprefix(INPUTS)):
+            raise InputError(f"'{name}' is no name of an input: write letters, digits and _ after '{INPUTS}'")
+        return
+    raise InputError(f"unknown signal '{name}': {near(name, [*UNITS, INPUTS + 'NAME'])}")
+
+
+def unit_of(signal: str) -> str | None:
+    """SI unit of a signal; None for an input, which may have any dimension."""
+    return UNITS.get(signal)
+
+
+def vector_of(signal: str) -> str:
+    """The vector that a signal is a part of, or its own name."""
+    return _VECTOR_OF.get(signal, signal)
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """What may have been meant, for the end of a message."""
+    names = list(known)
+    lower = {each.lower(): each for each in reversed(names)}
+    close = [lower[each] for each in difflib.get_close_matches(name.lower(), lower, 3, 0.5)]
+    if close:
+        return f"did you mean {' or '.join(repr(each) for each in close)}?"
+    shown = ", ".join(names[:25])
+    return f"there are {shown}{' …' if len(names) > 25 else ''}" if names else "there are none"

@@ -1,0 +1,276 @@
+"""The mapped columns of all tables as streams on disk: what is in memory is one piece of a table, never all of it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.tabular.clock import LATEST, NO_TIME, Stamps, stamps_of
+from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSignal, TableMap
+from aircraft_sysid_ros.recordings.tabular.signals import INPUTS, vector_of
+from aircraft_sysid_ros.recordings.tabular.source import Source
+from aircraft_sysid_ros.recordings.tabular.table import Piece, Table, numbers
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+
+Array = npt.NDArray[np.float64]
+ROWS = 50_000  # of a piece
+#: Commands may stand still; of everything else that repeats itself most of the time only what is new was measured.
+_MAY_STAND_STILL = (
+    "elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller_speed", "mass", INPUTS,
+)  # fmt: skip
+_HELD_SHARE = 0.5
+
+
+@dataclass(eq=False)
+class Stream:
+    """One vector or number of one table: stamps [ns] (n,) and values in SI (n, k), in files."""
+
+    name: str
+    signals: tuple[str, ...]
+    source: str
+    folder: Path
+    count: int = 0
+    repeated: int = 0
+    _number: int = field(default_factory=itertools.count().__next__)
+    _last: Array | None = field(default=None, repr=False)
+    _opened: tuple[Stamps, Array] | None = field(default=None, repr=False)
+
+    @property
+    def _files(self) -> tuple[Path, Path]:
+        return self.folder / f"{self._number}.stamps", self.folder / f"{self._number}.values"
+
+    def add(self, stamp: Stamps, values: Array) -> None:
+        """Rows (n, k) in which anything is measured."""
+        measured = np.isfinite(values).any(axis=1)
+        stamp, values = stamp[measured], values[measured]
+        if not len(stamp):
+            return
+        before = np.full((1, values.shape[1]), np.nan) if self._last is None else self._last
+        rows = np.concatenate([before, values])
+        same = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
+        self.repeated += int(same.all(axis=1).sum())
+        self.count += len(stamp)
+        self._last = values[-1:]
+        for file, content in zip(self._files, (stamp, values), strict=True):
+            with file.open("ab") as out:
+                np.ascontiguousarray(content).tofile(out)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether most rows repeat the one before: a slow sensor in the rows of a fast one."""
+        return self.repeated > _HELD_SHARE * self.count and not self.name.startswith(_MAY_STAND_STILL)
+
+    @property
+    def stamp(self) -> Stamps:
+        """All stamps (n,), mapped from the file."""
+        return self._mapped()[0]
+
+    @property
+    def values(self) -> Array:
+        """All values (n, k), mapped from the file."""
+        return self._mapped()[1]
+
+    @property
+    def step(self) -> float:
+        """Typical time [ns] between two rows."""
+        stamp = self.stamp
+        return float(np.median(np.diff(stamp[: 4 * ROWS]))) if len(stamp) > 1 else np.inf
+
+    def column(self, signal: str) -> int | None:
+        """Which component a signal is, if it is one."""
+        return self.signals.index(signal) if signal in self.signals else None
+
+    def without_repeats(self) -> Stream:
+        """The rows that differ from the one before."""
+        new = Stream(self.name, self.signals, self.source, self.folder)
+        last = np.full((1, len(self.signals)), np.inf)
+        for first in range(0, self.count, ROWS):
+            stamp, values = (np.array(part[first : first + ROWS]) for part in self._mapped())
+            rows = np.concatenate([last, values])
+            same = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
+            last = values[-1:]
+            fresh = ~same.all(axis=1)
+            new.add(stamp[fresh], values[fresh])
+        return new
+
+    def _mapped(self) -> tuple[Stamps, Array]:
+        if self._opened is None:
+            stamps, values = self._files
+            shape = (self.count, len(self.signals))
+            self._opened = (
+                np.memmap(stamps, np.int64, "r", shape=(self.count,)),
+                np.memmap(values, np.float64, "r", shape=shape),
+            )
+        return self._opened
+
+
+@dataclass
+class Collected:
+    """All streams of a source, and what its user should know."""
+
+    streams: list[Stream]
+    notes: list[str]
+    unmapped: int  # columns that the tables have besides
+
+
+def collect(source: Source, colmap: ColumnMap, folder: Path) -> Collected:
+    """Read every mapped column into ``folder``; raises InputError."""
+    collected = Collected([], [], 0)
+    for table_map in colmap.tables:
+        try:
+            _collect_table(source, table_map, colmap, folder, collected)
+        except InputError as error:
+            raise InputError(f"line {table_map.line} of the map: {error}") from None
+    collected.streams = [_settled(stream, collected.notes) for stream in collected.streams if stream.count]
+    return collected
+
+
+def _settled(stream: Stream, notes: list[str]) -> Stream:
+    if not stream.is_held:
+        return stream
+    new = stream.without_repeats()
+    notes.append(
+        f"{stream.name}: {stream.count - new.count} of {stream.count} rows only repeat the one before and are left out"
+    )
+    return new
+
+
+def _collect_table(source: Source, table_map: TableMap, colmap: ColumnMap, folder: Path, collected: Collected) -> None:
+    tables = source.tables(table_map.file)
+    by_vector: dict[str, list[MappedSignal]] = {}
+    for signal in table_map.signals:
+        by_vector.setdefault(vector_of(signal.name), []).append(signal)
+    streams = {
+        name: Stream(name, tuple(s.name for s in signals), " ".join(dict.fromkeys(s.source for s in signals)), folder)
+        for name, signals in by_vector.items()
+    }
+    reader = _TableReader(table_map, colmap, collected.notes)
+    for table in reader.in_order(tables):
+        for stamp, values in reader.rows(table):
+            for name, signals in by_vector.items():
+                streams[name].add(stamp, np.stack([values[s.name] for s in signals], axis=1))
+    used = {column for signal in table_map.signals for column in signal.columns} | {table_map.time.column}
+    collected.unmapped += sum(len([name for name in table.columns if name]) for table in tables) - len(used) * len(
+        tables
+    )
+    collected.streams += streams.values()
+    empty = [s.name for name, signals in by_vector.items() if not streams[name].count for s in signals]
+    if empty and len(empty) == len(table_map.signals):
+        raise InputError(f"{', '.join(table.name for table in tables)} holds no values of the mapped columns")
+    collected.notes += [f"{name}: its column holds no number" for name in empty]
+
+
+class _TableReader:
+    """Reads rows of tables that follow one another, with checks that go over all of them."""
+
+    def __init__(self, table_map: TableMap, colmap: ColumnMap, notes: list[str]) -> None:
+        self.map, self.clock, self.notes = table_map, colmap.clock, notes
+        self.columns = list(
+            dict.fromkeys([table_map.time.column, *(c for signal in table_map.signals for c in signal.columns)])
+        )
+        self._last: int | None = None
+        self._last_table = ""
+
+    def in_order(self, tables: list[Table]) -> list[Table]:
+        """Tables of one pattern by their first time."""
+        for table in tables:
+            for column in self.columns:
+                table.position(column)
+        if len(tables) < 2:
+            return tables
+
+        def first(table: Table) -> int:
+            piece = next(table.read([self.map.time.column], 1000), None)
+            stamp = self._stamps(piece, table) if piece else np.empty(0, np.int64)
+            stamp = stamp[stamp != NO_TIME]
+            return int(stamp[0]) if len(stamp) else LATEST
+
+        return sorted(tables, key=first)
+
+    def rows(self, table: Table) -> Iterator[tuple[Stamps, dict[str, Array]]]:
+        """Stamps (n,) that rise, and values of every signal in SI (n,), piece by piece."""
+        read = unnumbered = timeless = doubled = 0
+        for piece in table.read(self.columns, ROWS):
+            stamp = self._stamps(piece, table)
+            timed = stamp != NO_TIME
+            timeless += int((~timed).sum())
+            self._check_order(stamp, timed, table, read)
+            kept = timed & self._differs(stamp, timed)
+            doubled += int((timed & ~kept).sum())
+            read += len(stamp)
+            columns, bad = _as_numbers(piece, kept, self.map.time.column)
+            unnumbered += bad
+            if kept.any():
+                self._last, self._last_table = int(stamp[kept][-1]), table.name
+                yield stamp[kept], {signal.name: _value(signal, columns) for signal in self.map.signals}
+        self._note(table, unnumbered, f"{'is' if unnumbered == 1 else 'are'} no number and left out", "cell")
+        self._note(table, timeless, "without a time left out", "row")
+        self._note(table, doubled, "with the time of the row before left out", "row")
+
+    def _note(self, table: Table, count: int, what: str, thing: str) -> None:
+        if count:
+            self.notes.append(f"{table.name}: {count} {thing}{'s' * (count > 1)} {what}")
+
+    def _stamps(self, piece: Piece, table: Table) -> Stamps:
+        column = self.map.time.column
+        return stamps_of(piece[column], self.map.time, self.clock, f"the time column '{column}' of {table.name}")
+
+    def _check_order(self, stamp: Stamps, timed: npt.NDArray[np.bool_], table: Table, read: int) -> None:
+        rows = np.flatnonzero(timed)
+        if not len(rows):
+            return
+        there = stamp[rows]
+        if there.min() < 0 or there.max() > LATEST:
+            raise InputError(
+                f"the time of {table.name} is outside of 1970 to 2038: check its unit, and with 'clock' what time 0 is"
+            )
+        before = np.concatenate([[there[0] if self._last is None else self._last], there[:-1]])
+        back = np.flatnonzero(there < before)
+        if not len(back):
+            return
+        i = back[0]
+        row, seconds = read + int(rows[i]) + 1, (before[i] - there[i]) / NANOSECONDS
+        if i == 0 and self._last_table not in ("", table.name):
+            raise InputError(
+                f"{table.name} begins {seconds:g} s before {self._last_table} ends: map them as two tables"
+            )
+        raise InputError(
+            f"the time of {table.name} goes back by {seconds:g} s at data row {row}: "
+            "sort the rows, or cut it where the clock started again or passed midnight"
+        )
+
+    def _differs(self, stamp: Stamps, timed: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Rows whose time differs from that of the timed row before."""
+        differs = np.ones(len(stamp), dtype=bool)
+        rows = np.flatnonzero(timed)
+        if len(rows):
+            before = np.concatenate([[NO_TIME if self._last is None else self._last], stamp[rows][:-1]])
+            differs[rows] = stamp[rows] != before
+        return differs
+
+
+def _as_numbers(piece: Piece, kept: npt.NDArray[np.bool_], time: str) -> tuple[dict[str, Array], int]:
+    columns: dict[str, Array] = {}
+    bad = 0
+    for name, values in piece.items():
+        columns[name], count = numbers(values[kept])
+        bad += count if name != time else 0
+    return columns, bad
+
+
+def _value(signal: MappedSignal, columns: dict[str, Array]) -> Array:
+    if signal.expression:
+        raw = signal.expression.evaluate({name: columns[name] for name in signal.expression.columns})
+    else:
+        raw = columns[str(signal.column)]
+    if signal.offset:
+        raw = raw + signal.offset
+    converted = signal.convert(raw)
+    value = np.asarray(-converted if signal.sign < 0.0 else converted, dtype=np.float64)
+    return np.where(np.isfinite(value), value, np.nan)

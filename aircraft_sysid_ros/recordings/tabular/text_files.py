@@ -1,0 +1,153 @@
+"""Tables in texts: CSV, TSV, columns between blanks, and messages of Paparazzi, one a line."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.tabular.header import TextLayout, text_layout
+from aircraft_sysid_ros.recordings.tabular.table import EMPTY, Table, imported
+
+_HEAD = 1 << 18  # bytes that show the layout
+_MESSAGE = re.compile(r"(\d+\.\d+) (\d+) ([A-Z][A-Z0-9_]+)(?: (.*))?$")
+_LONGEST_LINE = 1_000_000
+
+
+def text_tables(path: Path, name: str) -> tuple[str, list[Table]]:
+    """What a text file is, and its tables; raises InputError."""
+    encoding, lines = _head(path)
+    if lines and sum(bool(_MESSAGE.match(line)) for line in lines[:20]) > 0.8 * len(lines[:20]):
+        return "messages of Paparazzi", _message_tables(path)
+    layout = text_layout(lines, name)
+    header = layout.header
+    table = TextTable(name, header.names, header.units, path=path, layout=layout, encoding=encoding)
+    return f"text with {layout.separator_name}" + (" and decimal commas" if layout.decimal == "," else ""), [table]
+
+
+@dataclass(frozen=True)
+class TextTable(Table):
+    """A text with separators, read by pandas."""
+
+    path: Path = Path()
+    layout: TextLayout | None = None
+    encoding: str = "utf-8"
+
+    def pieces(self, positions: Sequence[int], rows: int) -> Iterator[list[npt.NDArray[Any]]]:
+        """See Table."""
+        pandas = imported("pandas")
+        layout = self.layout
+        assert layout is not None
+        chosen = sorted(set(positions))
+        try:
+            reader = pandas.read_csv(
+                self.path,
+                sep=layout.separator,
+                decimal=layout.decimal,
+                header=None,
+                skiprows=layout.header.first_row,
+                names=range(len(self.columns)),
+                index_col=False,
+                usecols=chosen,
+                chunksize=rows,
+                low_memory=False,
+                encoding=self.encoding,
+                encoding_errors="replace",
+                na_values=list(EMPTY),
+                skipinitialspace=True,
+                float_precision="round_trip",
+                engine="python" if layout.separator == r"\s{2,}" else "c",
+            )
+            with reader:
+                for frame in reader:
+                    yield [frame[i].to_numpy() for i in positions]
+        except (ValueError, OSError, EOFError) as error:  # ParserError is a ValueError
+            raise InputError(f"{self.name} cannot be read: {' '.join(str(error).split())}") from None
+
+
+@dataclass(frozen=True)
+class MessageTable(Table):
+    """The messages of one name, one a line: time, aircraft, name, fields between blanks or commas."""
+
+    path: Path = Path()
+
+    def pieces(self, positions: Sequence[int], rows: int) -> Iterator[list[npt.NDArray[Any]]]:
+        """See Table."""
+        found: list[list[float]] = []
+        for values in _messages(self.path, self.name):
+            values += [np.nan] * (len(self.columns) - len(values))
+            found.append([values[i] for i in positions])
+            if len(found) >= rows:
+                yield list(np.array(found).T)
+                found = []
+        if found:
+            yield list(np.array(found).T)
+
+
+def _message_tables(path: Path) -> list[Table]:
+    widths: dict[str, int] = {}
+    with _opened(path) as file:
+        for line in file:
+            match = _MESSAGE.match(line)
+            if match:
+                fields = len(re.split(r"[ ,]+", match.group(4).strip())) if match.group(4) else 0
+                widths[match.group(3)] = max(widths.get(match.group(3), 0), fields)
+    return [
+        MessageTable(name, ("time", *(str(i + 1) for i in range(width))), {"time": "s"}, path=path)
+        for name, width in sorted(widths.items())
+    ]
+
+
+def _messages(path: Path, name: str) -> Iterator[list[float]]:
+    with _opened(path) as file:
+        for line in file:
+            match = _MESSAGE.match(line)
+            if match and match.group(3) == name:
+                yield [
+                    float(match.group(1)),
+                    *(_number(text) for text in re.split(r"[ ,]+", (match.group(4) or "").strip())),
+                ]
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
+
+
+def _opened(path: Path, encoding: str = "utf-8") -> IO[str]:
+    if path.suffix.lower() == ".gz":
+        return gzip.open(path, "rt", encoding=encoding, errors="replace")
+    return path.open(encoding=encoding, errors="replace")
+
+
+def _head(path: Path) -> tuple[str, list[str]]:
+    """Encoding and first lines of a text; raises InputError for what is no text."""
+    try:
+        with gzip.open(path, "rb") if path.suffix.lower() == ".gz" else path.open("rb") as file:
+            start = file.read(_HEAD)
+    except (OSError, EOFError) as error:
+        raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    whole = len(start) < _HEAD
+    for encoding in ("utf-16",) if start[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "cp1252"):
+        try:
+            text = start.decode(encoding)
+        except UnicodeDecodeError as error:
+            if whole or error.start < len(start) - 4:
+                continue
+            text = start[: error.start].decode(encoding)
+        if "\0" in text:
+            break
+        lines = text.splitlines()
+        if len(max(lines, default="", key=len)) > _LONGEST_LINE:
+            break
+        return encoding, lines if whole else lines[:-1]
+    raise InputError(f"{path} is no text: give it the ending of its format, such as .parquet, .h5, .mat or .xlsx")
