@@ -2,26 +2,52 @@
 
 Numba keeps what it compiles beside the sources and does not notice that a function which a kernel calls has changed
 in another file: ``make env`` therefore deletes the caches and runs this whenever a compiled source has changed.
+Parts that share few kernels are compiled side by side; one process then goes through all of them again, which
+compiles whatever is left and otherwise loads what is there.
 """
 
 from __future__ import annotations
 
+import fcntl
+import multiprocessing
 import tempfile
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
+
+from numba.core import caching
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
-from aircraft_sysid_ros.identification.estimators.by_name import ESTIMATORS
+from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.reader import read_recording
 
 
-def main() -> None:
-    """Fly, record, read and replay for some seconds: that calls every kernel."""
+def filters() -> None:
+    """The state's filter and smoother."""
+    warm_up(load_aircraft(config_path(DEFAULT_AIRCRAFT)), smoother=True)
+
+
+def maximum_likelihood() -> None:
+    """Recursive maximum likelihood, which holds a bank of filters of its own."""
+    _identifier("rml").warm_up()
+
+
+def least_squares() -> None:
+    """Least squares in time and in frequency, and the correction of sensors."""
+    for estimator in ("rls", "fourier"):
+        _identifier(estimator).warm_up()
+    Correction(Calibration()).warm_up()
+
+
+def whole_way() -> None:
+    """Fly, record, read and replay for some seconds."""
     from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
     from aircraft_sysid_ros.simulation.truth_files import write_flight
 
@@ -29,14 +55,42 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_flight(simulate_samples(aircraft, duration=30.0), Path(folder) / "flight", overwrite=False)
         samples = read_recording(Path(folder) / "flight").samples
-    for estimator in ESTIMATORS:
-        Pipeline(aircraft, parameter_options=ParameterOptions(estimator=estimator)).warm_up()
-    Correction(Calibration()).warm_up()
     pipeline = Pipeline(aircraft)
-    warm_up(aircraft, smoother=True)
     pipeline.push(samples)
     pipeline.flush()
     pipeline.parameters.snapshot()
+
+
+#: Longest first, so that two processes end at about the same time.
+PARTS: tuple[Callable[[], None], ...] = (maximum_likelihood, filters, least_squares)
+
+
+def main() -> None:
+    """Call every kernel, first in parts side by side and then as a whole."""
+    with tempfile.NamedTemporaryFile() as lock:
+        processes = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(mp_context=processes, initializer=_take_turns, initargs=(lock.name,)) as pool:
+            for part in [pool.submit(part) for part in PARTS]:
+                part.result()
+    for part in (*PARTS, whole_way):
+        part()
+
+
+def _identifier(estimator: str) -> Identifier:
+    aircraft = load_aircraft(config_path(DEFAULT_AIRCRAFT))
+    return Identifier(aircraft, ParameterOptions(estimator=estimator))
+
+
+def _take_turns(lock: str) -> None:
+    """One process at a time writes into Numba's caches: the index of a function and the name it gives out are one step."""
+    save = caching.IndexDataCacheFile.save
+
+    def save_alone(self: Any, key: Any, data: Any) -> None:
+        with open(lock) as turn:
+            fcntl.flock(turn, fcntl.LOCK_EX)
+            save(self, key, data)
+
+    caching.IndexDataCacheFile.save = save_alone
 
 
 if __name__ == "__main__":
