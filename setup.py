@@ -50,6 +50,7 @@ TEST = [
     "mypy>=1.11,<3",
     "playwright>=1.50,<2",  # drives a Chromium that is there; it is not asked to download one
     "pytest>=8,<10",
+    "pytest-timeout>=2.3,<3",
     "pytest-xdist>=3.5,<4",
     "rosdep>=0.26,<1",
     "ruff==0.17.5",
