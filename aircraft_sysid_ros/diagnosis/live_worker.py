@@ -7,6 +7,7 @@ does not outlive the node that started it.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import subprocess
@@ -32,17 +33,10 @@ class Answer(NamedTuple):
 
 
 class LiveWorker:
-    """One search at a time in another process; nothing here waits for it."""
+    """One search at a time in another process; nothing here waits for it. One that has died is replaced."""
 
     def __init__(self) -> None:
-        command = [sys.executable, "-m", "aircraft_sysid_ros.diagnosis.live_worker"]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, **_ONE_THREAD},
-            start_new_session=True,  # Ctrl-C is for the node
-        )
+        self._process = _start()
         self._thread: threading.Thread | None = None
         self._answer: Answer | None = None
 
@@ -53,6 +47,9 @@ class LiveWorker:
 
     def submit(self, flights: list[LiveFlight]) -> None:
         """Begin a search; only while not busy."""
+        if self._process.poll() is not None:
+            self._close_pipes()
+            self._process = _start()
         self._thread = threading.Thread(target=self._ask, args=(flights,), daemon=True)
         self._thread.start()
 
@@ -69,8 +66,12 @@ class LiveWorker:
         self._process.wait()
         if self._thread is not None:
             self._thread.join()
+        self._close_pipes()
+
+    def _close_pipes(self) -> None:
         for pipe in (self._process.stdin, self._process.stdout):
-            cast(BinaryIO, pipe).close()
+            with contextlib.suppress(OSError):  # what it never read
+                cast(BinaryIO, pipe).close()
 
     def _ask(self, flights: list[LiveFlight]) -> None:
         questions, answers = cast(BinaryIO, self._process.stdin), cast(BinaryIO, self._process.stdout)
@@ -80,6 +81,16 @@ class LiveWorker:
             self._answer = Answer(*pickle.load(answers))
         except (OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
             self._answer = Answer(None, 0.0, f"the search for missing effects ended: {type(error).__name__}")
+
+
+def _start() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "aircraft_sysid_ros.diagnosis.live_worker"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, **_ONE_THREAD},
+        start_new_session=True,  # Ctrl-C is for the node
+    )
 
 
 def answer_to(flights: list[LiveFlight]) -> Answer:
