@@ -82,7 +82,7 @@ def _identifier(estimator: str) -> Identifier:
 
 
 def _take_turns(lock: str) -> None:
-    """One process at a time writes into Numba's caches: the index of a function and the name it gives out are one step."""
+    """One process at a time writes into the caches: a file is entered in the index of its function before it exists."""
     save = caching.IndexDataCacheFile.save
 
     def save_alone(self: Any, key: Any, data: Any) -> None:
