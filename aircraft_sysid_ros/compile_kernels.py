@@ -70,8 +70,8 @@ def main() -> None:
     with tempfile.NamedTemporaryFile() as lock:
         processes = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(mp_context=processes, initializer=_take_turns, initargs=(lock.name,)) as pool:
-            for part in [pool.submit(part) for part in PARTS]:
-                part.result()
+            for compiled in [pool.submit(part) for part in PARTS]:
+                compiled.result()
     for part in (*PARTS, whole_way):
         part()
 
@@ -90,7 +90,7 @@ def _take_turns(lock: str) -> None:
             fcntl.flock(turn, fcntl.LOCK_EX)
             save(self, key, data)
 
-    caching.IndexDataCacheFile.save = save_alone
+    caching.IndexDataCacheFile.save = save_alone  # type: ignore[method-assign]
 
 
 if __name__ == "__main__":
