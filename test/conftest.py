@@ -1,17 +1,37 @@
-"""What several tests share: a simulated flight, and a ROS domain of our own."""
+"""What several tests share: a simulated flight, and ROS domains that nobody else on the machine uses."""
 
 from __future__ import annotations
 
+import fcntl
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
 
-# Before any rclpy import: traffic stays on this machine and runs do not hear each other.
-os.environ.setdefault("ROS_DOMAIN_ID", str(60 + os.getpid() % 40))
-if "PYTEST_XDIST_WORKER" in os.environ:  # nor workers of one run
-    os.environ["ROS_DOMAIN_ID"] = str(60 + os.getpid() % 40)
+#: Ports of higher domains are in the range that the system gives out to others.
+DOMAINS = range(1, 101)
+
+
+def claim_domain():
+    """The number of a ROS domain and the lock by which no other run or worker takes it, until it is closed."""
+    for number in DOMAINS:
+        lock = open(Path(tempfile.gettempdir()) / f"aircraft_sysid_ros_domain_{number}", "a")  # noqa: SIM115
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+        else:
+            return number, lock
+    raise RuntimeError("every ROS domain is taken by tests that run")
+
+
+# Before any rclpy import: traffic stays on this machine; runs, and workers of one, do not hear each other.
+NUMBER, LOCK = claim_domain()
+os.environ["ROS_DOMAIN_ID"] = str(NUMBER)
+if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ["PYTHONFAULTHANDLER"] = "1"  # a child that hangs and is ended shows where, see waiting.py
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 # Killed processes leave segments of shared memory behind, which make later ones deaf.
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
@@ -24,6 +44,16 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if "nodes" in item.path.parts or "demo" in item.path.name:
             item.add_marker(pytest.mark.xdist_group("nodes"))
+
+
+@pytest.fixture(scope="module")
+def domain():
+    """A ROS domain of this module's own for child processes; nodes of other tests do not hear it."""
+    number, lock = claim_domain()
+    before, os.environ["ROS_DOMAIN_ID"] = os.environ["ROS_DOMAIN_ID"], str(number)
+    yield str(number)
+    os.environ["ROS_DOMAIN_ID"] = before
+    lock.close()
 
 
 @pytest.fixture(scope="session")

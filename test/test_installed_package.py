@@ -19,6 +19,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from waiting import finish
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "aircraft_sysid_ros"
@@ -46,7 +47,7 @@ def started(*command, cwd, **variables):
 def call(*command, cwd, **variables):
     """Run a command that must succeed; returns what it prints."""
     with started(*command, cwd=cwd, **variables) as process:
-        output, errors = process.communicate()
+        output, errors = finish(process)
     assert process.returncode == 0, errors
     return output
 
@@ -54,7 +55,7 @@ def call(*command, cwd, **variables):
 def complaint(*command, cwd, **variables):
     """The last line of a command that must refuse its input; one before it may tell what it was doing."""
     with started(*command, cwd=cwd, **variables) as process:
-        output, errors = process.communicate()
+        output, errors = finish(process)
     assert (process.returncode, output) == (2, ""), errors
     *before, said = errors.splitlines()
     assert before in ([], ["reading run"])
@@ -297,7 +298,7 @@ def test_an_extra_brings_all_that_its_commands_need(run, installed, place, wheel
     assert report["topics"]["mass_properties"]["messages"] == 4
 
 
-def test_with_the_ros_wheels_beside_it_the_installed_program_flies_live(run, installed, place):
+def test_with_the_ros_wheels_beside_it_the_installed_program_flies_live(domain, run, installed, place):
     """The interpreter that has ROS and our messages takes the package from where pip installed it."""
     with_ros = {"PYTHONPATH": installed.site}
     code = f"import {PACKAGE} as p, rclpy, aircraft_sysid_msgs; print(p.__file__)"
@@ -311,7 +312,7 @@ def test_with_the_ros_wheels_beside_it_the_installed_program_flies_live(run, ins
             assert live.poll() is None, live.stderr.read()
             time.sleep(0.05)
         sent = json.loads(call(*program, "play", "flight", "--rate", 8, "--json", cwd=place, **with_ros))
-        output, errors = live.communicate()
+        output, errors = finish(live)
     assert live.returncode == 0, errors
     received = {f"/{topic}": count for topic, count in json.loads(output)["received"].items() if count}
     assert received == sent["messages"]

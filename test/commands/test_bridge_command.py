@@ -54,7 +54,7 @@ def test_a_port_that_is_taken_is_said(capfd):
 def test_a_bad_namespace_is_one_line():
     pytest.importorskip("rclpy")
     command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", "udpout:127.0.0.1:9"]
-    done = subprocess.run([*command, "--namespace", "1a"], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run([*command, "--namespace", "1a"], capture_output=True, text=True, timeout=300, check=False)
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2 and "--namespace 1a is no namespace: " in line and "starts with a number" in line
 
@@ -65,7 +65,7 @@ def test_a_simulator_that_does_not_run_is_said_with_what_to_do():
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", f"tcp:127.0.0.1:{port}"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     last = done.stderr.splitlines()[-1]
     assert done.returncode == 2 and "Traceback" not in done.stderr
     assert "cannot open tcp:127.0.0.1:" in last and "start the autopilot or its simulator first" in last

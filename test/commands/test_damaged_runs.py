@@ -178,7 +178,7 @@ def test_the_page_of_nothing_is_refused_before_it_is_imported(tmp_path) -> None:
     code = "import sys; from aircraft_sysid_ros.commands.main import main; status = main(sys.argv[1:]); "
     code += "print(status, [name for name in ('nicegui', 'plotly', 'numba') if name in sys.modules])"
     command = [sys.executable, "-c", code, "workbench", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
     assert done.stdout.strip() == "2 []" and "is no run: make one with" in done.stderr
 
 

@@ -16,7 +16,7 @@ def free_port(kind=socket.SOCK_DGRAM):
         return probe.getsockname()[1]
 
 
-def read_until(transport, wanted, timeout=8.0):
+def read_until(transport, wanted, timeout=60.0):
     data, ends = b"", time.monotonic() + timeout
     while len(data) < wanted and time.monotonic() < ends:
         data += transport.read(0.05)

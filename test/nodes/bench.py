@@ -8,7 +8,7 @@ import time
 import pytest
 
 #: The first start compiles the filter.
-PATIENCE = 180.0
+PATIENCE = 300.0
 #: A service that is not found or does not answer is tried so often within that time.
 TRIES = 9
 

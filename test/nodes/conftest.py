@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 from bench import Bench
 
@@ -36,12 +34,3 @@ def raw(recording):
     from aircraft_sysid_ros.recordings.storage import read_raw
 
     return read_raw(recording)
-
-
-@pytest.fixture(scope="module")
-def domain():
-    """A ROS domain of this module's own for child processes; nodes of other tests do not hear it."""
-    before = os.environ["ROS_DOMAIN_ID"]
-    os.environ["ROS_DOMAIN_ID"] = str((int(before) + 7) % 100)
-    yield os.environ["ROS_DOMAIN_ID"]
-    os.environ["ROS_DOMAIN_ID"] = before

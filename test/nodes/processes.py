@@ -8,8 +8,9 @@ import sys
 import threading
 import time
 
+from waiting import LONGEST
+
 MODULE = "aircraft_sysid_ros"
-START = 180.0  # [s] the first start compiles
 
 
 def ours(module, *arguments):
@@ -20,7 +21,7 @@ def ours(module, *arguments):
 def play(recording, rate, *options):
     """Play a recording; what `play` says of it."""
     command = ours("commands.main", "play", recording, "--rate", rate, "--wait", 60, "--json", *options)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=START, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -34,7 +35,7 @@ def live(folder, aircraft_file, *options):
     )
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        deadline = time.monotonic() + START
+        deadline = time.monotonic() + LONGEST
         while not ready.exists():
             assert process.poll() is None, process.communicate()[1]
             assert time.monotonic() < deadline, "live did not start"

@@ -37,7 +37,7 @@ def test_a_short_flight_over_topics(bench):
     aeroplane.fly(lambda timeout: bench.executor.spin_once(timeout_sec=timeout))
     assert np.isnan(aeroplane.lost_at) and len(aeroplane.log) == round(SECONDS / 0.01)
     assert controller.commands >= 0.98 * len(aeroplane.log) and aeroplane.unanswered <= 0.02 * len(aeroplane.log)
-    bench.spin_until(lambda: controller.source.taken >= 3, timeout=20.0)
+    bench.spin_until(lambda: controller.source.taken >= 3)
     assert controller.source.refused == 0
     snapshot = controller.source.newest
     assert len(snapshot.names) == 32 and snapshot.model
@@ -70,14 +70,14 @@ def test_the_subscriber_feeds_a_source_and_logs_what_it_refuses(bench, aircraft,
     )  # fmt: skip
     good.header.stamp.sec = 7
     publisher.publish(good)
-    bench.spin_until(lambda: source.taken == 1, timeout=20.0)
+    bench.spin_until(lambda: source.taken == 1)
     source.at(7 * 10**9, Condition(17.0, 0.05))
     answer = source.at(60 * 10**9, Condition(17.0, 0.05))["Cm_de"]
     assert answer.value == pytest.approx(-0.5) and answer.origin == Origin.HELD
     bad = Parameters(model="m", covariance=[0.01, 0.02], parameters=good.parameters)
     bad.header.stamp.sec = 8
     publisher.publish(bad)
-    bench.spin_until(lambda: source.refused == 1, timeout=20.0)
+    bench.spin_until(lambda: source.refused == 1)
     assert "must have 1 numbers, not 2" in capfd.readouterr().err
     assert source.newest.stamp == 7 * 10**9
 
@@ -147,7 +147,7 @@ def test_an_aeroplane_whose_commands_stop_says_so(bench, monkeypatch, capfd, rat
     monkeypatch.setattr(node, "missing", list)
     sender = bench.publisher(aeroplane_node.ControlSurfaces, node_runner.COMMANDS)
     sender.publish(aeroplane_node.ControlSurfaces(throttle=0.5))
-    bench.spin_until(lambda: node.command[3] == 0.5, timeout=20.0)
+    bench.spin_until(lambda: node.command[3] == 0.5)
     assert aeroplane_node.fly_when_heard(node, bench.executor, threading.Event()) == 1
     log = capfd.readouterr().err
     assert log.count("no commands for 0.") == 1
@@ -178,9 +178,9 @@ def test_a_controller_says_that_parameters_and_samples_have_stopped(bench, monke
         sender.publish(message)
         return done()
 
-    bench.spin_until(lambda: send_until(lambda: node.messages.is_silent), timeout=20.0)
+    bench.spin_until(lambda: send_until(lambda: node.messages.is_silent))
     assert node.age_of_parameters > 0.6
     log = capfd.readouterr().err
     assert "no parameters for 0." in log and "no IMU samples" not in log
-    bench.spin_until(lambda: node._imu.is_silent, timeout=20.0)
+    bench.spin_until(lambda: node._imu.is_silent)
     assert "no IMU samples for 1." in capfd.readouterr().err

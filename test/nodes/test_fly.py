@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from waiting import LONGEST
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="/proc, and word that a parent ended, are of Linux")
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "adaptive_controller"
@@ -117,9 +118,9 @@ def test_a_closed_terminal_ends_the_flight_and_both_estimators(hangup_not_ignore
     command = [sys.executable, str(EXAMPLE / "fly.py"), "--case", "none"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as flying:
         children = Path(f"/proc/{flying.pid}/task/{flying.pid}/children")
-        wait_for(lambda: flying.poll() is not None or len(children.read_text().split()) == 2, 60.0)
+        wait_for(lambda: flying.poll() is not None or len(children.read_text().split()) == 2, LONGEST)
         started = [int(pid) for pid in children.read_text().split()]
         flying.send_signal(signal.SIGHUP)
-        _, said = flying.communicate(timeout=60)
+        _, said = flying.communicate(timeout=LONGEST)
     assert flying.returncode == 2 and "stopped before the end of the flight" in said and "Traceback" not in said
     assert len(started) == 2 and not any(map(is_running, started))

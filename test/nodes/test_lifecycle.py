@@ -16,6 +16,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from waiting import LONGEST
 
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
@@ -59,7 +60,7 @@ def test_an_executable_that_cannot_start_says_why_once(aircraft_file, tmp_path, 
     bad = tmp_path / "bad.yaml"
     bad.write_text(aircraft_file.read_text().replace("mass: 1.959", "mass: -1.959"))
     given = [p.replace("BAD", str(bad)).replace("GOOD", str(aircraft_file)) for p in parameters]
-    done = subprocess.run(executable(name, *given), capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(executable(name, *given), capture_output=True, text=True, timeout=LONGEST, check=False)
     lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
     assert done.returncode == 2, lines
     assert len(lines) == 1, lines
@@ -77,7 +78,7 @@ def test_an_executable_ends_in_order_at_a_signal(name):
         if process.poll() is not None:
             break
         time.sleep(0.1)
-    errors = process.communicate(timeout=30)[1]
+    errors = process.communicate(timeout=LONGEST)[1]
     assert process.returncode in (0, -signal.SIGTERM)
     assert "Traceback" not in errors
 
@@ -230,7 +231,14 @@ def newest(diagnostics, name):
 def test_diagnostics_count_what_arrived(flown):
     bench, state, parameters, diagnostics = flown
     diagnostics.clear()
-    bench.spin_until(lambda: len({s.name for m in diagnostics for s in m.status}) == 2, 10.0)
+
+    def all_told():
+        names = {s.name for m in diagnostics for s in m.status}
+        return len(names) == 2 and newest(diagnostics, "parameter_estimator")[1]["states_received"] == str(
+            parameters.states_received
+        )
+
+    bench.spin_until(all_told)  # what was on its way has come
     status, values = newest(diagnostics, "state_estimator")
     assert status.level == b"\x00" and status.message == "ok"
     assert values["imu.received"] == str(state.received["imu/data"])

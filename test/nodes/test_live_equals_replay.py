@@ -12,7 +12,8 @@ import subprocess
 import time
 
 import pytest
-from processes import START, live, ours, play
+from processes import live, ours, play
+from waiting import LONGEST, finish
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -56,7 +57,7 @@ def played_in_time(playback, tries=3):
 
 
 def check_same(process, folder, replayed, counts):
-    output, errors = process.communicate(timeout=60.0)
+    output, errors = finish(process)
     assert process.returncode == 0, errors
     result = json.loads(output)
     if result["late"]:
@@ -112,7 +113,7 @@ def test_two_processes_give_the_same(domain, recording, aircraft_file, replayed,
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     executor.add_node(node)
 
-    def spin_until(done, timeout=START):
+    def spin_until(done, timeout=LONGEST):
         deadline = time.monotonic() + timeout
         while not done() and time.monotonic() < deadline:
             executor.spin_once(timeout_sec=0.1)
@@ -172,7 +173,7 @@ def test_two_processes_give_the_same(domain, recording, aircraft_file, replayed,
     finally:
         for process in processes:
             process.send_signal(signal.SIGINT)
-        codes = [process.wait(timeout=30) for process in processes]
+        codes = [process.wait(timeout=LONGEST) for process in processes]
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown(context=context)

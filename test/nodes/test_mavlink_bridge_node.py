@@ -80,7 +80,7 @@ def test_an_autopilot_on_our_topics_and_back(bench, flying):
     }  # fmt: skip
     assert common.start(node)
     flight.thread.start()
-    bench.spin_until(lambda: len(heard["imu/data"]) > 200 and len(heard["gps/vel"]) > 5, timeout=30.0)
+    bench.spin_until(lambda: len(heard["imu/data"]) > 200 and len(heard["gps/vel"]) > 5)
     imu = heard["imu/data"][-1]
     age = node.get_clock().now().nanoseconds - (imu.header.stamp.sec * 10**9 + imu.header.stamp.nanosec)
     assert -0.01e9 < age < 2e9
@@ -109,12 +109,12 @@ def test_an_autopilot_on_our_topics_and_back(bench, flying):
         )
     )
     wind.publish(message)
-    bench.spin_until(lambda: len(flight.stand_in.heard) >= 2, timeout=10.0)
+    bench.spin_until(lambda: len(flight.stand_in.heard) >= 2)
     back = {m.get_type(): m for m in flight.stand_in.heard}
     assert back["NAMED_VALUE_FLOAT"].value == pytest.approx(-4.5)
     assert (back["WIND_COV"].wind_x, back["WIND_COV"].wind_y) == (-3.0, 2.0)
     assert back["WIND_COV"].horiz_accuracy == pytest.approx(0.2)
-    bench.spin_until(lambda: bool(heard["/diagnostics"]), timeout=10.0)
+    bench.spin_until(lambda: bool(heard["/diagnostics"]))
     status = next(s for m in heard["/diagnostics"] for s in m.status if s.name.endswith("mavlink_bridge"))
     assert "vehicle" in {v.key for v in status.values}
 
@@ -180,6 +180,6 @@ def test_what_goes_back_changes_in_flight_and_the_link_does_not(bench, flying):
         parameters.publish(Parameters(parameters=[known]))
         return {"WIND_COV", "NAMED_VALUE_FLOAT"} <= {m.get_type() for m in flight.stand_in.heard}
 
-    bench.spin_until(heard, timeout=30.0)
+    bench.spin_until(heard)
     assert all(result.successful for result in put(back_wind_rate=0.0, back_parameters=[""]))
     assert not node._heard

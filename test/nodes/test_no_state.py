@@ -5,8 +5,9 @@ import signal
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from processes import START, live
+from processes import live
 from sensor_msgs.msg import Imu, NavSatFix, NavSatStatus
+from waiting import LONGEST
 
 from aircraft_sysid_ros.ros_messages.conversion import NO_FIX
 
@@ -21,7 +22,7 @@ def run(tmp_path):
 def stopped(process):
     """What is said after Ctrl-C."""
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=START)
+    _, errors = process.communicate(timeout=LONGEST)
     assert process.returncode == 2 and "Traceback" not in errors
     return errors
 

@@ -15,8 +15,9 @@ import pytest
 import rclpy
 from aircraft_sysid_msgs.msg import AircraftState, Parameters
 from diagnostic_msgs.msg import DiagnosticArray
-from processes import START, live, ours, play, slowed
+from processes import live, ours, play, slowed
 from rclpy.qos import HistoryPolicy, QoSProfile
+from waiting import LONGEST, finish
 
 from aircraft_sysid_ros.nodes.common import message_class
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -70,7 +71,7 @@ def publish_with_losses(node, recording, process, depth=500):
         key: node.create_publisher(message_class(channel.type), channel.topic, QoSProfile(depth=depth))
         for key, channel in raw.channels.items()
     }
-    deadline = time.monotonic() + START
+    deadline = time.monotonic() + LONGEST
     while not all(p.get_subscription_count() for p in publishers.values()):
         assert time.monotonic() < deadline, "live does not listen"
         time.sleep(0.02)
@@ -107,7 +108,7 @@ def test_a_process_that_is_far_behind_writes_the_run_in_full(short, aircraft_fil
     with live(run, aircraft_file, "--reliable", "--horizon", LONG) as process, slowed(process):
         sent = play(short, 16)
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=START)
+        output, errors = finish(process)
     assert process.returncode == 0, errors
     check_full(json.loads(output), sent, run)
 
@@ -121,7 +122,7 @@ def test_further_signals_tear_nothing_apart_and_are_told_what_is_left(short, air
                     break
                 process.send_signal(number)
                 time.sleep(0.05)  # between two of them; nothing depends on it
-        output, errors = process.communicate(timeout=START)
+        output, errors = finish(process)
     assert process.returncode == 0, errors
     assert "messages that have come are used first" in errors
     assert "Traceback" not in errors
@@ -136,7 +137,7 @@ def test_best_effort_says_how_much_was_lost(short, aircraft_file, run, listener)
         with slowed(process, stopped=1.0):
             sent = playing.result()
             process.send_signal(signal.SIGINT)
-            output, errors = process.communicate(timeout=START)
+            output, errors = finish(process)
     assert process.returncode == 0, errors
     result = json.loads(output)
     imu, lost = result["received"]["imu/data"], result["lost"]["imu/data"]
@@ -149,7 +150,7 @@ def test_samples_that_are_lost_where_none_may_be_are_a_failure(short, aircraft_f
     with live(run, aircraft_file, "--reliable") as process:
         sent = publish_with_losses(helper[0], short, process)
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=START)
+        output, errors = finish(process)
     result = json.loads(output)
     lost = result["lost"]["imu/data"]
     assert lost > 100
@@ -192,7 +193,7 @@ class Listener:
             self.values[status.name] = {item.key: item.value for item in status.values}
 
     def spin_until(self, done):
-        deadline = time.monotonic() + START
+        deadline = time.monotonic() + LONGEST
         while not done():
             assert time.monotonic() < deadline, f"nothing came in time: {self.values}"
             self.executor.spin_once(timeout_sec=0.1)
@@ -223,7 +224,7 @@ def test_each_node_uses_and_publishes_all_that_has_come(short, aircraft_file, li
             sent = play(short, 4)
             for process in (state, parameters):
                 process.send_signal(number)
-                _, errors = process.communicate(timeout=START)
+                _, errors = finish(process)
                 assert process.returncode == 0, errors
                 assert "Traceback" not in errors
     listener.spin_until(lambda: is_newest(listener.states, last))
@@ -240,7 +241,7 @@ def test_ctrl_c_in_a_terminal_ends_both_at_once(short, aircraft_file, listener):
         for process in 2 * made:
             process.send_signal(signal.SIGINT)
         for process in made:
-            _, errors = process.communicate(timeout=START)
+            _, errors = finish(process)
             assert process.returncode == 0, errors
             assert "Traceback" not in errors
     listener.spin_until(lambda: is_newest(listener.states, last))

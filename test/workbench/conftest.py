@@ -78,7 +78,7 @@ def _served(*arguments):
         finally:
             server.send_signal(signal.SIGINT)
             try:
-                rest = server.communicate(timeout=15)[1]
+                rest = server.communicate(timeout=300)[1]
             finally:
                 server.kill()
     assert "Traceback" not in rest, rest
@@ -105,7 +105,7 @@ def open_page(chromium):
 
     def opened(address, plots=12, width=1440, height=900, **options):
         context = chromium.new_context(viewport={"width": width, "height": height}, **options)
-        context.set_default_timeout(60_000)  # the machine may be busy
+        context.set_default_timeout(300_000)  # the machine may be busy
         contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: wrong.append(str(error)))

@@ -38,7 +38,7 @@ def shown(errors: dict, axis: str) -> str:
     return f"{100 * errors['axes'][axis]['nrmse_held_out']:.1f} %"
 
 
-def wait_for_text(page, name: str, text: str, timeout: float = 60_000) -> None:
+def wait_for_text(page, name: str, text: str, timeout: float = 300_000) -> None:
     page.wait_for_function(
         "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[marked(name), text], timeout=timeout
     )
