@@ -10,6 +10,7 @@ waits for subscribers that are behind, and ends when they have everything. One t
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from typing import Any
 
@@ -27,6 +28,8 @@ from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 BEST_EFFORT_DEPTH = 100
 #: How long [s] to wait at a time for subscribers that are behind.
 PATIENCE = 0.1
+#: After so long [s] it is said who is behind.
+LONG_WAIT = 10.0
 #: Without --wait: as long as this [s], and when some topics have listeners and no more appear for the shorter
 #: time [s], the rest is taken to have none. A busy machine can take longer to find them all.
 LONGEST_WAIT, DISCOVERY_SETTLED = 5.0, 1.5
@@ -188,7 +191,7 @@ def _publish(publisher: Any, message: bytes) -> None:
     """Publish; while the queue is full because subscribers are behind, wait for them."""
     from rclpy.impl.implementation_singleton import rclpy_implementation
 
-    had_room = False
+    had_room, slow = False, _SlowSubscriber(publisher)
     while True:
         try:
             publisher.publish(message)
@@ -197,6 +200,22 @@ def _publish(publisher: Any, message: bytes) -> None:
             if had_room:
                 raise
             had_room = _all_have_it(publisher)
+            slow.tell()
+
+
+class _SlowSubscriber:
+    """Says once who is waited for, when it has taken long: one that hangs is waited for as long as it lives."""
+
+    def __init__(self, publisher: Any) -> None:
+        self._publisher, self._since, self._told = publisher, time.perf_counter(), False
+
+    def tell(self) -> None:
+        if not self._told and time.perf_counter() - self._since > LONG_WAIT:
+            self._told = True
+            count, topic = self._publisher.get_subscription_count(), self._publisher.topic_name
+            who = f"{count} subscriber{'' if count == 1 else 's'} of {topic}"
+            words = f"waiting for {who}, which took nothing for {LONG_WAIT:g} s; Ctrl-C ends"
+            print(words, file=sys.stderr, flush=True)
 
 
 def _all_have_it(publisher: Any) -> bool:
@@ -210,5 +229,6 @@ def _let_arrive(publishers: list[Any], best_effort: bool) -> None:
     """Until reliable subscribers have what was sent, or are gone; best-effort ones never say, and get a moment."""
     time.sleep(LAST_MESSAGES)
     for publisher in publishers if not best_effort else []:
+        slow = _SlowSubscriber(publisher)
         while not _all_have_it(publisher):
-            pass
+            slow.tell()

@@ -8,6 +8,7 @@ import itertools
 import json
 import signal
 import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -246,3 +247,26 @@ def test_ctrl_c_in_a_terminal_ends_both_at_once(short, aircraft_file, listener):
             assert "Traceback" not in errors
     listener.spin_until(lambda: is_newest(listener.states, last))
     assert listener.sets
+
+
+def test_play_says_who_keeps_it_waiting_and_goes_on_when_it_can(short, aircraft_file, run, helper):
+    node, executor = helper
+    heard = []
+    node.create_subscription(message_class("sensor_msgs/msg/Imu"), "/imu/data", heard.append, 10)
+    code = "from aircraft_sysid_ros.commands import main, play; play.LONG_WAIT = 0.2; main.main()"
+    command = [sys.executable, "-c", code, "play", str(short), "--rate", "3", "--wait", "60", "--json"]
+    with (
+        live(run, aircraft_file, "--reliable") as process,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as player,
+    ):
+        while not heard:
+            executor.spin_once(timeout_sec=0.1)
+        process.send_signal(signal.SIGSTOP)
+        said = player.stderr.readline()
+        process.send_signal(signal.SIGCONT)
+        sent, errors = finish(player)
+        assert "waiting for " in said and " of /" in said and "took nothing for 0.2 s; Ctrl-C ends" in said
+        assert player.returncode == 0, errors
+        process.send_signal(signal.SIGINT)
+        output, errors = finish(process)
+    check_full(json.loads(output), json.loads(sent), run)
