@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 NUMBER = 291
 
 
-class EscStatus(dialect.MAVLink_message):  # type: ignore[misc]
+class EscStatus(dialect.MAVLink_message):
     """Speeds [rpm], voltages [V] and currents [A] of four motors from number ``index`` on, at a time [us]."""
 
     id = NUMBER

@@ -11,7 +11,12 @@ https://mcap.dev/spec
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
+
+Bytes = npt.NDArray[np.uint8]
+Records = npt.NDArray[np.int64]
+Integer = int | np.int64
 
 #: Kinds of records. A gap is not one of the format: it stands for bytes that are no records.
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
@@ -45,7 +50,7 @@ _CHAIN = 3
 
 
 @njit(cache=True)
-def unsigned(data, at, size):
+def unsigned(data: Bytes, at: Integer, size: Integer) -> Integer:
     """Little-endian number of ``size`` bytes; negative where it does not fit into int64."""
     value = np.int64(0)
     for i in range(size):
@@ -54,7 +59,9 @@ def unsigned(data, at, size):
 
 
 @njit(cache=True)
-def _after_fields(data, at, stop, texts, long_texts, rest):
+def _after_fields(
+    data: Bytes, at: Integer, stop: Integer, texts: Integer, long_texts: Integer, rest: Integer
+) -> Integer:
     """Where the fields from ``at`` on end: texts with lengths of four and of eight bytes, and ``rest`` more bytes.
 
     -1 where they reach beyond ``stop``.
@@ -71,7 +78,7 @@ def _after_fields(data, at, stop, texts, long_texts, rest):
 
 
 @njit(cache=True)
-def _end_of_fields(data, kind, start, stop):
+def _end_of_fields(data: Bytes, kind: Integer, start: Integer, stop: Integer) -> Integer:
     """Where the known fields of a record with the content ``data[start:stop]`` end, -1 where they do not fit."""
     if kind == SCHEMA:
         return _after_fields(data, start + 2, stop, 3, 0, 0)
@@ -95,7 +102,7 @@ def _end_of_fields(data, kind, start, stop):
 
 
 @njit(cache=True)
-def _length_at(data, at, stop):
+def _length_at(data: Bytes, at: Integer, stop: Integer) -> Integer:
     """Length of the content of the record at ``at``, -1 where it reaches beyond ``stop``."""
     if at + RECORD_HEADER > stop:
         return -1
@@ -104,18 +111,18 @@ def _length_at(data, at, stop):
 
 
 @njit(cache=True)
-def _can_stand(data, kind, start, stop, allowed, before):
+def _can_stand(data: Bytes, kind: Integer, start: Integer, stop: Integer, allowed: Integer, before: Integer) -> bool:
     """Whether ``data[start:stop]`` can be the content of a record, no message, behind one of the kind ``before``."""
     if kind == 0 or (kind <= LAST_KNOWN and not allowed >> kind & 1):
         return False
     if (kind == HEADER and before != 0) or (kind == MESSAGE_INDEX and before != CHUNK and before != MESSAGE_INDEX):
         return False
     end = _end_of_fields(data, kind, start, stop)
-    return end >= 0 and stop - end <= _LONGEST_ADDITION
+    return bool(end >= 0 and stop - end <= _LONGEST_ADDITION)
 
 
 @njit(cache=True)
-def _is_anchor(data, at, stop, allowed):
+def _is_anchor(data: Bytes, at: Integer, stop: Integer, allowed: Integer) -> bool:
     """Whether whole records follow one another from ``at`` on, each filled by its fields."""
     wanted = allowed & _ANCHORS
     for _ in range(_CHAIN):
@@ -132,7 +139,7 @@ def _is_anchor(data, at, stop, allowed):
 
 
 @njit(cache=True)
-def _find_anchor(data, start, limit, stop, allowed):
+def _find_anchor(data: Bytes, start: Integer, limit: Integer, stop: Integer, allowed: Integer) -> Integer:
     """First place in ``data[start:limit]`` from which whole records follow, ``limit`` where there is none."""
     for at in range(start, limit):
         if _is_anchor(data, at, stop, allowed):
@@ -141,14 +148,16 @@ def _find_anchor(data, start, limit, stop, allowed):
 
 
 @njit(cache=True)
-def _is_doubtful(data, record):
+def _is_doubtful(data: Bytes, record: Records) -> bool:
     """Whether nothing confirms the length of a record (its row): its fields do not fill it, or are of any length."""
     kind, start, stop = record[KIND], record[START], record[START] + record[LENGTH]
     return kind == MESSAGE or kind > LAST_KNOWN or (kind != GAP and _end_of_fields(data, kind, start, stop) != stop)
 
 
 @njit(cache=True)
-def _look_back(data, records, count, at, stop, allowed):
+def _look_back(
+    data: Bytes, records: Records, count: Integer, at: Integer, stop: Integer, allowed: Integer
+) -> tuple[Integer, Integer]:
     """Where records follow one another inside the last ones, behind which none begins at ``at``, and how many are left.
 
     ``at`` and ``count`` where there are none: the records before are then as they should be.
@@ -166,14 +175,15 @@ def _look_back(data, records, count, at, stop, allowed):
 
 
 @njit(cache=True)
-def find_records(data, start, stop, allowed):
+def find_records(data: Bytes, start: Integer, stop: Integer, allowed: Integer) -> Records:
     """Records and gaps that fill ``data[start:stop]``: rows of kind, start and length of the content, shape (n, 5).
 
     Rows of messages have channel and log time [ns] too. A gap has no header: its start and length are those of the
     bytes themselves. The end of the data section ends the walk.
     """
     records = np.zeros((1024, COLUMNS), dtype=np.int64)
-    count, at, kind = 0, start, np.int64(0)
+    count: Integer = 0
+    at, kind = start, np.int64(0)
     while at < stop and kind != DATA_END:
         if count == len(records):
             records = np.concatenate((records, np.zeros_like(records)))

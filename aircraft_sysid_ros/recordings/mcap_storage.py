@@ -42,7 +42,7 @@ class _McapStorage:
 
     def close(self, version: int, metadata: str) -> None:
         self._writer.add_metadata("rosbag2", {"serialized_metadata": metadata})
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]  # of mcap: without a return type
         self._file.close()
 
     def abort(self) -> None:

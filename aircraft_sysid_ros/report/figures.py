@@ -12,7 +12,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.report.pyplot import pyplot
-from aircraft_sysid_ros.run_writer import PARAMETERS, POINTS
+from aircraft_sysid_ros.run_reader import PARAMETERS, POINTS
 
 Array = npt.NDArray[np.float64]
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -72,7 +73,7 @@ class Stream:
     topic: str
     stamp: Stamps
     arrival: Stamps
-    fields: dict[str, npt.NDArray]
+    fields: dict[str, npt.NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ class _Suite:
         """Variances that the messages of a sensor state."""
         return tuple((self.options.noise_scale * sigma) ** 2 for sigma in self.aircraft.sensors[sensor].noise)
 
-    def stream(self, topic: str, time: Array, fields: dict[str, npt.NDArray]) -> Stream:
+    def stream(self, topic: str, time: Array, fields: dict[str, npt.NDArray[Any]]) -> Stream:
         stamp = stamps_of(time)
         late = generator(self.seed, "transport of " + topic).uniform(0.5, 1.5, len(time))
         late *= self.options.transport_scale * _TRANSPORT[topic]

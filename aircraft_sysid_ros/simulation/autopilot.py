@@ -19,6 +19,8 @@ from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, DEFLECTION_LIMIT, P
 from aircraft_sysid_ros.simulation.manoeuvres import Excitation
 from aircraft_sysid_ros.simulation.trim import Derivatives, Trim
 
+Array = npt.NDArray[np.float64]
+
 #: Bandwidths [rad/s] of pitch, bank, speed and height.
 PITCH_BANDWIDTH, BANK_BANDWIDTH, SPEED_BANDWIDTH, HEIGHT_BANDWIDTH = 0.8, 0.8, 0.15, 0.2
 PITCH_LIMIT = np.radians(10.0)
@@ -32,7 +34,7 @@ THROTTLE_CHANGE = 0.25
 class Autopilot(NamedTuple):
     """Gains and references; controls = trim + gain * error."""
 
-    trim_controls: npt.NDArray[np.float64]  # (4,)
+    trim_controls: Array  # (4,)
     trim_pitch: float  # [rad]
     airspeed: float  # [m/s]
     pitch_gain: float  # elevator per pitch error
@@ -94,7 +96,9 @@ def _at_most(value: float, limit: float) -> float:
 
 
 @njit(cache=True)
-def autopilot_controls(pilot, state, airspeed, bank_reference, airspeed_reference):
+def autopilot_controls(
+    pilot: Autopilot, state: Array, airspeed: float, bank_reference: float, airspeed_reference: float
+) -> Array:
     """Elevator, aileron, rudder [rad] and throttle, shape (4,), that hold height 0, bank and airspeed."""
     roll, pitch, _ = euler_from_quaternion(state[ATTITUDE : ATTITUDE + 4])
     height_error = state[POSITION + 2]

@@ -72,13 +72,18 @@ class InstrumentTruth:
 def drawn_errors(seed: int) -> InstrumentTruth:
     """Errors of all instruments from a seed."""
     rng = generator(seed, "instrument errors")
-    even = lambda size: float(rng.uniform(-size, size))  # noqa: E731
+
+    def even(size: float) -> float:
+        return float(rng.uniform(-size, size))
+
+    def normal(size: float) -> float:
+        return float(size * rng.standard_normal())
+
     probe = ProbeCalibration(
         airspeed_scale=even(PROBE_SCALE), airspeed_offset=even(PROBE_AIRSPEED),
         alpha_scale=even(PROBE_SCALE), alpha_offset=even(PROBE_ANGLE),
         beta_scale=even(PROBE_SCALE), beta_offset=even(PROBE_ANGLE), mount_roll=even(PROBE_MOUNT),
     )  # fmt: skip
-    normal = lambda size: float(size * rng.standard_normal())  # noqa: E731
     magnetic = {f"alpha_{axes}": normal(MAGNETIC_IRON) for axes in ("xy", "xz", "yz")}
     magnetic |= {f"eta_{axis}": normal(MAGNETIC_IRON) for axis in "xyz"}
     magnetic |= {f"lambda_{axis}": normal(MAGNETIC_SCALE) for axis in "xyz"}

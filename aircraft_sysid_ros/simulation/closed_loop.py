@@ -36,6 +36,7 @@ from aircraft_sysid_ros.simulation.dynamics import (
     RATES,
     VELOCITY,
     Airframe,
+    Place,
     airframe_of,
     motion,
     runge_kutta_step,
@@ -119,7 +120,7 @@ class Reading:
 
 
 @njit(cache=True)
-def read(airframe, place, positions, state, wind, time):
+def read(airframe: Airframe, place: Place, positions: Array, state: Array, wind: Array, time: float) -> Array:
     """Row of Reading of a state (17,): ``positions`` (3, 3) of IMU, probe and antenna from the centre of gravity."""
     out = np.empty(32)
     acting = motion(airframe, place, state, wind, time)

@@ -23,6 +23,8 @@ from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, evalua
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.errors import InputError
 
+Array = npt.NDArray[np.float64]
+
 # Layout of the state: position, velocity over ground [NED], quaternion, rates, actual controls.
 POSITION, VELOCITY, ATTITUDE, RATES, CONTROLS = 0, 3, 6, 10, 13
 STATE_SIZE = 17
@@ -56,9 +58,9 @@ class Airframe(NamedTuple):
     wing_area: float
     span: float
     chord: float
-    inertia: npt.NDArray[np.float64]  # (3, 3)
-    reference: npt.NDArray[np.float64]  # (3,) aerodynamic reference from the centre of gravity
-    code: npt.NDArray[np.float64]  # all terms, linked
+    inertia: Array  # (3, 3)
+    reference: Array  # (3,) aerodynamic reference from the centre of gravity
+    code: Array  # all terms, linked
     term_offsets: npt.NDArray[np.int64]
     axis_offsets: npt.NDArray[np.int64]  # (7,)
     parameters: npt.NDArray[np.float64]
@@ -66,7 +68,7 @@ class Airframe(NamedTuple):
     static_thrust: float  # [N] at full throttle
     pitch_speed: float  # [m/s] airspeed without thrust
     propeller_speed: float  # [rad/s] at full throttle
-    actuator_rates: npt.NDArray[np.float64]  # (4,) [1/s]
+    actuator_rates: Array  # (4,) [1/s]
 
 
 class Place(NamedTuple):
@@ -81,11 +83,11 @@ class Place(NamedTuple):
 class Motion(NamedTuple):
     """What acts on the aeroplane at one instant."""
 
-    coefficients: npt.NDArray[np.float64]  # (6,)
-    specific_force: npt.NDArray[np.float64]  # (3,) [m/s^2] body
-    angular_acceleration: npt.NDArray[np.float64]  # (3,) [rad/s^2]
-    air_velocity: npt.NDArray[np.float64]  # (3,) [m/s] body
-    signals: npt.NDArray[np.float64]  # (19,) row of expression.SIGNALS
+    coefficients: Array  # (6,)
+    specific_force: Array  # (3,) [m/s^2] body
+    angular_acceleration: Array  # (3,) [rad/s^2]
+    air_velocity: Array  # (3,) [m/s] body
+    signals: Array  # (19,) row of expression.SIGNALS
     thrust: float  # [N]
 
 
@@ -135,13 +137,13 @@ def with_effects(
 
 
 @njit(cache=True)
-def thrust_of(airframe, throttle, airspeed):
+def thrust_of(airframe: Airframe, throttle: float, airspeed: float) -> float:
     """Thrust [N] of a fixed propeller: proportional to throttle, falling to nothing at its pitch speed."""
     return airframe.static_thrust * throttle * (1.0 - airspeed / airframe.pitch_speed)
 
 
 @njit(cache=True)
-def signal_row(airframe, place, state, air_velocity, time):
+def signal_row(airframe: Airframe, place: Place, state: Array, air_velocity: Array, time: float) -> tuple[Array, float]:
     """Row of expression.SIGNALS, shape (19,), without the flow rates, and the thrust [N]."""
     out = np.zeros(len(SIGNALS))
     speed, alpha, beta = air_data_from_velocity(air_velocity)
@@ -163,7 +165,7 @@ def signal_row(airframe, place, state, air_velocity, time):
 
 
 @njit(cache=True)
-def aerodynamic_coefficients(airframe, signals):
+def aerodynamic_coefficients(airframe: Airframe, signals: Array) -> Array:
     """C_X … C_n, shape (6,), of one signal row: (6.8)-(6.13) or whatever terms the file lists."""
     regressors = np.empty(len(airframe.parameters))
     evaluate_programs(airframe.code, airframe.term_offsets, signals, regressors)
@@ -175,7 +177,7 @@ def aerodynamic_coefficients(airframe, signals):
 
 
 @njit(cache=True)
-def motion(airframe, place, state, wind, time):
+def motion(airframe: Airframe, place: Place, state: Array, wind: Array, time: float) -> Motion:
     """What acts in a state, shape (17,), in a wind NED (3,) [m/s]: a Motion.
 
     alpha_dot and beta_dot are those of the motion, (6.16)-(6.18): gusts, whose derivative is noise, are not in them.
@@ -201,7 +203,7 @@ def motion(airframe, place, state, wind, time):
 
 
 @njit(cache=True)
-def flow_rates(velocity, change):
+def flow_rates(velocity: Array, change: Array) -> tuple[float, float]:
     """d alpha/dt and d beta/dt [rad/s] of an air-relative velocity (3,) and its derivative, body axes."""
     u, v, w = velocity
     ahead2 = u * u + w * w
@@ -212,7 +214,7 @@ def flow_rates(velocity, change):
 
 
 @njit(cache=True)
-def state_derivative(airframe, place, state, command, wind, time):
+def state_derivative(airframe: Airframe, place: Place, state: Array, command: Array, wind: Array, time: float) -> Array:
     """d/dt of the state, shape (17,), for commanded controls (4,)."""
     acting = motion(airframe, place, state, wind, time)
     out = np.empty(STATE_SIZE)
@@ -228,7 +230,7 @@ def state_derivative(airframe, place, state, command, wind, time):
 
 
 @njit(cache=True)
-def limited(command):
+def limited(command: Array) -> Array:
     """Commands within what the surfaces and the motor can do, shape (4,)."""
     out = np.minimum(np.maximum(command, -DEFLECTION_LIMIT), DEFLECTION_LIMIT)
     out[3] = min(max(command[3], 0.0), 1.0)
@@ -236,7 +238,16 @@ def limited(command):
 
 
 @njit(cache=True)
-def runge_kutta_step(airframe, place, state, command, wind, wind_next, time, step):
+def runge_kutta_step(
+    airframe: Airframe,
+    place: Place,
+    state: Array,
+    command: Array,
+    wind: Array,
+    wind_next: Array,
+    time: float,
+    step: float,
+) -> Array:
     """State one step [s] later: classical fourth order, wind linear within the step, controls held."""
     middle = 0.5 * (wind + wind_next)
     half = 0.5 * step

@@ -107,7 +107,10 @@ def fly(setup: Setup, plan: Plan, wind: Array, change: Change | None = None) -> 
 
 
 @njit(cache=True)
-def _run(before, after, change, ground, pilot, start, additions, bank, airspeed, height, flaps, wind, step):
+def _run(
+    before: Airframe, after: Airframe, change: float, ground: Place, pilot: Autopilot, start: Array,
+    additions: Array, bank: Array, airspeed: Array, height: Array, flaps: Array, wind: Array, step: float,
+) -> tuple[Array, ...]:  # fmt: skip
     """States and what acts in them at every step."""
     n = len(wind)
     states, signals = np.empty((n, STATE_SIZE)), np.empty((n, len(SIGNALS)))

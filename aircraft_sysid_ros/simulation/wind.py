@@ -75,7 +75,7 @@ def _stationary_output(rng: np.random.Generator, count: int, step: float, a: Arr
 
 
 @njit(cache=True)
-def _linear_output(transition, noise_root, c, start, noise):
+def _linear_output(transition: Array, noise_root: Array, c: Array, start: Array, noise: Array) -> Array:
     out = np.empty(len(noise))
     x = start
     for i in range(len(noise)):

@@ -74,7 +74,7 @@ class CalibrationPanel(Panel):
             self._drawn = plot(made, "Tr R over two sampled parameters").props("data-testid=trace-plane")
 
     def _choose(self, place: int) -> Any:
-        def chosen(event: events.ValueChangeEventArguments) -> None:
+        def chosen(event: events.ValueChangeEventArguments[Any]) -> None:
             both = [*self._plane]
             both[place] = int(event.value)
             self._plane = (both[0], both[1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from nicegui import events, ui
 
 from aircraft_sysid_ros.workbench import markup
@@ -70,7 +72,7 @@ class VersionsPanel(Panel):
         )
         self._set_beside(one)
 
-    def _chosen(self, event: events.ValueChangeEventArguments) -> None:
+    def _chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
         one = self._rows.get(self._one.value or "")
         if one is not None:
             self._set_beside(one)

@@ -10,6 +10,7 @@ from pathlib import Path
 from string import Template
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView
@@ -176,7 +177,7 @@ def _why(file: _File, view: RunView) -> None:
     file.pairs(_candidate(file, card, known) for card in candidates.cards(found, known.flight))
 
 
-def _candidate(file: _File, card: candidates.Card, known: coefficients.Comparison) -> str:
+def _candidate(file: _File, card: candidates.Card, known: Comparison) -> str:
     floor = known.axes[card.main_axis].floor.nrmse if card.main_axis in known.axes else None
     parts = [markup.card_facts(card, floor)]
     if card.evidence is not None:

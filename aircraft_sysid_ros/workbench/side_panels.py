@@ -85,7 +85,7 @@ class WherePanel(SidePanel):
         self._map.update_figure(self._figure())
 
     def _choose(self, key: str) -> Any:
-        def chosen(event: events.ValueChangeEventArguments) -> None:
+        def chosen(event: events.ValueChangeEventArguments[Any]) -> None:
             self._choice[key] = event.value
             self._map.update_figure(self._figure())
 
@@ -257,7 +257,7 @@ class AddPanel(SidePanel):
         change = current.changes[label]
         return (REMOVE if change.terms or change.settings else ADD), label
 
-    def _check(self, event: events.ValueChangeEventArguments) -> None:
+    def _check(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._complain(str(event.value or ""))
 
     def _complain(self, text: str) -> bool:
