@@ -42,7 +42,7 @@ BRIDGE = ["pymavlink>=2.4.40,<3", "pyserial>=3.5,<4"]
 # What `make bench` and `make hidden-effects` compare with.
 BENCH = ["filterpy>=1.4.5,<3", "statsmodels>=0.14,<0.16", "pysindy>=2,<3", "scikit-learn>=1.7.2,<2"]
 REPORT = ["matplotlib>=3.8,<4"]
-WORKBENCH = ["nicegui>=3.5,<4", "plotly>=6,<8"]  # the page, and its file
+WORKBENCH = ["jinja2>=3.1,<4", "nicegui>=3.5,<4", "plotly>=6,<8"]  # the page, and its file
 TEST = [
     "colcon-common-extensions",
     "hypothesis>=6.100,<7",

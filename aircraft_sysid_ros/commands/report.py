@@ -41,9 +41,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"--out {args.out}: the folder {out.parent} is not there")
     check_folder(args.run)
     try:
+        import jinja2  # noqa: F401
         import plotly  # noqa: F401
     except ImportError:
-        raise MissingExtra("reports", "plotly", "workbench") from None
+        raise MissingExtra("reports", "jinja2 and plotly", "workbench") from None
     from aircraft_sysid_ros.workbench.calibration_view import calibration_folder, is_calibration, load_calibration_view
     from aircraft_sysid_ros.workbench.report import calibration_html, report_html
     from aircraft_sysid_ros.workbench.run_view import load_truth_view

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from html import escape
 from typing import Any
 
 from nicegui import events, ui
@@ -11,7 +10,7 @@ from nicegui import events, ui
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder, CalibrationView
 from aircraft_sysid_ros.workbench.frame import Frame
-from aircraft_sysid_ros.workbench.panel import Panel, card, plot
+from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot
 from aircraft_sysid_ros.workbench.views import calibration as views
 
 
@@ -83,22 +82,22 @@ class CalibrationPanel(Panel):
         return chosen
 
     def _residuals(self, view: CalibrationView) -> None:
-        with card(f"Residuals before and after [{escape(view.unit)}]"):
+        with card(f"Residuals before and after [{view.unit}]"):
             self._html(markup.residuals_table(view), "calibration-residuals")
             self._html(markup.RESIDUAL_LEGEND)
         if view.models:
-            with card(f"Models that were tried, in parts of the flight that were left out [{escape(view.unit)}]"):
+            with card(f"Models that were tried, in parts of the flight that were left out [{view.unit}]"):
                 self._html(markup.models_table(view), "calibration-models")
         with ui.element("div").classes("grid2"):
             for number, output in enumerate(view.outputs):
                 self._figure(output.name, views.residual_figure(view, output, self._theme), f"residual-{number}")
 
     def _figure(self, title: str, made: Any, name: str) -> None:
-        with card(escape(title)):
+        with card(title):
             plot(made, title).props(f"data-testid={name}")
 
     def _html(self, text: str, name: str = "") -> None:
-        found = ui.html(text, sanitize=False)
+        found = Html(text)
         if name:
             found.props(f"data-testid={name}")
 
@@ -138,7 +137,7 @@ class CalibrationPage(Frame):
         """Show what the folder holds now."""
         folder = self.session.folder
         folder.look()
-        self.facts.content = markup.calibration_facts(folder.view)
+        self.facts.show(markup.calibration_facts(folder.view))
         self.notice(folder.damage, is_bad=bool(folder.damage))
         if folder.revision != self._seen:
             self._seen = folder.revision

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 from nicegui import ui
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.workbench.markup import errors_scale, scale_head, state_words
-from aircraft_sysid_ros.workbench.panel import card
+from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.panel import Html, card
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow
-from aircraft_sysid_ros.workbench.views.words import percent, symbol
+from aircraft_sysid_ros.workbench.views.words import percent
 
 
 class Errors:
@@ -24,7 +23,7 @@ class Errors:
             ui.label(words).classes("soft small")
             with ui.element("div").classes("errors"):
                 ui.label("").classes("head")
-                self._scale = ui.html("", sanitize=False)
+                self._scale = Html()
                 for text in ("error", "noise", ""):
                     ui.label(text).classes("head")
                 for name in AXES:
@@ -32,14 +31,14 @@ class Errors:
             self._notes = ui.element("div").classes("notes soft small")
 
     def _row(self, name: str) -> None:
-        ui.html(symbol(name), sanitize=False).classes("sym")
+        Html(markup.axis_symbol(name)).classes("sym")
         with ui.element("div").classes("track"):
             was = ui.element("div").classes("was")
             fill = ui.element("div").classes("fill").props(f"data-testid=bar-{name}")
             tick = ui.element("div").classes("tick")
         error = ui.label("").classes("num").props(f"data-testid=held-out-{name}")
         noise = ui.label("").classes("num soft").props(f"data-testid=noise-{name}")
-        words = ui.html("", sanitize=False)
+        words = Html()
         self._rows[name] = {"fill": fill, "was": was, "tick": tick, "error": error, "noise": noise, "words": words}
 
     def show(self, rows: Sequence[AxisRow], before: Mapping[str, float], notes: Sequence[str] = ()) -> None:
@@ -49,8 +48,8 @@ class Errors:
         with self._notes:
             for note in notes:
                 ui.label(note)
-        top = errors_scale([*(row.held_out for row in rows), *before.values()])
-        self._scale.content = scale_head(top)
+        top = markup.errors_scale([*(row.held_out for row in rows), *before.values()])
+        self._scale.show(markup.scale_head(top))
         for row in rows:
             self._show(row, top, before.get(row.axis))
 
@@ -58,8 +57,7 @@ class Errors:
         parts, known = self._rows[row.axis], row.held_out is not None and row.floor is not None
         for part in ("fill", "tick"):
             parts[part].set_visibility(known)
-        reason = f'<span class="soft small">{escape(row.reason)}</span>'
-        parts["words"].content = state_words(row) if known else reason
+        parts["words"].show(markup.state_words(row))
         parts["was"].set_visibility(False)
         if row.held_out is None or row.floor is None:
             parts["error"].text = parts["noise"].text = "–"

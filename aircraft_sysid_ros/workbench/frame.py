@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
-from aircraft_sysid_ros.workbench.panel import Panel
+from aircraft_sysid_ros.workbench.panel import Html, Panel
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Theme
 
 STYLE = Path(__file__).with_name("style.css")
@@ -83,7 +83,7 @@ class Frame:
             with ui.element("div").classes("top-inner"):
                 with ui.element("div").classes("who"):
                     ui.label(self.name).classes("name")
-                    self.facts = ui.html("", sanitize=False).classes("facts").props("data-testid=facts")
+                    self.facts = Html().classes("facts").props("data-testid=facts")
                 ui.element("div").classes("spring")
                 with ui.tabs().props("no-caps inline-label aria-label=Views") as self.tabs:
                     for name in self.panels:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from html import escape
-
+from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.frame import Frame
 from aircraft_sysid_ros.workbench.live_panels import (
     LiveModelPanel,
     LivePanel,
     LiveParametersPanel,
     LiveStatePanel,
-    added_words,
+    added_names,
 )
 from aircraft_sysid_ros.workbench.panel import Panel
 from aircraft_sysid_ros.workbench.views.live import presence_sentence
@@ -49,11 +48,9 @@ class LivePage(Frame):
     def _facts(self) -> None:
         flight = self.session.flight
         newest = flight.errors[-1]["time"] if flight.errors else 0.0
-        has = escape(added_words(flight))
-        model = f'model <span class="mono" data-testid="model">{escape(flight.model or "–")}</span>'
-        text = f"{newest:.0f} s heard · {model}" + (f", with {has}" if has else "")
+        text = markup.model_facts([f"{newest:.0f} s heard"], flight.model or "–", added_names(flight))
         if text != self.facts.content:
-            self.facts.content = text
+            self.facts.show(text)
 
     def _say(self) -> None:
         """One line: why the page is not up to date, what is under way, or what came of the last request."""

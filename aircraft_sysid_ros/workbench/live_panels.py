@@ -13,7 +13,7 @@ from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.errors_panel import Errors
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE, LiveFlight
-from aircraft_sysid_ros.workbench.panel import Panel, card, plot, side_tabs
+from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, SidePanel
 from aircraft_sysid_ros.workbench.views import live, states
 from aircraft_sysid_ros.workbench.views.candidates import VERDICTS, Card
@@ -61,15 +61,15 @@ class LiveModelPanel(LivePanel):
 
     def build(self) -> None:
         """Make everything."""
-        self._plots: dict[str, tuple[ui.element, ui.html, ui.plotly]] = {}
+        self._plots: dict[str, tuple[ui.element, Html, ui.plotly]] = {}
         with ui.element("div").classes("view"):
             with ui.element("div"):
                 with ui.element("div").classes("legend-row"), ui.element("div").classes("legend"):
-                    ui.html(markup.LIVE_LEGEND, sanitize=False).style("display:contents")
+                    Html(markup.LIVE_LEGEND).style("display:contents")
                 with ui.element("div").classes("grid2"):
                     for name in ORDER:
                         with card() as box:
-                            head = ui.html("", sanitize=False)
+                            head = Html()
                             made = plot(self._figure(name), f"{name} measured and predicted lately, and what is left")
                             self._plots[name] = (box, head, made.props(f"data-testid=plot-{name}"))
             with ui.element("aside").classes("side"):
@@ -88,7 +88,7 @@ class LiveModelPanel(LivePanel):
         rows = live.axis_rows(errors[-1] if errors else None, live.failing_axes(flight.missing, flight.model))
         for row in rows:
             box, head, found = self._plots[row.axis]
-            head.content = markup.axis_head(row)
+            head.show(markup.axis_head(row))
             box.classes(add="fails" if row.fails else "", remove="" if row.fails else "fails")
             found.update_figure(self._figure(row.axis))
         self._errors.show(rows, flight.before)
@@ -142,7 +142,7 @@ class LiveWhyPanel(SidePanel):
         caption = f"{shown.main_axis[0]}_{shown.main_axis[1]} {shown.gain} · {note}"
         box = ui.expansion(shown.title, caption=caption).classes("cand" + (" top-card" if number == 0 else ""))
         with box.props(f"data-testid=card-{number} header-class=cand-head"):
-            ui.html(markup.card_facts(shown, None), sanitize=False)
+            Html(markup.card_facts(shown, None))
             add = ui.button("Add in flight", on_click=lambda: self.do(ADD, shown.key)).style("margin-top:10px")
             add.props(f"unelevated data-testid=add-{number}")
             add.set_visibility(not has)
@@ -184,7 +184,7 @@ class LiveParametersPanel(LivePanel):
         """Make the table."""
         with ui.element("div").classes("view wide"), card("Parameters"):
             self._words = ui.label("").classes("soft small")
-            self._table = ui.html("", sanitize=False).props("data-testid=parameters")
+            self._table = Html().props("data-testid=parameters")
         self.update()
 
     def update(self) -> None:
@@ -192,7 +192,7 @@ class LiveParametersPanel(LivePanel):
         newest = self.flight.parameters
         self._words.text = f"As the node has learnt them, model {newest['model']}." if newest else "Nothing yet."
         rows = parameter_rows(newest["parameters"], {}) if newest else []
-        self._table.content = markup.parameter_table(rows, linked=False) if rows else ""
+        self._table.show(markup.parameter_table(rows, linked=False) if rows else "")
 
 
 class LiveStatePanel(LivePanel):
@@ -205,7 +205,7 @@ class LiveStatePanel(LivePanel):
         self._plots: list[ui.plotly] = []
         with ui.element("div").classes("view wide"):
             with card("State"):
-                self._numbers = ui.html("Nothing yet.", sanitize=False).props("data-testid=state")
+                self._numbers = Html("Nothing yet.").props("data-testid=state")
             self._place = ui.element("div").classes("grid2")
         self.update()
 
@@ -213,7 +213,7 @@ class LiveStatePanel(LivePanel):
         """The newest numbers and the newest minutes."""
         rows = list(self.flight.states)
         if rows:
-            self._numbers.content = markup.state_table(rows[-1])
+            self._numbers.show(markup.state_table(rows[-1]))
         if len(rows) < 2:
             return
         made = states.all_figures(live.state_history(rows), self.page.look.theme, {})
@@ -227,6 +227,6 @@ class LiveStatePanel(LivePanel):
             found.update_figure(figure)
 
 
-def added_words(flight: LiveFlight) -> str:
-    """What was added from the page, in words."""
-    return ", ".join(effect_name(item.text) for item in flight.added)
+def added_names(flight: LiveFlight) -> list[str]:
+    """What was added from the page."""
+    return [effect_name(item.text) for item in flight.added]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 from nicegui import events, ui
 
+from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.errors_panel import Errors
-from aircraft_sysid_ros.workbench.markup import LEGEND, SECOND_KEY, axis_head
-from aircraft_sysid_ros.workbench.panel import Panel, card, plot, side_tabs
+from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, WherePanel, WhyPanel
 from aircraft_sysid_ros.workbench.views.coefficients import ORDER, Span, axis_rows, coefficient_figure, whole
 from aircraft_sysid_ros.workbench.views.figure import Figure
@@ -70,8 +69,8 @@ class ModelPanel(Panel):
     def _legend(self) -> None:
         with ui.element("div").classes("legend-row"):
             with ui.element("div").classes("legend"):
-                ui.html(LEGEND, sanitize=False).style("display:contents")
-                self._second_key = ui.html("", sanitize=False).style("display:contents")
+                Html(markup.LEGEND).style("display:contents")
+                self._second_key = Html().style("display:contents")
             with ui.element("div").classes("window"):
                 self._window = ui.label("").props("data-testid=window")
                 button = ui.button("Whole flight", on_click=lambda: self.look_at(None, [])).props("flat dense")
@@ -79,7 +78,7 @@ class ModelPanel(Panel):
 
     def _axis(self, name: str) -> None:
         with card() as box:
-            self._heads[name] = (box, ui.html("", sanitize=False))
+            self._heads[name] = (box, Html())
             figure = self._figure(name)
             self._plots[name] = plot(figure, f"{name} measured and predicted over time, and what is left over")
             self._plots[name].props(f"data-testid=plot-{name}")
@@ -94,11 +93,11 @@ class ModelPanel(Panel):
         for row in axis_rows(self.page.view.comparison):
             if row.axis in self._heads:
                 box, head = self._heads[row.axis]
-                head.content = axis_head(row)
+                head.show(markup.axis_head(row))
                 box.classes(add="fails" if row.fails else "", remove="" if row.fails else "fails")
         begin, end = self.page.look.window or whole(self.page.view.comparison)
         self._window.text = f"{begin:.1f} to {end:.1f} s"
-        self._second_key.content = SECOND_KEY.format(escape(str(self.page.look.beside))) if self.page.beside else ""
+        self._second_key.show(markup.version_key(str(self.page.look.beside)) if self.page.beside else "")
 
     def draw(self) -> None:
         """Draw all axes in the window."""

@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import events, ui
 
 from aircraft_sysid_ros.workbench import markup
-from aircraft_sysid_ros.workbench.panel import Panel, card, picked, plot
+from aircraft_sysid_ros.workbench.panel import Html, Panel, card, picked, plot
 from aircraft_sysid_ros.workbench.views import states
 from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
@@ -30,7 +30,7 @@ class VersionsPanel(Panel):
                 ui.label("Errors in % of the spread, on flight that was not seen. ▲ fails somewhere.").classes(
                     "soft small"
                 )
-                self._table = ui.html("", sanitize=False).props("data-testid=history")
+                self._table = Html().props("data-testid=history")
             with card("Two versions side by side"):
                 self._lonely = ui.label("").props("data-testid=one-version")
                 self._pair = ui.element("div").style("width:100%")
@@ -40,15 +40,15 @@ class VersionsPanel(Panel):
                     self._other = ui.select([], label="the other", on_change=self._beside).props("outlined dense")
                     self._draw = ui.switch("draw the first one in the time plots too", on_change=self._chosen)
                 with ui.element("div").classes("grid2"):
-                    self._errors = ui.html("", sanitize=False).props("data-testid=beside")
-                    self._parameters = ui.html("", sanitize=False)
+                    self._errors = Html().props("data-testid=beside")
+                    self._parameters = Html()
         self.update()
 
     def update(self) -> None:
         """After a change of the run."""
         view = self.page.view
         self._rows = {row.identifier: row for row in history(view.versions, view.current, view.comparisons)}
-        self._table.content = markup.history_table(list(self._rows.values()))
+        self._table.show(markup.history_table(list(self._rows.values())))
         names = {row.identifier: f"{row.identifier}, {row.words}" for row in self._rows.values() if row.axes}
         self._lonely.text = ONE_VERSION.format(view.name) if len(names) < 2 else ""
         self._lonely.set_visibility(len(names) < 2)
@@ -65,11 +65,10 @@ class VersionsPanel(Panel):
         one, other = self._rows.get(self._one.value or ""), self._rows.get(self._other.value or "")
         if one is None or other is None:
             return
-        self._errors.content = markup.errors_beside(one, other)
+        self._errors.show(markup.errors_beside(one, other))
         listed = self.page.view.parameters
-        self._parameters.content = markup.parameters_beside(
-            listed[one.identifier], listed[other.identifier], (one.identifier, other.identifier)
-        )
+        names = (one.identifier, other.identifier)
+        self._parameters.show(markup.parameters_beside(listed[names[0]], listed[names[1]], names))
         self._set_beside(one)
 
     def _chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
@@ -99,7 +98,7 @@ class ParametersPanel(Panel):
             self._box = box
             with card("Parameters"):
                 self._words = ui.label("").classes("soft small")
-                self._table = ui.html("", sanitize=False).props("data-testid=parameters")
+                self._table = Html().props("data-testid=parameters")
                 picked(self._table, self._choose)
         self.update()
 
@@ -113,7 +112,7 @@ class ParametersPanel(Panel):
         if self._name not in names:
             self._name = next((row.name for row in rows if row.name in names and row.name.endswith("_alpha")), "")
             self._name = self._name or next(iter(names), "")
-        self._table.content = markup.parameter_table(rows, self._name)
+        self._table.show(markup.parameter_table(rows, self._name))
         self._title.text = self._name or "No history"
         self._empty.text = "" if record else self.page.session.record_problem or "Being read."
         self._plot.set_visibility(bool(record and self._name))
@@ -158,4 +157,4 @@ class StatePanel(Panel):
                         plot(made, title)
                         if title == states.INNOVATIONS:
                             table = markup.consistency_table(states.consistencies(record.summary))
-                            ui.html(table, sanitize=False).props("data-testid=consistency")
+                            Html(table).props("data-testid=consistency")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from html import escape
-
 from nicegui import events, ui
 
 from aircraft_sysid_ros.diagnosis.compare import Comparison
+from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_panel import CalibrationPanel
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder
 from aircraft_sysid_ros.workbench.frame import Frame
-from aircraft_sysid_ros.workbench.markup import element
 from aircraft_sysid_ros.workbench.model_panel import ModelPanel
 from aircraft_sysid_ros.workbench.other_panels import ParametersPanel, StatePanel, VersionsPanel
 from aircraft_sysid_ros.workbench.panel import Panel
@@ -82,10 +80,10 @@ class Page(Frame):
         self._seen = session.revision
         self._say()
         if not self.facts.content:
-            self.facts.content = self._facts_text()
+            self.facts.show(self._facts_text())
         if session.view is not self._view or session.record is not self._record:
             self._view, self._record = session.view, session.record
-            self.facts.content = self._facts_text()
+            self.facts.show(self._facts_text())
             if self.look.beside not in self.view.comparisons:
                 self.look.beside = None
             for panel in self.panels.values():
@@ -109,10 +107,8 @@ class Page(Frame):
 
     def _facts_text(self) -> str:
         view = self.view
-        has = ", ".join(escape(effect_name(label)) for label in view.changes)
-        model = f'model <span class="mono" data-testid="model">{escape(view.current)}</span>'
-        lengths = element("span", view.lengths, title=COMPARED, data_testid="lengths")
-        return f"{escape(view.name)} · {lengths} · {model}" + (f", with {has}" if has else "")
+        begin = (view.name, markup.lengths(view.lengths, COMPARED))
+        return markup.model_facts(begin, view.current, [effect_name(label) for label in view.changes])
 
     def _say(self) -> None:
         """One line under the header: work under way, what came of the last, or why the run cannot be read."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from markupsafe import escape
 from nicegui import ui
 
 from aircraft_sysid_ros.workbench.views.figure import Figure
@@ -53,12 +54,23 @@ class Panel:
         return element
 
 
+class Html(ui.html):
+    """Markup as the templates make it; plain text is escaped."""
+
+    def __init__(self, content: str = "", tag: str = "div") -> None:
+        super().__init__(str(escape(content)), sanitize=False, tag=tag)
+
+    def show(self, content: str) -> None:
+        """Show other markup."""
+        self.content = str(escape(content))
+
+
 def card(title: str = "") -> ui.element:
     """A box, with its heading."""
     box = ui.element("section").classes("card")
     if title:
         with box:
-            ui.html(title, sanitize=False, tag="h2")
+            Html(title, "h2")
     return box
 
 

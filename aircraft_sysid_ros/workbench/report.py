@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import asdict, fields
-from html import escape
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from string import Template
+from typing import Any
+
+from markupsafe import Markup
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView
@@ -18,9 +17,8 @@ from aircraft_sysid_ros.workbench.views import calibration, candidates, coeffici
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
 from aircraft_sysid_ros.workbench.views.history import effect_name, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
-from aircraft_sysid_ros.workbench.views.words import percent, symbol
 
-TEMPLATE, STYLE = Path(__file__).with_name("report.html"), Path(__file__).with_name("style.css")
+STYLE = Path(__file__).with_name("style.css")
 #: Maps that a file shows: of the axes that fail, over the flow angles and over speed and height.
 _MAPS = (("alpha", "beta"), ("V", "height"))
 _MOST_MAPS = 4
@@ -39,33 +37,28 @@ def _palette(theme: Theme) -> dict[str, str]:
     return {**listed, **{f"@scale{i}@": colour for i, colour in enumerate(theme.scale)}}
 
 
-class _File:
-    """Gathers boxes and figures."""
+@dataclass(frozen=True)
+class _Drawn:
+    """The place of a figure in the file; linked ones share their window of time."""
+
+    name: str
+    height: int
+    words: str
+    linked: bool
+
+
+class _Figures:
+    """The figures of a file, which its script draws."""
 
     def __init__(self) -> None:
         self.theme = _tokens()
-        self.boxes: list[str] = []
-        self.figures: dict[str, Figure] = {}
+        self.made: dict[str, Figure] = {}
 
-    def plot(self, made: Figure, words: str, linked: bool = False) -> str:
-        """The place of a figure; linked ones share their window of time."""
-        name = f"figure-{len(self.figures)}"
-        self.figures[name] = made
-        style = f"height:{made['layout']['height']}px"
-        kind = "plot linked" if linked else "plot"
-        return markup.element("div", "", id=name, class_=kind, style=style, role="img", aria_label=words)
-
-    def box(self, title: str, *parts: str) -> None:
-        """One box over the whole width."""
-        self.boxes.append(_card(title, *parts))
-
-    def pairs(self, boxes: Iterator[str]) -> None:
-        """Boxes two by two."""
-        self.boxes.append(markup.element("div", "".join(boxes), class_="grid2"))
-
-    def part(self, title: str) -> None:
-        """A heading of what follows."""
-        self.boxes.append(markup.element("h2", escape(title), class_="part"))
+    def add(self, made: Figure, words: str, linked: bool = False) -> _Drawn:
+        """One more figure, with what it shows for those who cannot see it."""
+        name = f"figure-{len(self.made)}"
+        self.made[name] = made
+        return _Drawn(name, made["layout"]["height"], words, linked)
 
 
 def report_html(
@@ -75,134 +68,120 @@ def report_html(
     calibrated: CalibrationView | None = None,
 ) -> str:
     """The whole file of a run."""
-    file = _File()
-    _model(file, view)
-    _where(file, view)
-    _why(file, view)
-    file.part("Versions")
-    file.box("", markup.history_table(history(view.versions, view.current, view.comparisons)))
-    file.part("Parameters")
-    words = IN_FLIGHT if view.current == view.versions[0].identifier else OF_ALL
-    rows = parameter_rows(view.parameters[view.current], truth.parameters)
-    file.box("", markup.element("p", words, class_="soft small"), markup.parameter_table(rows, linked=False))
-    if record is not None:
-        file.part("State")
-        figures = states.all_figures(record.state, file.theme, truth.content)
-        file.pairs(_card(title, file.plot(made, title)) for title, made in figures)
-        file.box("", markup.consistency_table(states.consistencies(record.summary)))
-    if calibrated is not None:
-        file.part("Calibration")
-        _calibration(file, calibrated)
-    has = ", ".join(escape(effect_name(label)) for label in view.changes)
-    facts = f"{escape(view.name)} · {view.lengths} · model {escape(view.current)}"
-    return _whole(file, view.aircraft, view.name, facts + (f", with {has}" if has else ""))
+    figures = _Figures()
+    run = _model(figures, view) | _where(figures, view) | _why(figures, view) | _parameters(view, truth)
+    state = _state(figures, record, truth) if record is not None else None
+    facts = markup.model_facts((view.name, view.lengths), view.current, [effect_name(label) for label in view.changes])
+    return _whole(figures, view.aircraft, view.name, facts, run=run, state=state, calibrated=calibrated)
 
 
 def calibration_html(view: CalibrationView) -> str:
     """The whole file of a calibration alone."""
-    file = _File()
-    _calibration(file, view)
-    return _whole(file, view.aircraft, f"calibration of {view.what}", markup.calibration_facts(view))
+    title, facts = f"calibration of {view.what}", markup.calibration_facts(view)
+    return _whole(_Figures(), view.aircraft, title, facts, calibrated=view)
 
 
-def _whole(file: _File, aircraft: str, title: str, facts: str) -> str:
-    """The template with everything; ``facts`` is HTML."""
+def _whole(
+    figures: _Figures,
+    aircraft: str,
+    title: str,
+    facts: Markup,
+    run: dict[str, Any] | None = None,
+    state: dict[str, Any] | None = None,
+    calibrated: CalibrationView | None = None,
+) -> str:
+    """The template with everything."""
     from plotly.offline import get_plotlyjs
 
-    return Template(TEMPLATE.read_text(encoding="utf8")).substitute(
-        title=escape(f"{aircraft}, {title}"),
-        style=STYLE.read_text(encoding="utf8"),
-        aircraft=escape(aircraft),
+    found = _calibration(figures, calibrated) if calibrated is not None else None
+    return markup.page(
+        "report.html",
+        aircraft=aircraft,
+        title=title,
         facts=facts,
-        body="\n".join(file.boxes),
-        plotly=get_plotlyjs().replace("</script", "<\\/script"),
-        figures=_script_json(file.figures),
+        run=run,
+        state=state,
+        calibration=found,
+        style=Markup(STYLE.read_text(encoding="utf8")),
+        plotly=Markup(get_plotlyjs().replace("</script", "<\\/script")),
+        figures=_script_json(figures.made),
         palettes=_script_json({theme.name: _palette(theme) for theme in (LIGHT, DARK)}),
     )
 
 
-def _script_json(content: object) -> str:
+def _script_json(content: object) -> Markup:
     """JSON that may stand in a script element."""
-    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+    return Markup(json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"))
 
 
-def _model(file: _File, view: RunView) -> None:
+def _model(figures: _Figures, view: RunView) -> dict[str, Any]:
     rows = coefficients.axis_rows(view.comparison)
-    file.box("Error on flight that was not seen, in % of the spread of each coefficient", markup.errors_table(rows))
-    if view.notes:
-        file.box("Notes", *(markup.element("p", escape(note)) for note in view.notes))
-    file.boxes.append(markup.element("div", markup.LEGEND, class_="legend"))
     ordered = {row.axis: row for row in rows}
-    file.pairs(
-        _card("", markup.axis_head(ordered[name]), file.plot(
-            coefficients.coefficient_figure(view.comparison, name, file.theme),
-            f"{name} measured and predicted over time, and what is left over", linked=True,
-        ))
-        for name in coefficients.ORDER
-    )  # fmt: skip
+    axes = []
+    for name in coefficients.ORDER:
+        made = coefficients.coefficient_figure(view.comparison, name, figures.theme)
+        words = f"{name} measured and predicted over time, and what is left over"
+        axes.append((ordered[name], figures.add(made, words, linked=True)))
+    scale = markup.errors_scale(row.held_out for row in rows)
+    return {"errors": rows, "scale": scale, "notes": view.notes, "axes": axes}
 
 
-def _where(file: _File, view: RunView) -> None:
+def _where(figures: _Figures, view: RunView) -> dict[str, Any]:
     worst = view.comparison.worst
-    file.part("Where it fails")
-    if not worst:
-        file.box("", "<p>Nowhere: no stretch of time and no part of the flight envelope is worse than noise.</p>")
-        return
-    lines = [
-        f"<li><b>{symbol(p.axis)}</b>{escape(p.text[3:])}: {percent(p.nrmse)} %, {p.excess:.1f} × noise</li>"
-        for p in worst
-    ]
-    file.box("", markup.element("ol", "".join(lines)))
     failing = [axis for axis in AXES if any(place.axis == axis for place in worst)]
     moving = set(places.moving_signals(view.flight))
     shown = [(axis, *pair) for axis in failing for pair in _MAPS if moving >= set(pair)][:_MOST_MAPS]
-    file.pairs(
-        _card(
-            f"{symbol(axis)}: what is left over",
-            file.plot(
-                places.map_figure(places.residual_map(view.comparison, axis, x, y), file.theme), f"map of {axis}"
-            ),
-        )
-        for axis, x, y in shown
-    )
+    maps = []
+    for axis, x, y in shown:
+        made = places.map_figure(places.residual_map(view.comparison, axis, x, y), figures.theme)
+        maps.append((axis, figures.add(made, f"map of {axis}")))
+    return {"worst": worst, "maps": maps}
 
 
-def _why(file: _File, view: RunView) -> None:
+def _why(figures: _Figures, view: RunView) -> dict[str, Any]:
     found = view.diagnosis
     if found is None:
-        return
-    file.part(f"Why: {candidates.VERDICTS.get(found['verdict'], '').lower()}")
-    file.box("", f"<p>{escape(found['advice'])}</p>", f'<p class="soft">Found for model {escape(found["model"])}.</p>')
+        return {"diagnosis": None}
     known = view.comparisons.get(found["model"], view.comparison)
-    file.pairs(_candidate(file, card, known) for card in candidates.cards(found, known.flight))
+    listed = []
+    for card in candidates.cards(found, known.flight):
+        noise = known.axes[card.main_axis].floor.nrmse if card.main_axis in known.axes else None
+        drawn = None
+        if card.evidence is not None:
+            made = candidates.evidence_figure(card.evidence, figures.theme)
+            drawn = figures.add(made, f"what is left over against the signal of {card.title}")
+        listed.append((card, noise, drawn))
+    verdict = candidates.VERDICTS.get(found["verdict"], "").lower()
+    return {"diagnosis": found, "verdict": verdict, "candidates": listed}
 
 
-def _candidate(file: _File, card: candidates.Card, known: Comparison) -> str:
-    floor = known.axes[card.main_axis].floor.nrmse if card.main_axis in known.axes else None
-    parts = [markup.card_facts(card, floor)]
-    if card.evidence is not None:
-        words = f"what is left over against the signal of {card.title}"
-        parts.append(file.plot(candidates.evidence_figure(card.evidence, file.theme), words))
-    return _card(escape(card.title), *parts)
+def _parameters(view: RunView, truth: TruthView) -> dict[str, Any]:
+    return {
+        "versions": history(view.versions, view.current, view.comparisons),
+        "of_parameters": IN_FLIGHT if view.current == view.versions[0].identifier else OF_ALL,
+        "parameters": parameter_rows(view.parameters[view.current], truth.parameters),
+    }
 
 
-def _calibration(file: _File, view: CalibrationView) -> None:
-    notes = [markup.element("p", f"Note: {escape(note)}", class_="small") for note in view.notes]
-    file.box("What was found", markup.calibration_words(view), markup.calibration_table(view), *notes)
-    why = [markup.element("p", escape(text)) for text in calibration.sentences(view)]
-    file.box(calibration.verdict(view), *why, markup.TRACE_LEGEND)
-    traces = [calibration.trace_figure(view, column, file.theme) for column in range(len(view.sampled))]
-    titles = [f"Tr R over {p.name}" for p in view.sampled]
-    file.pairs(_card(escape(t), file.plot(made, t)) for t, made in zip(titles, traces, strict=True))
-    file.box(f"Residuals before and after [{escape(view.unit)}]", markup.residuals_table(view), markup.RESIDUAL_LEGEND)
-    if view.models:
-        file.box("Models that were tried, in parts of the flight that were left out", markup.models_table(view))
-    file.pairs(
-        _card(escape(o.name), file.plot(calibration.residual_figure(view, o, file.theme), f"residuals of {o.name}"))
-        for o in view.outputs
-    )
+def _state(figures: _Figures, record: FlightRecord, truth: TruthView) -> dict[str, Any]:
+    made = states.all_figures(record.state, figures.theme, truth.content)
+    drawn = [(title, figures.add(figure, title)) for title, figure in made]
+    return {"figures": drawn, "consistencies": states.consistencies(record.summary)}
 
 
-def _card(title: str, *parts: str) -> str:
-    heading = markup.element("h2", title) if title else ""
-    return markup.element("section", heading + "".join(parts), class_="card")
+def _calibration(figures: _Figures, view: CalibrationView) -> dict[str, Any]:
+    traces = []
+    for column, parameter in enumerate(view.sampled):
+        title = f"Tr R over {parameter.name}"
+        traces.append((title, figures.add(calibration.trace_figure(view, column, figures.theme), title)))
+    residuals = []
+    for output in view.outputs:
+        made = calibration.residual_figure(view, output, figures.theme)
+        residuals.append((output.name, figures.add(made, f"residuals of {output.name}")))
+    return {
+        "view": view,
+        "verdict": calibration.verdict(view),
+        "sentences": calibration.sentences(view),
+        "traces": traces,
+        "residuals": residuals,
+    }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Sequence
-from html import escape
 from typing import Any, Protocol
 
 from nicegui import events, ui
@@ -16,13 +15,13 @@ from aircraft_sysid_ros.diagnosis.additions import parse_request
 from aircraft_sysid_ros.diagnosis.error_regions import Place
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.workbench.markup import card_facts
-from aircraft_sysid_ros.workbench.panel import Panel, plot
+from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.panel import Html, Panel, plot
 from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.candidates import VERDICTS, Card, cards, evidence_figure
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
 from aircraft_sysid_ros.workbench.views.history import effect_name
-from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS, percent, symbol
+from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")
@@ -106,11 +105,9 @@ class WherePanel(SidePanel):
                 self._row(place)
 
     def _row(self, place: Place) -> None:
-        words = f"<b>{symbol(place.axis)}</b>{escape(place.text[3:])}"
-        much = f"{percent(place.nrmse)} %, {place.excess:.1f} × noise"
         with ui.element("button").classes("place").on("click", lambda: self._go(place)):
-            ui.html(words, sanitize=False, tag="span")
-            ui.html(much, sanitize=False, tag="span").classes("much")
+            Html(markup.place_words(place), "span")
+            Html(markup.place_excess(place), "span").classes("much")
 
     def _go(self, place: Place) -> None:
         self.mark(places.spans_of_place(self.page.view.comparison, place))
@@ -174,7 +171,7 @@ class WhyPanel(SidePanel):
         caption = f"{card.main_axis[0]}_{card.main_axis[1]} {card.gain} · {note}"
         box = ui.expansion(card.title, caption=caption).classes("cand" + (" top-card" if number == 0 else ""))
         with box.props(f"data-testid=card-{number} header-class=cand-head"):
-            ui.html(card_facts(card, floor), sanitize=False)
+            Html(markup.card_facts(card, floor))
             where = ui.element("div").style("width:100%")
             with ui.row().style("gap:10px; margin-top:10px"):
                 add = ui.button("Add to the model", on_click=lambda: self.do(ADD, card.key))
@@ -192,7 +189,7 @@ class WhyPanel(SidePanel):
             return
         with where:
             figure = evidence_figure(card.evidence, self.page.look.theme)
-            self._drawn.append((plot(figure, f"what is left over against the signal of {escape(card.title)}"), card))
+            self._drawn.append((plot(figure, f"what is left over against the signal of {card.title}"), card))
 
 
 class AddPanel(SidePanel):
@@ -215,12 +212,7 @@ class AddPanel(SidePanel):
             button = ui.button("Add the term", on_click=self._do_term(ADD))
             self.changing(button.props("unelevated data-testid=add-term"))
             self.more_buttons()
-        ui.html(
-            f'Signals: <span class="mono">{" ".join(SIGNALS)}</span>. '
-            'Functions: <span class="mono">abs sin cos exp sqrt tanh sign max min</span>. '
-            "More axes after a semicolon.",
-            sanitize=False,
-        ).classes("soft small").style("margin-bottom:12px")
+        Html(markup.term_help(SIGNALS)).classes("soft small").style("margin-bottom:12px")
         ui.label("An effect of the library").classes("heading")
         options = {effect.identifier: f"{effect.name} ({effect.identifier})" for effect in self.library}
         self._effect = ui.select(options, with_input=True, label="effect").props("outlined dense options-dense")

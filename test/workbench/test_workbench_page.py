@@ -18,12 +18,17 @@ from aircraft_sysid_ros.workbench.run_view import load_run_view
 from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.coefficients import time_of
 
+#: Name of the aircraft and of the folder of its run: text on the page, whatever it looks like.
+HOSTILE = "<script>alert(1)<img src=x onerror=alert(1)>"
+
 
 @pytest.fixture(scope="module")
 def server(hidden_effect, calibration, tmp_path_factory, served):
     """One server for all tests that leave the run as it was: its folder and its address."""
-    run = tmp_path_factory.mktemp("served") / "run"
+    run = tmp_path_factory.mktemp("served") / HOSTILE
     shutil.copytree(hidden_effect, run)
+    file = run / "aircraft.yaml"
+    file.write_text(re.sub(r"(?m)^name: .*", f"name: {json.dumps(HOSTILE)}", file.read_text()))
     with served(run, "--calibration", calibration) as address:
         yield run, address
 
@@ -49,6 +54,15 @@ def window_of(page) -> list[list[float]]:
     return page.evaluate(
         "[...document.querySelectorAll('[data-testid^=plot-]')].map((p) => [...p._fullLayout.xaxis.range])"
     )
+
+
+def test_names_from_outside_are_text(server, open_page) -> None:
+    page = open_page(server[1])
+    assert page.inner_text(".who .name") == HOSTILE and HOSTILE in page.inner_text(marked("facts"))
+    assert page.title().startswith(HOSTILE)
+    assert not page.query_selector("[onerror]")
+    page.click(marked("tab-versions"))
+    wait_for_text(page, "one-version", HOSTILE)
 
 
 def test_a_hidden_effect_is_seen_named_added_and_taken_back(server, open_page, capsys) -> None:

@@ -20,7 +20,6 @@ INTERVAL = 1.96
 #: Where the numbers of the first version come from, and those of the others.
 IN_FLIGHT = "Learnt in flight by the recursion, at the end of the flight."
 OF_ALL = "Fitted to all of the flight when this version was made."
-STATUS_WORDS = {"USE": "use", "HOLD": "hold", "REJECT": "reject"}
 
 
 @dataclass(frozen=True)
