@@ -91,6 +91,7 @@ setup(
         "mcap>=1.1,<2",
         "numba>=0.60",
         "numpy>=1.26,<3",
+        "pydantic>=2.7,<3",
         "rich>=13",
         "rosbags>=0.10,<0.12",
         "scipy>=1.11,<2",

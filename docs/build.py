@@ -455,6 +455,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "workbench": workbench,
     **{f"mavlink_{name}": mavlink(name) for name in mavlink_tables.TABLES},
     **{f"nodes_{name}": nodes(name) for name in node_tables.TABLES},
+    "aircraft_keys": lambda: table(*node_tables.aircraft_keys()),
     **{f"trust_{name}": trust(name) for name in trust_tables.TABLES},
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
     **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},

@@ -1,15 +1,13 @@
-"""Tables of docs/nodes.md: the parameters of the nodes, from their descriptions in the code."""
+"""Tables of docs/nodes.md and docs/aircraft-file.md: what can be set, from where it is declared in the code."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.aircraft.configuration import KEYS
 from aircraft_sysid_ros.nodes import estimator_node, mavlink_bridge, parameter_estimator, state_estimator
-from aircraft_sysid_ros.nodes.model_services import DIAGNOSIS_OPTIONS, DiagnosisOptions
-from aircraft_sysid_ros.nodes.options import Option, When, described
-from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.nodes.options import NodeOption, When
 
 Table = tuple[list[str], list[list[str]]]
 
@@ -30,28 +28,38 @@ def written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float | int) else value
 
 
-def allowed(option: Option) -> str:
+def allowed(option: NodeOption) -> str:
     """Range or choices."""
     if option.choices:
         return ", ".join(option.choices)
     return "" if option.low is None else f"{option.low:g} to {option.high:g}"
 
 
-def parameters(options: Mapping[str, tuple[Any, Option]]) -> Table:
+def parameters(options: Mapping[str, NodeOption]) -> Table:
     """One row for each parameter."""
     header = ["parameter", "default", "allowed", "takes effect", "meaning"]
     rows = [
-        [f"`{name}`", written(default), allowed(option), WORDS[option.when], option.text]
-        for name, (default, option) in options.items()
+        [
+            f"`{name}`",
+            f"{written(option.default)} {option.unit}".strip(),
+            allowed(option),
+            WORDS[option.when],
+            option.sentence,
+        ]
+        for name, option in options.items()
     ]
     return header, rows
 
 
-STATE = described(StateOptions(), state_estimator.OPTIONS | state_estimator.SWITCHES)
-PARAMETERS = described(ParameterOptions(), parameter_estimator.OPTIONS | parameter_estimator.SWITCHES)
+def aircraft_keys() -> Table:
+    """The keys of the aircraft file."""
+    rows = [[f"`{name}`", key.meaning, key.unit, key.default] for name, key in KEYS.items()]
+    return ["key", "meaning", "unit", "default"], rows
+
+
 TABLES: dict[str, Callable[[], Table]] = {
     "common": lambda: parameters(estimator_node.COMMON),
-    "state": lambda: parameters(STATE),
-    "parameters": lambda: parameters(PARAMETERS | described(DiagnosisOptions(), DIAGNOSIS_OPTIONS)),
+    "state": lambda: parameters(state_estimator.OPTIONS),
+    "parameters": lambda: parameters(parameter_estimator.OPTIONS),
     "bridge": lambda: parameters(mavlink_bridge.OPTIONS),
 }

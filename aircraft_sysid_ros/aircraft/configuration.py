@@ -10,12 +10,12 @@ from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.expression import one_line
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.yaml_file import read_yaml
 
 Vector = npt.NDArray[np.float64]
 
@@ -64,15 +64,64 @@ SENSOR_ALIASES = {
 }  # fmt: skip
 #: Random walks [unit of the state per square root of a second].
 DEFAULT_PROCESS_NOISE = {"accelerometer_bias": 5e-4, "gyro_bias": 2e-5, "wind": 0.2}
-SURFACES = ("elevator", "aileron", "rudder", "flaps")
-_REQUIRED = ("name", "mass", "wing_area", "span", "chord", "inertia")
-_OPTIONAL = (
-    "imu_position", "air_data_position", "gps_position", "aerodynamic_reference", "sensors", "process_noise",
-    "model", "coefficients", "surface_signs", "ground_altitude", "magnetic_declination", "minimum_airspeed",
-    "trim_airspeed", "parameter_bounds",
-)  # fmt: skip
 #: Lift coefficient that few small aircraft exceed: sets the default airspeed below which it cannot be flying.
 _MAXIMUM_LIFT = 1.6
+SURFACES = ("elevator", "aileron", "rudder", "flaps")
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of the aircraft file, as docs/aircraft-file.md has it: its default in words, empty for one that must be."""
+
+    meaning: str
+    unit: str = ""
+    default: str = ""
+
+
+_POSITION = "from the centre of gravity, FRD"
+KEYS = {
+    "name": Key("what results call the aeroplane"),
+    "mass": Key("mass", "kg"),
+    "wing_area": Key("wing area", "m²"),
+    "span": Key("wing span", "m"),
+    "chord": Key("mean aerodynamic chord", "m"),
+    "inertia": Key("`{xx, yy, zz, xz}` about the centre of gravity", "kg m²"),
+    "imu_position": Key(f"position of the IMU {_POSITION}", "m", "0"),
+    "air_data_position": Key(f"position of the air data probe {_POSITION}", "m", "0"),
+    "gps_position": Key(f"position of the GPS antenna {_POSITION}", "m", "0"),
+    "aerodynamic_reference": Key(f"point of the moment coefficients {_POSITION}", "m", "centre of gravity"),
+    "sensors": Key(
+        "per sensor `noise` (one sigma per sample), `rate` [Hz], `delay` [s], of `airspeed`, `angle_of_attack` and "
+        "`sideslip` also `scale` (measured = scale × true)",
+        default="small UAV",
+    ),
+    "process_noise": Key(
+        "random walks per √s: `accelerometer_bias`, `gyro_bias`, `wind`",
+        default=", ".join(f"{value:g}" for value in DEFAULT_PROCESS_NOISE.values()),
+    ),
+    "model": Key(
+        "terms per axis, expressions of the signals; axes that are not named keep theirs, `[]` is none",
+        default="the 32 terms of (6.25)",
+    ),
+    "surface_signs": Key("+1 or -1 by surface, on what the recording holds", default="1"),
+    "minimum_airspeed": Key(
+        "airspeed below which the aircraft is not flying", "m/s", f"0.8 of a stall speed at C_L {_MAXIMUM_LIFT:g}"
+    ),
+    "ground_altitude": Key(
+        "altitude of the ground as the GPS reports it, for height", "m", "lowest of the flight so far"
+    ),
+    "magnetic_declination": Key("declination; without it a magnetometer only starts the heading", "rad", "none"),
+    "parameter_bounds": Key(
+        "by parameter name `[lowest, highest]`, narrower than physics: outside a parameter never has USE "
+        "([trust.md](trust.md))",
+        default="what aeroplanes have",
+    ),
+    "coefficients": Key(
+        "known values by parameter name: what `simulate` flies. Never used by the estimators", default="none"
+    ),
+    "trim_airspeed": Key("airspeed of simulated flights", "m/s", "that at C_L 0.4"),
+}
+_REQUIRED = tuple(name for name, key in KEYS.items() if not key.default)
 #: Characters of a bad value or key that a message shows.
 _LONGEST_SHOWN = 60
 #: Known keys that a message lists; of more it shows the nearest.
@@ -106,50 +155,20 @@ class Aircraft:
     source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML without its traps: a key that is there twice is an error and not the last of the two."""
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        node = super().compose_mapping_node(anchor)
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        twice = next((key for key in keys if keys.count(key) > 1), None)
-        if twice is not None:
-            raise InputError(f"the key '{_shown(twice)}' is there twice: remove one")
-        return node
-
-
 def load_aircraft(path: str | Path) -> Aircraft:
     """Read and check an aircraft file; raises InputError naming the file, the key and what to mend."""
-    path = Path(path)
+    content = read_yaml(path, "aircraft file")
     try:
-        text = path.read_text(encoding="utf8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
-        raise InputError(f"cannot read the aircraft file {path}: {reason}") from None
-    try:
-        return aircraft_from_dict(_read_yaml(text))
+        return aircraft_from_dict(content)
     except InputError as error:
         raise InputError(f"aircraft file {path}: {error}") from None
-
-
-def _read_yaml(text: str) -> Any:
-    try:
-        return yaml.load(text, _Loader)
-    except InputError:
-        raise
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise InputError(f"it is not valid YAML{where}") from None
-    except (ValueError, RecursionError):  # of YAML's own conversions, such as the date 2024-13-45
-        raise InputError("it is not valid YAML: a value is not what it looks like") from None
 
 
 def aircraft_from_dict(data: Any) -> Aircraft:
     """Check the content of an aircraft file; raises InputError."""
     if not isinstance(data, Mapping):
         raise InputError("it must be a YAML mapping with the keys " + ", ".join(_REQUIRED))
-    _check_keys(data, (*_REQUIRED, *_OPTIONAL), "key")
+    _check_keys(data, tuple(KEYS), "key")
     missing = [key for key in _REQUIRED if data.get(key) is None]
     if missing:
         raise InputError(f"the required key '{missing[0]}' is missing: add it")

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from aircraft_sysid_ros.calibration import compatibility, five_hole_probe, magnetometer
 from aircraft_sysid_ros.calibration.probe_models import CURVE
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.yaml_file import read_yaml
 
 Array = npt.NDArray[np.float64]
 
@@ -60,15 +60,7 @@ def load_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration file, or that of a folder; InputError names the file, the key and what to mend."""
     if Path(path).is_dir():
         path = Path(path) / "calibration.yaml"
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
-        raise InputError(f"cannot read the calibration file {path}: {reason}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise InputError(f"calibration file {path}: it is not valid YAML{where}") from None
+    content = read_yaml(path, "calibration file")
     try:
         return calibration_from_dict(content)
     except InputError as error:

@@ -10,6 +10,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 from rich.progress import Progress
@@ -21,8 +22,10 @@ from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.commands.replay import render as render_run
 from aircraft_sysid_ros.commands.replay import why_no_start
 from aircraft_sysid_ros.errors import IncompleteError, InputError
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import missing_ros
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
 
@@ -99,7 +102,7 @@ def render(result: dict[str, Any]) -> str:
     return render_run(result)
 
 
-def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> dict[str, Any]:
+def _node_arguments(args: argparse.Namespace, state: StateOptions, parameters: ParameterOptions) -> dict[str, Any]:
     """What both nodes are made with; a parameter that a node does not declare is not looked at."""
     from rclpy.parameter import Parameter
 
@@ -107,13 +110,8 @@ def _node_arguments(args: argparse.Namespace, state: Any, parameters: Any) -> di
         "aircraft_file": str(args.aircraft),
         "calibration_file": str(args.calibration or ""),
         "input_reliability": "reliable" if args.reliable else "best_effort",
-        "horizon": float(state.horizon),
-        "air_data_errors": state.air_data_errors,
-        "forgetting_time": float(parameters.forgetting_time),
-        "estimator": parameters.estimator,
-        "lowest_frequency": float(parameters.lowest_frequency),
-        "highest_frequency": float(parameters.highest_frequency),
-        "relearn": parameters.relearn,
+        **asdict(state),
+        **asdict(parameters),
     }
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     namespace = args.namespace.strip("/")

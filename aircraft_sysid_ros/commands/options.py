@@ -6,75 +6,75 @@ import argparse
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.identification.estimators.by_name import ESTIMATORS
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.option import Option, OptionError, options_of
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+
+_BAND = ("lowest_frequency", "highest_frequency")
+
+
+def flag_of(name: str) -> str:
+    """An option as it is typed."""
+    return "--" + name.replace("_", "-")
+
+
+def add_option(parser: argparse.ArgumentParser, name: str, option: Option) -> None:
+    """An option with its default and its sentence; a switch is for what it is not by default."""
+    sentence = option.sentence[:1].lower() + option.sentence[1:].removesuffix(".")
+    if isinstance(option.default, bool):
+        flag, words = (flag_of(f"no-{name}"), f"do not {sentence}") if option.default else (flag_of(name), sentence)
+        parser.add_argument(flag, dest=name, action="store_false" if option.default else "store_true", help=words)
+        return
+    default = str(option.default) if option.choices else f"{option.default:g} {option.unit}".rstrip()
+    parser.add_argument(
+        flag_of(name),
+        type=type(option.default),
+        default=option.default,
+        choices=option.choices or None,
+        metavar=None if option.choices else option.unit.upper() or "N",
+        help=f"{sentence} (default: {default})",
+    )
 
 
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     """What a flight may want different from the defaults."""
-    state, parameters = StateOptions(), ParameterOptions()
-    parser.add_argument(
-        "--horizon",
-        type=float,
-        default=state.horizon,
-        metavar="S",
-        help=f"how late a sample may come and still be fused (default: {state.horizon:g} s)",
-    )
-    parser.add_argument(
-        "--forgetting-time",
-        type=float,
-        default=parameters.forgetting_time,
-        metavar="S",
-        help=f"seconds of motion that the estimates rest on (default: {parameters.forgetting_time:g})",
-    )
-    parser.add_argument(
-        "--estimator",
-        choices=tuple(ESTIMATORS),
-        default=parameters.estimator,
-        help="whose parameters are the result: rls, recursive least squares in the time domain (default); fourier, "
-        "equation error in the frequency domain; rml, recursive maximum likelihood",
-    )
-    band = (parameters.lowest_frequency, parameters.highest_frequency)
+    state, parameters = options_of(StateOptions), options_of(ParameterOptions)
+    for name in ("horizon", "air_data_errors"):
+        add_option(parser, name, state[name])
+    for name in ("forgetting_time", "estimator", "relearn"):
+        add_option(parser, name, parameters[name])
+    band = " ".join(f"{parameters[name].default:g}" for name in _BAND)
     parser.add_argument(
         "--frequencies",
         type=float,
         nargs=2,
         metavar=("LOW", "HIGH"),
-        help=f"band [Hz] of the estimator fourier (default: {band[0]:g} {band[1]:g})",
-    )
-    parser.add_argument(
-        "--air-data-errors",
-        action="store_true",
-        help="scales and offsets of airspeed, alpha and beta are states of the filter too, begun by --calibration",
-    )
-    parser.add_argument(
-        "--no-relearn",
-        action="store_true",
-        help="after a sudden change of the aeroplane keep what was known, instead of learning the changed axis anew",
+        help=f"lowest and highest frequency that the estimator fourier uses (default: {band} Hz)",
     )
 
 
 def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, ParameterOptions]:
     """Options of both steps; raises InputError where they make no sense."""
-    if not 0.0 <= args.horizon <= 5.0:
-        raise InputError(f"--horizon must be between 0 and 5 s, not {args.horizon:g}")
-    if not 1.0 <= args.forgetting_time <= 1e6:
-        raise InputError(f"--forgetting-time must be between 1 and 1e6 s, not {args.forgetting_time:g}")
     if args.frequencies is not None and args.estimator != "fourier":
         raise InputError(f"--frequencies is for --estimator fourier, and this is {args.estimator}: leave it out")
-    defaults = ParameterOptions()
-    low, high = args.frequencies or (defaults.lowest_frequency, defaults.highest_frequency)
-    if not 0.01 <= low < high <= 20.0:
-        raise InputError(f"--frequencies must rise between 0.01 and 20 Hz, not go from {low:g} to {high:g}")
-    parameters = ParameterOptions(
-        forgetting_time=args.forgetting_time,
-        estimator=args.estimator,
-        lowest_frequency=low,
-        highest_frequency=high,
-        relearn=not args.no_relearn,
+    band = {} if args.frequencies is None else dict(zip(_BAND, args.frequencies, strict=True))
+    try:
+        state = StateOptions(horizon=args.horizon, air_data_errors=args.air_data_errors)
+        parameters = ParameterOptions(
+            forgetting_time=args.forgetting_time, estimator=args.estimator, relearn=args.relearn, **band
+        )
+    except OptionError as error:
+        if error.name in band:
+            raise _no_band(*args.frequencies) from None
+        raise InputError(f"{flag_of(error.name)} {error.what}") from None
+    return state, parameters
+
+
+def _no_band(low: float, high: float) -> InputError:
+    lowest, highest = (options_of(ParameterOptions)[name] for name in _BAND)
+    return InputError(
+        f"--frequencies must rise between {lowest.low:g} and {highest.high:g} Hz, not go from {low:g} to {high:g}"
     )
-    return StateOptions(horizon=args.horizon, air_data_errors=args.air_data_errors), parameters
 
 
 def parameter_table(parameters: list[dict[str, Any]], truth: dict[str, float] | None = None) -> str:

@@ -2,32 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import model_validator
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.option import OptionError, option, options, options_of
+
+EstimatorName = Literal["rls", "fourier", "rml"]
+_WINDOW = "the windows that were learnt from are made of it"
+_FORM = "what was learnt is in its form"
 
 
-@dataclass(frozen=True)
+@options
 class ParameterOptions:
     """Options of the second step; the live node offers them as parameters."""
 
-    half_width: float = 0.08  # [s] delay of the differentiator
-    step: float = 0.04  # [s] between evaluations
-    forgetting_time: float = 120.0  # [s] of motion that the estimates rest on
-    excitation: float = 2.0  # how many sigma of its noise a term must move before its axis learns
-    settle: float = 0.2  # [s] how much later than the state a control sample may come
-    largest_gap: float = 0.1  # [s] between states inside a window
-    lag_time: float = 2.0  # [s] over which residuals may be correlated
-    error_window: float = 10.0  # [s] of the sliding model error
-    estimator: str = "rls"  # which estimator's parameters are published: a name of ESTIMATORS
-    lowest_frequency: float = 0.1  # [Hz] band of the estimator "fourier"
-    highest_frequency: float = 2.0  # [Hz]
-    relearn: bool = True  # after a sudden change of the aeroplane learn the changed axis anew
-    rml_rate: float = 100.0  # [Hz] at which the estimator "rml" takes the IMU; faster samples are averaged
+    half_width: float = option(0.08, "Half-width of the differentiating window: its delay.", "s", 0.01, 1.0, _WINDOW)
+    step: float = option(0.04, "Time between evaluations.", "s", 0.005, 1.0, _WINDOW)
+    forgetting_time: float = option(120.0, "Time of motion that the estimates rest on.", "s", 1.0, 1e6)
+    excitation: float = option(
+        2.0, "How far beyond its noise a term must move before its axis learns.", "sigma", 0.0, 100.0
+    )
+    settle: float = option(0.2, "How much later than the state a control sample may come.", "s", 0.0, 5.0)
+    largest_gap: float = option(0.1, "Longest time between states inside a window.", "s", 0.001, 1.0)
+    lag_time: float = option(2.0, "Time over which residuals may be correlated.", "s", 0.1, 10.0, _WINDOW)
+    error_window: float = option(10.0, "Length of the sliding window of the model error.", "s", 1.0, 600.0)
+    estimator: EstimatorName = option(
+        "rls",
+        "Estimator whose parameters are the result: rls, recursive least squares in the time domain; fourier, equation "
+        "error in the frequency domain; rml, recursive maximum likelihood.",
+        fixed=_FORM,
+    )
+    lowest_frequency: float = option(0.1, "Lowest frequency that the estimator fourier uses.", "Hz", 0.01, 20.0, _FORM)
+    highest_frequency: float = option(
+        2.0, "Highest frequency that the estimator fourier uses.", "Hz", 0.01, 20.0, _FORM
+    )
+    relearn: bool = option(True, "Learn the changed axis anew after a sudden change of the aeroplane.")
+    rml_rate: float = option(
+        100.0, "Rate at which the estimator rml takes the IMU; faster samples are averaged.", "Hz", 10.0, 400.0, _FORM
+    )
+
+    @model_validator(mode="after")
+    def _rising(self) -> ParameterOptions:
+        low, high = self.lowest_frequency, self.highest_frequency
+        if not low < high:
+            raise OptionError(
+                "lowest_frequency",
+                "must be below highest_frequency, or there is no band between them, "
+                f"not {low:g} and {high:g} Hz: set both together",
+            )
+        return self
 
 
 #: Options that an estimator is made of: they cannot change while it learns.
-STRUCTURE = ("half_width", "step", "lag_time", "estimator", "lowest_frequency", "highest_frequency", "rml_rate")
+STRUCTURE = tuple(name for name, declared in options_of(ParameterOptions).items() if declared.fixed)
 
 
 def check_change(before: ParameterOptions, after: ParameterOptions) -> None:

@@ -29,10 +29,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.airspeed import MEANINGS
+from aircraft_sysid_ros.yaml_file import read_yaml
 
 Array = npt.NDArray[np.float64]
 
@@ -120,17 +120,11 @@ class Calibration:
 
 def load_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration file; raises InputError that names the file, the key and what to mend."""
-    path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf8"))
-    except OSError as error:
-        raise InputError(f"cannot read the calibration file {path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"the calibration file {path} is not YAML: {' '.join(str(error).split())}") from None
+    content = read_yaml(path, "calibration file")
     try:
         return calibration_from_dict({} if content is None else content)
     except InputError as error:
-        raise InputError(f"the calibration file {path}: {error}") from None
+        raise InputError(f"calibration file {path}: {error}") from None
 
 
 def calibration_from_dict(content: Any) -> Calibration:

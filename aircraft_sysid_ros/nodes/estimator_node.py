@@ -17,52 +17,44 @@ from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.inputs import Input, drain, lost_in_words
-from aircraft_sysid_ros.nodes.options import ConfigurableNode, Option, When
+from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 #: Topic that a calibrated probe is heard on.
 PROBE_TOPIC = "five_hole_probe"
 _MADE = "subscriptions are made when the node is activated"
-#: Default and description of the parameters that both nodes have.
-COMMON: dict[str, tuple[Any, Option]] = {
-    "aircraft_file": (
+#: Parameters that both nodes have.
+COMMON: dict[str, NodeOption] = {
+    "aircraft_file": NodeOption(
         "",
-        Option(
-            "Path of the aircraft file (YAML).",
-            check=lambda path: load_aircraft(path) if path else None,
-            when=When.CONFIGURED,
-            why="what was estimated is of this aircraft",
-        ),
+        "Path of the aircraft file (YAML).",
+        fixed="what was estimated is of this aircraft",
+        when=When.CONFIGURED,
+        check=lambda path: load_aircraft(path) if path else None,
     ),
-    "calibration_file": (
+    "calibration_file": NodeOption(
         "",
-        Option(
-            "Path of a calibration file (YAML) of `aircraft-sysid calibrate`; empty: samples are taken as they are.",
-            check=lambda path: load_calibration(path) if path else None,
-            when=When.CONFIGURED,
-            why="samples that were corrected by it are in what was estimated",
-        ),
+        "Path of a calibration file (YAML) of `aircraft-sysid calibrate`; empty: samples are taken as they are.",
+        fixed="samples that were corrected by it are in what was estimated",
+        when=When.CONFIGURED,
+        check=lambda path: load_calibration(path) if path else None,
     ),
-    "autostart": (True, Option("Configure and activate at the start, without a manager.", when=When.STARTED)),
-    "input_reliability": (
+    "autostart": AUTOSTART,
+    "input_reliability": NodeOption(
         "best_effort",
-        Option(
-            "best_effort matches every publisher of sensor data; reliable asks for every sample of a playback, and a "
-            "publisher that keeps all waits for a slow node.",
-            choices=("best_effort", "reliable"),
-            when=When.ACTIVATED,
-            why=_MADE,
-        ),
+        "best_effort matches every publisher of sensor data; reliable asks for every sample of a playback, and a "
+        "publisher that keeps all waits for a slow node.",
+        choices=("best_effort", "reliable"),
+        fixed=_MADE,
+        when=When.ACTIVATED,
     ),
-    "input_depth": (
+    "input_depth": NodeOption(
         100,
-        Option(
-            "Samples that may wait per topic with best_effort: 10 lose some when the machine stalls, 100 lost none.",
-            1,
-            100000,
-            when=When.ACTIVATED,
-            why=_MADE,
-        ),
+        "Samples that may wait per topic with best_effort: 10 lose some when the machine stalls, 100 lost none.",
+        low=1,
+        high=100000,
+        fixed=_MADE,
+        when=When.ACTIVATED,
     ),
 }
 
@@ -70,10 +62,8 @@ COMMON: dict[str, tuple[Any, Option]] = {
 class EstimatorNode(ConfigurableNode):
     """Lifecycle, inputs, diagnostics; a node adds its estimator and what it publishes."""
 
-    def __init__(
-        self, name: str, inputs: tuple[str, ...], described: Mapping[str, tuple[Any, Option]], **arguments: Any
-    ) -> None:
-        super().__init__(name, {**COMMON, **described}, **arguments)
+    def __init__(self, name: str, inputs: tuple[str, ...], options: Mapping[str, NodeOption], **arguments: Any) -> None:
+        super().__init__(name, {**COMMON, **options}, **arguments)
         self.estimator: Any = None
         self.correction: Correction | None = None  # of the samples, by the calibration file
         self.received = dict.fromkeys(inputs, 0)

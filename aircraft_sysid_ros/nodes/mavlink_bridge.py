@@ -31,7 +31,7 @@ from aircraft_sysid_ros.mavlink.calibration import Calibration, load_calibration
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.options import ConfigurableNode, Option, When
+from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When
 from aircraft_sysid_ros.ros_messages.conversion import ned_from_enu
 
 #: Topics that the node hears for the way back.
@@ -50,30 +50,29 @@ def _check_topics(topics: Sequence[str]) -> None:
         raise InputError(f"the parameter topics names {topic}: known are {', '.join(ALL_TOPICS)}")
 
 
-_of_link = partial(Option, when=When.CONFIGURED, why="the link is opened with it")
-#: Default and description of each parameter.
-OPTIONS: dict[str, tuple[Any, Option]] = {
-    "connection": (
+_of_link = partial(NodeOption, fixed="the link is opened with it", when=When.CONFIGURED)
+OPTIONS: dict[str, NodeOption] = {
+    "connection": _of_link(
         "udp:0.0.0.0:14550",
-        _of_link("udp:HOST:PORT listens; udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD.", check=parse_address),
+        "udp:HOST:PORT listens; udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD.",
+        check=parse_address,
     ),
-    "calibration_file": (
+    "calibration_file": _of_link(
         "",
-        _of_link(
-            "Path of the calibration file (YAML); without one, no control surfaces.",
-            check=lambda path: load_calibration(path) if path else None,
-        ),
+        "Path of the calibration file (YAML); without one, no control surfaces.",
+        check=lambda path: load_calibration(path) if path else None,
     ),
-    "system": (0, _of_link("System id of the vehicle; 0 is the first that is heard.", 0, 255)),
-    "topics": ([""], _of_link("Publish these topics only, such as air_data; empty: all.", check=_check_topics)),
-    "back_parameters": ([""], Option("Names of the parameters to send to the autopilot.")),
-    "back_form": (
+    "system": _of_link(0, "System id of the vehicle; 0 is the first that is heard.", low=0, high=255),
+    "topics": _of_link([""], "Publish these topics only, such as air_data; empty: all.", check=_check_topics),
+    "back_parameters": NodeOption([""], "Names of the parameters to send to the autopilot."),
+    "back_form": NodeOption(
         "named",
-        Option("named: NAMED_VALUE_FLOAT; array: DEBUG_FLOAT_ARRAY with their standard errors.", choices=FORMS),
+        "named: NAMED_VALUE_FLOAT; array: DEBUG_FLOAT_ARRAY with their standard errors.",
+        choices=FORMS,
     ),
-    "back_wind_rate": (1.0, Option("Rate [Hz] of WIND_COV; 0: none.", 0.0, FASTEST)),
-    "back_parameter_rate": (1.0, Option("Rate [Hz] of the parameters; 0: none.", 0.0, FASTEST)),
-    "autostart": (True, Option("Configure and activate at the start, without a manager.", when=When.STARTED)),
+    "back_wind_rate": NodeOption(1.0, "Rate of WIND_COV; 0: none.", "Hz", 0.0, FASTEST),
+    "back_parameter_rate": NodeOption(1.0, "Rate of the parameters; 0: none.", "Hz", 0.0, FASTEST),
+    "autostart": AUTOSTART,
 }
 
 

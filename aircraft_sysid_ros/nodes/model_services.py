@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,15 +26,11 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.options import Option
+from aircraft_sysid_ros.option import option, options
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 
 Array = npt.NDArray[np.float64]
 
-DIAGNOSIS_OPTIONS = {
-    "diagnosis_period": Option("Seconds of flight between searches for missing effects; 0 is never.", 0.0, 3600.0),
-    "diagnosis_share": Option("Share of one core that the searches may take on average.", 0.001, 1.0),
-}
 #: Time [s] between looks whether a search has ended.
 _POLL = 0.2
 _BIAS_STD = slice(
@@ -44,12 +39,14 @@ _BIAS_STD = slice(
 )
 
 
-@dataclass(frozen=True)
+@options
 class DiagnosisOptions:
     """Options of the search in flight."""
 
-    diagnosis_period: float = 30.0
-    diagnosis_share: float = 0.05
+    diagnosis_period: float = option(
+        30.0, "Time of flight between searches for missing effects; 0 is never.", "s", 0.0, 3600.0
+    )
+    diagnosis_share: float = option(0.05, "Share of one core that the searches may take on average.", "", 0.001, 1.0)
 
 
 class ModelServices:

@@ -15,6 +15,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.option import Option, options_of
 
 Options = TypeVar("Options")
 
@@ -29,23 +30,18 @@ class When(Enum):
 
 
 @dataclasses.dataclass(frozen=True)
-class Option:
-    """Description of one parameter: a number from ``low`` to ``high``, one of ``choices``, or what ``check`` accepts.
+class NodeOption(Option):
+    """An option as a parameter of a node; ``check`` raises InputError for what it does not accept.
 
-    ``check`` raises InputError. ``why`` says why the value cannot change while the node is active.
+    ``fixed`` says why the value cannot change while the node is active.
     """
 
-    text: str
-    low: float | None = None
-    high: float | None = None
-    choices: tuple[str, ...] = ()
-    check: Callable[[Any], object] | None = None
     when: When = When.AT_ONCE
-    why: str = ""
+    check: Callable[[Any], object] | None = None
 
-    def descriptor(self, default: Any) -> ParameterDescriptor:
+    def descriptor(self) -> ParameterDescriptor:
         """What ROS is told of the parameter."""
-        constraints = [f"one of {self._listed()}"] if self.choices else []
+        constraints = [self.allowed] if self.choices else []
         descriptor = ParameterDescriptor(
             description=self.text,
             additional_constraints="; ".join([*constraints, self.when.value]),
@@ -53,45 +49,49 @@ class Option:
         )
         if self.low is None or self.high is None:
             return descriptor
-        if isinstance(default, int):
+        if isinstance(self.default, int):
             descriptor.integer_range = [IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)]
         else:
             descriptor.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high)]
         return descriptor
 
     def accept(self, name: str, value: Any) -> None:
-        """Raises InputError for a value that is none of the choices, or that ``check`` refuses."""
-        if self.choices and value not in self.choices:
-            raise InputError(f"the parameter {name} must be one of {self._listed()}, not '{value}'")
+        """Raises InputError for a value out of range, that is none of the choices, or that ``check`` refuses."""
+        super().accept(f"the parameter {name}", value)
         if self.check is not None:
             self.check(value)
 
-    def _listed(self) -> str:
-        return f"{', '.join(self.choices[:-1])} or {self.choices[-1]}"
+
+#: A parameter of every node.
+AUTOSTART = NodeOption(True, "Configure and activate at the start, without a manager.", when=When.STARTED)
+
+
+def node_options(kind: type[Any]) -> dict[str, NodeOption]:
+    """The options that a class declares, as parameters: those that are fixed take effect at the next configuration."""
+    declared = {name: vars(option) for name, option in options_of(kind).items()}
+    return {
+        name: NodeOption(**values, when=When.CONFIGURED if values["fixed"] else When.AT_ONCE)
+        for name, values in declared.items()
+    }
 
 
 def options_from(kind: Callable[..., Options], values: Mapping[str, Any]) -> Options:
-    """The dataclass ``kind`` from values by name."""
+    """The options of a class from values by name; raises InputError where they do not fit each other."""
     return kind(**{field.name: values[field.name] for field in dataclasses.fields(kind)})  # type: ignore[arg-type]
-
-
-def described(defaults: Any, options: Mapping[str, Option]) -> dict[str, tuple[Any, Option]]:
-    """Options with their defaults, which are fields of the dataclass instance ``defaults``."""
-    return {name: (getattr(defaults, name), option) for name, option in options.items()}
 
 
 class ConfigurableNode(LifecycleNode):
     """A lifecycle node with described parameters; ``is_active`` between its activation and its deactivation."""
 
-    def __init__(self, name: str, options: Mapping[str, tuple[Any, Option]], **arguments: Any) -> None:
-        """``options``: default and description of each parameter."""
+    def __init__(self, name: str, options: Mapping[str, NodeOption], **arguments: Any) -> None:
+        """``options``: one for each parameter."""
         super().__init__(name, **arguments)
         self.is_active = False
         self.set_in_flight: dict[str, Any] = {}  # parameters that were set while active, with their newest values
-        self._described = {key: option for key, (_, option) in options.items()}
+        self._described = options
         self._configured_with: dict[str, Any] = {}
-        for key, (default, option) in options.items():
-            self.declare_parameter(key, default, option.descriptor(default))
+        for key, option in options.items():
+            self.declare_parameter(key, option.default, option.descriptor())
         self.add_on_set_parameters_callback(self._may_be_set)
         self.add_post_set_parameters_callback(self._has_been_set)
 
@@ -183,9 +183,8 @@ class ConfigurableNode(LifecycleNode):
             for name, value in wanted.items():
                 option = self._described[name]
                 if self.is_active and option.when is not When.AT_ONCE:
-                    raise InputError(
-                        f"{name} cannot change while the node is active, since {option.why}: deactivate the node first"
-                    )
+                    why = f"since {option.fixed}: deactivate the node first"
+                    raise InputError(f"{name} cannot change while the node is active, {why}")
                 option.accept(name, value)
             if wanted:
                 self.check_together({**now, **wanted})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.identification.estimators.by_name import ESTIMATORS
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.learning import STALE
 from aircraft_sysid_ros.identification.model_file import load_model, save_model
@@ -23,8 +21,8 @@ from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
-from aircraft_sysid_ros.nodes.model_services import DIAGNOSIS_OPTIONS, DiagnosisOptions, ModelServices
-from aircraft_sysid_ros.nodes.options import Option, When, described, options_from
+from aircraft_sysid_ros.nodes.model_services import DiagnosisOptions, ModelServices
+from aircraft_sysid_ros.nodes.options import node_options, options_from
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
 from aircraft_sysid_ros.ros_messages.conversion import message_fields, nanoseconds_of, to_samples
@@ -37,23 +35,7 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
 #: What an estimator hears besides: the measurements that it predicts.
 MORE_INPUTS = {"rml": ("air_data", "gps/fix", "gps/vel")}
-_window = partial(Option, when=When.CONFIGURED, why="the windows that were learnt from are made of it")
-_chosen = partial(Option, when=When.CONFIGURED, why="what was learnt is in its form")
-OPTIONS: dict[str, Option] = {
-    "half_width": _window("Half-width [s] of the differentiating window: its delay.", 0.01, 1.0),
-    "step": _window("Time [s] between evaluations.", 0.005, 1.0),
-    "forgetting_time": Option("Seconds of motion that the estimates rest on.", 1.0, 1e6),
-    "excitation": Option("How many sigma of its noise a term must move before its axis learns.", 0.0, 100.0),
-    "settle": Option("How much later [s] than the state a control sample may come.", 0.0, 5.0),
-    "largest_gap": Option("Longest time [s] between states inside a window.", 0.01, 1.0),
-    "lag_time": _window("Time [s] over which residuals may be correlated.", 0.1, 10.0),
-    "error_window": Option("Length [s] of the sliding window of the model error.", 1.0, 600.0),
-    "estimator": _chosen("Estimator whose parameters are published.", choices=tuple(ESTIMATORS)),
-    "lowest_frequency": _chosen("Lowest frequency [Hz] that the estimator fourier uses.", 0.01, 10.0),
-    "highest_frequency": _chosen("Highest frequency [Hz] that the estimator fourier uses.", 0.1, 20.0),
-    "rml_rate": _chosen("Rate [Hz] at which the estimator rml takes the IMU, or means of it.", 10.0, 400.0),
-}
-SWITCHES = {"relearn": Option("After a sudden change of the aeroplane learn the changed axis anew.")}
+OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions)
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
 PERIOD = 1.0
@@ -63,8 +45,7 @@ class ParameterEstimatorNode(EstimatorNode):
     """Lifecycle node that owns a Identifier while it is configured."""
 
     def __init__(self, **arguments: Any) -> None:
-        options = described(ParameterOptions(), OPTIONS | SWITCHES) | described(DiagnosisOptions(), DIAGNOSIS_OPTIONS)
-        super().__init__("parameter_estimator", INPUTS, options, **arguments)
+        super().__init__("parameter_estimator", INPUTS, OPTIONS, **arguments)
         self.states_received = 0
         self.hears_states = True  # False before it is activated: a node of this process gives them to `take_states`
         self.on_points: Callable[[Any], None] | None = None  # `live --out` keeps both for the run folder
@@ -89,13 +70,9 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def check_together(self, values: Mapping[str, Any]) -> None:
         """The band of frequencies must rise; what the chosen estimator is made of cannot change in flight."""
-        low, high = values["lowest_frequency"], values["highest_frequency"]
-        if not low < high:
-            raise InputError(
-                f"lowest_frequency must be below highest_frequency, not {low:g} and {high:g} Hz: set both together"
-            )
+        options = options_from(ParameterOptions, values)
         if self.is_active:
-            check_change(self.estimator.options, options_from(ParameterOptions, values))
+            check_change(self.estimator.options, options)
 
     def use_options(self, values: Mapping[str, Any]) -> None:
         """Learn with other options from the next state on."""

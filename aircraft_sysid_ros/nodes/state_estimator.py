@@ -15,7 +15,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
-from aircraft_sysid_ros.nodes.options import Option, When, described, options_from
+from aircraft_sysid_ros.nodes.options import node_options, options_from
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, warm_up
@@ -24,23 +24,7 @@ from aircraft_sysid_ros.ros_messages.output_messages import state_fields, wind_f
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 INPUTS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data")
-OPTIONS = {
-    "horizon": Option("How late [s] a sample may come and still be fused at its own time.", 0.0, 5.0),
-    "gate": Option("Innovations beyond this many sigma are rejected.", 2.0, 100.0),
-    "maximum_iterations": Option("Cap on the iterations of one measurement update.", 1, 50),
-    "tolerance": Option("The update has converged when it moves by less than this many sigma.", 1e-9, 1.0),
-    "maximum_gap": Option(
-        "Longest silence [s] of the IMU that is integrated; after more the filter aligns anew.", 0.05, 5.0
-    ),
-    "divergence_time": Option("GPS rejected for this long [s] without a break: align anew.", 1.0, 60.0),
-}
-SWITCHES = {
-    "air_data_errors": Option(
-        "Scales and offsets of airspeed, alpha and beta are states of the filter too, begun by calibration_file.",
-        when=When.CONFIGURED,
-        why="they are states of the filter",
-    ),
-}
+OPTIONS = node_options(StateOptions)
 #: Samples are pushed together that came within this part of the horizon, by which states are late anyway: one push
 #: costs nearly the same for one sample as for ten. The numbers do not depend on it.
 TOGETHER = 0.02
@@ -51,7 +35,7 @@ class StateEstimatorNode(EstimatorNode):
     """Lifecycle node that owns a StateEstimator while it is configured."""
 
     def __init__(self, **arguments: Any) -> None:
-        super().__init__("state_estimator", INPUTS, described(StateOptions(), OPTIONS | SWITCHES), **arguments)
+        super().__init__("state_estimator", INPUTS, OPTIONS, **arguments)
         self.rows_published = 0
         self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
         self.on_samples: Callable[[Any], None] | None = None  # and the samples

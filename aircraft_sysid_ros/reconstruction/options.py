@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from aircraft_sysid_ros.option import option, options
 
 
-@dataclass(frozen=True)
+@options
 class StateOptions:
     """Options of the first step; the live node offers them as parameters."""
 
-    horizon: float = 0.5  # [s] how late a sample may come and still be fused at its own time
-    gate: float = 5.0  # [sigma] of a scalar innovation; more outputs at the same probability
-    maximum_iterations: int = 5
-    tolerance: float = 1e-3  # of (3.16), in standard deviations
-    maximum_gap: float = 0.5  # [s] between IMU samples; longer, and the filter aligns anew
-    divergence_time: float = 5.0  # [s] of GPS position and velocity rejected without a break: align anew
-    air_data_errors: bool = False  # scales and offsets of V, alpha and beta are states too
+    horizon: float = option(0.5, "How late a sample may come and still be fused at its own time.", "s", 0.0, 5.0)
+    #: Of a scalar innovation; more outputs at the same probability.
+    gate: float = option(5.0, "Innovations beyond this are rejected.", "sigma", 2.0, 100.0)
+    maximum_iterations: int = option(5, "Cap on the iterations of one measurement update.", "", 1, 50)
+    #: Of (3.16).
+    tolerance: float = option(1e-3, "The update has converged when it moves by less than this.", "sigma", 1e-9, 1.0)
+    maximum_gap: float = option(
+        0.5, "Longest silence of the IMU that is integrated; after more the filter aligns anew.", "s", 0.05, 5.0
+    )
+    divergence_time: float = option(5.0, "GPS rejected for this long without a break: align anew.", "s", 1.0, 60.0)
+    air_data_errors: bool = option(
+        False,
+        "Scales and offsets of airspeed, alpha and beta are states of the filter too, begun by the calibration.",
+        fixed="they are states of the filter",
+    )

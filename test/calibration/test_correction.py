@@ -98,6 +98,7 @@ def test_no_flow_gives_no_angles(calibration_flown):
         ("probe: {}", "mapping with one of"),
         ("{magnetometer: {}, probe: {}}", "unknown section 'probe'"),
         ("magnetometer:\n  n_x: 1\n n_y: [", "not valid YAML at line 3"),
+        ("magnetometer:\n  n_x: 1\n  n_x: 2\n", "the key 'n_x' is there twice, at lines 2 and 3: remove one"),
     ],
 )
 def test_bad_files_are_one_sentence(tmp_path, content, message):

@@ -121,7 +121,10 @@ def test_a_file_that_is_none(tmp_path):
     with pytest.raises(InputError, match="cannot read the calibration file"):
         load_calibration(tmp_path / "nowhere.yaml")
     (tmp_path / "bad.yaml").write_text("outputs: {1: [")
-    with pytest.raises(InputError, match="is not YAML"):
+    with pytest.raises(InputError, match="not valid YAML at line 1"):
         load_calibration(tmp_path / "bad.yaml")
+    (tmp_path / "twice.yaml").write_text("outputs:\n  1: {surface: rudder}\n  1: {surface: elevator}\n")
+    with pytest.raises(InputError, match="the key '1' is there twice, at lines 2 and 3: remove one"):
+        load_calibration(tmp_path / "twice.yaml")
     (tmp_path / "empty.yaml").write_text("")
     assert not load_calibration(tmp_path / "empty.yaml").outputs

@@ -15,18 +15,18 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.common import start
 from aircraft_sysid_ros.nodes.estimator_node import COMMON
-from aircraft_sysid_ros.nodes.model_services import DIAGNOSIS_OPTIONS
+from aircraft_sysid_ros.nodes.model_services import DiagnosisOptions
 from aircraft_sysid_ros.nodes.options import When
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
+from aircraft_sysid_ros.option import options_of
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import concatenate
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
-COMMON_OPTIONS = {name: option for name, (_, option) in COMMON.items()}
-STATE_OPTIONS = COMMON_OPTIONS | state_estimator.OPTIONS | state_estimator.SWITCHES
-PARAMETER_OPTIONS = COMMON_OPTIONS | parameter_estimator.OPTIONS | parameter_estimator.SWITCHES | DIAGNOSIS_OPTIONS
+STATE_OPTIONS = COMMON | state_estimator.OPTIONS
+PARAMETER_OPTIONS = COMMON | parameter_estimator.OPTIONS
 
 
 def messages(values):
@@ -182,13 +182,13 @@ def test_while_active_every_parameter_takes_effect_or_is_refused_with_the_reason
         if result.successful:
             at_once += 1
             assert now == value
-            if key not in DIAGNOSIS_OPTIONS:
+            if key not in options_of(DiagnosisOptions):
                 assert getattr(node.estimator.options, key) == value
             continue
         assert now == before[key]
         assert key in result.reason
         if option.when is not When.STARTED:
-            assert option.why in result.reason and "deactivate" in result.reason
+            assert option.fixed in result.reason and "deactivate" in result.reason
     assert at_once > 5
     assert all(r.successful for r in put(bench, name, aircraft_file=before["aircraft_file"]))  # nothing is changed
 
@@ -285,4 +285,4 @@ def test_descriptions_say_what_is_allowed_and_when_it_takes_effect(bench, kind, 
         assert all(choice in descriptor.additional_constraints for choice in option.choices)
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         assert [(r.from_value, r.to_value) for r in ranges] == [(option.low, option.high)] * (option.low is not None)
-        assert bool(option.why) == (option.when in (When.ACTIVATED, When.CONFIGURED)), name
+        assert bool(option.fixed) == (option.when in (When.ACTIVATED, When.CONFIGURED)), name

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.estimators.contract import Estimator
 from aircraft_sysid_ros.identification.estimators.fourier import FourierEstimator
 from aircraft_sysid_ros.identification.estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RecursiveLeastSquares
-from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.options import EstimatorName, ParameterOptions
 
 #: Whose parameters are published.
-ESTIMATORS: dict[str, Callable[[Aircraft, ParameterOptions], Estimator]] = {
+ESTIMATORS: dict[EstimatorName, Callable[[Aircraft, ParameterOptions], Estimator]] = {
     "rls": RecursiveLeastSquares,
     "fourier": FourierEstimator,
     "rml": MaximumLikelihoodEstimator,
@@ -23,11 +22,6 @@ ESTIMATORS: dict[str, Callable[[Aircraft, ParameterOptions], Estimator]] = {
 def make_estimator(
     aircraft: Aircraft, options: ParameterOptions, least_squares: RecursiveLeastSquares | None = None
 ) -> Estimator:
-    """The estimator of ``options.estimator``; that of ``least_squares``, which always runs, is not made twice.
-
-    Raises InputError for other names.
-    """
-    if options.estimator not in ESTIMATORS:
-        raise InputError(f"the estimator must be one of {', '.join(ESTIMATORS)}, not '{options.estimator}'")
+    """The estimator of ``options.estimator``; that of ``least_squares``, which always runs, is not made twice."""
     make = ESTIMATORS[options.estimator]
     return least_squares if least_squares is not None and make is RecursiveLeastSquares else make(aircraft, options)
