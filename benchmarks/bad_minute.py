@@ -3,8 +3,8 @@
     python benchmarks/bad_minute.py [--seeds 6] [--clean 20]
 
 Simulated flights go through the whole chain. Every half second what is published is compared with what it would be
-without the gates, and with the truth: when the parameters of the failure are held, when they are used again, and by
-how much the main derivatives are wrong while their status is USE.
+without the integrity monitor, and with the truth: when the parameters of the failure are held, when they are used
+again, and by how much the main derivatives are wrong while their status is USE.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ TOUCHED = {STUCK: ("Cn_beta", "Cn_r", "Cn_dr")} | dict.fromkeys((HALVED, RECORD)
 
 
 class Watched:
-    """A flight through the chain: (steps, parameters) with the gates and without them."""
+    """A flight through the chain: (steps, parameters) with the integrity monitor and without it."""
 
     def __init__(self, aircraft: Aircraft, samples: Samples, estimator: str = "rls", step: float = STEP) -> None:
         pipeline = Pipeline(aircraft, None, ParameterOptions(estimator=estimator))
@@ -116,7 +116,7 @@ def failure(aircraft: Aircraft, name: str, seed: int, air: str) -> dict[str, Any
 
 
 def clean(aircraft: Aircraft, seed: int, air: str, estimator: str) -> dict[str, Any]:
-    """A flight without any failure: what the gates cost."""
+    """A flight without any failure: what the integrity monitor costs."""
     samples = simulate_samples(aircraft, seed, DURATION, turbulence=air).samples
     watched = Watched(aircraft, samples, estimator, CLEAN_STEP)
     late = watched.time > 0.4 * DURATION
@@ -143,7 +143,7 @@ def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def of_clean(records: list[dict[str, Any]]) -> dict[str, Any]:
-    """What the gates cost over flights without a failure."""
+    """What the integrity monitor costs over flights without a failure."""
     return {
         "flights": len(records),
         "with_hold": sum(r["holds"] > 0 for r in records),

@@ -6,7 +6,7 @@ The work per IMU sample (100 Hz): a prediction, the share of air data (V, alpha,
 velocity at 5 Hz), three iterations each, and recursive least squares of six axes with the lagged sums that correct its
 standard errors. All sides get the same arrays in the same process and take turns; their numbers are compared. Times are
 processor times, so that a busy machine matters little. ``ours`` are the compiled kernels that replay and the live nodes
-run, ``chain`` is the whole Pipeline with everything around them (time order, interpolation, signals, terms, gates).
+run, ``chain`` is the whole Pipeline with everything around them (time order, interpolation, signals, terms, monitors).
 """
 
 from __future__ import annotations

@@ -45,18 +45,18 @@ def failures(result: Result) -> Table:
         for part in [parts[name]]
     ]  # fmt: skip
     header = ["failure", "air", "HOLD after, median / worst", "USE again after its end", "largest error with USE",
-              "without the gates", "reason given"]  # fmt: skip
+              "without the monitor", "reason given"]  # fmt: skip
     return header, rows
 
 
 def clean(result: Result) -> Table:
-    """What the gates cost where nothing fails."""
+    """What the integrity monitor costs where nothing fails."""
     rows = [
         [label, str(part["flights"]), f"{100 * part['use_plain']:.1f} %", f"{100 * part['use']:.1f} %",
          str(part["with_hold"]), f"{part['disagreeing']:.2f}"]
         for label, part in result["clean"].items()
     ]  # fmt: skip
-    header = ["flights", "number", "USE without the gates", "USE with them", "flights in which an axis was held",
+    header = ["flights", "number", "USE without the monitor", "USE with it", "flights in which an axis was held",
               "parameters per flight on which two estimates disagree"]  # fmt: skip
     return header, rows
 
