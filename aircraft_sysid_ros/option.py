@@ -116,11 +116,11 @@ def _option(field: Any) -> Option:
     return Option(field.default, field.description, extra["unit"], low, high, choices, extra["fixed"])
 
 
-def _translated(kind: type[Any], error: ValidationError) -> OptionError:
+def _translated(kind: type[Any], error: ValidationError) -> InputError:
     """The first thing that is wrong, in our words."""
     found = error.errors(include_url=False)[0]
     cause = found.get("ctx", {}).get("error")
-    if isinstance(cause, OptionError):  # of a check in the class itself
+    if isinstance(cause, InputError):  # of a check in the class itself
         return cause
     known, place = options_of(kind), found["loc"][0]
     name = list(known)[place] if isinstance(place, int) else place

@@ -5,11 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from dataclasses import replace
 from typing import Any
 
+from aircraft_sysid_ros.commands.options import add_option
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra, missing_ros
+from aircraft_sysid_ros.mavlink.back_options import BackOptions
+from aircraft_sysid_ros.option import OptionError, options_of
 
 DEFAULT_CONNECTION = "udp:0.0.0.0:14550"
 
@@ -28,8 +32,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add("--namespace", default="", metavar="NS", help="namespace of the node and its topics")
     add("--topics", nargs="+", default=[], metavar="TOPIC", help="publish these only (default: all)")
     add("--back", nargs="+", default=[], metavar="PARAMETER", help="to send to the autopilot, such as CZ_alpha")
-    add("--back-form", choices=("named", "array"), default="named", help="NAMED_VALUE_FLOAT or DEBUG_FLOAT_ARRAY")
-    add("--back-rate", type=float, default=1.0, metavar="HZ", help="of wind and parameters; 0: nothing (default: 1)")
+    back = options_of(BackOptions)
+    add_option(parser, "back_form", back["form"])
+    add_option(parser, "back_rate", replace(back["wind_rate"], sentence="Rate of wind and parameters; 0: nothing."))
     add("--duration", type=float, metavar="S", help="end after S seconds (default: run until Ctrl-C)")
     add("--ready-file", metavar="FILE", help="file to create when the bridge listens, for scripts")
     return parser
@@ -102,7 +107,6 @@ def _check(args: argparse.Namespace) -> None:
     """What the node would only log, as one clear line before it starts."""
     try:
         from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
-        from aircraft_sysid_ros.mavlink.back_channel import BackOptions, check_back_options
         from aircraft_sysid_ros.mavlink.calibration import load_calibration
         from aircraft_sysid_ros.mavlink.requests import Requests
         from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
@@ -116,13 +120,19 @@ def _check(args: argparse.Namespace) -> None:
     for topic in args.topics:
         if topic not in ALL_TOPICS:
             raise InputError(f"--topics: unknown topic {topic}: known are {', '.join(ALL_TOPICS)}")
-    if not 0.0 <= args.back_rate <= 50.0:
-        raise InputError(f"--back-rate must be from 0 to 50 Hz, not {args.back_rate:g}")
-    check_back_options(BackOptions(tuple(args.back), args.back_form, args.back_rate, args.back_rate))
+    _check_back(args)
     if address.kind == "udpin":  # a board may start anew when its port is opened: once is enough
         transport = Transport(address)
         transport.open()
         transport.close()
+
+
+def _check_back(args: argparse.Namespace) -> None:
+    rate = args.back_rate
+    try:
+        BackOptions(parameters=tuple(args.back), form=args.back_form, wind_rate=rate, parameter_rate=rate)
+    except OptionError as error:
+        raise InputError(f"--back-rate {error.what}") from None
 
 
 def _check_namespace(namespace: str) -> None:

@@ -9,27 +9,12 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.back_options import ARRAY_LENGTH, NAME_LENGTH, BackOptions
 
 NANOSECONDS = 1_000_000_000
-NAME_LENGTH = 10
-ARRAY_LENGTH = 58
 ARRAY_NAME = "SYSID"
-FORMS = ("named", "array")
-#: Largest rate [Hz] of what goes back.
-FASTEST = 50.0
 #: Id of the array with the values, and of that with their standard errors.
 VALUES_ARRAY, ERRORS_ARRAY = 1, 2
-
-
-@dataclass(frozen=True)
-class BackOptions:
-    """What goes back, and at most how often."""
-
-    parameters: tuple[str, ...] = ()
-    form: str = "named"  # NAMED_VALUE_FLOAT, or "array": DEBUG_FLOAT_ARRAY
-    wind_rate: float = 1.0  # [Hz]; 0: no wind
-    parameter_rate: float = 1.0  # [Hz] of the whole set; 0: no parameters
 
 
 @dataclass(frozen=True)
@@ -51,29 +36,11 @@ class Known:
     usable: bool
 
 
-def check_back_options(options: BackOptions) -> BackOptions:
-    """The options; raises InputError where names cannot be told apart in MAVLink, or do not fit."""
-    short = [name[:NAME_LENGTH] for name in options.parameters]
-    twice = next((name for name in short if short.count(name) > 1), None)
-    if options.form not in FORMS:
-        raise InputError(f"parameters go back as {' or '.join(FORMS)}, not '{options.form}'")
-    if options.form == "named" and twice is not None:
-        raise InputError(
-            f"two of the parameters to send back begin with '{twice}', and MAVLink has {NAME_LENGTH} letters: use array"
-        )
-    if len(options.parameters) > ARRAY_LENGTH:
-        raise InputError(f"at most {ARRAY_LENGTH} parameters can be sent back, not {len(options.parameters)}")
-    for name in ("wind_rate", "parameter_rate"):
-        if not 0.0 <= getattr(options, name) <= FASTEST:
-            raise InputError(f"{name} must be from 0 to {FASTEST:g} Hz, not {getattr(options, name):g}")
-    return options
-
-
 class BackChannel:
     """The newest wind and parameters, and what of them is due."""
 
     def __init__(self, options: BackOptions | None = None) -> None:
-        self.options = check_back_options(options or BackOptions())
+        self.options = options or BackOptions()
         self.wind: Wind | None = None
         self.parameters: Sequence[Known] = ()
         self.sent = 0

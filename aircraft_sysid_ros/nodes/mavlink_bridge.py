@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,21 +18,15 @@ from rclpy.qos import QoSProfile
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, Output
-from aircraft_sysid_ros.mavlink.back_channel import (
-    FASTEST,
-    FORMS,
-    BackChannel,
-    BackOptions,
-    Known,
-    Wind,
-    check_back_options,
-)
+from aircraft_sysid_ros.mavlink.back_channel import BackChannel, Known, Wind
+from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.mavlink.bridge import STEP, Bridge
 from aircraft_sysid_ros.mavlink.calibration import Calibration, load_calibration
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When
+from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When, node_options
+from aircraft_sysid_ros.option import options_of
 from aircraft_sysid_ros.ros_messages.conversion import ned_from_enu
 
 #: Topics that the node hears for the way back.
@@ -50,6 +45,8 @@ def _check_topics(topics: Sequence[str]) -> None:
         raise InputError(f"the parameter topics names {topic}: known are {', '.join(ALL_TOPICS)}")
 
 
+#: Options of what goes back begin with it.
+_BACK = "back_"
 _of_link = partial(NodeOption, fixed="the link is opened with it", when=When.CONFIGURED)
 OPTIONS: dict[str, NodeOption] = {
     "connection": _of_link(
@@ -64,16 +61,10 @@ OPTIONS: dict[str, NodeOption] = {
     ),
     "system": _of_link(0, "System id of the vehicle; 0 is the first that is heard.", low=0, high=255),
     "topics": _of_link([""], "Publish these topics only, such as air_data; empty: all.", check=_check_topics),
-    "back_parameters": NodeOption([""], "Names of the parameters to send to the autopilot."),
-    "back_form": NodeOption(
-        "named",
-        "named: NAMED_VALUE_FLOAT; array: DEBUG_FLOAT_ARRAY with their standard errors.",
-        choices=FORMS,
-    ),
-    "back_wind_rate": NodeOption(1.0, "Rate of WIND_COV; 0: none.", "Hz", 0.0, FASTEST),
-    "back_parameter_rate": NodeOption(1.0, "Rate of the parameters; 0: none.", "Hz", 0.0, FASTEST),
+    **{_BACK + name: each for name, each in node_options(BackOptions).items()},
     "autostart": AUTOSTART,
 }
+OPTIONS["back_parameters"] = replace(OPTIONS["back_parameters"], default=[""])  # ROS has no empty array of strings
 
 
 class MavlinkBridgeNode(ConfigurableNode):
@@ -112,7 +103,7 @@ class MavlinkBridgeNode(ConfigurableNode):
 
     def check_together(self, values: Mapping[str, Any]) -> None:
         """What goes back must fit into its messages."""
-        check_back_options(_back_options(values))
+        _back_options(values)
 
     def use_options(self, values: Mapping[str, Any]) -> None:
         """Send other things back, or at other rates, from now on."""
@@ -242,8 +233,8 @@ class MavlinkBridgeNode(ConfigurableNode):
 
 
 def _back_options(values: Mapping[str, Any]) -> BackOptions:
-    names, form = tuple(_listed(values["back_parameters"])), values["back_form"]
-    return BackOptions(names, form, values["back_wind_rate"], values["back_parameter_rate"])
+    found = {name: values[_BACK + name] for name in options_of(BackOptions)}
+    return BackOptions(**found | {"parameters": tuple(_listed(found["parameters"]))})
 
 
 def _forget_numbers(message: Any) -> None:

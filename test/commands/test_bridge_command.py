@@ -33,9 +33,9 @@ def refused(capfd, *arguments):
         (["--system", "300"], "--system must be from 0 to 255"),
         (["--topics", "imu"], "unknown topic imu"),
         (["--duration", "0"], "--duration must be a positive time"),
-        (["--back-rate", "1000"], "--back-rate must be from 0 to 50 Hz, not 1000"),
-        (["--back-rate", "-1"], "--back-rate must be from 0 to 50 Hz, not -1"),
-        (["--back-rate", "nan"], "--back-rate must be from 0 to 50 Hz, not nan"),
+        (["--back-rate", "1000"], "--back-rate must be between 0 and 50 Hz, not 1000"),
+        (["--back-rate", "-1"], "--back-rate must be between 0 and 50 Hz, not -1"),
+        (["--back-rate", "nan"], "--back-rate must be between 0 and 50 Hz, not nan"),
         (["--back", "Cl_alpha*beta", "Cl_alpha*beta**2"], "use array"),
     ],
 )

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.back_channel import BackChannel, BackOptions, Known, Wind
+from aircraft_sysid_ros.mavlink.back_channel import BackChannel, Known, Wind
+from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.mavlink.decoder import Decoder
 from aircraft_sysid_ros.mavlink.quantities import text
 
@@ -58,13 +59,13 @@ def test_an_array_keeps_the_places_and_has_nan_for_the_rest():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (BackOptions(("Cl_alpha*beta", "Cl_alpha*beta**2")), "begin with 'Cl_alpha*b'"),
-        (BackOptions(tuple(f"p{i}" for i in range(59))), "at most 58"),
-        (BackOptions(form="json"), "as named or array"),
-        (BackOptions(wind_rate=1000.0), "from 0 to 50 Hz"),
+        ({"parameters": ("Cl_alpha*beta", "Cl_alpha*beta**2")}, "begin with 'Cl_alpha*b'"),
+        ({"parameters": tuple(f"p{i}" for i in range(59))}, "at most 58"),
+        ({"form": "json"}, "one of named or array"),
+        ({"wind_rate": 1000.0}, "between 0 and 50 Hz"),
     ],
 )
 def test_options_that_cannot_be(options, text):
     with pytest.raises(InputError) as refused:
-        BackChannel(options)
+        BackChannel(BackOptions(**options))
     assert text in str(refused.value)
