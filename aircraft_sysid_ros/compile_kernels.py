@@ -23,7 +23,7 @@ from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.options import EstimatorName, ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -41,8 +41,8 @@ def maximum_likelihood() -> None:
 
 def least_squares() -> None:
     """Least squares in time and in frequency, and the correction of sensors."""
-    for estimator in ("rls", "fourier"):
-        _identifier(estimator).warm_up()
+    _identifier("rls").warm_up()
+    _identifier("fourier").warm_up()
     Correction(Calibration()).warm_up()
 
 
@@ -76,14 +76,14 @@ def main() -> None:
         part()
 
 
-def _identifier(estimator: str) -> Identifier:
+def _identifier(estimator: EstimatorName) -> Identifier:
     aircraft = load_aircraft(config_path(DEFAULT_AIRCRAFT))
     return Identifier(aircraft, ParameterOptions(estimator=estimator))
 
 
 def _take_turns(lock: str) -> None:
     """One process at a time writes into the caches: a file is entered in the index of its function before it exists."""
-    save = caching.IndexDataCacheFile.save
+    save: Any = caching.IndexDataCacheFile.save
 
     def save_alone(self: Any, key: Any, data: Any) -> None:
         with open(lock) as turn:
