@@ -249,7 +249,7 @@ EXTRAS = [
     (("import", "log.tlog", "--out", "other"), "pymavlink", "logs"),
     (("import", "table.csv", "--map", "map.yaml", "--out", "other"), "pint", "tables"),
     (("bridge", "udp:127.0.0.1:14999"), "pymavlink", "bridge"),
-    (("report", "run", "--out", "run.html"), "plotly", "workbench"),
+    (("report", "run", "--out", "run.html"), "jinja2 and plotly", "workbench"),
     (("workbench", "run"), "nicegui and plotly", "workbench"),
 ]
 
