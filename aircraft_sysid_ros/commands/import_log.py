@@ -25,13 +25,18 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "log",
         metavar="SOURCE",
-        help=f"{' '.join(KINDS)} file, a bag of MAVROS topics or px4_msgs; with --map a table, or a folder "
+        help=f"{' '.join(KINDS)} file, a bag of MAVROS topics or px4_msgs; with --map or --guess a table, or a folder "
         "of tables: CSV, TSV, columns between blanks, Parquet, HDF5, .mat, .xlsx",
     )
-    parser.add_argument("--out", required=True, metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap")
+    parser.add_argument("--out", metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap")
     ways = parser.add_mutually_exclusive_group()
     ways.add_argument(
         "--map", metavar="MAP", help="which column is which signal, with unit and sign (YAML, docs/import.md)"
+    )
+    ways.add_argument(
+        "--guess",
+        metavar="MAP",
+        help="write a first MAP from names, units, values and physics, to be checked and edited; nothing is imported",
     )
     parser.add_argument(
         "--calibration",
@@ -47,6 +52,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     path = Path(args.log)
     if not path.exists():
         raise InputError(f"there is no log {path}")
+    if args.guess:
+        return _guess(path, args)
+    if not args.out:
+        raise InputError("say with --out where the recording shall be written")
     if args.map:
         return _import_tables(path, args)
     suffix = path.suffix.lower()
@@ -59,13 +68,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(suffix)
     if importer is None:
         raise InputError(
-            f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; tables need --map MAP.yaml"
+            f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; "
+            "tables need --map, which --guess begins"
         )
     return _import_autopilot(path, importer, args)
 
 
 def render(report: dict[str, Any]) -> str:
     """The report for people."""
+    if "tables" in report:
+        from aircraft_sysid_ros.recordings.tabular.guess.first_map import render_guess
+
+        return render_guess(report)
     width = max(len(topic) for topic in report["topics"]) + 1
     lines = [
         f"{report['log']}: {report['format']}, {report['duration']:.1f} s from {report['start']}",
@@ -89,6 +103,19 @@ def _found_lines(found: dict[str, dict[str, Any]]) -> list[str]:
     for name, item in sorted(found.items()):
         by_state.setdefault(item["state"], []).append(f"{name} {item['messages']}")
     return [f"{state}: {', '.join(names)}" for state, names in by_state.items()]
+
+
+def _guess(path: Path, args: argparse.Namespace) -> dict[str, Any]:
+    from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map, report_of, write_map
+
+    if args.out or args.calibration:
+        raise InputError("--guess writes a MAP and imports nothing: leave --out and --calibration out")
+    target = Path(args.guess)
+    if target.exists() and not args.overwrite:
+        raise InputError(f"{target} is already there: give another name or overwrite it (--overwrite)")
+    first = guess_map(path)
+    write_map(first, target, path)
+    return report_of(first, path, target)
 
 
 def _import_tables(path: Path, args: argparse.Namespace) -> dict[str, Any]:

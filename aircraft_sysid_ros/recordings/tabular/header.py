@@ -14,7 +14,7 @@ from aircraft_sysid_ros.recordings.tabular.units import is_unit
 _COMMENT = re.compile(r"^\s*(#|%|//|!|;)\s*")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 _TIME_LIKE = re.compile(r"[-+]?\d[\d\-/:.,TtZ +]*")
-_IN_BRACKETS = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]{0,20})\s*[\])}]\s*$")
+_IN_BRACKETS = re.compile(r"^(.*?)(\s*)[\[({]\s*([^\[\](){}]{0,20})\s*[\])}]\s*$")
 _ALIKE = 3  # rows after the first of the data that must look like it
 _SEPARATORS: tuple[tuple[str, str], ...] = (
     ("\t", "tabs"), (";", "semicolons"), (",", "commas"), ("|", "bars"), (r"\s{2,}", "blanks"), (r"\s+", "blanks"),
@@ -86,8 +86,8 @@ def find_header(rows: Sequence[Sequence[str]], *, prose: bool = False) -> Header
 def split_unit(name: str) -> tuple[str, str]:
     """A name and the unit that it ends with in brackets, "" without."""
     match = _IN_BRACKETS.match(name)
-    if match and not match.group(2).isdigit() and match.group(1):
-        return match.group(1).strip(), match.group(2).strip()
+    if match and match.group(1) and (match.group(2) or not match.group(3).isdigit()):  # xyz[0] is an element
+        return match.group(1).strip(), match.group(3).strip()
     return name, ""
 
 

@@ -1,0 +1,331 @@
+"""``import SOURCE --guess MAP``: the columns of a source, what they may be, and the MAP that says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import KnownLine, known_lines
+from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
+from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
+from aircraft_sysid_ros.recordings.tabular.guess.series import Column
+from aircraft_sysid_ros.recordings.tabular.guess.times import TimeGuess, guess_time
+from aircraft_sysid_ros.recordings.tabular.source import Source, open_source
+from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
+
+_ROWS = 400_000  # that are looked at, of a table
+_MOST_COLUMNS = 400
+
+
+@dataclass
+class Line:
+    """A line of the MAP: a signal, what it is made of, and how sure it is; inactive lines stay commented out."""
+
+    signal: str
+    column: str
+    expression: str
+    unit: str
+    sign: float
+    offset: float
+    active: bool
+    certainty: str  # sure, likely, undecided
+    evidence: str
+
+
+@dataclass
+class TablePart:
+    """What is guessed of one table."""
+
+    file: str | None
+    time: TimeGuess | None
+    lines: list[Line] = field(default_factory=list)
+    unmapped: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class FirstMap:
+    """The whole guess."""
+
+    clock: str | None
+    parts: list[TablePart]
+    notes: list[str]
+
+
+def guess_map(path: Path) -> FirstMap:
+    """What the columns of a file or folder may be; raises InputError where it holds no tables."""
+    source = open_source(path)
+    tables, notes = _tables(source)
+    known = known_lines(source, [table for _, table in tables])
+    if known is not None:
+        return _of_known_kind(tables, known, notes)
+    parts, columns = [], []
+    for file, table in tables:
+        content = _content(table)
+        time = guess_time(table, content)
+        part = TablePart(file, time)
+        parts.append(part)
+        named = _named_columns(table, content, time) if time is not None else []
+        taken = {column.name for column in named} | ({time.column} if time is not None else set())
+        part.unmapped = [name for name in table.columns if name and name not in taken]
+        columns += [(part, column) for column in named]
+    best = _best_by_signal(columns)
+    resolve(best)
+    for part, column in columns:
+        if best[column.signal] is column:
+            part.lines.append(_line(column))
+        else:
+            chosen = best[column.signal]
+            told = f"{column.signal} is taken from {chosen.name}" + (
+                f" of {chosen.table}" if chosen.table != column.table else ""
+            )
+            part.lines.append(
+                Line(
+                    column.signal,
+                    column.name,
+                    "",
+                    column.said_unit or "?",
+                    column.custom,
+                    0.0,
+                    False,
+                    "undecided",
+                    told,
+                )
+            )
+    return FirstMap(_clock(parts), [part for part in parts if part.lines or part.time is not None], notes)
+
+
+def _tables(source: Source) -> tuple[list[tuple[str | None, Table]], list[str]]:
+    """Tables with the name that ``file`` of a MAP gives them; what cannot be read is a note."""
+    if not source.is_folder:
+        tables = source.tables("*")
+        return [(None if len(tables) == 1 else table.name, table) for table in tables], []
+    found: list[tuple[str | None, Table]] = []
+    notes = []
+    for file in source.files:
+        try:
+            tables = source.tables(file.name) if not _is_book(file) else source.tables(f"{file.name}/*")
+        except InputError as error:
+            notes.append(f"{file.name} is left out: {error}")
+            continue
+        found += [
+            (table.name if table.name == file.name or len(tables) == 1 else f"{file.name}/{table.name}", table)
+            for table in tables
+        ]
+    if not found:
+        raise InputError(f"no file in {source.path} holds a table: {notes[0]}")
+    return found, notes
+
+
+def _is_book(file: Path) -> bool:
+    return file.suffix.lower() in (".xlsx", ".xlsm", ".mat", ".h5", ".hdf5", ".hdf", ".he5", ".data")
+
+
+def _content(table: Table) -> dict[str, npt.NDArray[Any]]:
+    """The columns of a table by name, as far as they are looked at; those that are there twice are left out."""
+    names = [name for name in table.columns if name and table.columns.count(name) == 1][:_MOST_COLUMNS]
+    try:
+        pieces = [next(table.read(names, _ROWS), None)] if names else []
+    except InputError:  # columns of different length: each alone
+        pieces = [{name: next(table.read([name], _ROWS))[name] for name in names}]
+    return next((piece for piece in pieces if piece is not None), {})
+
+
+def _named_columns(table: Table, content: dict[str, npt.NDArray[Any]], time: TimeGuess) -> list[Column]:
+    found = []
+    for name, raw in content.items():
+        if name == time.column or len(raw) != len(time.seconds):
+            continue
+        guess = guess_name(name, table.units.get(name, ""), table.name)
+        if guess is None or guess.signal == TIME:
+            continue
+        values, bad = numbers(raw)
+        if bad > 0.2 * len(raw):
+            continue
+        timed = np.isfinite(time.seconds)
+        found.append(
+            Column(
+                table.name,
+                name,
+                guess.signal,
+                values[timed],
+                time.seconds[timed],
+                guess.unit,
+                guess.sign,
+                guess.distance,
+            )
+        )
+    return found
+
+
+def _best_by_signal(columns: list[tuple[TablePart, Column]]) -> dict[str, Column]:
+    best: dict[str, Column] = {}
+    for _, column in columns:
+        there = best.get(column.signal)
+        if there is None or (column.distance, -len(column.values)) < (there.distance, -len(there.values)):
+            best[column.signal] = column
+    return best
+
+
+def _line(column: Column) -> Line:
+    certainty = "undecided" if not column.is_known else "sure" if column.sure else "likely"
+    evidence = "; ".join([*([column.doubt] if column.doubt else []), *column.evidence])
+    unit = column.unit or column.said_unit or "?"
+    sign = column.sign or column.custom
+    return Line(
+        column.signal, column.name, column.expression, unit, sign, column.offset, column.is_known, certainty, evidence
+    )
+
+
+def _clock(parts: list[TablePart]) -> str | None:
+    timed = [part.time for part in parts if part.time is not None]
+    if timed and all(time.is_unix for time in timed) and any(time.unit not in ("iso", "irig") for time in timed):
+        return "utc"
+    return None
+
+
+def _of_known_kind(
+    tables: list[tuple[str | None, Table]], known: dict[str, list[KnownLine]], notes: list[str]
+) -> FirstMap:
+    parts = []
+    clock = None
+    for file, table in tables:
+        lines = known.get(table.name)
+        if not lines:
+            continue
+        first = lines[0]
+        time = TimeGuess(first.time, first.time_unit, np.empty(0), first.is_unix, True, [first.kind])
+        clock = "utc" if first.is_unix else clock
+        part = TablePart(file, time)
+        for line in lines:
+            certainty = "sure" if line.active else "undecided"
+            part.lines.append(
+                Line(
+                    line.signal,
+                    line.column,
+                    line.expression,
+                    line.unit,
+                    line.sign,
+                    0.0,
+                    line.active,
+                    certainty,
+                    line.why,
+                )
+            )
+        parts.append(part)
+    return FirstMap(clock, parts, notes)
+
+
+def write_map(first: FirstMap, path: Path, source: Path) -> None:
+    """The guess as a MAP to be checked and edited. Raises InputError where it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(map_text(first, source), encoding="utf8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def render_guess(report: dict[str, Any]) -> str:
+    """The lines of a guess for people, as report_of gives it."""
+    lines = []
+    counts = {"sure": 0, "likely": 0, "undecided": 0}
+    for table in report["tables"]:
+        time = table["time"]
+        told = "no time" if time is None else f"time {time['column']} [{time['unit']}]"
+        lines.append(f"{table['file'] or report['source']}: {told}")
+        for line in table["lines"]:
+            counts[line["certainty"]] += 1
+            sign = "-" if line["sign"] < 0 else ""
+            column = f"{sign}{line['column']} [{line['unit']}]"
+            lines.append(f"  {line['certainty']:<9} {line['signal']:<20} {column}  {line['evidence']}")
+        if table["not_mapped"]:
+            lines.append(f"  no signal by their names: {', '.join(table['not_mapped'])[:500]}")
+    lines += [f"note: {note}" for note in report["notes"]]
+    lines.append(
+        f"{counts['sure']} sure, {counts['likely']} likely, {counts['undecided']} undecided and commented out: "
+        f"check {report['map']}, then import with --map {report['map']}"
+    )
+    return "\n".join(lines)
+
+
+def map_text(first: FirstMap, source: Path) -> str:
+    """The MAP as a text."""
+    lines = [
+        f"# Guessed from {source}: check every line, and decide those that are commented out.",
+        "# Value = sign * (column + offset), in the unit of the column; axes forward-right-down and north-east-down.",
+    ]
+    lines += [f"# {note}" for note in first.notes]
+    if first.clock:
+        lines.append(f"clock: {first.clock}  # the times are Unix times")
+    else:
+        lines.append("# clock: 2024-05-31T14:05:00Z  # undecided: what time 0 is")
+    lines.append("tables:")
+    for part in first.parts:
+        lines += _part_text(part)
+    return "\n".join(lines) + "\n"
+
+
+def _part_text(part: TablePart) -> list[str]:
+    active = [line for line in part.lines if line.active]
+    dead = "" if active and part.time is not None else "# "
+    lines = [f"  {dead}- file: {_scalar(part.file)}" if part.file is not None else f"  {dead}-"]
+    if part.time is None:
+        return [*lines, f"  {dead}  # undecided: no column that rises as time does"]
+    evidence = "; ".join(part.time.evidence) + (
+        f"; {', '.join(part.time.others)} could be it, too" if part.time.others else ""
+    )
+    certainty = "sure" if part.time.sure else "likely"
+    lines.append(
+        f"  {dead}  time: {{column: {_scalar(part.time.column)}, unit: {part.time.unit}}}  # {certainty}: {evidence}"
+    )
+    if part.file is None:
+        lines = [f"  {dead}- {lines[1].split(dead + '  ', 1)[1] if dead else lines[1].strip()}"]
+    lines.append(f"  {dead}  signals:")
+    for line in part.lines:
+        mark = "" if line.active or dead else "# "
+        lines.append(f"    {dead}  {mark}{_signal_text(line)}  # {line.certainty}: {line.evidence}")
+    if part.unmapped:
+        lines.append(f"      # no signal by their names: {', '.join(part.unmapped)[:2000]}")
+    return lines
+
+
+def _signal_text(line: Line) -> str:
+    what = f"expression: {_scalar(line.expression)}" if line.expression else f"column: {_scalar(line.column)}"
+    sign = ", sign: -1" if line.sign < 0.0 else ""
+    offset = f", offset: {line.offset:.10g}" if line.offset else ""
+    return f"{line.signal}: {{{what}, unit: {_scalar(line.unit)}{sign}{offset}}}"
+
+
+def _scalar(text: Any) -> str:
+    return str(yaml.safe_dump(str(text), default_style='"', width=10_000, allow_unicode=True)).strip()
+
+
+def report_of(first: FirstMap, source: Path, path: Path) -> dict[str, Any]:
+    """The guess as JSON."""
+    return {
+        "source": str(source),
+        "map": str(path),
+        "clock": first.clock,
+        "tables": [
+            {
+                "file": part.file,
+                "time": None if part.time is None else {"column": part.time.column, "unit": part.time.unit},
+                "lines": [
+                    {
+                        "signal": line.signal, "column": line.column or line.expression, "unit": line.unit,
+                        "sign": int(line.sign), "offset": line.offset, "active": line.active,
+                        "certainty": line.certainty, "evidence": line.evidence,
+                    }
+                    for line in part.lines
+                ],
+                "not_mapped": part.unmapped,
+            }
+            for part in first.parts
+        ],
+        "notes": first.notes,
+    }  # fmt: skip

@@ -1,0 +1,198 @@
+"""Folders whose files say what they hold: `ulog2csv` of PX4, and `rostopic echo -p` of MAVROS topics."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from aircraft_sysid_ros.recordings.tabular.source import Source
+from aircraft_sysid_ros.recordings.tabular.table import Table
+from aircraft_sysid_ros.recordings.tabular.text_files import MessageTable
+
+_ULOG, _ROSTOPIC, _MESSAGES = "file of ulog2csv", "file of rostopic echo -p", "message of Paparazzi"
+_VECTOR = "xyz"
+_NED = ("north", "east", "down")
+
+
+@dataclass(frozen=True)
+class KnownLine:
+    """What a column of such a file is."""
+
+    signal: str
+    column: str
+    unit: str
+    sign: float = 1.0
+    expression: str = ""
+    kind: str = ""
+    time: str = ""
+    time_unit: str = ""
+    is_unix: bool = False
+    active: bool = True
+    why: str = ""
+
+
+def _vector(
+    signal: str, columns: Sequence[str], unit: str, signs: Sequence[float] = (1.0, 1.0, 1.0)
+) -> list[KnownLine]:
+    axes = _NED if signal == "velocity" else _VECTOR
+    return [KnownLine(f"{signal}.{axis}", c, unit, s) for axis, c, s in zip(axes, columns, signs, strict=True)]
+
+
+def _attitude(w: str, x: str, y: str, z: str) -> list[KnownLine]:
+    """Euler angles (6.20)-(6.22) of a quaternion FRD to NED."""
+    return [
+        KnownLine("attitude.roll", "", "rad", expression=f"atan2(2*({w}*{x}+{y}*{z}), 1-2*({x}**2+{y}**2))"),
+        KnownLine("attitude.pitch", "", "rad", expression=f"asin(max(-1, min(1, 2*({w}*{y}-{x}*{z}))))"),
+        KnownLine("attitude.yaw", "", "rad", expression=f"atan2(2*({w}*{z}+{x}*{y}), 1-2*({y}**2+{z}**2))"),
+    ]
+
+
+def _attitude_of_ros() -> list[KnownLine]:
+    """The same of a quaternion FLU to ENU: roll the same, pitch the other way, yaw from the north to the right."""
+    w, x, y, z = (f"field.orientation.{name}" for name in "wxyz")
+    roll, pitch, _ = _attitude(w, x, y, z)
+    yaw = f"atan2(1-2*({y}**2+{z}**2), 2*({w}*{z}+{x}*{y}))"
+    return [
+        roll,
+        KnownLine("attitude.pitch", "", "rad", -1.0, expression=pitch.expression),
+        KnownLine("attitude.yaw", "", "rad", expression=yaw),
+    ]
+
+
+_FLU = (1.0, -1.0, -1.0)
+_IMU_OF_ROS = [
+    *_vector("specific_force", [f"field.linear_acceleration.{a}" for a in _VECTOR], "m/s^2", _FLU),
+    *_vector("angular_velocity", [f"field.angular_velocity.{a}" for a in _VECTOR], "rad/s", _FLU),
+]
+_VELOCITY_OF_ROS = [
+    KnownLine("velocity.north", "field.twist.linear.y", "m/s"),
+    KnownLine("velocity.east", "field.twist.linear.x", "m/s"),
+    KnownLine("velocity.down", "field.twist.linear.z", "m/s", -1.0),
+]
+_COMMANDS = [
+    KnownLine(
+        f"inputs.command_{name}", f"control[{i}]", "1", why="normalised -1 to 1, no angle: the travel is not known"
+    )
+    for i, name in enumerate(("roll", "pitch", "yaw"))
+]
+#: By topic, preferred first where two have a signal.
+_PX4: dict[str, list[KnownLine]] = {
+    "sensor_combined": [
+        *_vector("specific_force", [f"accelerometer_m_s2[{i}]" for i in range(3)], "m/s^2"),
+        *_vector("angular_velocity", [f"gyro_rad[{i}]" for i in range(3)], "rad/s"),
+    ],
+    "vehicle_acceleration": _vector("specific_force", [f"xyz[{i}]" for i in range(3)], "m/s^2"),
+    "vehicle_angular_velocity": _vector("angular_velocity", [f"xyz[{i}]" for i in range(3)], "rad/s"),
+    "vehicle_attitude": _attitude("q[0]", "q[1]", "q[2]", "q[3]"),
+    "sensor_gps": [],
+    "vehicle_gps_position": [
+        KnownLine("latitude", "latitude_deg", "deg"), KnownLine("longitude", "longitude_deg", "deg"),
+        KnownLine("altitude", "altitude_msl_m", "m"),
+        KnownLine("latitude", "lat", "1e-7 deg"), KnownLine("longitude", "lon", "1e-7 deg"),
+        KnownLine("altitude", "alt", "mm"),
+        *_vector("velocity", ["vel_n_m_s", "vel_e_m_s", "vel_d_m_s"], "m/s"),
+    ],
+    "airspeed_validated": [KnownLine("true_airspeed", "true_airspeed_m_s", "m/s")],
+    "airspeed": [KnownLine("true_airspeed", "true_airspeed_m_s", "m/s")],
+    "vehicle_air_data": [
+        KnownLine("static_pressure", "baro_pressure_pa", "Pa"), KnownLine("air_density", "rho", "kg/m^3"),
+    ],
+    "airflow_aoa": [KnownLine("angle_of_attack", "aoa_rad", "rad")],
+    "airflow_slip": [KnownLine("sideslip", "slip_rad", "rad")],
+    "actuator_controls_0": _COMMANDS,
+}  # fmt: skip
+_PX4["sensor_gps"] = _PX4["vehicle_gps_position"]
+_MAVROS: dict[str, list[KnownLine]] = {
+    "imu-data_raw": _IMU_OF_ROS,
+    "imu-data": [*_IMU_OF_ROS, *_attitude_of_ros()],
+    "global_position-raw-fix": [
+        KnownLine("latitude", "field.latitude", "deg"), KnownLine("longitude", "field.longitude", "deg"),
+        KnownLine("altitude", "field.altitude", "m"),
+    ],
+    "global_position-global": [
+        KnownLine("latitude", "field.latitude", "deg"), KnownLine("longitude", "field.longitude", "deg"),
+        KnownLine("altitude", "field.altitude", "m"),
+    ],
+    "global_position-raw-gps_vel": _VELOCITY_OF_ROS,
+    "local_position-velocity_local": _VELOCITY_OF_ROS,
+    "nav_info-airspeed": [KnownLine("indicated_airspeed", "field.measured", "m/s")],
+    "vfr_hud": [
+        KnownLine("indicated_airspeed", "field.airspeed", "m/s"),
+        KnownLine("throttle", "field.throttle", "1"),
+    ],
+    "imu-static_pressure": [KnownLine("static_pressure", "field.fluid_pressure", "Pa")],
+    "imu-atm_pressure": [KnownLine("static_pressure", "field.fluid_pressure", "Pa")],
+    "imu-diff_pressure": [KnownLine("dynamic_pressure", "field.fluid_pressure", "Pa")],
+}  # fmt: skip
+
+
+#: Messages of Paparazzi's log, whose fields have no names in it; columns are counted after the name of the message.
+_PAPARAZZI: dict[str, list[KnownLine]] = {
+    "IMU_GYRO": _vector("angular_velocity", "123", "rad/s"),
+    "IMU_ACCEL": _vector("specific_force", "123", "m/s^2"),
+    "ATTITUDE": [
+        KnownLine("attitude.roll", "1", "rad"), KnownLine("attitude.yaw", "2", "rad"),
+        KnownLine("attitude.pitch", "3", "rad"),
+    ],
+    "GPS": [
+        KnownLine("position.east", "2", "cm"), KnownLine("position.north", "3", "cm"),
+        KnownLine("position.down", "5", "mm", -1.0),
+        KnownLine("velocity.north", "", "cm/s", expression="`6`*cos(`4`*pi/1800)"),
+        KnownLine("velocity.east", "", "cm/s", expression="`6`*sin(`4`*pi/1800)"),
+        KnownLine("velocity.down", "7", "cm/s", -1.0),
+    ],
+    "ACTUATORS": [KnownLine(f"inputs.pulse_{i}", str(i), "1", why="a pulse in us, no angle") for i in range(1, 9)],
+    "COMMANDS": [KnownLine(f"inputs.command_{i}", str(i), "1", why="up to 9600, no angle") for i in range(1, 9)],
+}  # fmt: skip
+
+
+def known_lines(source: Source, tables: Sequence[Table]) -> dict[str, list[KnownLine]] | None:
+    """Lines by table where the source is of a known kind; None where it is not."""
+    messages = [table for table in tables if isinstance(table, MessageTable)]
+    if messages:
+        return _chosen(messages, _PAPARAZZI, "^({})$", _MESSAGES)
+    if not source.is_folder:
+        return None
+    ulog = [table for table in tables if "timestamp" in table.columns and re.search(r"_\d+\.csv$", table.name)]
+    if len(ulog) >= 2 and len(ulog) >= 0.8 * len(tables):
+        return _chosen(ulog, _PX4, r"(?:^|_)({})_0\.csv$", _ULOG)
+    rostopic = [table for table in tables if "%time" in table.columns]
+    if rostopic and len(rostopic) >= 0.8 * len(tables):
+        return _chosen(rostopic, _MAVROS, r"(?:^|[-_])({})\.csv$", _ROSTOPIC)
+    return None
+
+
+def _chosen(
+    tables: Sequence[Table], known: dict[str, list[KnownLine]], pattern: str, kind: str
+) -> dict[str, list[KnownLine]]:
+    """Each signal once, from the first table that has it."""
+    found: dict[str, list[KnownLine]] = {}
+    taken: set[str] = set()
+    for topic, lines in known.items():
+        for table in tables:
+            if not re.search(pattern.format(re.escape(topic)), table.name):
+                continue
+            here = {line.signal: line for line in reversed(lines) if _has(table, line) and line.signal not in taken}
+            taken |= here.keys()
+            ordered = [line for line in lines if here.get(line.signal) is line]
+            found.setdefault(table.name, []).extend(_timed(table, line, kind) for line in ordered)
+    return found
+
+
+def _has(table: Table, line: KnownLine) -> bool:
+    wanted = re.findall(r"q\[\d\]|field\.orientation\.\w", line.expression) if line.expression else [line.column]
+    return all(column in table.columns for column in wanted)
+
+
+def _timed(table: Table, line: KnownLine, kind: str) -> KnownLine:
+    if kind == _MESSAGES:
+        time, unit, is_unix = "time", "s", False
+    elif kind == _ULOG:
+        time, unit, is_unix = ("timestamp_sample" if "timestamp_sample" in table.columns else "timestamp"), "us", False
+    else:
+        time, unit, is_unix = ("field.header.stamp" if "field.header.stamp" in table.columns else "%time"), "ns", True
+    why = f"{kind}" + (f": {line.why}" if line.why else "")
+    return KnownLine(
+        line.signal, line.column, line.unit, line.sign, line.expression, kind, time, unit, is_unix, line.active, why
+    )

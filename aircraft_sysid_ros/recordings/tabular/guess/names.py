@@ -1,0 +1,109 @@
+"""What a column may be, by its name: the signal, and the unit and the sign that the name says."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from aircraft_sysid_ros.recordings.tabular.header import split_unit
+from aircraft_sysid_ros.recordings.tabular.signals import UNITS
+from aircraft_sysid_ros.recordings.tabular.units import dimension_fits, is_unit
+
+TIME = "time"
+_VOCABULARY = yaml.safe_load(Path(__file__).with_name("names.yaml").read_text(encoding="utf8"))
+#: Signal, sign and place in the list by name.
+_BY_NAME = {
+    word.lstrip("-"): (signal, -1.0 if word.startswith("-") else 1.0, rank)
+    for signal, words in reversed(_VOCABULARY["signals"].items())
+    for rank, word in enumerate(words.split())
+}
+_SOURCES = frozenset(_VOCABULARY["sources"].split())
+_OTHERS = frozenset(_VOCABULARY["others"].split())
+_UNIT_ENDINGS, _SAYS_UNIT = (
+    {word: unit for unit, words in _VOCABULARY[key].items() for word in words.split()}
+    for key in ("unit_endings", "says_unit")
+)
+_GREEK = str.maketrans(
+    {"α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d"}  # type: ignore[arg-type]
+)
+_INDEX = re.compile(r"\[(\d)\](?=$|_)")
+_FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
+
+
+@dataclass(frozen=True)
+class NameGuess:
+    """What a name says: signal, unit ("" nothing), which way is positive by custom, and how far-fetched it is."""
+
+    signal: str
+    unit: str
+    sign: float
+    distance: int
+
+
+def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None:
+    """The signal of a column by its name and the unit of its header; None for what has no known name."""
+    base, in_brackets = split_unit(column.strip().lstrip("#%").strip())
+    unit = (unit or in_brackets).strip().strip("[](){}").strip()
+    words = _words(base)
+    best: NameGuess | None = None
+    for tokens, said, cost in _readings(words):
+        found = _BY_NAME.get("_".join(tokens))
+        if found is None:
+            continue
+        signal, sign, rank = found
+        said = unit if is_unit(unit) else said or _SAYS_UNIT.get("_".join(tokens), "")
+        if said and not _fits(said, signal):
+            continue
+        guess = NameGuess(signal, said, sign, 100 * cost + rank)
+        if best is None or guess.distance < best.distance:
+            best = guess
+    return best
+
+
+def _fits(unit: str, signal: str) -> bool:
+    return dimension_fits(unit, "s" if signal == TIME else UNITS[signal])
+
+
+def _words(name: str) -> list[str]:
+    """Lower-case words of a name; an element [0] [1] [2] is x y z."""
+    name = _FIELD_OF_ROS.sub("", name)
+    name = _INDEX.sub(lambda match: "_" + "xyzw"[min(int(match.group(1)), 3)], name)
+    name = (
+        name.replace("α", "alpha")
+        .replace("β", "beta")
+        .replace("φ", "phi")
+        .replace("θ", "theta")
+        .replace("ψ", "psi")
+        .replace("ρ", "rho")
+        .replace("δ", "d")
+    )
+    name = re.sub(r"([a-z])([A-Z])", r"\1_\2", name)
+    name = re.sub(r"([A-Z]{2,})([A-Z][a-z]{2,})", r"\1_\2", name)
+    return [word for word in re.split(r"[^a-zA-Z0-9]+", name.lower()) if word]
+
+
+def _readings(words: list[str]) -> list[tuple[list[str], str, int]]:
+    """Words without an ending that is a unit and without words of the source: tokens, unit, how much was left out."""
+    if any(word in _OTHERS for word in words):
+        plain = "_".join(words)
+        return [(words, "", 0)] if plain in _BY_NAME else []
+    found: list[tuple[list[str], str, int]] = []
+    variants: list[tuple[list[str], str]] = [(words, "")]
+    for count in (1, 2, 3):
+        ending = "_".join(words[-count:])
+        if len(words) > count and ending in _UNIT_ENDINGS:
+            variants.append((words[:-count], _UNIT_ENDINGS[ending]))
+    for tokens, unit in variants:
+        found.append((tokens, unit, 0 if unit or tokens is words else 1))
+        kept = [word for word in tokens if word not in _SOURCES and not word.isdigit()]
+        if kept and kept != tokens:
+            found.append((kept, unit, len(tokens) - len(kept)))
+        if len(tokens) > 1 and tokens[0] in _SOURCES:
+            found.append((tokens[1:], unit, 1))
+        joined = ["".join(tokens)]
+        if len(tokens) > 1:
+            found.append((joined, unit, 1))
+    return found

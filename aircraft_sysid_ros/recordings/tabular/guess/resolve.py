@@ -1,0 +1,464 @@
+"""Unit and sign of every named column: what values alone show, then law after law, as each makes others usable."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aircraft_sysid_ros.recordings.tabular.guess import physics
+from aircraft_sysid_ros.recordings.tabular.guess.physics import Flight, G, unit_of_slope
+from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, fit
+from aircraft_sysid_ros.recordings.tabular.signals import UNITS
+from aircraft_sysid_ros.recordings.tabular.units import conversion
+
+_AXES = tuple(f"specific_force.{axis}" for axis in "xyz")
+_RATES = tuple(f"angular_velocity.{axis}" for axis in "xyz")
+_ATTITUDE = ("attitude.roll", "attitude.pitch", "attitude.yaw")
+_SURFACES = ("elevator", "aileron", "rudder", "flaps")
+_SPEEDS = ("true_airspeed", "calibrated_airspeed", "indicated_airspeed")
+#: Quantities that are positive by what they are.
+_POSITIVE = (
+    *_SPEEDS, "latitude", "longitude", "altitude", "pressure_altitude", "height_above_ground", "static_pressure",
+    "dynamic_pressure", "air_temperature", "air_density", "throttle", "thrust", "propeller_speed", "mass",
+)  # fmt: skip
+#: Axes whose sign is everywhere the same, to fall back to where no law speaks.
+_CUSTOM = (
+    "specific_force.x", "attitude.roll", "angular_velocity.x", "velocity.north", "velocity.east", "velocity.down",
+    "position.north", "position.east",
+)  # fmt: skip
+_PASSES = 6
+_SLOWEST, _FASTEST = 6.0, 340.0  # [m/s] over ground
+_SURE_T = 5.0  # t-values that are believed
+
+
+def resolve(columns: dict[str, Column]) -> Flight:
+    """Find unit and sign of columns (by signal) in place; what cannot be told is left without."""
+    turns = _turns(columns)
+    for column in columns.values():
+        _take_said(column)
+    flight = Flight(columns, turns)
+    _by_values(flight)
+    for stage in range(3):
+        for _ in range(_PASSES):
+            before = sum(column.is_known for column in columns.values())
+            _by_laws(flight)
+            _speeds(flight)
+            _joint_laws(flight)
+            _climb_of_pitch(flight)
+            if sum(column.is_known for column in columns.values()) == before:
+                break
+        if stage == 0:
+            _speed_and_pressure(flight)
+            _likely_units(flight)
+        elif stage == 1:
+            _customs(flight)
+    _controls(flight)
+    _air(flight)
+    _check_said(flight)
+    _explain_open(flight)
+    return flight
+
+
+def _turns(columns: dict[str, Column]) -> dict[str, float]:
+    """A whole turn in the numbers of angles that jump."""
+    turns: dict[str, float] = {}
+    for signal in ("attitude.yaw", "attitude.roll"):
+        if signal in columns:
+            values = columns[signal].values
+            span = np.nanmax(np.abs(values)) if np.isfinite(values).any() else 0.0
+            turns[signal] = 360.0 if columns[signal].said_unit == "deg" or span > 6.5 else 2.0 * np.pi
+    return turns
+
+
+def _set_unit(column: Column, unit: str, why: str) -> None:
+    if unit and not column.unit:
+        convert = conversion(unit, UNITS[column.signal])
+        column.unit, column.factor, column.shift = unit, convert.factor, convert.shift
+        column.evidence.append(f"{unit}: {why}")
+        if column.signal in _POSITIVE:
+            column.sign = 1.0
+
+
+def _set_sign(column: Column, sign: float, why: str) -> None:
+    if column.sign == 0.0:
+        column.sign = sign
+        column.evidence.append(f"{'positive' if sign > 0 else 'the other way'}: {why}")
+
+
+def _take_said(column: Column) -> None:
+    if column.said_unit:
+        _set_unit(column, column.said_unit, "said by the header or the name")
+    if column.signal in _POSITIVE and column.unit:
+        column.sign = 1.0
+
+
+def _numbers(flight: Flight, signal: str) -> Array:
+    values = flight.columns[signal].values
+    return values[np.isfinite(values)]
+
+
+def _by_values(flight: Flight) -> None:
+    """What magnitudes alone show."""
+    for signal, column in flight.columns.items():
+        if not len(_numbers(flight, signal)):
+            column.doubt = "it holds no numbers"
+    _gravity(flight)
+    for signal in ("latitude", "longitude"):
+        if flight.has(signal):
+            _place(flight.columns[signal], _numbers(flight, signal))
+    _place_in_radians(flight)
+    if flight.has("static_pressure"):
+        _pressure(flight.columns["static_pressure"], _numbers(flight, "static_pressure"))
+    if flight.has("air_density") and not flight.columns["air_density"].unit:
+        median = float(np.median(_numbers(flight, "air_density")))
+        if 0.3 < median < 1.5 or 0.0006 < median < 0.0029:
+            _set_unit(flight.columns["air_density"], "kg/m^3" if median > 0.1 else "slug/ft^3", f"it is {median:.3g}")
+    if flight.has("throttle") and not flight.columns["throttle"].unit:
+        most = float(np.max(_numbers(flight, "throttle")))
+        if 0.0 < most <= 1.1 or 3.0 < most <= 110.0:
+            _set_unit(flight.columns["throttle"], "1" if most <= 1.1 else "%", f"it goes up to {most:.3g}")
+    for signals in (_ATTITUDE, ("angle_of_attack", "sideslip"), _SURFACES):
+        _degrees(flight, signals)
+    _degrees_per_second(flight)
+
+
+def _gravity(flight: Flight) -> None:
+    """Specific force at rest or in trim is 1 g, against z."""
+    there = [signal for signal in _AXES if flight.has(signal) and len(_numbers(flight, signal))]
+    if not flight.has("specific_force.z") or "specific_force.z" not in there:
+        return
+    down = flight.columns["specific_force.z"]
+    median = float(np.median(_numbers(flight, "specific_force.z")))
+    size = abs(median)
+    fitting = [unit for unit in ("m/s^2", "g", "ft/s^2") if 0.8 < size * conversion(unit, "m/s^2").factor / G < 1.45]
+    for signal in there:
+        column = flight.columns[signal]
+        if not column.unit and fitting and not down.said_unit:
+            _set_unit(column, fitting[0], f"a_z reads {median:.3g} in trim, which is gravity")
+        elif not column.unit and down.said_unit:
+            _set_unit(column, down.said_unit, f"as {down.name}")
+    if down.unit and 0.6 < size * down.factor / G < 1.6:
+        _set_sign(
+            down, -float(np.sign(median)), f"it reads {median:.3g} {down.unit} in trim, and gravity is {-G:.3g} m/s^2"
+        )
+    else:
+        for signal in there:
+            column = flight.columns[signal]
+            column.doubt = f"{down.name} reads {median:.3g} in trim, which is not gravity: an acceleration without it?"
+            column.unit = ""
+
+
+def _place(column: Column, values: Array) -> None:
+    if column.unit:
+        return
+    most = float(np.max(np.abs(values)))
+    limit = 90.0 if column.signal == "latitude" else 180.0
+    if 1e6 < most < limit * 1.0001e7:
+        _set_unit(column, "1e-7 deg", f"it is {most:.6g}")
+    elif np.pi * (0.5 if limit < 100 else 1.0) < most <= limit:
+        _set_unit(column, "deg", f"it is {most:.5g}")
+
+
+def _place_in_radians(flight: Flight) -> None:
+    """Small numbers of latitude and longitude: in radians the aeroplane would fly, or in degrees it would."""
+    pair = [flight.columns.get("latitude"), flight.columns.get("longitude")]
+    if any(column is None or column.unit or column.doubt for column in pair):
+        return
+    north, east = (flight.grid.rate(flight.raw(column.signal), 2.0) for column in pair if column is not None)
+    east = east * np.cos(np.nanmedian(flight.raw("latitude")))
+    speeds = 6.371e6 * np.hypot(north, east)
+    if not np.isfinite(speeds).any():
+        return
+    speed = float(np.nanpercentile(speeds, 75))
+    for unit, factor in (("rad", 1.0), ("deg", np.pi / 180.0)):
+        if _SLOWEST < speed * factor < _FASTEST:
+            for column in pair:
+                if column is not None:
+                    _set_unit(column, unit, f"the aeroplane then moves at {speed * factor:.3g} m/s")
+            return
+
+
+def _pressure(column: Column, values: Array) -> None:
+    median = float(np.median(values))
+    fitting = [u for u in physics.CANDIDATES["Pa"] if 68_000.0 < median * conversion(u, "Pa").factor < 106_000.0]
+    if not column.unit and len(fitting) == 1:
+        _set_unit(column, fitting[0], f"it is {median:.4g}, the air below 3000 m")
+
+
+def _degrees(flight: Flight, signals: tuple[str, ...]) -> None:
+    """Angles that no radians reach; the others of the same kind are then likely to be degrees, too."""
+    limits = {"attitude.yaw": 6.4, "attitude.roll": 3.2, "attitude.pitch": 1.6, "angle_of_attack": 1.6, "sideslip": 1.6}
+    for signal in signals:
+        if flight.has(signal) and not flight.columns[signal].doubt:
+            most = float(np.percentile(np.abs(_numbers(flight, signal)), 99.9))
+            if (
+                limits.get(signal, 1.75)
+                < most
+                <= (361.0 if signal == "attitude.yaw" else 181.0 if signal == "attitude.roll" else 95.0)
+            ):
+                _set_unit(flight.columns[signal], "deg", f"it goes up to {most:.3g}, too far for radians")
+            elif most > 400.0:
+                flight.columns[signal].doubt = f"it goes up to {most:.3g}, which is no angle"
+
+
+def _degrees_per_second(flight: Flight) -> None:
+    there = [signal for signal in _RATES if flight.has(signal) and len(_numbers(flight, signal))]
+    most = max((float(np.percentile(np.abs(_numbers(flight, signal)), 99.0)) for signal in there), default=0.0)
+    if most > 15.0:
+        for signal in there:
+            _set_unit(flight.columns[signal], "deg/s", f"the rates go up to {most:.3g}, too fast for rad/s")
+
+
+def _by_laws(flight: Flight) -> None:
+    flying = flight.flying()
+    for signal, column in flight.columns.items():
+        if column.is_known or column.doubt:
+            continue
+        for law, reference, raw, tolerance in flight.references(signal):
+            found = fit(reference, raw, flying)
+            least = physics.good if law.startswith("gravity") else physics.fair  # thrust and drag are in it, too
+            if found is None or abs(found.correlation) < least or found.slope == 0.0:
+                continue
+            told = f"{law} follows it, correlation {found.correlation:.2f}"
+            if not column.unit:
+                _set_unit(column, unit_of_slope(found.slope, found.correlation, signal, tolerance), told)
+            _set_sign(column, found.sign, told)
+            column.sure = column.sure and abs(found.correlation) > physics.good
+            if signal == "attitude.yaw" and column.is_known:
+                _yaw_offset(flight, column)
+            if column.is_known:
+                break
+
+
+def _yaw_offset(flight: Flight, column: Column) -> None:
+    """A heading that is counted from the east, to the left."""
+    if not flight.known("velocity.north", "velocity.east"):
+        return
+    track = np.arctan2(flight.si("velocity.east"), flight.si("velocity.north"))
+    differences = np.exp(1j * (track - column.si(flight.raw("attitude.yaw"))))
+    mean = np.nanmean(np.where(flight.flying(), differences, np.nan))
+    quarter = round(float(np.angle(mean)) / (0.5 * np.pi))
+    if quarter and abs(mean) > 0.5:
+        column.offset = quarter * column.sign * (90.0 if column.unit == "deg" else 0.5 * np.pi)
+        column.evidence.append(f"counted from another direction: the course over ground is {90 * quarter} deg off")
+
+
+def _speeds(flight: Flight) -> None:
+    for signal in _SPEEDS:
+        column = flight.columns.get(signal)
+        if column is None or column.unit or column.doubt:
+            continue
+        stretch = 1.0
+        density = physics.standard_density(flight)
+        if signal != "true_airspeed" and density is not None:
+            stretch = float(np.sqrt(1.225 / density))
+        loose = 0.0 if signal == "true_airspeed" or density is not None else 0.1
+        triangle = physics.wind_triangle(flight, signal)
+        if triangle is not None and triangle[1] > 0.9:
+            told = f"with a steady wind it gives the velocity over ground, correlation {triangle[1]:.2f}"
+            _set_unit(column, unit_of_slope(triangle[0] / stretch, 1.0, signal, 0.045 + loose), told)
+        pressure = physics.speed_of_pressure(flight, signal) if not column.unit else None
+        if pressure is not None and pressure.correlation > 0.9:
+            told = f"the dynamic pressure follows it, correlation {pressure.correlation:.2f}"
+            _set_unit(
+                column, unit_of_slope(pressure.slope / stretch, pressure.correlation, signal, 0.045 + loose), told
+            )
+        along = physics.acceleration_along(flight, signal) if not column.unit else None
+        if along is not None and along.correlation > 0.9:
+            told = f"the acceleration along the path follows it, correlation {along.correlation:.2f}"
+            _set_unit(column, unit_of_slope(along.slope / stretch, along.correlation, signal, 0.05 + loose), told)
+        turn = physics.turn_speed(flight, signal) if not column.unit else None
+        if turn is not None and turn > 0.0:
+            _set_unit(column, unit_of_slope(turn / stretch, 1.0, signal, 0.2), "bank and rate of turn give that speed")
+            column.sure = False
+            column.rough = turn
+
+
+def _joint_laws(flight: Flight) -> None:
+    """Laws in which several columns of unknown unit and sign make up something known."""
+    found = physics.longitudinal(flight)
+    speed = next((signal for signal in found if signal in (*_SPEEDS, "speed")), None)
+    if speed is not None and abs(found[speed][1]) > _SURE_T:
+        told = f"a_x is the acceleration along the path and gravity, t = {abs(found[speed][1]):.0f}"
+        _set_sign(flight.columns["specific_force.x"], float(np.sign(found[speed][0])), told)
+        if speed != "speed" and not flight.columns[speed].unit:
+            flight.columns[speed].rough = abs(found[speed][0])
+    elif "gravity" in found and abs(found["gravity"][1]) > _SURE_T:
+        told = f"a_x follows gravity along the body, t = {abs(found['gravity'][1]):.0f}"
+        _set_sign(flight.columns["specific_force.x"], float(np.sign(found["gravity"][0])), told)
+    if flight.known("specific_force.x") and "attitude.pitch" in found:
+        slope, t = found["attitude.pitch"]
+        told = f"gravity along the body, t = {abs(t):.0f}"
+        _take_slope(flight, "attitude.pitch", slope * flight.columns["specific_force.x"].sign, t, told, 0.7)
+    for law, told in (
+        (physics.vertical, "a_z turns the path: the kinematics of angle of attack and pitch rate"),
+        (physics.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
+    ):
+        if any(not column.is_known and not column.doubt for column in flight.columns.values()):
+            for signal, (slope, t) in law(flight).items():
+                _take_slope(flight, signal, slope, t, f"{told}, t = {abs(t):.0f}", 0.9)
+
+
+def _climb_of_pitch(flight: Flight) -> None:
+    """The unit of a height and the sign of pitch at once: heights count upwards."""
+    for height in ("altitude", "pressure_altitude", "height_above_ground"):
+        found = physics.climb_of_pitch(flight, height)
+        if found is None or abs(found.correlation) < physics.fair:
+            continue
+        told = f"V sin(theta) is the climb, correlation {found.correlation:.2f}"
+        column, pitch = flight.columns[height], flight.columns["attitude.pitch"]
+        if not column.unit and not column.doubt:
+            _set_unit(column, unit_of_slope(found.slope, found.correlation, height, 0.25), told)
+        if not pitch.doubt:
+            _set_sign(pitch, found.sign, told)
+            pitch.sure = False
+
+
+def _take_slope(flight: Flight, signal: str, slope: float, t: float, told: str, tolerance: float) -> None:
+    """Unit and sign of a column from its slope in a law, where that is sure."""
+    column = flight.columns[signal]
+    if column.is_known or column.doubt or abs(t) < _SURE_T:
+        return
+    if not column.unit:
+        _set_unit(column, unit_of_slope(slope, 1.0, signal, tolerance), told)
+    if column.unit and abs(np.log(abs(slope) / column.factor)) < max(tolerance, 1.2):
+        _set_sign(column, float(np.sign(slope)), told)
+
+
+def _likely_units(flight: Flight) -> None:
+    """Units of those whose relatives are known: a recorder has one for all angles of a kind."""
+    for signals, small in (
+        (("velocity.north", "velocity.east"), 1e9),
+        (_ATTITUDE, 0.06),
+        (_RATES, 0.02),
+        (("angle_of_attack", "sideslip"), 0.01),
+        (_SURFACES, 0.005),
+    ):
+        there = [s for s in signals if flight.has(s) and not flight.columns[s].doubt]
+        units = {flight.columns[s].unit for s in there if flight.columns[s].unit}
+        open_ = [s for s in there if not flight.columns[s].unit]
+        if not open_ or len(units) > 1:
+            continue
+        spread = max(float(np.std(_numbers(flight, s))) for s in there)
+        if units:
+            for s in open_:
+                _set_unit(
+                    flight.columns[s],
+                    next(iter(units)),
+                    f"as its relatives are ({', '.join(x for x in there if x not in open_)})",
+                )
+                flight.columns[s].sure = False
+        elif small < spread < 0.7 and signals is not _RATES:
+            most = max(float(np.percentile(np.abs(_numbers(flight, s)), 99.9)) for s in there)
+            if signals is _SURFACES and most > 0.9:
+                continue
+            for s in open_:
+                _set_unit(
+                    flight.columns[s], "rad", f"it and its relatives stay below {most:.2g}, too little for degrees"
+                )
+                flight.columns[s].sure = False
+        elif signals is _RATES and small < spread < 0.5:
+            for s in open_:
+                _set_unit(
+                    flight.columns[s], "rad/s", f"it and its relatives spread by {spread:.2g}, too little for deg/s"
+                )
+                flight.columns[s].sure = False
+
+
+def _customs(flight: Flight) -> None:
+    """What is everywhere counted the same way, where nothing says otherwise."""
+    for signal, column in flight.columns.items():
+        if column.doubt or column.sign or not column.unit:
+            continue
+        if signal in _CUSTOM:
+            _set_sign(column, column.custom, "by custom: nothing in the data tells")
+            column.sure = False
+        elif signal == "flaps":
+            values = _numbers(flight, signal)
+            _set_sign(column, -1.0 if np.mean(values) < -0.01 * (np.ptp(values) + 1e-9) else 1.0, "flaps go down")
+
+
+def _controls(flight: Flight) -> None:
+    for signal in ("elevator", "aileron", "rudder"):
+        column = flight.columns.get(signal)
+        if column is None or column.doubt or column.sign:
+            continue
+        found = physics.control_sign(flight, signal)
+        if found is not None and found[1] > _SURE_T:
+            moment = {"elevator": "pitching", "aileron": "rolling", "rudder": "yawing"}[signal]
+            _set_sign(
+                column,
+                -found[0],
+                f"the {moment} moment follows it with t = {found[1]:.0f}; positive gives a negative one",
+            )
+
+
+def _speed_and_pressure(flight: Flight) -> None:
+    """An airspeed and a dynamic pressure without units, of which only one pair fits."""
+    pressure = flight.columns.get("dynamic_pressure")
+    if pressure is None or pressure.unit or pressure.doubt:
+        return
+    speed = flight.columns.get("true_airspeed")
+    if speed is None or speed.unit or speed.doubt:
+        return
+    found = physics.speed_and_pressure(flight, "true_airspeed")
+    if found is not None:
+        for column, unit in zip((speed, pressure), found, strict=True):
+            _set_unit(column, unit, f"only {found[0]} with {found[1]} fits to the density")
+
+
+def _air(flight: Flight) -> None:
+    """Dynamic pressure and temperature, which others explain."""
+    column = flight.columns.get("dynamic_pressure")
+    speed = flight.speed()
+    if (
+        column is not None
+        and not column.unit
+        and not column.doubt
+        and speed is not None
+        and flight.known("true_airspeed")
+    ):
+        density = flight.si("air_density") if flight.known("air_density") else physics.standard_density(flight) or 1.15
+        found = fit(0.5 * density * speed**2, flight.raw("dynamic_pressure"), flight.flying())
+        if found is not None and found.correlation > physics.good:
+            _set_unit(
+                column, unit_of_slope(found.slope, found.correlation, "dynamic_pressure", 0.15), "airspeed and density"
+            )
+    column = flight.columns.get("air_temperature")
+    if column is not None and not column.unit and not column.doubt:
+        median = float(np.median(_numbers(flight, "air_temperature")))
+        by_law = physics.temperature_of_density(flight)
+        expected = by_law or physics.standard_temperature(flight) or 285.0
+        fitting = []
+        for unit in physics.CANDIDATES["K"]:
+            convert = conversion(unit, "K")
+            if abs(median * convert.factor + convert.shift - expected) < (8.0 if by_law else 32.0):
+                fitting.append(unit)
+        if len(fitting) == 1:
+            told = "density and pressure give" if by_law else "the standard atmosphere has"
+            _set_unit(column, fitting[0], f"it is {median:.3g}, and {told} {expected:.0f} K")
+
+
+def _check_said(flight: Flight) -> None:
+    """That a unit of the header is the one that the physics has."""
+    flying = flight.flying()
+    for signal, column in flight.columns.items():
+        if not column.is_known or not column.said_unit:
+            continue
+        for law, reference, raw, tolerance in flight.references(signal):
+            found = fit(reference, raw, flying)
+            if found is None or abs(found.correlation) < 0.9 or not np.isfinite(tolerance):
+                continue
+            if abs(np.log(abs(found.slope) / column.factor)) > tolerance + 0.5:
+                unit = unit_of_slope(found.slope, found.correlation, signal, tolerance)
+                column.doubt = f"its header says {column.said_unit}, but {law} says {unit or 'another unit'}"
+            break
+
+
+def _explain_open(flight: Flight) -> None:
+    for column in flight.columns.values():
+        if column.doubt or column.is_known:
+            continue
+        if not column.unit:
+            column.doubt = "its unit cannot be told"
+        else:
+            column.doubt = "which way is positive cannot be told"

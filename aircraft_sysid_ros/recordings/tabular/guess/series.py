@@ -1,0 +1,168 @@
+"""Columns on one grid of time, and how one follows another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import uniform_filter1d
+
+Array = npt.NDArray[np.float64]
+_LONGEST = 1800.0  # [s] of a flight that are looked at
+_FASTEST, _SLOWEST = 0.02, 0.2  # [s] steps of the grid
+_GAP = 1.0  # [s]
+
+
+@dataclass
+class Column:
+    """A column with a known name: its numbers, and what is found of its unit and sign."""
+
+    table: str
+    name: str
+    signal: str
+    values: Array  # (n,) as in the file
+    time: Array  # (n,) [s]; NaN as long as the time of its table is not known
+    said_unit: str = ""
+    custom: float = 1.0  # the sign that its name implies
+    distance: int = 0
+    unit: str = ""
+    sign: float = 0.0  # 0: not known
+    factor: float = np.nan  # SI value is sign * (factor * column + shift)
+    shift: float = 0.0
+    doubt: str = ""  # why a line stays commented out
+    evidence: list[str] = field(default_factory=list)
+    sure: bool = True
+    rough: float = np.nan  # SI per unit as the physics has it, where no unit is exactly that
+    offset: float = 0.0  # of the MAP, in the unit of the column
+    expression: str = ""  # instead of the column
+
+    @property
+    def is_known(self) -> bool:
+        """Whether unit and sign are."""
+        return bool(self.unit) and self.sign != 0.0 and not self.doubt
+
+    def si(self, values: Array) -> Array:
+        """Values of the column in SI, with the sign of the signal."""
+        return self.sign * (self.factor * (values + self.offset) + self.shift)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """reference = slope * column + constant: slope, correlation, and the share of the reference that is explained."""
+
+    slope: float
+    correlation: float
+
+    @property
+    def sign(self) -> float:
+        """+1 or -1."""
+        return float(np.sign(self.slope))
+
+
+class Grid:
+    """Columns on equal steps, smoothed alike, so that they can be compared and differentiated."""
+
+    def __init__(self, columns: list[Column]) -> None:
+        timed = [c for c in columns if len(c.time) > 3 and np.isfinite(c.time).all()]
+        if not timed:
+            self.time = np.empty(0)
+            self.step = _FASTEST
+            return
+        start = min(c.time[0] for c in timed)
+        end = min(max(c.time[-1] for c in timed), start + _LONGEST)
+        steps = [float(np.median(np.diff(c.time))) for c in timed]
+        self.step = float(np.clip(np.median(steps), _FASTEST, _SLOWEST))
+        self.time = np.arange(start, end, self.step)
+
+    def raw(self, column: Column) -> Array:
+        """The column's own numbers at the times of the grid, NaN in gaps; of held numbers the new ones."""
+        known = np.isfinite(column.values) & np.isfinite(column.time)
+        time, values = column.time[known], column.values[known]
+        if len(values) < 4:
+            return np.full(len(self.time), np.nan)
+        fresh = np.concatenate([[True], np.diff(values) != 0.0])
+        if fresh.sum() > 10 and fresh.mean() < 0.5:
+            time, values = time[fresh], values[fresh]
+        found = np.interp(self.time, time, values, left=np.nan, right=np.nan)
+        after = np.clip(np.searchsorted(time, self.time), 1, len(time) - 1)
+        usual = float(np.median(np.diff(time)))
+        return np.where(time[after] - time[after - 1] > max(_GAP, 3.0 * usual), np.nan, found)
+
+    def unwrapped(self, values: Array, turn: float) -> Array:
+        """Angles without their jumps of a whole ``turn``."""
+        known = np.isfinite(values)
+        out = values.copy()
+        out[known] = np.unwrap(values[known], period=turn)
+        return out
+
+    def smooth(self, values: Array, seconds: float) -> Array:
+        """Running mean, twice; NaN spreads."""
+        width = max(round(seconds / self.step), 1)
+        known = np.isfinite(values)
+        if not known.any():
+            return values
+        filled = np.where(known, values, 0.0)
+        weight = uniform_filter1d(uniform_filter1d(known.astype(float), width), width)
+        mean = uniform_filter1d(uniform_filter1d(filled, width), width)
+        with np.errstate(all="ignore"):
+            return np.where(weight > 0.95, mean / weight, np.nan)
+
+    def integral(self, values: Array) -> Array:
+        """Sum over time from the first known value on; over gaps it stands still."""
+        known = np.isfinite(values)
+        total = np.cumsum(np.where(known, values, 0.0)) * self.step
+        return np.where(np.cumsum(known) > 0, total, np.nan)
+
+    def changes(self, values: Array, seconds: float = 6.0) -> Array:
+        """What is faster than a running mean."""
+        return values - self.smooth(values, seconds)
+
+    def rate(self, values: Array, seconds: float) -> Array:
+        """Derivative of the smoothed values."""
+        return np.gradient(self.smooth(values, seconds), self.step)
+
+
+def fit(reference: Array, column: Array, where: npt.NDArray[np.bool_] | None = None) -> Fit | None:
+    """How ``reference`` follows ``column``; None without enough of both."""
+    known = np.isfinite(reference) & np.isfinite(column)
+    if where is not None:
+        known &= where
+    if known.sum() < 40:
+        return None
+    y, x = reference[known], column[known]
+    low, high = np.percentile(y, (0.5, 99.5))
+    inside = (y >= low) & (y <= high)
+    y, x = y[inside] - np.mean(y[inside]), x[inside] - np.mean(x[inside])
+    yy, xx, xy = float(y @ y), float(x @ x), float(x @ y)
+    if yy <= 0.0 or xx <= 0.0:
+        return None
+    return Fit(float(np.sign(xy)) * np.sqrt(yy / xx), xy / np.sqrt(xx * yy))
+
+
+def regress(reference: Array, columns: list[Array], dependent: float) -> tuple[Array, Array, float] | None:
+    """Least squares of ``reference`` on columns and a constant: coefficients, t-values, correlation.
+
+    ``dependent``: so many rows that follow one another count as one, because they were smoothed together.
+    """
+    matrix = np.stack([*columns, np.ones(len(reference))], axis=1)
+    known = np.isfinite(reference) & np.isfinite(matrix).all(axis=1)
+    if known.sum() < 60:
+        return None
+    y, x = reference[known], matrix[known]
+    scale = np.std(x, axis=0)
+    scale[-1] = 1.0
+    if (scale <= 0.0).any() or np.std(y) <= 0.0:
+        return None
+    x = x / scale
+    solution, *_ = np.linalg.lstsq(x, y, rcond=None)
+    residual = y - x @ solution
+    spread = np.sqrt(
+        np.diag(np.linalg.pinv(x.T @ x))
+        * float(residual @ residual)
+        / max(len(y) / max(dependent, 1.0) - x.shape[1], 1.0)
+    )
+    with np.errstate(all="ignore"):
+        t = solution / spread
+    correlation = float(np.sqrt(max(0.0, 1.0 - float(residual @ residual) / float((y - y.mean()) @ (y - y.mean())))))
+    return solution[:-1] / scale[:-1], t[:-1], correlation

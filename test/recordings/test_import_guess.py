@@ -1,0 +1,238 @@
+"""A first MAP of a stranger's columns: what is active is right, what cannot be told is commented out."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import strange_layouts as layouts
+from scipy.io import loadmat
+
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.mat_import import import_mat
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.recordings.tabular.column_map import load_column_map, parse_column_map
+from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map, map_text
+from aircraft_sysid_ros.recordings.tabular.guess.names import guess_name
+from aircraft_sysid_ros.samples import Kind
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import import_guess
+
+
+@pytest.fixture(scope="module")
+def flown(flight):
+    return layouts.Flown(flight, seconds=60.0)
+
+
+def active(path):
+    """Signal, unit, sign by column of what a guess would import."""
+    parts = guess_map(path).parts
+    return {line.signal: (line.column, line.unit, line.sign) for part in parts for line in part.lines if line.active}
+
+
+def test_scrambled_layouts_are_never_wrong_and_mostly_right(monkeypatch):
+    """A few layouts of benchmarks/import_guess.py, which judges 50 others, of more aeroplanes."""
+    monkeypatch.setattr(import_guess, "AEROPLANES", ("ultra_stick_25e",))
+    total = Counter()
+    for seed in (2, 6, 11):
+        verdicts = import_guess.judged(seed)
+        assert verdicts["wrong"] == []
+        total.update({verdict: len(columns) for verdict, columns in verdicts.items()})
+    assert total["right"] >= 0.95 * sum(total.values())
+
+
+def test_a_flight_test_csv_without_units_is_understood_by_its_physics(flown, tmp_path):
+    """The columns of the known layout, without what its header says of units; Nz up, elevator up, climb in ft/min."""
+    path, _ = layouts.flight_test_csv(flown, tmp_path)
+    text = path.read_text()
+    header = text.splitlines()[2]
+    bare = header.replace("Elev TEU (deg)", "Elevator")
+    path.write_text(text.replace(header, re.sub(r" \([^)]*\)", "", bare)))
+    found = active(path)
+    assert found["specific_force.z"] == ("Nz", "g", -1.0)
+    assert found["angular_velocity.y"] == ("Q", "deg/s", 1.0)
+    assert found["true_airspeed"] == ("KTAS", "kt", 1.0)
+    assert found["velocity.north"] == ("Vn", "ft/s", 1.0)
+    assert found["altitude"] == ("Alt", "ft", 1.0)
+    assert found["sideslip"] == ("AOS", "deg", 1.0)
+    assert found["elevator"] == ("Elevator", "deg", -1.0)
+    assert found["static_pressure"] == ("Ps", "inHg", 1.0)
+    assert "thrust" not in found  # N or lbf: nothing tells
+
+
+def test_what_is_said_of_each_line_is_in_the_map_and_the_map_is_read_again(flown, tmp_path, capsys):
+    path, _ = layouts.flight_test_csv(flown, tmp_path)
+    assert main(["import", str(path), "--guess", str(tmp_path / "map.yaml")]) == 0
+    said = capsys.readouterr().out
+    text = (tmp_path / "map.yaml").read_text()
+    for line in text.splitlines():
+        if re.match(r" +(# )?[a-z_.]+: {", line):
+            assert re.search(r"# (sure|likely|undecided): ", line), line
+    assert "undecided" in said
+    assert "it reads" in said  # gravity
+    assert main(["import", str(path), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "bag")]) == 0
+    imu = read_recording(tmp_path / "bag").samples
+    imu = imu[imu.kind == Kind.IMU]
+    np.testing.assert_allclose(imu.values[:, :3], flown.force, atol=1e-8)
+
+
+def test_a_folder_of_ulog2csv_needs_no_correction(flown, tmp_path):
+    folder, right = layouts.ulog2csv_folder(flown, tmp_path)
+    guessed, mapped = (
+        {s.name: (s.column, s.convert, s.sign) for table in parse_column_map(text).tables for s in table.signals}
+        for text in (map_text(guess_map(folder), folder), right)
+    )
+    assert guessed == mapped
+
+
+def test_a_folder_of_rostopic_needs_one_correction(flown, tmp_path):
+    """MAVROS does not say whether an airspeed is indicated or true."""
+    folder, right = layouts.rostopic_folder(flown, tmp_path)
+    guessed, mapped = (
+        {(s.column, s.convert, s.sign, s.name) for table in parse_column_map(text).tables for s in table.signals}
+        for text in (map_text(guess_map(folder), folder), right)
+    )
+    assert {name for *_, name in guessed ^ mapped} == {"indicated_airspeed", "true_airspeed"}
+
+
+def test_a_real_flight_of_px4_as_csv_needs_no_correction(shared_data, tmp_path):
+    """mit_seaway: the signals of its notes, each with the unit and the axes of its notes."""
+    path = tmp_path / "map.yaml"
+    assert main(["import", str(shared_data / "mit_seaway"), "--guess", str(path)]) == 0
+    tables = {table.file: table for table in load_column_map(path).tables}
+    found = {
+        s.name: (file.split("flight3_")[1].removesuffix("_0.csv"), s) for file, t in tables.items() for s in t.signals
+    }
+    from_notes = {
+        "angular_velocity": ("vehicle_angular_velocity", "rad/s"),
+        "specific_force": ("vehicle_acceleration", "m/s^2"),
+        "velocity": ("vehicle_gps_position", "m/s"),
+    }
+    for name, (topic, unit) in from_notes.items():
+        for i, axis in enumerate(("north", "east", "down") if name == "velocity" else "xyz"):
+            place, signal = found.pop(f"{name}.{axis}")
+            column = f"vel_{'ned'[i]}_m_s" if name == "velocity" else f"xyz[{i}]"
+            assert (place, signal.column, signal.unit, signal.sign) == (topic, column, unit, 1.0)
+    for name, column, unit in (
+        ("latitude", "lat", "1e-7 deg"),
+        ("longitude", "lon", "1e-7 deg"),
+        ("altitude", "alt", "mm"),
+    ):
+        assert (found[name][1].column, found.pop(name)[1].unit) == (column, unit)
+    assert found.pop("true_airspeed")[1].column == "true_airspeed_m_s"
+    assert found.pop("static_pressure")[1].unit == "Pa"
+    assert found.pop("air_density")[1].column == "rho"
+    assert {name for name in found if not name.startswith("inputs.")} == {
+        f"attitude.{a}" for a in ("roll", "pitch", "yaw")
+    }
+
+
+def test_thor_from_a_csv_of_itself(shared_data, tmp_path):
+    """The columns of the .mat in a CSV: what is guessed agrees with the import that knows the flight."""
+    content = loadmat(shared_data / "umn_thor_flight75" / "flight75.mat", squeeze_me=True, struct_as_record=False)
+    data = content["flight_data"]
+    names = [
+        "time",
+        "p",
+        "q",
+        "r",
+        "ax",
+        "ay",
+        "az",
+        "Ps",
+        "Pd",
+        "ias",
+        "aoa",
+        "aos",
+        "h",
+        "lat",
+        "lon",
+        "alt",
+        "vn",
+        "ve",
+        "vd",
+        "GPS_TOW",
+        "phi",
+        "theta",
+        "psi",
+        "de",
+        "dr",
+        "da_l",
+        "da_r",
+        "dthr",
+        "theta_cmd",
+        "p_bias",
+        "navlat",
+        "hx",
+    ]
+    layouts.write_rows(tmp_path / "thor.csv", names, [getattr(data, name)[::2] for name in names])
+    found = active(tmp_path / "thor.csv")
+    for signals, unit in (("angular_velocity.", "rad/s"), ("velocity.", "m/s"), ("attitude.", "rad")):
+        there = {signal: line for signal, line in found.items() if signal.startswith(signals)}
+        assert len(there) == 3
+        assert {line[1:] for line in there.values()} == {(unit, 1.0)}
+    assert found["specific_force.z"] == ("az", "m/s^2", 1.0)
+    assert found["static_pressure"] == ("Ps", "kPa", 1.0)
+    assert found["elevator"] == ("de", "rad", 1.0)
+    assert "rudder" not in found  # it moves by 0.7 deg: nothing tells
+    path = tmp_path / "map.yaml"
+    assert main(["import", str(tmp_path / "thor.csv"), "--guess", str(path)]) == 0
+    assert main(["import", str(tmp_path / "thor.csv"), "--map", str(path), "--out", str(tmp_path / "csv")]) == 0
+    import_mat(shared_data / "umn_thor_flight75" / "flight75.mat", tmp_path / "mat")
+    of_csv, of_mat = (read_recording(tmp_path / name).samples for name in ("csv", "mat"))
+    velocity, known = (samples[samples.kind == Kind.GPS_VELOCITY] for samples in (of_csv, of_mat))
+    aloft = slice(300, 600)  # one fix a second in both
+    shared = min(len(velocity), len(known))
+    assert abs(len(velocity) - len(known)) < 10
+    assert np.median(np.abs(velocity.values[:shared, :3] - known.values[:shared, :3])[aloft]) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("column", "signal", "unit"),
+    [
+        ("Roll Rate [deg/s]", "angular_velocity.x", "deg/s"),
+        ("accel_z_mps2", "specific_force.z", "m/s^2"),
+        ("KTAS", "true_airspeed", "kt"),
+        ("field.latitude", "latitude", ""),
+        ("vane_alpha_deg", "angle_of_attack", "deg"),
+    ],
+)
+def test_names_say_signal_and_unit(column, signal, unit):
+    found = guess_name(column)
+    assert (found.signal, found.unit) == (signal, unit)
+
+
+@pytest.mark.parametrize("column", ["elev_cmd", "p_bias", "hdop", "GS", "pitch_ref", "gyro_temp", "status", "comment"])
+def test_names_that_are_no_measurement_of_ours(column):
+    assert guess_name(column) is None
+
+
+def test_an_acceleration_without_gravity_is_left_to_the_user(flown, tmp_path):
+    path, _ = layouts.flight_test_csv(flown, tmp_path)
+    lines = path.read_text().splitlines()
+    names = lines[2].split(",")
+    z = names.index("Nz (g)")
+
+    def moved(line):
+        cells = line.split(",")
+        cells[z] = str(float(cells[z]) - 1.0) if cells[z] else ""
+        return ",".join(cells)
+
+    path.write_text("\n".join([*lines[:3], *(moved(line) for line in lines[3:])]) + "\n")
+    assert not {"specific_force.x", "specific_force.y", "specific_force.z"} & active(path).keys()
+
+
+def test_a_guess_does_not_overwrite_and_needs_a_table(flown, tmp_path, capsys):
+    path, _ = layouts.flight_test_csv(flown, tmp_path)
+    (tmp_path / "map.yaml").write_text("mine")
+    assert main(["import", str(path), "--guess", str(tmp_path / "map.yaml")]) == 2
+    assert "already there" in capsys.readouterr().err
+    (tmp_path / "words.csv").write_text("this,is\nno,table\n")
+    with pytest.raises(InputError, match="holds no table"):
+        guess_map(tmp_path / "words.csv")
