@@ -12,7 +12,7 @@ PACKAGE = "aircraft_sysid_ros"
 ROOT = Path(__file__).resolve().parents[1] / PACKAGE
 CORE = (
     "aircraft", "estimation", "reconstruction", "identification", "flight_model", "refinement", "diagnosis",
-    "calibration", "effects", "sensors", "ros_messages",
+    "calibration", "effects", "sensors", "ros_messages", "flight_check",
 )  # fmt: skip
 FILES = [*(ROOT / f"{name}.py" for name in ("samples", "pipeline"))]
 FILES += sorted(path for folder in CORE for path in (ROOT / folder).rglob("*.py"))

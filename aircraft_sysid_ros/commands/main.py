@@ -18,6 +18,7 @@ COMMANDS = {
     "demo": ("demo", "the main job on a simulated flight, through ROS 2"),
     "simulate": ("simulate", "a flight with known truth, recorded as a bag"),
     "import": ("import_log", "a flight log of another format to a bag"),
+    "check": ("check", "a flight as data, before anything is estimated"),
     "calibrate": ("calibrate", "errors of a probe, a magnetometer, or of IMU and air data, from a flight"),
     "replay": ("replay", "the whole pipeline over a recording"),
     "compare": ("compare", "how good the model is, and where it fails"),

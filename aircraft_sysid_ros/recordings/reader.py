@@ -29,6 +29,7 @@ class Recording:
     topics: dict[str, int]  # messages by topic, relative names as in TOPICS
     ignored: dict[str, int]  # messages by the full name of the topics that are not used
     skipped: dict[str, int]  # messages by topic that could not be decoded
+    arrival: Integers  # (n,) [ns] when each sample was received: the log time of its message
     notes: tuple[str, ...] = ()  # what was wrong with it, for the user
 
     @property
@@ -69,6 +70,7 @@ def read_recording(path: str | Path) -> Recording:
     skipped: dict[str, int] = {}
     batches: list[Samples] = []
     orders: list[Integers] = []
+    arrivals: list[Integers] = []
     for key, topic in wanted.items():
         table = table_of(raw, key, USED_FIELDS[topic])
         topics[topic] = topics.get(topic, 0) + len(table.rows)
@@ -80,17 +82,18 @@ def read_recording(path: str | Path) -> Recording:
         for place, (samples, rows) in enumerate(converted):
             batches.append(samples)
             orders.append(table.rows[rows] * _SAMPLES_PER_MESSAGE + place)
+            arrivals.append(table.log_time[rows])
     _require_samples(path, batches, raw, skipped)
     skipped = {topic: count for topic, count in skipped.items() if count}
     notes += [note for topic, count in skipped.items() for note in losses.undecoded_notes(count, "/" + topic)]
     ignored = _counts(raw, raw.channels.keys() - wanted.keys())
-    samples = _in_order(concatenate(batches), np.concatenate(orders))
-    return Recording(Path(path), samples, topics, ignored, skipped, (*raw.notes, *notes))
+    order = np.argsort(np.concatenate(orders), kind="stable")
+    samples, arrival = _in_order(concatenate(batches), order), np.concatenate(arrivals)[order]
+    return Recording(Path(path), samples, topics, ignored, skipped, arrival, (*raw.notes, *notes))
 
 
-def _in_order(samples: Samples, key: Integers) -> Samples:
-    """Samples (n,) by rising key (n,), ties as they are; ``take`` copies rows several times faster than an index."""
-    order = np.argsort(key, kind="stable")
+def _in_order(samples: Samples, order: Integers) -> Samples:
+    """Samples (n,) in an order; ``take`` copies rows several times faster than an index."""
     return Samples(samples.stamp[order], samples.kind[order], samples.values.take(order, axis=0))
 
 

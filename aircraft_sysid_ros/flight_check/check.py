@@ -1,0 +1,111 @@
+"""The whole check of a flight: all laws, their contradictions explained, the worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from aircraft_sysid_ros.flight_check.explain import Explanation, delays, scales, signs, units
+from aircraft_sysid_ros.flight_check.finding import KINDS, SEVERITIES, Finding
+from aircraft_sysid_ros.flight_check.laws import (
+    absence,
+    airspeed,
+    flow_angles,
+    gravity,
+    gyro_attitude,
+    kinematic_force,
+    position_velocity,
+    pressure,
+    sampling,
+    surfaces,
+    turns,
+    values,
+)
+from aircraft_sysid_ros.flight_check.motion import Motion
+from aircraft_sysid_ros.flight_check.relation import Relation
+from aircraft_sysid_ros.flight_check.repair import with_columns, with_yaw
+from aircraft_sysid_ros.flight_check.signals import Flight, signal_names
+
+#: Too short for anything but counting [s].
+SHORTEST = 5.0
+#: Passes over what contradicts itself, at most.
+_PASSES = 6
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What was found, the rates of the signals [Hz], and the relations between them."""
+
+    findings: tuple[Finding, ...]
+    rates: Mapping[str, float]
+    relations: tuple[Relation, ...]
+    motion: Motion
+
+
+def check(flight: Flight, progress: Callable[[float], None] = lambda share: None) -> Checked:
+    """All laws over one flight.
+
+    What contradicts itself is explained in passes: the gravest faults first, exchanged axes, then signs and units, then
+    times, then scales; they are taken out and the rest is judged without them. ``progress`` is told the share done.
+    """
+    found = absence.findings(flight) + sampling.findings(flight) + values.findings(flight)
+    rates, repaired = _rates(flight), flight
+    motion, relations = Motion(flight), list[Relation]()
+    for number in range(_PASSES if flight.duration >= SHORTEST else 0):
+        progress((number + 1) / (_PASSES + 1))
+        motion = Motion(repaired)
+        relations, explained = _explained(motion)
+        said = {(f.signals, f.kind) for f in found}
+        cut = {name for f in found if f.kind == "saturated" for name in f.signals}
+        explained = [e for e in explained if (e.finding.signals, e.finding.kind) not in said]
+        explained = [e for e in explained if e.finding.kind != "scale" or not cut & set(e.finding.signals)]
+        found += [explanation.finding for explanation in explained]
+        for explanation in explained:
+            repaired = explanation.repair(repaired)
+        if not explained:
+            break
+    return Checked(tuple(_ordered(found)), rates, tuple(relations), motion)
+
+
+def _explained(motion: Motion) -> tuple[list[Relation], list[Explanation]]:
+    """Relations of a flight, and the gravest of what they say."""
+    triples = [gyro_attitude.triple(motion), position_velocity.triple(motion)]
+    triples += [kinematic_force.triple(motion)]
+    for triple in triples:
+        if triple.places:
+            move = partial(with_columns, follows=triple.places)
+            rest = [Explanation(finding, _unchanged) for finding in triple.findings[1:]]
+            return [], [Explanation(triple.findings[0], move), *rest]
+    rates, moved, forces = triples
+    relations = gyro_attitude.relations(motion, rates) + position_velocity.relations(motion, moved)
+    relations += kinematic_force.relations(motion, forces)
+    for law in (turns, flow_angles, airspeed, gravity, pressure, surfaces):
+        relations += law.relations(motion)
+    simple = [r for r in relations if not r.is_derived]
+    gravest = signs(simple) or units(simple) or signs(relations) or units(relations)
+    if not gravest:
+        turn = partial(with_yaw, angle=-turns.heading_error(motion))
+        gravest = [Explanation(finding, turn) for finding in turns.findings(motion)]
+    return relations, gravest or delays(relations, motion.flight) or scales(relations)
+
+
+def _unchanged(flight: Flight) -> Flight:
+    return flight
+
+
+def _rates(flight: Flight) -> dict[str, float]:
+    return {name: s.rate for kind, s in flight.streams.items() for name, _ in signal_names(kind, s)}
+
+
+def _ordered(findings: list[Finding]) -> list[Finding]:
+    """The worst first; of two of the same kind on a signal the first."""
+    findings = sorted(findings, key=lambda f: (SEVERITIES.index(f.severity), KINDS.index(f.kind)))
+    said: set[tuple[str, str]] = set()
+    kept = []
+    for finding in findings:
+        new = tuple(signal for signal in finding.signals if (signal, finding.kind) not in said)
+        said |= {(signal, finding.kind) for signal in new}
+        if new:
+            kept.append(Finding(new, finding.kind, finding.severity, finding.sentence))
+    return kept

@@ -1,0 +1,182 @@
+"""Contradictions between signals as findings: which signal, what is wrong with it, the evidence, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, Finding
+from aircraft_sysid_ros.flight_check.relation import Fault, Relation, lag_faults, scale_faults, sign_faults
+from aircraft_sysid_ros.flight_check.repair import with_delay, with_factor
+from aircraft_sysid_ros.flight_check.signals import (
+    ATTITUDE,
+    COMMANDED,
+    FORCE,
+    GEODETIC,
+    GYRO,
+    KIND_OF,
+    SURFACES,
+    VELOCITY,
+    Flight,
+    signal_names,
+)
+
+#: Factors of units by the quantity of a signal: what a value in SI becomes in them.
+_ANGLES = {57.29578: "degrees"}
+_SPEEDS = {
+    1.943844: "knots", 3.6: "km/h", 2.236936: "miles per hour", 3.280840: "ft/s", 100.0: "cm/s", 1000.0: "mm/s",
+}  # fmt: skip
+_UNITS: dict[str, dict[float, str]] = {
+    "angular_velocity": {57.29578: "deg/s", 1000.0: "mrad/s"},
+    "attitude": _ANGLES, "angle_of_attack": _ANGLES, "sideslip": _ANGLES, "latitude": {1.0 / 57.29578: "radians"},
+    "longitude": {1.0 / 57.29578: "radians"},
+    "specific_force": {1.0 / 9.80665: "g", 3.280840: "ft/s²", 1000.0 / 9.80665: "mg", 100.0: "cm/s²"},
+    "velocity": _SPEEDS, "true_airspeed": _SPEEDS,
+    "altitude": {3.280840: "feet", 0.001: "km", 100.0: "cm", 1000.0: "mm"},
+    "static_pressure": {0.01: "hPa", 0.001: "kPa", 1.450377e-4: "psi", 2.952998e-4: "inHg"},
+    "air_density": {1.940320e-3: "slug/ft³", 1000.0: "g/m³"},
+}  # fmt: skip
+#: A ratio is that of a unit within this factor, a large one within a power of it; below the least it is a scale.
+_NEAR, _FAR, _FURTHEST, _LEAST_UNIT = 1.3, 0.2, 2.0, 1.5
+#: Which signals are doubted last: of sign, scale and time.
+_PRIOR = dict.fromkeys(ATTITUDE, 1.5) | dict.fromkeys(VELOCITY, 1.6) | dict.fromkeys(COMMANDED, 0.5)
+_SCALE_PRIOR = dict.fromkeys((*ATTITUDE, *GEODETIC[:2]), 1.5)
+_LAG_PRIOR = {"imu": 2.2, "velocity": 0.9}
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A finding, and what takes its fault out of a flight."""
+
+    finding: Finding
+    repair: Callable[[Flight], Flight]
+
+
+def signs(relations: Sequence[Relation]) -> list[Explanation]:
+    """Signals that are reversed."""
+    return [
+        Explanation(_sign(fault), partial(_scaled, signal=fault.signal, factor=-1.0))
+        for fault in sign_faults(relations, _PRIOR)
+    ]
+
+
+def units(relations: Sequence[Relation]) -> list[Explanation]:
+    """Signals in another unit: too large or too small by far."""
+    return _ratios(relations, lambda size: size > _LEAST_UNIT)
+
+
+def scales(relations: Sequence[Relation]) -> list[Explanation]:
+    """Signals that are a little too large or too small."""
+    return _ratios(relations, lambda size: size <= _LEAST_UNIT)
+
+
+def _ratios(relations: Sequence[Relation], is_meant: Callable[[float], bool]) -> list[Explanation]:
+    found = []
+    for fault in scale_faults(relations, _SCALE_PRIOR):
+        if is_meant(float(np.exp(abs(fault.size)))):
+            finding, divisor = _ratio(fault)
+            found.append(Explanation(finding, partial(_scaled, signal=fault.signal, factor=1.0 / divisor)))
+    return found
+
+
+def _scaled(flight: Flight, signal: str, factor: float) -> Flight:
+    return with_factor(flight, signal, factor)
+
+
+def delays(relations: Sequence[Relation], flight: Flight) -> list[Explanation]:
+    """Streams that come too late or too early."""
+    found = []
+    for fault in lag_faults(relations, _LAG_PRIOR, stream_of):
+        finding = _late(fault, flight)
+        found.append(Explanation(finding, partial(with_delay, names=finding.signals, delay=fault.size)))
+    return found
+
+
+def stream_of(signal: str) -> str:
+    """Which clock a signal has: a sensor's name."""
+    if signal in (*FORCE, *GYRO):
+        return "imu"
+    if signal in GEODETIC:
+        return "position"
+    if signal in COMMANDED:
+        return "controls"
+    return signal.partition(".")[0]
+
+
+def _compared(fault: Fault, relation: Relation) -> str:
+    """What a signal was compared with, from its side."""
+    return relation.evidence if fault.signal == relation.first else f"{relation.first}, by {relation.evidence}"
+
+
+def _strongest(relations: Sequence[Relation]) -> Relation:
+    return max(relations, key=lambda r: abs(r.comparison.correlation))
+
+
+def _seconds(relation: Relation) -> str:
+    seconds = relation.comparison.seconds
+    return f" over {seconds:.0f} s" if seconds else ""
+
+
+def _sign(fault: Fault) -> Finding:
+    relation = _strongest(fault.relations)
+    severity = ERROR
+    remedy = "reverse it (sign: -1 in the map)"
+    evidence = f"correlation {relation.comparison.correlation:.2f}{_seconds(relation)}"
+    if fault.signal in SURFACES:
+        severity = INFO if fault.signal == "aileron" else WARNING
+        remedy = f"reverse it, or set surface_signs: {{{fault.signal}: -1}}, if it should follow the convention"
+        text = f"a positive deflection turns the aircraft the positive way ({evidence}), by convention the negative one"
+    else:
+        text = f"it goes against {_compared(fault, relation)} ({evidence})"
+    return Finding((fault.signal,), "sign", severity, f"{text}: {remedy}")
+
+
+def _ratio(fault: Fault) -> tuple[Finding, float]:
+    """The finding, and what the signal must be divided by."""
+    relation = fault.relations[0]
+    ratio = float(np.exp(fault.size))
+    name = fault.signal
+    units = _UNITS.get(name if name in _UNITS else name.partition(".")[0], {})
+    c = relation.comparison
+    low, high = (c.low, c.high) if name == relation.first else (1.0 / c.high, 1.0 / c.low)
+    against = f"{_compared(fault, relation)}{_seconds(relation)}"
+    nearest = min(units, key=lambda unit: abs(np.log(unit / ratio)), default=1.0)
+    far = min(max(ratio, 1.0 / ratio) ** _FAR, _FURTHEST)
+    room = max(_NEAR, far, float(np.sqrt(high / low)))
+    if max(ratio, 1.0 / ratio) > _LEAST_UNIT and 1.0 / room < nearest / ratio < room:
+        text = f"it is {ratio:.4g} times (between {low:.3g} and {high:.3g}) what it should be by {against}"
+        text = f"{text}: it is in {units[nearest]}, divide it by {nearest:.6g}"
+        return Finding((name,), "unit", ERROR, text), nearest
+    text = f"it is {ratio:.3f} times (between {low:.3f} and {high:.3f}) what it should be by {against}"
+    kind, severity = ("unit", ERROR) if max(ratio, 1.0 / ratio) > 2.0 else ("scale", WARNING)
+    return Finding((name,), kind, severity, f"{text}: calibrate it, or divide it by {ratio:.3f}"), ratio
+
+
+def _late(fault: Fault, flight: Flight) -> Finding:
+    relation = fault.relations[0]
+    names = tuple(
+        name
+        for kind, stream in flight.streams.items()
+        for name, _ in signal_names(kind, stream)
+        if stream_of(name) == fault.signal and KIND_OF[name] == kind
+    )
+    other = relation.second if stream_of(relation.first) == fault.signal else relation.first
+    way, size = ("later", fault.size) if fault.size > 0.0 else ("earlier", -fault.size)
+    remedy = f"take {fault.size:.2f} s off its stamps, or state that delay in the aircraft file"
+    if fault.signal == "imu":
+        remedy = (
+            f"its stamps are {way}, or all others are not: take {fault.size:.2f} s off, or state the others' delays"
+        )
+    low, high = relation.lag
+    if low <= 0.0 <= high:
+        text = f"it keeps time with {other}, which comes {size:.2f} s {way} than it should: {remedy}"
+        return Finding(names, "offset", WARNING, text)
+    error = max(3.0 * relation.comparison.lag_std, 0.005)
+    return Finding(
+        names, "offset", WARNING,
+        f"it comes {size:.2f} s (± {error:.2f}) {way} than {other or 'the motion'}, by {relation.evidence} "
+        f"(correlation {relation.comparison.correlation:.2f}): {remedy}",
+    )  # fmt: skip

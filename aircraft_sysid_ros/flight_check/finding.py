@@ -1,0 +1,37 @@
+"""What is said of a signal: kind, severity and one sentence with numbers that ends in what to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+KINDS = ("rate", "gap", "jitter", "held", "saturated", "unit", "sign", "offset", "scale", "noise", "missing")
+ERROR, WARNING, INFO = "error", "warning", "info"
+SEVERITIES = (ERROR, WARNING, INFO)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was found. ``signals`` that share the sentence, as in the MAP of an import."""
+
+    signals: tuple[str, ...]
+    kind: str
+    severity: str
+    sentence: str
+
+    @property
+    def records(self) -> list[dict[str, str]]:
+        """As JSON: one record for each signal."""
+        same = {"kind": self.kind, "severity": self.severity, "sentence": self.sentence}
+        return [{"signal": signal, **same} for signal in self.signals]
+
+
+def short_names(signals: tuple[str, ...]) -> str:
+    """Names for a line of text: velocity.{north,east} for two components of one vector."""
+    groups: dict[str, list[str]] = {}
+    for signal in signals:
+        group, _, component = signal.partition(".")
+        groups.setdefault(group, []).append(component)
+    return ", ".join(
+        f"{group}.{{{','.join(parts)}}}" if len(parts) > 1 else f"{group}.{parts[0]}".rstrip(".")
+        for group, parts in groups.items()
+    )

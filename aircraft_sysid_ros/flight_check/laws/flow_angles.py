@@ -1,0 +1,81 @@
+"""Vanes against the IMU, for steady wind, (6.17), (6.18):
+
+    d(alpha)/dt = q - tan(beta) (p cos(alpha) + r sin(alpha)) + (f_z + g_z)/V,
+    d(beta)/dt = p sin(alpha) - r cos(alpha) + (f_y + g_y)/V,
+
+in a band in which gravity hardly changes, each term with a factor that should be 1. A vane beside the centre of gravity
+also sees dp/dt, dq/dt and dr/dt. And a sideslip to the right pushes to the left, an angle of attack up: signs of
+C_Y,beta and C_Z,alpha that every aeroplane has.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.flight_check.grid import Comparison, compare, regress
+from aircraft_sysid_ros.flight_check.motion import Motion
+from aircraft_sysid_ros.flight_check.relation import Relation
+from aircraft_sysid_ros.flight_check.signals import FORCE, GYRO
+
+Array = npt.NDArray[np.float64]
+_SHORT, _LONG = 0.25, 4.0
+#: What the IMU does not explain of a vane is gusts, which bias the factors: by so much, times 1 - correlation.
+_GUSTS = 2.0
+#: A ratio that tells a unit and no scale.
+_UNIT = 1.5
+#: Least and largest -d(force)/d(angle) [m/s^2 per rad] of aeroplanes: g C_Z,alpha / C_L, g C_Y,beta / C_L.
+_SLOPES = {"angle_of_attack": (15.0, 400.0), "sideslip": (0.7, 60.0)}
+
+
+def relations(motion: Motion) -> list[Relation]:
+    """Of both vanes."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        over_speed = motion.force / motion.speed[:, None]
+    p, q, r = motion.gyro.T
+    down = _vane(motion, "angle_of_attack", motion.alpha, (GYRO[1], q), (FORCE[2], over_speed[:, 2]), (p, q))
+    side = _vane(motion, "sideslip", motion.beta, (GYRO[2], -r), (FORCE[1], over_speed[:, 1]), (p, r))
+    return down + side
+
+
+def _vane(
+    motion: Motion,
+    name: str,
+    angle: Array,
+    rate: tuple[str, Array],
+    force: tuple[str, Array],
+    arms: tuple[Array, Array],
+) -> list[Relation]:
+    grid = motion.grid
+    short = max(_SHORT, 4.0 * grid.step)
+
+    def band(values: Array) -> Array:
+        return grid.band(values, short, _LONG)
+
+    measured = band(grid.slope(angle))
+    terms = [band(grid.as_slope(v)) for v in (rate[1], force[1])]
+    nuisance = [band(grid.slope(v)) for v in arms]
+    found = []
+    solved = regress(measured, np.column_stack([*terms, *nuisance]), grid.step)
+    if solved is not None:
+        theta, std, partial = (values[:2] for values in solved)
+        divisors = ("", "true_airspeed")
+        for other, divisor, k, sigma, r in zip((rate[0], force[0]), divisors, theta, std, partial, strict=True):
+            low, high = abs(k) - 3.0 * sigma, abs(k) + 3.0 * sigma
+            sure = low > 0.3 * abs(k)
+            comparison = Comparison(float(r) if sure else 0.0, max(low, 1e-9), high, 0.0, np.inf, 1e3, 0.0)
+            words = f"the derivative of {name.replace('_', ' ')} that the IMU gives"
+            found.append(
+                Relation(name, other, comparison, words, 0.05 + _GUSTS * (1.0 - abs(r)), has_lag=False, divisor=divisor)
+            )
+    together = compare(measured, terms[0] + terms[1], grid.step)
+    if together is not None:
+        words = "its derivative by gyros and accelerometers"
+        found.append(Relation(name, rate[0], together, words, _UNIT, has_sign=False, lag_tolerance=0.04))
+    least, most = _SLOPES[name]
+    column = motion.force[:, FORCE.index(force[0])]
+    push = compare(band(-column / np.sqrt(least * most)), band(angle), grid.step, 0.1)
+    if push is not None:
+        words, room = "the force of the air that it makes", float(np.sqrt(most / least))
+        found.append(Relation(force[0], name, push, words, room - 1.0, has_lag=False))
+    return found

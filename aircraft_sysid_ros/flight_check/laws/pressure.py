@@ -1,0 +1,54 @@
+"""Altitude by GPS against the altitude at which the standard atmosphere has the static pressure (ISO 2533)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, altitude_at
+from aircraft_sysid_ros.flight_check.grid import Comparison, compare
+from aircraft_sysid_ros.flight_check.motion import Motion
+from aircraft_sysid_ros.flight_check.relation import Relation
+
+_SCALE = 0.12
+#: Static pressures [Pa] and densities' ratio to that of the standard day that the lower atmosphere has.
+_PRESSURE, _DENSITY = (20e3, 108e3), (0.8, 1.25)
+
+
+def relations(motion: Motion) -> list[Relation]:
+    """Units of pressure and density by what air can be, then the change of height."""
+    density, pressure = motion.air.T
+    found = []
+    if np.any(np.isfinite(pressure)):
+        ratio = float(np.nanmedian(pressure)) / 90e3
+        found += _constant(
+            "static_pressure", ratio, _PRESSURE[0] / 90e3, _PRESSURE[1] / 90e3, "the pressure of the air"
+        )
+    if np.any(np.isfinite(density * pressure)):
+        ratio = float(np.nanmedian(density * GAS_CONSTANT * 283.0 / pressure))
+        found += _constant("air_density", ratio, *_DENSITY, "p/(R T)", "static_pressure")
+    if np.any(np.isfinite(pressure)) and np.nanmedian(pressure) > _PRESSURE[0]:
+        grid, width = motion.grid, 2.0 * motion.gps_width
+        height = altitude_at(np.where(pressure > 0.0, pressure, np.nan))
+        y, x = grid.smooth(height, width), -grid.smooth(motion.position[:, 2], width)
+        comparison = compare(y, x, grid.step, 1.5)
+        climb = compare(
+            grid.smooth(grid.as_slope(-motion.velocity[:, 2]), width), grid.smooth(grid.slope(height), width), grid.step
+        )
+        if climb is not None:
+            found.append(
+                Relation("velocity.down", "static_pressure", climb, "the climb by pressure", 0.2, has_lag=False)
+            )
+        if comparison is not None:
+            words = "the altitude of GPS, by the standard atmosphere"
+            found.append(Relation("static_pressure", "altitude", comparison, words, _SCALE, has_lag=False))
+    return found
+
+
+def _constant(name: str, ratio: float, least: float, most: float, words: str, second: str = "") -> list[Relation]:
+    """A value that physics bounds: the ratio to its middle, with the room that there is."""
+    room = float(np.sqrt(most / least))
+    middle = ratio / float(np.sqrt(most * least))
+    if middle <= 0.0:
+        return []
+    comparison = Comparison(1.0, middle / room, middle * room, 0.0, np.inf, 1e4, 0.0)
+    return [Relation(name, second, comparison, words, 0.02, has_lag=False)]

@@ -1,0 +1,117 @@
+"""Surfaces against the angular acceleration that they cause, in a band of the short motions:
+
+    dp/dt / qbar = L_p p/V + L_y f_y + L_da da + ..., and so on for q with de, r with dr.
+
+A positive deflection turns the aeroplane the negative way: C_l,da, C_m,de and C_n,dr are below zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.flight_check.grid import Comparison
+from aircraft_sysid_ros.flight_check.motion import Motion
+from aircraft_sysid_ros.flight_check.relation import Relation
+from aircraft_sysid_ros.flight_check.signals import GYRO
+
+Array = npt.NDArray[np.float64]
+_SHORT, _LONG = 0.08, 6.0
+#: Longest shift of a surface [s] that is tried; what the law itself gets wrong [s], as a bias and as an error.
+_LONGEST, _LAG_TOLERANCE, _LAG_STD = 0.3, 0.015, 0.012
+#: Partial correlation with the turning below which nothing is said.
+_LEAST = 0.7
+
+
+@dataclass(frozen=True)
+class _Axis:
+    surface: str
+    column: int
+    rate: int
+    others: tuple[int, ...]  # surfaces that turn about the same axis
+
+
+_SETUP = (
+    _Axis("elevator", 0, 1, ()),
+    _Axis("aileron", 1, 0, (2,)),
+    _Axis("rudder", 2, 2, (1,)),
+)
+
+
+def relations(motion: Motion) -> list[Relation]:
+    """Sign and lag of elevator, aileron and rudder."""
+    found = []
+    for axis in _SETUP:
+        if np.any(np.isfinite(motion.controls[:, axis.column])):
+            found += _relation(motion, axis)
+    return found
+
+
+def _relation(motion: Motion, axis: _Axis) -> list[Relation]:
+    grid = motion.grid
+    short = max(_SHORT, 3.0 * grid.step)
+
+    def band(values: Array) -> Array:
+        return grid.band(values, short, _LONG)
+
+    turning = band(grid.slope(motion.gyro[:, axis.rate]))
+    terms = [band(grid.as_slope(v)) for v in motion.gyro.T]
+    terms += [band(grid.as_slope(v)) for v in motion.force[:, 1:].T]  # what alpha and beta make, vanes or not
+    terms += [band(grid.as_slope(motion.controls[:, c])) for c in axis.others if _moves(motion.controls[:, c])]
+    surface = motion.controls[:, axis.column]
+    if not _moves(surface):
+        return []
+    scan = _scan(turning, band(grid.as_slope(surface)), np.column_stack(terms), grid.step)
+    if scan is None:
+        return []
+    lag, partial = scan
+    sign = -_sign_of(motion, axis.surface) * np.sign(partial)
+    strength = abs(partial) if abs(partial) > _LEAST else 0.0
+    comparison = Comparison(
+        float(sign * strength), 1.0, 1.0, -lag, _LAG_STD, 1e3, float(np.sum(motion.in_air) * grid.step)
+    )
+    return [
+        Relation(
+            axis.surface,
+            GYRO[axis.rate],
+            comparison,
+            "the angular acceleration that it causes",
+            lag_tolerance=_LAG_TOLERANCE + motion.grid.step,
+        )
+    ]
+
+
+def _scan(turning: Array, surface: Array, terms: Array, step: float) -> tuple[float, float] | None:
+    """The shift [s] of the surface at which it explains most of the turning that the terms leave, and how much.
+
+    Partial correlation, by projection (Frisch and Waugh): what the terms explain is taken out of both.
+    """
+    most = round(_LONGEST / step)
+    good = np.isfinite(turning) & np.isfinite(surface) & np.all(np.isfinite(terms), axis=1)
+    rows = np.flatnonzero(good)
+    rows = rows[(rows >= most) & (rows < len(turning) - most)]
+    if len(rows) < 100:
+        return None
+    basis, _ = np.linalg.qr(terms[rows] - terms[rows].mean(axis=0))
+    y = turning[rows] - turning[rows].mean()
+    y = y - basis @ (basis.T @ y)
+    shifts = np.arange(-most, most + 1)
+    partial = np.zeros(len(shifts))
+    filled = np.nan_to_num(surface)
+    for i, shift in enumerate(shifts):
+        x = filled[rows - shift] - filled[rows - shift].mean()
+        x = x - basis @ (basis.T @ x)
+        partial[i] = x @ y / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
+    best = int(np.argmax(np.abs(partial)))
+    return float(shifts[best] * step), float(partial[best])
+
+
+def _sign_of(motion: Motion, surface: str) -> float:
+    """The sign that the aircraft file gives a surface."""
+    return float(motion.flight.surface_signs.get(surface, 1.0))
+
+
+def _moves(surface: Array) -> bool:
+    return bool(np.nanstd(surface) > 1e-6) if np.any(np.isfinite(surface)) else False

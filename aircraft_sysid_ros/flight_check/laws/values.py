@@ -1,0 +1,164 @@
+"""The values of one signal on its own: held, saturated, spikes, coarse, no numbers, beyond what an aeroplane has."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.flight_check.finding import INFO, WARNING, Finding
+from aircraft_sysid_ros.flight_check.grid import spikes
+from aircraft_sysid_ros.flight_check.signals import (
+    ATTITUDE,
+    COMMANDED,
+    GEODETIC,
+    SURFACES,
+    Flight,
+    Stream,
+    groups,
+)
+from aircraft_sysid_ros.samples import LARGEST_VALUES, Kind
+
+Array = npt.NDArray[np.float64]
+
+#: A flat top: samples at the extreme in the longest run, in all, and against the next value beside it.
+_RUN, _FLAT, _TIMES = 4, 8, 3.0
+#: Share of spikes that is worth a warning.
+_SPIKES = 2e-4
+#: Steps of the resolution over the spread of the signal.
+_COARSE = 0.2
+#: Surfaces further than this [rad] are in degrees; throttles above are in per cent.
+_SURFACE, _THROTTLE = 1.25, 1.5
+#: Where zero is the end of the scale, at rest.
+_FROM_ZERO = ("true_airspeed", "dynamic_pressure", "height_above_ground")
+
+
+def findings(flight: Flight) -> list[Finding]:
+    """Of every signal."""
+    found = []
+    for kind, stream in flight.streams.items():
+        if kind == Kind.MASS or len(stream.time) < 20:
+            continue
+        for names, columns in groups(kind):
+            found += _held(names, stream, columns) + _unusable(names, stream)
+            if names != ATTITUDE:
+                for name, column in zip(names, range(columns.start, columns.stop), strict=True):
+                    found += _one(name, kind, stream, column)
+    return found
+
+
+def _held(names: tuple[str, ...], stream: Stream, columns: slice) -> list[Finding]:
+    hold = stream.hold(columns)
+    if hold == 1.0 or names[0] in ("throttle", "thrust", "propeller_speed", "flaps"):
+        return []
+    return [Finding(
+        names, "held", WARNING,
+        f"each value is repeated {hold:.1f} times: at {stream.rate:.3g} Hz there are {stream.rate / hold:.3g} "
+        "new ones a second, and what is between is wrong; record the sensor's own samples at their own times",
+    )]  # fmt: skip
+
+
+def _unusable(names: tuple[str, ...], stream: Stream) -> list[Finding]:
+    total = len(stream.time) + stream.unusable
+    if stream.unusable < 0.01 * total:
+        return []
+    return [Finding(
+        names, "missing", WARNING,
+        f"{stream.unusable} of {total} samples are no numbers or say that they are invalid: find out why",
+    )]  # fmt: skip
+
+
+def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
+    known = np.isfinite(stream.values[:, column])
+    values = stream.values[known, column]
+    if len(values) < 20:
+        return []
+    absurd = int(np.sum(np.abs(values) > LARGEST_VALUES[kind, column]))
+    if name in COMMANDED:
+        return _commanded(name, values)
+    found = []
+    if absurd > 0 and np.percentile(np.abs(values), 95) < 0.1 * LARGEST_VALUES[kind, column]:
+        found.append(Finding(
+            (name,), "noise", WARNING,
+            f"{absurd} of {len(values)} values are beyond what any aircraft has (up to {np.abs(values).max():.3g}): "
+            "faults of transmission, which are left out",
+        ))  # fmt: skip
+    if np.ptp(values) == 0.0:
+        found.append(Finding(
+            (name,), "held", WARNING, f"it stands at {values[0]:.4g} all the time: the sensor is stuck or not connected"
+        ))  # fmt: skip
+        return found
+    fresh = values[np.concatenate([[True], np.diff(values) != 0.0])]
+    found += _saturated(name, values, stream.time[known]) if name not in GEODETIC else []
+    return found + (_spikes(name, fresh) or _coarse(name, fresh) if not absurd else [])
+
+
+def _commanded(name: str, values: Array) -> list[Finding]:
+    """Controls stand still and have flat tops by their nature; their size tells a wrong unit."""
+    most = float(np.percentile(np.abs(values), 99))
+    if name in SURFACES and most > _SURFACE:
+        return [Finding(
+            (name,), "unit", WARNING,
+            f"it reaches {most:.3g}, which is {np.degrees(most):.0f}° if it is in radians: it is in degrees or a "
+            "normalised command, give its unit in the map",
+        )]  # fmt: skip
+    if name == "throttle" and most > _THROTTLE:
+        return [Finding(
+            (name,), "unit", WARNING, f"it reaches {most:.3g} where 1 is full throttle: divide per cent by 100"
+        )]  # fmt: skip
+    return []
+
+
+def _saturated(name: str, values: Array, time: Array) -> list[Finding]:
+    """Flat tops: the extreme value again and again, one after another, and far more often than the value beside it."""
+    levels, counts = np.unique(values, return_counts=True)
+    usual = len(values) / max(int(np.sum(np.diff(values) != 0.0)), 1)
+    found = []
+    for end, beside in ((-1, slice(-4, -1)), (0, slice(1, 4))):
+        if end == 0 and name in _FROM_ZERO:
+            continue
+        at = values == levels[end]
+        runs = _runs(at)
+        times = counts[end] / max(float(np.max(counts[beside], initial=1)), 1.0)
+        if counts[end] >= _FLAT and max(runs) >= _RUN * usual and times >= _TIMES:
+            first = float(time[np.argmax(at)])
+            found.append(Finding(
+                (name,), "saturated", WARNING,
+                f"it stands at its {'largest' if end else 'smallest'} value, {levels[end]:.4g}, for up to {max(runs)} "
+                f"samples at a time ({counts[end]} in all, first at {first:.1f} s): the sensor's range ends there, "
+                "leave these stretches out or choose a larger range",
+            ))  # fmt: skip
+    return found
+
+
+def _runs(at: npt.NDArray[np.bool_]) -> list[int]:
+    """Lengths of the runs of True (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
+    return (edges[1::2] - edges[::2]).tolist()
+
+
+def _spikes(name: str, values: Array) -> list[Finding]:
+    at, worst, usual = spikes(values)
+    count = int(at.sum())
+    if not count:
+        return []
+    return [Finding(
+        (name,), "noise", WARNING if count > max(2, _SPIKES * len(values)) else INFO,
+        f"{'a single value leaps from its' if count == 1 else f'{count} single values leap from their'} neighbours by "
+        f"up to {worst:.3g}, where such differences are {usual:.2g}: take out faults of sensor or transmission",
+    )]  # fmt: skip
+
+
+def _coarse(name: str, values: Array) -> list[Finding]:
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 0.0]
+    spread = float(np.std(values))
+    if len(steps) < 20 or not spread:
+        return []
+    smallest = float(np.percentile(steps, 1))
+    if smallest < _COARSE * spread or len(np.unique(values)) > 0.2 * len(values):
+        return []
+    return [Finding(
+        (name,), "noise", WARNING,
+        f"its steps of {smallest:.3g} are {100 * smallest / spread:.0f} % of its spread: small motions do not show, "
+        "record it with a finer resolution",
+    )]  # fmt: skip

@@ -1,0 +1,179 @@
+"""What kinematics says of two signals: they agree, or one of them has another sign, unit, scale or time.
+
+A relation names two signals and cannot say which of them is wrong. All relations together can: of the faults that
+explain them, the fewest are taken (least absolute deviations: Boyd and Vandenberghe, Convex Optimization, 2004, 6.1.2).
+A signal that agrees with two others is not the one that a fourth contradicts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linprog
+
+from aircraft_sysid_ros.flight_check.grid import Comparison
+
+Array = npt.NDArray[np.float64]
+
+#: A scale within the tolerance of its law is none; a lag neither below this time [s], nor within four standard errors.
+LEAST_LAG, SIGMAS = 0.03, 4.0
+#: What one signal does not explain of the other, such as gusts, may shift it by so much [s].
+_UNEXPLAINED = 0.25
+#: Least correlation for a lag.
+_LEAST_FOR_LAG = 0.75
+#: Cost of a fault where a contradiction costs 1; signals that come from an estimator of their own are doubted last.
+FAULT = 0.4
+_MOST_SUSPECTS, _MOST_TOGETHER = 12, 3
+#: How much a relation that holds counts in the choice of suspects.
+_BESIDE = 0.01
+
+
+@dataclass(frozen=True)
+class Relation:
+    """``first`` against ``second``, a signal or "" for what physics knows, and the evidence in words.
+
+    scale_tolerance: how far the ratio may be from 1, None where the ratio says nothing; has_lag: whether the lag does;
+    lag_tolerance: what the law itself gets wrong [s].
+    """
+
+    first: str
+    second: str
+    comparison: Comparison
+    evidence: str
+    scale_tolerance: float | None = None
+    has_lag: bool = True
+    has_sign: bool = True
+    lag_tolerance: float = LEAST_LAG
+    also: tuple[str, ...] = ()  # further signals whose sign turns the relation
+    is_derived: bool = False  # made of several signals: to be asked only where nothing simpler is contradicted
+    divisor: str = ""  # what the second is divided by: its scale counts the other way
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """All whose sign it has."""
+        return tuple(s for s in (self.first, self.second, *self.also) if s)
+
+    @property
+    def sign(self) -> float:
+        """-1 where they contradict each other."""
+        return float(np.copysign(1.0, self.comparison.correlation))
+
+    @property
+    def log_ratio(self) -> tuple[float, float]:
+        """Least and largest logarithm of the ratio's size that the data and the law allow."""
+        room = float(np.log1p(self.scale_tolerance or 0.0))
+        return float(np.log(self.comparison.low)) - room, float(np.log(self.comparison.high)) + room
+
+    @property
+    def lag(self) -> tuple[float, float]:
+        """Least and largest time [s] that the first may be later than the second."""
+        c = self.comparison
+        unexplained = _UNEXPLAINED * (1.0 - abs(c.correlation))
+        room = max(self.lag_tolerance + unexplained, SIGMAS * c.lag_std)
+        return c.lag - room, c.lag + room
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A signal, what it is wrong by (a sign, the logarithm of a ratio, a lag [s]), and what says so, the best first."""
+
+    signal: str
+    size: float
+    relations: tuple[Relation, ...]
+
+
+def sign_faults(relations: Sequence[Relation], prior: Mapping[str, float]) -> list[Fault]:
+    """The fewest signals whose change of sign makes the relations hold; weights by ``prior``, 1 where it is silent."""
+    relations = [r for r in relations if r.has_sign and r.comparison.is_sure]
+    suspects = sorted({s for r in relations if r.sign < 0.0 for s in r.signals})[:_MOST_SUSPECTS]
+    if not suspects:
+        return []
+    turned = np.array(list(product((False, True), repeat=len(suspects))))  # every choice of faults
+    cost = FAULT * turned @ np.array([prior.get(s, 1.0) for s in suspects])
+    for r in relations:
+        inside = turned[:, [suspects.index(s) for s in r.signals if s in suspects]]
+        contradicts = (np.sum(inside, axis=1) % 2 == 1) != (r.sign < 0.0)
+        cost += abs(r.comparison.correlation) * contradicts
+    best = turned[np.argmin(cost)]
+    return [
+        Fault(s, -1.0, tuple(r for r in relations if s in r.signals and r.sign < 0.0))
+        for s, is_wrong in zip(suspects, best, strict=True)
+        if is_wrong
+    ]
+
+
+def scale_faults(relations: Sequence[Relation], prior: Mapping[str, float]) -> list[Fault]:
+    """Logarithms of the ratios by which the fewest signals are too large."""
+    chosen = [r for r in relations if r.scale_tolerance is not None and r.comparison.is_sure]
+    middle = [float(0.5 * np.log(r.comparison.low * r.comparison.high)) for r in chosen]
+    return _fewest(chosen, [r.log_ratio for r in chosen], middle, lambda signal: signal, prior)
+
+
+def lag_faults(
+    relations: Sequence[Relation], prior: Mapping[str, float], stream_of: Callable[[str], str]
+) -> list[Fault]:
+    """Times [s] by which the fewest streams are late; the signals of a fault are streams."""
+    chosen = [r for r in relations if r.has_lag and r.comparison.is_sure]
+    chosen = [r for r in chosen if abs(r.comparison.correlation) > _LEAST_FOR_LAG]
+    return _fewest(chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior)
+
+
+def _fewest(
+    relations: Sequence[Relation],
+    ranges: Sequence[tuple[float, float]],
+    middle: Sequence[float],
+    name: Callable[[str], str],
+    prior: Mapping[str, float],
+) -> list[Fault]:
+    """Faults t with t(first) - t(second) + t(divisor) within each relation's range: the cheapest set of up to three.
+
+    A fault costs FAULT times its prior, whatever its size, a relation outside its range its correlation. Within a set
+    the sizes are those of least absolute deviations (a linear programme); those reported fit the middles of the ranges.
+    """
+    low, high = np.array(ranges, dtype=np.float64).reshape(-1, 2).T
+    broken = (low > 0.0) | (high < 0.0)
+    if not broken.any():
+        return []
+    nodes = sorted({name(s) for r in relations for s in (r.first, r.second, r.divisor) if s})
+    rows = np.zeros((len(relations), len(nodes)))
+    for row, relation in zip(rows, relations, strict=True):
+        for signal, way in ((relation.first, 1.0), (relation.second, -1.0), (relation.divisor, 1.0)):
+            if signal:
+                row[nodes.index(name(signal))] += way
+    weight = np.array([abs(r.comparison.correlation) for r in relations])
+    price = FAULT * np.array([prior.get(node, 1.0) for node in nodes])
+    contradicted = np.any(rows[broken] != 0.0, axis=0)
+    beside = np.any(rows[np.any(rows[:, contradicted] != 0.0, axis=1)] != 0.0, axis=0)  # equally wrong, perhaps
+    said = weight * (broken + _BESIDE * ~broken) @ np.abs(rows)
+    suspects = sorted((int(k) for k in np.flatnonzero(beside)), key=lambda k: -float(said[k]))[:_MOST_SUSPECTS]
+    best: tuple[int, ...] = ()
+    cheapest = float(weight @ broken)
+    for count in range(1, _MOST_TOGETHER + 1):
+        for chosen in combinations(suspects, count):
+            fixed = float(np.sum(price[list(chosen)]))
+            if fixed < cheapest:
+                _, outside = _least_deviations(rows[:, chosen], low, high, weight)
+                if fixed + float(weight @ outside) < cheapest - 1e-9:
+                    best, cheapest = chosen, fixed + float(weight @ outside)
+    sizes, _ = _least_deviations(rows[:, best], np.array(middle), np.array(middle), 1.0 / (high - low))
+    found = []
+    for column, size in zip(best, sizes, strict=True):
+        evidence = sorted(map(int, np.flatnonzero(rows[:, column])), key=lambda i: (not broken[i], high[i] - low[i]))
+        found.append(Fault(nodes[column], float(size), tuple(relations[i] for i in evidence)))
+    return found
+
+
+def _least_deviations(rows: Array, low: Array, high: Array, weight: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """t (k,) with rows t within low and high (m,) as far as can be, and which relations (m,) are outside."""
+    m, k = rows.shape
+    above = np.hstack([rows, -np.eye(m)])
+    below = np.hstack([-rows, -np.eye(m)])
+    solved = linprog(
+        np.concatenate([np.zeros(k), weight]), A_ub=np.vstack([above, below]), b_ub=np.concatenate([high, -low]),
+        bounds=[(None, None)] * k + [(0.0, None)] * m, method="highs",
+    )  # fmt: skip
+    return solved.x[:k], solved.x[k:] > 1e-6

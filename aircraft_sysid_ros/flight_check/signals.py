@@ -1,0 +1,184 @@
+"""The signals of a flight by the names of the MAP of an import: times, values, and when each sample arrived.
+
+FRD and NED, SI and radians, as the samples are. Sensors that share a message share their stamps: they are one stream.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.samples import Kind, Samples
+
+Array = npt.NDArray[np.float64]
+NANOSECONDS = 1e9
+
+FORCE = ("specific_force.x", "specific_force.y", "specific_force.z")
+GYRO = ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z")
+ATTITUDE = ("attitude.roll", "attitude.pitch", "attitude.yaw")
+GEODETIC = ("latitude", "longitude", "altitude")
+VELOCITY = ("velocity.north", "velocity.east", "velocity.down")
+SURFACES = ("elevator", "aileron", "rudder", "flaps")
+#: Signals by kind of sample, in the order of its values; the attitude is stored as a quaternion.
+NAMES: dict[Kind, tuple[str, ...]] = {
+    Kind.IMU: (*FORCE, *GYRO),
+    Kind.ATTITUDE: ATTITUDE,
+    Kind.MAGNETIC_FIELD: ("magnetic_field.x", "magnetic_field.y", "magnetic_field.z"),
+    Kind.GPS_POSITION: GEODETIC,
+    Kind.GPS_VELOCITY: VELOCITY,
+    Kind.AIRSPEED: ("true_airspeed",),
+    Kind.ANGLE_OF_ATTACK: ("angle_of_attack",),
+    Kind.SIDESLIP: ("sideslip",),
+    Kind.AIR: ("air_density", "static_pressure"),
+    Kind.CONTROLS: (*SURFACES, "throttle", "thrust", "propeller_speed"),
+    Kind.HEIGHT: ("height_above_ground",),
+    Kind.MASS: ("mass", "inertia.xx", "inertia.yy", "inertia.zz", "inertia.xz")
+    + ("centre_of_gravity.x", "centre_of_gravity.y", "centre_of_gravity.z"),
+    Kind.FIVE_HOLE: ("static_pressure", "dynamic_pressure", "alpha_pressure", "beta_pressure"),
+}
+KIND_OF = {name: kind for kind, names in reversed(NAMES.items()) for name in names}
+#: Angles and their like, signals that may stand still for as long as the pilot likes, and slow ones.
+COMMANDED = (*SURFACES, "throttle", "thrust", "propeller_speed")
+SLOW = ("mass", "air_density", "magnetic_field")
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The samples of one kind that can be used, by rising stamp: times [s], values (n, k), and how many could not."""
+
+    kind: Kind
+    time: Array  # (n,) [s] from the start of the recording, not falling
+    delay: Array  # (n,) [s] from stamp to arrival
+    values: Array  # (n, k) as in NAMES; the attitude as a quaternion, (n, 4)
+    unusable: int = 0  # samples whose values are no numbers, between those that have some
+    disordered: int = 0  # samples stamped before the one that arrived before them
+    away: int = 0  # samples stamped half a day from the others
+
+    @cached_property
+    def interval(self) -> float:
+        """Median time [s] between neighbours; NaN for fewer than two."""
+        steps = np.diff(self.time)
+        return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else float("nan")
+
+    @property
+    def rate(self) -> float:
+        """Samples per second while they come; NaN for fewer than two."""
+        return 1.0 / self.interval
+
+    def fresh(self, columns: slice) -> npt.NDArray[np.bool_]:
+        """Which samples (n,) are new: another value than the sample before, in any of some columns."""
+        values = self.values[:, columns]
+        same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
+        return np.concatenate([[True], ~np.all(same, axis=1)])[: len(self.time)]
+
+    def hold(self, columns: slice) -> float:
+        """How many samples repeat one value of some columns in a regular way: 1 for those that are all new."""
+        return held_length(self.fresh(columns))
+
+
+@dataclass(frozen=True)
+class Flight:
+    """All streams of a recording by kind, with what is known of the aeroplane and of what could not be read."""
+
+    streams: Mapping[Kind, Stream]
+    duration: float  # [s]
+    delays: Mapping[Kind, float] = field(default_factory=dict)  # [s] that the aircraft file states
+    surface_signs: Mapping[str, float] = field(default_factory=dict)
+    skipped: Mapping[str, int] = field(default_factory=dict)  # messages by topic that could not be decoded
+
+    def has(self, *kinds: Kind) -> bool:
+        """Whether there are samples of all these kinds."""
+        return all(kind in self.streams for kind in kinds)
+
+    def column(self, name: str) -> tuple[Stream, int] | None:
+        """Stream and column of a signal that is measured at all; None otherwise. Not for the attitude."""
+        for kind, names in NAMES.items():
+            if name in names and kind in self.streams:
+                column = names.index(name)
+                if np.any(np.isfinite(self.streams[kind].values[:, column])):
+                    return self.streams[kind], column
+        return None
+
+
+#: Runs of equal values that are held have nearly one length: spread over mean; fewer runs do not tell.
+_REGULAR, _LEAST_RUNS, _LEAST_HOLD = 0.45, 10, 1.4
+
+
+def held_length(fresh: npt.NDArray[np.bool_]) -> float:
+    """Samples (n,) per new one where new ones come at regular steps, as in a slower signal that is held; else 1.
+
+    Values that are equal by their resolution come in runs of all lengths, for which this is 1.
+    """
+    runs = np.diff(np.flatnonzero(fresh))
+    if len(runs) < _LEAST_RUNS:
+        return 1.0
+    runs = runs[runs <= 4.0 * np.median(runs)]
+    mean = float(np.mean(runs))
+    return mean if mean >= _LEAST_HOLD and np.std(runs) < _REGULAR * mean else 1.0
+
+
+def groups(kind: Kind) -> list[tuple[tuple[str, ...], slice]]:
+    """The parts of a stream that change together, with their columns: vectors, and single numbers."""
+    if kind == Kind.ATTITUDE:
+        return [(ATTITUDE, slice(0, 4))]
+    found: dict[str, list[int]] = {}
+    for i, name in enumerate(NAMES[kind]):
+        found.setdefault("geodetic" if name in GEODETIC else name.partition(".")[0], []).append(i)
+    return [(tuple(NAMES[kind][i] for i in columns), slice(columns[0], columns[-1] + 1)) for columns in found.values()]
+
+
+def signal_names(kind: Kind, stream: Stream) -> list[tuple[str, int]]:
+    """Signals of a stream that are measured at all, with their columns; all three of an attitude, at column 0."""
+    if kind == Kind.ATTITUDE:
+        return [(name, 0) for name in ATTITUDE]
+    measured = np.any(np.isfinite(stream.values), axis=0)
+    return [(name, i) for i, name in enumerate(NAMES[kind]) if measured[i]]
+
+
+#: Stamps further than this [s] from the middle of the recording are no times of it.
+_LONGEST = 43_200.0
+
+
+def flight_of(samples: Samples, arrival: npt.NDArray[np.int64], **known: Any) -> Flight:
+    """The flight of samples (n,) as they arrived, with their arrivals [ns] (n,) and what else is ``known`` of it."""
+    away = np.abs(samples.stamp - np.median(samples.stamp)) / NANOSECONDS > _LONGEST
+    kept = samples[~away]
+    start, end = int(kept.stamp.min()), int(kept.stamp.max())
+    streams = {}
+    for kind in Kind:
+        rows = np.flatnonzero(samples.kind == kind)
+        if len(rows):
+            streams[kind] = _stream(kind, samples, arrival, rows, away[rows], start)
+    return Flight(streams, (end - start) / NANOSECONDS, **known)
+
+
+def _stream(
+    kind: Kind,
+    samples: Samples,
+    arrival: npt.NDArray[np.int64],
+    rows: npt.NDArray[np.int64],
+    away: npt.NDArray[np.bool_],
+    start: int,
+) -> Stream:
+    width = 4 if kind == Kind.ATTITUDE else len(NAMES[kind])
+    stamp, values = samples.stamp[rows], samples.values[rows, :width]
+    disordered = int(np.sum(np.diff(stamp[~away]) < 0))
+    usable = np.any(np.isfinite(values), axis=1)
+    values = np.where(np.isfinite(values), values, np.nan)
+    order = np.flatnonzero(usable & ~away)
+    order = order[np.argsort(stamp[order], kind="stable")]
+    return Stream(
+        kind, (stamp[order] - start) / NANOSECONDS, (arrival[rows[order]] - stamp[order]) / NANOSECONDS, values[order],
+        _between(usable), disordered, int(np.sum(away)),
+    )  # fmt: skip
+
+
+def _between(usable: npt.NDArray[np.bool_]) -> int:
+    """Samples (n,) without a number between the first and the last with one; all where none has one."""
+    at = np.flatnonzero(usable)
+    return int(np.sum(~usable[at[0] : at[-1]])) if len(at) else len(usable)

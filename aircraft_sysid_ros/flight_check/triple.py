@@ -1,0 +1,67 @@
+"""Three axes against three: each agrees with its own, or follows another one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.flight_check.finding import ERROR, Finding
+from aircraft_sysid_ros.flight_check.grid import Comparison, compare
+
+Array = npt.NDArray[np.float64]
+
+#: An axis follows another: correlation with that, and share of it that its own has at most.
+_FOLLOWS, _OWN = 0.7, 0.5
+
+
+@dataclass(frozen=True)
+class Triple:
+    """Three signals by ``names`` with what they should be, each (3, n) on one grid, and what that is in words."""
+
+    names: tuple[str, ...]
+    measured: Sequence[Array]
+    expected: Sequence[Array]
+    step: float
+    words: str
+    longest_lag: float = 0.5
+
+    @cached_property
+    def comparisons(self) -> list[list[Comparison | None]]:
+        """Of each signal with each expectation."""
+        return [[compare(y, x, self.step, self.longest_lag) for x in self.expected] for y in self.measured]
+
+    @cached_property
+    def follows(self) -> dict[int, int]:
+        """Axes that follow another one."""
+        found = {}
+        for i, row in enumerate(self.comparisons):
+            strength = [abs(c.correlation) if c is not None and c.is_sure else 0.0 for c in row]
+            j = int(np.argmax(strength))
+            if j != i and strength[j] > _FOLLOWS and strength[i] < _OWN * strength[j]:
+                found[i] = j
+        return found
+
+    @property
+    def places(self) -> dict[str, str]:
+        """Exchanged signals, each with the name that it should have."""
+        return {self.names[i]: self.names[j] for i, j in self.follows.items() if i in self.follows.values()}
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Of axes that follow another one, those only that are followed by another: exchanged, two or all three."""
+        found = []
+        for i, j in self.follows.items():
+            comparison = self.comparisons[i][j]
+            if comparison is not None and self.names[i] in self.places:
+                other = self.names[j]
+                way = "minus " if comparison.correlation < 0.0 else ""
+                found.append(Finding(
+                    (self.names[i],), "sign", ERROR,
+                    f"it follows what {other} should be by {self.words} (correlation {comparison.correlation:.2f}) and "
+                    f"not its own: the axes are exchanged, take this one for {way}{other}",
+                ))  # fmt: skip
+        return found

@@ -1,0 +1,124 @@
+"""`aircraft-sysid check` as a user meets it: recordings that are whole, poor, damaged or none."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.flight_check.finding import KINDS, SEVERITIES
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A flight of 60 s as a recording, and the flight."""
+    flight = simulate_samples(default_aircraft(), 61, 60.0, sensors=SensorOptions(attitude=True))
+    path = tmp_path_factory.mktemp("check") / "flight"
+    write(path, flight.streams)
+    return path, flight
+
+
+def write(path, streams):
+    with RecordingWriter(path) as writer:
+        for stream in streams:
+            writer.write(stream.topic, TOPICS[stream.topic], stream.stamp, stream.fields, log_time=stream.arrival)
+
+
+def answer(capsys, *arguments):
+    capsys.readouterr()
+    assert main(["check", *map(str, arguments), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert "Traceback" not in err and "Warning" not in err
+    return json.loads(out)
+
+
+def test_the_command_in_a_process_prints_one_document_and_nothing_else(recorded, tmp_path):
+    path, _ = recorded
+    done = subprocess.run(
+        [sys.executable, "-W", "error::RuntimeWarning", "-m", "aircraft_sysid_ros.commands.main", "check", str(path)]
+        + ["--json"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and done.stderr == ""
+    result = json.loads(done.stdout)
+    assert result["rates"]["specific_force.z"] == pytest.approx(100.0, rel=0.01)
+    assert result["rates"]["latitude"] == pytest.approx(5.0, rel=0.01)
+    assert [f for f in result["findings"] if f["severity"] != "info"] == []
+
+
+def test_findings_have_a_known_kind_a_severity_and_a_sentence_that_says_what_to_do(recorded, capsys, tmp_path):
+    _, flight = recorded
+    streams = [s for s in flight.streams if s.topic not in ("gps/vel", "air_data")]
+    air = next(s for s in flight.streams if s.topic == "air_data")
+    reversed_angle = {"angle_of_attack": -air.fields["angle_of_attack"]}
+    streams.append(type(air)(air.topic, air.stamp, air.arrival, {**air.fields, **reversed_angle}))
+    write(tmp_path / "wrong", streams)
+    found = answer(capsys, tmp_path / "wrong")["findings"]
+    assert ("angle_of_attack", "sign", "error") in {(f["signal"], f["kind"], f["severity"]) for f in found}
+    assert ("velocity.north", "missing") in {(f["signal"], f["kind"]) for f in found}
+    for finding in found:
+        assert finding["kind"] in KINDS and finding["severity"] in SEVERITIES and ":" in finding["sentence"]
+
+
+@pytest.mark.parametrize("topics", [("imu/data",), ("gps/fix",), ("air_data",), ("control_surfaces",)])
+def test_a_recording_of_one_topic_is_judged_by_what_it_lacks(recorded, capsys, tmp_path, topics):
+    _, flight = recorded
+    streams = [s for s in flight.streams if s.topic in topics]
+    write(tmp_path / "one", streams)
+    found = answer(capsys, tmp_path / "one")["findings"]
+    assert ("imu/data" in topics) != any(f["signal"] == "specific_force.x" and f["kind"] == "missing" for f in found)
+
+
+def test_two_seconds_are_enough_for_rates_and_not_for_more(recorded, capsys, tmp_path):
+    _, flight = recorded
+    first = min(int(s.stamp.min()) for s in flight.streams)
+    streams = []
+    for s in flight.streams:
+        rows = s.stamp < first + 2_000_000_000
+        fields = {name: np.asarray(column)[rows] for name, column in s.fields.items()}
+        streams.append(type(s)(s.topic, s.stamp[rows], s.arrival[rows], fields))
+    write(tmp_path / "short", streams)
+    result = answer(capsys, tmp_path / "short")
+    assert result["rates"]["true_airspeed"] == pytest.approx(50.0, rel=0.01)
+    assert {f["kind"] for f in result["findings"]} <= {"missing", "rate", "gap"}
+
+
+def test_what_is_no_recording_is_one_sentence(capsys, tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text.mcap").write_text("not a recording")
+    for name in ("nowhere", "empty", "text.mcap"):
+        capsys.readouterr()
+        assert main(["check", str(tmp_path / name)]) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and err.count("\n") == 1 and "Traceback" not in err
+
+
+def test_a_damaged_recording_is_judged_by_what_can_be_read(recorded, capsys, tmp_path):
+    path, _ = recorded
+    (file,) = path.glob("*.mcap")
+    content = file.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
+    result = answer(capsys, tmp_path / "cut.mcap")
+    assert result["notes"] and 10.0 < result["duration"] < 60.0
+
+
+def test_stamps_of_another_day_are_said_and_do_not_fill_the_memory(recorded, capsys, tmp_path):
+    _, flight = recorded
+    streams = []
+    for s in flight.streams:
+        stamp = s.stamp.copy()
+        if s.topic == "air_data":
+            stamp[:50] = 0
+        streams.append(type(s)(s.topic, stamp, s.arrival, s.fields))
+    write(tmp_path / "clock", streams)
+    result = answer(capsys, tmp_path / "clock")
+    assert result["duration"] < 61.0
+    assert ("true_airspeed", "jitter", "error") in {(f["signal"], f["kind"], f["severity"]) for f in result["findings"]}

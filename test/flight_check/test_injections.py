@@ -1,0 +1,60 @@
+"""Faults put into a clean flight are named, one at a time, and a clean flight has none: the benchmark in small."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import flight_check
+from flight_check import INJECTIONS, checked, judge, serious
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """A flight of 100 s with an attitude."""
+    return simulate_samples(default_aircraft(), 51, 100.0, sensors=SensorOptions(attitude=True)).samples
+
+
+CHOSEN = (
+    "specific_force.z reversed", "angular_velocity.x reversed", "attitude.roll reversed", "velocity.north reversed",
+    "sideslip reversed", "elevator reversed", "yaw from east", "x and y of the gyros swapped", "north and east swapped",
+    "gyros in deg/s", "forces in g", "angle_of_attack in degrees", "airspeed in km/h", "altitude in feet",
+    "pressure in hPa", "angular_velocity.x times 1.1", "attitude 0.05 s late", "GPS velocity 0.2 s late",
+    "angle of attack 0.1 s late", "controls 0.2 s early", "gyros held", "gyro saturated", "GPS velocity gap of 8 s",
+    "one in ten IMU samples lost", "IMU stamps jittered", "spikes in the airspeed", "no GPS velocity",
+)  # fmt: skip
+
+
+def test_a_clean_flight_has_neither_warning_nor_error(clean):
+    assert serious(checked(clean)) == set()
+
+
+@pytest.mark.parametrize("name", CHOSEN)
+def test_a_fault_is_named_where_it_is_and_little_else(clean, name):
+    injection = next(i for i in INJECTIONS if i.name == name)
+    record = judge(clean, injection, set())
+    assert record is not None
+    assert record["named"], record
+    assert len(record["others"]) <= 1, record
+
+
+def test_every_kind_has_an_injection_or_a_test_of_its_own():
+    from aircraft_sysid_ros.flight_check.finding import KINDS
+
+    assert {i.kind for i in INJECTIONS} | {"rate"} == set(KINDS)
+
+
+def test_a_rate_that_halves_in_flight_is_found(clean):
+    from aircraft_sysid_ros.samples import Kind
+
+    middle = (int(clean.stamp.min()) + int(clean.stamp.max())) // 2
+    rows = flight_check.np.flatnonzero((clean.kind == Kind.AIRSPEED) & (clean.stamp > middle))
+    kept = flight_check.np.ones(len(clean), dtype=bool)
+    kept[rows[::2]] = False
+    assert ("true_airspeed", "rate") in serious(checked(clean[kept]))
