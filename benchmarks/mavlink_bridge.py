@@ -2,9 +2,9 @@
 
     python benchmarks/mavlink_bridge.py [--flights 3] [--garbage 600]
 
-The stand-in and the bridge's session run on one virtual clock, so that a flight takes less than its time: the same
-samples go to the pipeline directly, and as packets over a link with jitter, with a clock that drifts, and with
-losses.
+The MAVLink simulator and the bridge's session run on one virtual clock, so that a flight takes less than its time:
+the same samples go to the pipeline directly, and as packets over a link with jitter, with a clock that drifts, and
+with losses.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.mavlink.calibration import load_calibration
+from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import Faults, MavlinkSimulator
+from aircraft_sysid_ros.simulation.mavlink_simulator.flight import START, Link, bridged, samples_of_outputs
+from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import Event, FlightSensors, direct_samples, pieces
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_jsbsim_samples, simulate_samples
-from aircraft_sysid_ros.simulation.stand_in.autopilot import Faults, StandIn
-from aircraft_sysid_ros.simulation.stand_in.flight import START, Link, bridged, samples_of_outputs
-from aircraft_sysid_ros.simulation.stand_in.sensors import Event, FlightSensors, direct_samples, pieces
 
 RESULT = Path(__file__).resolve().parent / "results" / "mavlink_bridge.json"
 DURATION = 120.0
@@ -60,10 +60,10 @@ def flown(simulator: str, seed: int) -> tuple[Aircraft, list[Event]]:
 
 def through_link(events: list[Event], seed: int, loss: float) -> tuple[Samples, dict[str, Any]]:
     """The samples that come out of the bridge, and its summary."""
-    calibration = load_calibration(config_path("stand_in_calibration.yaml"))
-    stand_in = StandIn(calibration, Faults(drift=DRIFT, loss=loss), seed)
-    session = Session(calibration)
-    outputs = bridged(events, stand_in, session, Link(LINK.least, LINK.jitter, seed))
+    mapping = load_servo_mapping(config_path("mavlink_simulator_servos.yaml"))
+    simulator = MavlinkSimulator(mapping, Faults(drift=DRIFT, loss=loss), seed)
+    session = Session(mapping)
+    outputs = bridged(events, simulator, session, Link(LINK.least, LINK.jitter, seed))
     return samples_of_outputs(outputs), session.summary()
 
 
@@ -139,17 +139,17 @@ def restart() -> dict[str, Any]:
     """How long no samples come when the autopilot starts anew in flight, of which it is silent itself for a while."""
     _, events = flown("textbook", 1)
     events = [event for event in events if event.time < 40.0]
-    calibration = load_calibration(config_path("stand_in_calibration.yaml"))
-    stand_in, session = StandIn(calibration, Faults(drift=DRIFT, loss=LOSS)), Session(calibration)
-    outputs = bridged(events, stand_in, session, LINK, at=[(20.0, lambda: stand_in.reboot(20.0))])
+    mapping = load_servo_mapping(config_path("mavlink_simulator_servos.yaml"))
+    simulator, session = MavlinkSimulator(mapping, Faults(drift=DRIFT, loss=LOSS)), Session(mapping)
+    outputs = bridged(events, simulator, session, LINK, at=[(20.0, lambda: simulator.reboot(20.0))])
     stamps = np.sort([o.stamp[0] for o in outputs if o.topic == "imu/data"])
     return {"silence": float(np.diff(stamps).max() * 1e-9), "reboots": session.boot_time.reboots}
 
 
 def garbage(seconds: float) -> dict[str, Any]:
     """Random bytes at the rate of a telemetry radio: memory, processor time, and whether it goes on afterwards."""
-    calibration = load_calibration(config_path("stand_in_calibration.yaml"))
-    session, rng = Session(calibration), np.random.default_rng(0)
+    mapping = load_servo_mapping(config_path("mavlink_simulator_servos.yaml"))
+    session, rng = Session(mapping), np.random.default_rng(0)
     tracemalloc.start()
     sizes, spent = [], 0.0
     for second in range(round(seconds)):
@@ -162,7 +162,7 @@ def garbage(seconds: float) -> dict[str, Any]:
     tracemalloc.stop()
     _, events = flown("textbook", 2)
     session._next_heartbeat = session._next_sync = 0  # the virtual flight begins at its own time 0
-    outputs = bridged([e for e in events if e.time < 10.0], StandIn(calibration), session)
+    outputs = bridged([e for e in events if e.time < 10.0], MavlinkSimulator(mapping), session)
     return {
         "seconds": seconds,
         "megabytes": seconds * _BAUD_BYTES / 1e6,

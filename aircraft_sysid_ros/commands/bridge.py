@@ -107,14 +107,14 @@ def _check(args: argparse.Namespace) -> None:
     """What the node would only log, as one clear line before it starts."""
     try:
         from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
-        from aircraft_sysid_ros.mavlink.calibration import load_calibration
         from aircraft_sysid_ros.mavlink.requests import Requests
+        from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
         from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
     except ImportError:
         raise MissingExtra("bridges", "pymavlink", "bridge") from None
     address = parse_address(args.connection)
     if args.calibration:
-        Requests(load_calibration(args.calibration).rates)
+        Requests(load_servo_mapping(args.calibration).rates)
     if not 0 <= args.system <= 255:
         raise InputError(f"--system must be from 0 to 255, not {args.system}")
     for topic in args.topics:

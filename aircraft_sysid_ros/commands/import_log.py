@@ -11,7 +11,7 @@ from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.errors import InputError
 
 if TYPE_CHECKING:
-    from aircraft_sysid_ros.mavlink.calibration import Calibration
+    from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
     from aircraft_sysid_ros.recordings.imported_log import ImportedLog
 
 BAGS = (".mcap", ".db3")
@@ -128,16 +128,16 @@ def _import_tables(path: Path, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _import_autopilot(
-    path: Path, importer: Callable[[Path, Calibration | None], ImportedLog], args: argparse.Namespace
+    path: Path, importer: Callable[[Path, ServoMapping | None], ImportedLog], args: argparse.Namespace
 ) -> dict[str, Any]:
-    from aircraft_sysid_ros.mavlink.calibration import load_calibration
+    from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
     from aircraft_sysid_ros.recordings.imported_log import write_log
 
     if path.resolve() == Path(args.out).resolve():
         raise InputError("--out must be another place than the log")
-    calibration = load_calibration(args.calibration) if args.calibration else None
+    mapping = load_servo_mapping(args.calibration) if args.calibration else None
     try:
-        log = importer(path, calibration)
+        log = importer(path, mapping)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except OSError as error:
@@ -145,32 +145,32 @@ def _import_autopilot(
     return write_log(log, path, args.out, overwrite=args.overwrite)
 
 
-def _import_ulog(path: Path, calibration: Calibration | None) -> ImportedLog:
+def _import_ulog(path: Path, mapping: ServoMapping | None) -> ImportedLog:
     from aircraft_sysid_ros.recordings.ulog_import import import_ulog
 
-    return import_ulog(path, calibration)
+    return import_ulog(path, mapping)
 
 
-def _import_dataflash(path: Path, calibration: Calibration | None) -> ImportedLog:
+def _import_dataflash(path: Path, mapping: ServoMapping | None) -> ImportedLog:
     from aircraft_sysid_ros.recordings.dataflash_import import import_dataflash
 
-    return import_dataflash(path, calibration)
+    return import_dataflash(path, mapping)
 
 
-def _import_tlog(path: Path, calibration: Calibration | None) -> ImportedLog:
+def _import_tlog(path: Path, mapping: ServoMapping | None) -> ImportedLog:
     from aircraft_sysid_ros.recordings.tlog_import import import_tlog
 
-    return import_tlog(path, calibration)
+    return import_tlog(path, mapping)
 
 
-def _import_bag(path: Path, calibration: Calibration | None) -> ImportedLog:
+def _import_bag(path: Path, mapping: ServoMapping | None) -> ImportedLog:
     from aircraft_sysid_ros.recordings.autopilot_bag_import import import_autopilot_bag
 
-    return import_autopilot_bag(path, calibration)
+    return import_autopilot_bag(path, mapping)
 
 
 #: What imports a file of an autopilot, by the end of its name.
-_IMPORTERS: dict[str, Callable[[Path, Calibration | None], ImportedLog]] = {
+_IMPORTERS: dict[str, Callable[[Path, ServoMapping | None], ImportedLog]] = {
     ".ulg": _import_ulog,
     ".ulog": _import_ulog,
     ".bin": _import_dataflash,

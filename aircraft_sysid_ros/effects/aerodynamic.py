@@ -1,4 +1,4 @@
-"""Effects in the forces and moments that act all the time; (6.8)-(6.13) of the summary have none of them."""
+"""Effects in the forces and moments that act all the time; (6.8)-(6.13) of docs/references.md have none of them."""
 
 from __future__ import annotations
 

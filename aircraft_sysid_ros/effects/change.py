@@ -82,7 +82,7 @@ EFFECTS: tuple[Effect, ...] = (
         CHANGE,
         "Coefficients of force are mass times specific force, so that with a wrong mass all three are wrong by the "
         "same factor. Dropped load or water makes it so from one moment on.",
-        "V. Klein and E. Morelli, Aircraft System Identification; (6.14)-(6.18) of the summary",
+        "V. Klein and E. Morelli, Aircraft System Identification; (6.14)-(6.18) of docs/references.md",
         "C_X, C_Y, C_Z += a C_X, a C_Y, a C_Z for t > t₀, with one a = m_file / m - 1 for the three",
         (Variant(terms={"CX": _after("{CX}"), "CY": _after("{CY}"), "CZ": _after("{CZ}")}),),
         "From one moment on C_X, C_Y and C_Z are wrong by the same factor; moments too, as inertia changed.",
@@ -111,7 +111,7 @@ EFFECTS: tuple[Effect, ...] = (
         CHANGE,
         "An aeroplane that burns fuel gets lighter, so that coefficients worked out with the mass of the file grow "
         "wrong by the same share in all three forces. It begins at the start and is steady.",
-        "(6.14)-(6.18) of the summary; V. Klein and E. Morelli, Aircraft System Identification",
+        "(6.14)-(6.18) of docs/references.md; V. Klein and E. Morelli, Aircraft System Identification",
         "C_X, C_Y, C_Z += a t C_X, a t C_Y, a t C_Z",
         (Variant(terms={"CX": ("time*{CX}",), "CY": ("time*{CY}",), "CZ": ("time*{CZ}",)}),),
         "Errors of C_X, C_Y and C_Z that grow in proportion to time and to the coefficient.",

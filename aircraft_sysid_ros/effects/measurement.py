@@ -74,7 +74,7 @@ EFFECTS: tuple[Effect, ...] = (
         MEASUREMENT,
         "A probe away from the centre of gravity moves with the rotation of the aeroplane and meets other air "
         "velocities: ω × r. With a wrong place in the file this is taken off in the wrong amount.",
-        "V. Klein and E. Morelli, Aircraft System Identification; (6.3) of the summary",
+        "V. Klein and E. Morelli, Aircraft System Identification; (6.3) of docs/references.md",
         "velocity at the probe = u + ω × (r + d)",
         (
             Variant("ahead", setting=("air_data_position", "x")),
@@ -91,7 +91,7 @@ EFFECTS: tuple[Effect, ...] = (
         MEASUREMENT,
         "An accelerometer away from the centre of gravity measures the acceleration of rotation as well: "
         "ω' × r + ω × (ω × r). With a wrong place in the file forces have a part of the moments in them.",
-        "V. Klein and E. Morelli, Aircraft System Identification; (6.3) of the summary",
+        "V. Klein and E. Morelli, Aircraft System Identification; (6.3) of docs/references.md",
         "A_IMU = A + ω' × (r + d) + ω × (ω × (r + d))",
         (
             Variant("ahead", setting=("imu_position", "x")),
@@ -121,7 +121,7 @@ EFFECTS: tuple[Effect, ...] = (
         MEASUREMENT,
         "The reconstruction takes the wind for nearly constant; a front, wave or shear changes it within seconds. "
         "Until the estimate has followed, the angles of flow are wrong.",
-        "MIL-F-8785C, 3.7.3 (discrete gusts); (6.16)-(6.18) of the summary hold for constant wind only",
+        "MIL-F-8785C, 3.7.3 (discrete gusts); (6.16)-(6.18) of docs/references.md hold for constant wind only",
         "random walk of the wind larger than the process noise of the file",
         (Variant(setting=("process_noise", "wind")),),
         "A stretch of some seconds with innovations of V, α, β and of the GPS velocity, errors in all axes.",

@@ -19,8 +19,8 @@ from aircraft_sysid_ros.mavlink.airspeed import (
     true_airspeed,
     true_of_impact_pressure,
 )
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Array, Quantity, Reading, Stamps, Table, rank
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.ros_messages.conversion import (
     NANOSECONDS,
     NO_FIX,
@@ -120,20 +120,20 @@ class Assembler:
     Live: ``take`` per message. A log: ``choose`` the sources, ``note`` every reading, then ``assemble`` every reading.
     """
 
-    def __init__(self, table: Table, calibration: Calibration | None = None) -> None:
-        self.calibration = calibration or Calibration()
+    def __init__(self, table: Table, mapping: ServoMapping | None = None) -> None:
+        self.mapping = mapping or ServoMapping()
         self._ranks = {quantity: rank(table, quantity) for quantity in Quantity}
-        if self.calibration.filtered_velocity:
+        if self.mapping.filtered_velocity:
             names = self._ranks[Quantity.VELOCITY]
             self._ranks[Quantity.VELOCITY] = tuple(sorted(names, key=lambda name: name != OWN_POSITION))
-        named = self.calibration.airspeed_source
+        named = self.mapping.airspeed_source
         if named is not None:
             self._ranks[Quantity.AIRSPEED] = (named,)
         # pressures only by name: their zero is whatever the autopilot took it to be
         self._ranks[Quantity.IMPACT_PRESSURE] = (named,) if named in self._ranks[Quantity.IMPACT_PRESSURE] else ()
         self._active: dict[Quantity, tuple[str, int]] = {}
         self._held = {quantity: Held() for quantity in Quantity}
-        self._named: dict[str, Held] = {target: Held() for target in self.calibration.named_values.values()}
+        self._named: dict[str, Held] = {target: Held() for target in self.mapping.named_values.values()}
         self._told: dict[Quantity, Array] = {}
         self._attitude_used = np.iinfo(np.int64).min
         self._keep: int | None = _KEPT
@@ -175,7 +175,7 @@ class Assembler:
     def note(self, reading: Reading) -> bool:
         """Remember a reading for others that need it; whether it counts."""
         if reading.quantity is Quantity.NAMED:
-            target = self.calibration.named_values.get(reading.source)
+            target = self.mapping.named_values.get(reading.source)
             if target is None:
                 return False
             self._named[target].add(reading.stamp, reading.values, self._keep)
@@ -213,7 +213,7 @@ class Assembler:
         whole = np.all(np.isfinite(reading.values), axis=1)
         stamp, values = reading.stamp[whole], reading.values[whole]
         fields: dict[str, Any] = dict(imu_fields(values[:, :3], values[:, 3:6])) if len(stamp) else {}
-        if self.calibration.attitude_std is not None and len(stamp):
+        if self.mapping.attitude_std is not None and len(stamp):
             self._add_attitude(stamp, values[:, 3:6], fields)
         return Output("imu/data", stamp, fields, reading.source)
 
@@ -224,7 +224,7 @@ class Assembler:
         taken = held.stamp[np.maximum(rows, 0)] if len(held.stamp) else np.zeros(len(stamp), np.int64)
         previous = np.concatenate([[self._attitude_used], taken[:-1]])
         fresh = (rows >= 0) & (taken > previous) & (stamp - taken <= _ATTITUDE_AGE * NANOSECONDS)
-        std = self.calibration.attitude_std or 0.0
+        std = self.mapping.attitude_std or 0.0
         for i in np.flatnonzero(fresh):
             turn = rates[i] * (stamp[i] - taken[i]) / NANOSECONDS
             fields["orientation"][i] = quaternion_enu_flu(_turned(held.values[rows[i], :4], turn)[None])[0]
@@ -274,7 +274,7 @@ class Assembler:
         altitude = self._held[Quantity.POSITION].at(stamp, _PRESSURE_AGE, 2)
         pressure = np.where(np.isfinite(pressure), pressure, standard_pressure(altitude))
         temperature = temperature_at(pressure)
-        if self.calibration.sensor_temperature:
+        if self.mapping.sensor_temperature:
             measured = self._held[Quantity.PRESSURE].at(stamp, _PRESSURE_AGE, 1)
             temperature = np.where(np.isfinite(measured), measured, temperature)
         return pressure, temperature
@@ -285,9 +285,9 @@ class Assembler:
         return np.asarray(there != 0.0)
 
     def _airspeed(self, reading: Reading) -> Output | None:
-        meaning = self.calibration.airspeed_meaning or USUAL_MEANING.get(reading.source, "indicated")
+        meaning = self.mapping.airspeed_meaning or USUAL_MEANING.get(reading.source, "indicated")
         pressure, temperature = self._air(reading.stamp)
-        speed = self.calibration.airspeed_scale * reading.values[:, 0] + self.calibration.airspeed_offset
+        speed = self.mapping.airspeed_scale * reading.values[:, 0] + self.mapping.airspeed_offset
         speed = np.maximum(speed, 0.0)
         true = true_airspeed(speed, meaning, pressure, temperature)
         rows = np.isfinite(true) & self._has_airspeed_sensor(reading.stamp) & self._news(reading)
@@ -303,7 +303,7 @@ class Assembler:
 
     def _impact_pressure(self, reading: Reading) -> Output | None:
         pressure, temperature = self._air(reading.stamp)
-        impact = self.calibration.airspeed_scale**2 * reading.values[:, 0]
+        impact = self.mapping.airspeed_scale**2 * reading.values[:, 0]
         true = true_of_impact_pressure(impact, pressure, temperature)
         rows = np.isfinite(true) & self._news(reading)
         return self._flow(reading.stamp, true, rows, pressure, temperature, f"{reading.source} pressure")
@@ -321,22 +321,22 @@ class Assembler:
         return Output("air_data", stamp, fields, reading.source)
 
     def _angle(self, reading: Reading) -> Output | None:
-        if reading.source in COMPUTED_ANGLES and not self.calibration.measured_angles:
+        if reading.source in COMPUTED_ANGLES and not self.mapping.measured_angles:
             return None
         name = "angle_of_attack" if reading.quantity is Quantity.ANGLE_OF_ATTACK else "sideslip"
         return Output("air_data", reading.stamp, _air_data(**{name: reading.values[:, 0]}), reading.source)
 
     def _named_angle(self, reading: Reading) -> Output:
-        name = self.calibration.named_values[reading.source]
+        name = self.mapping.named_values[reading.source]
         return Output("air_data", reading.stamp, _air_data(**{name: reading.values[:, 0]}), reading.source)
 
     def _outputs(self, reading: Reading) -> Output | None:
-        calibration = self.calibration
-        if not calibration.outputs or calibration.normalised != (reading.quantity is Quantity.COMMANDS):
+        mapping = self.mapping
+        if not mapping.outputs or mapping.normalised != (reading.quantity is Quantity.COMMANDS):
             return None
-        fields: dict[str, Any] = dict(calibration.controls(reading.values))
-        rpm = self._held[Quantity.PROPELLER].at(reading.stamp, _PROPELLER_AGE, calibration.engine - 1)
-        fields["propeller_speed"] = rpm * (2.0 * np.pi / 60.0) / calibration.gear
+        fields: dict[str, Any] = dict(mapping.controls(reading.values))
+        rpm = self._held[Quantity.PROPELLER].at(reading.stamp, _PROPELLER_AGE, mapping.engine - 1)
+        fields["propeller_speed"] = rpm * (2.0 * np.pi / 60.0) / mapping.gear
         for target, held in self._named.items():
             if target in ("thrust", "propeller_speed"):
                 fields[target] = held.at(reading.stamp, _NAMED_AGE)

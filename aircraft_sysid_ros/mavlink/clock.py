@@ -6,7 +6,7 @@
 The error of a round trip is bounded by half its time, whichever way was slow; it enters as noise of that size, so
 that a delayed answer weighs little. Without TIMESYNC the least of (arrival - remote) over a second is taken: it is
 late by the least delay of the link, which nobody can see one way. Cristian (1989), Probabilistic clock
-synchronization; the filter is (2.5)-(2.9) of the summary.
+synchronization; the filter is (2.5)-(2.9) of docs/references.md.
 """
 
 from __future__ import annotations

@@ -14,12 +14,12 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.mavlink.assembler import Assembler, Output
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.clock import AutopilotClock, BootTime
 from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, readings_of
 from aircraft_sysid_ros.mavlink.requests import Requests
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 
 NANOSECONDS = 1_000_000_000
 HEARTBEAT_PERIOD = 1.0  # [s]
@@ -46,12 +46,12 @@ class Vehicle:
 class Session:
     """The protocol; ``now`` is our time [ns], that of the stamps."""
 
-    def __init__(self, calibration: Calibration | None = None, system: int | None = None) -> None:
-        self.calibration = calibration or Calibration()
+    def __init__(self, mapping: ServoMapping | None = None, system: int | None = None) -> None:
+        self.mapping = mapping or ServoMapping()
         self.decoder = Decoder()
         self.clock, self.boot_time = AutopilotClock(), BootTime()
-        self.assembler = Assembler(MAVLINK, self.calibration)
-        self.requests = Requests(self.calibration.rates)
+        self.assembler = Assembler(MAVLINK, self.mapping)
+        self.requests = Requests(self.mapping.rates)
         self.vehicle: Vehicle | None = None
         self.received: Counter[str] = Counter()
         self.published: Counter[str] = Counter()
@@ -140,7 +140,7 @@ class Session:
         """The autopilot started anew: its clock, its rates and what it last said are gone."""
         self.notes.append("the autopilot has started anew")
         self.clock.reset()
-        self.assembler = Assembler(MAVLINK, self.calibration)
+        self.assembler = Assembler(MAVLINK, self.mapping)
         self.requests.start(now)
         self._syncs, self._next_sync = 0, now
 

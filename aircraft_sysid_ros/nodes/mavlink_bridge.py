@@ -21,7 +21,7 @@ from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, Output
 from aircraft_sysid_ros.mavlink.back_channel import BackChannel, Known, Wind
 from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.mavlink.bridge import STEP, Bridge
-from aircraft_sysid_ros.mavlink.calibration import Calibration, load_calibration
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping, load_servo_mapping
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
@@ -57,7 +57,7 @@ OPTIONS: dict[str, NodeOption] = {
     "calibration_file": _of_link(
         "",
         "Path of the calibration file (YAML); without one, no control surfaces.",
-        check=lambda path: load_calibration(path) if path else None,
+        check=lambda path: load_servo_mapping(path) if path else None,
     ),
     "system": _of_link(0, "System id of the vehicle; 0 is the first that is heard.", low=0, high=255),
     "topics": _of_link([""], "Publish these topics only, such as air_data; empty: all.", check=_check_topics),
@@ -85,9 +85,9 @@ class MavlinkBridgeNode(ConfigurableNode):
     def configure(self, values: Mapping[str, Any]) -> None:
         """Read the calibration, open the connection, create publishers."""
         path = values["calibration_file"]
-        calibration = load_calibration(path) if path else Calibration()
+        mapping = load_servo_mapping(path) if path else ServoMapping()
         transport = Transport(parse_address(values["connection"]))
-        session = Session(calibration, values["system"] or None)
+        session = Session(mapping, values["system"] or None)
         back = BackChannel(_back_options(values))
         try:
             transport.open()

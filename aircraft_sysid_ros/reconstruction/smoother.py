@@ -1,7 +1,7 @@
 """The first step backward over a flight: every state from all measurements, also the later ones.
 
-Rauch-Tung-Striebel smoothing (2.20), (2.22) of the summary on the error of the state: with the filtered state x(k),
-its prediction f(x(k)) and the smoothed x(k+1|N),
+Rauch-Tung-Striebel smoothing (2.20), (2.22) of docs/references.md on the error of the state: with the filtered state
+x(k), its prediction f(x(k)) and the smoothed x(k+1|N),
 
     x(k|N) = x(k) [+] C_k (x(k+1|N) [-] f(x(k))),   C_k = P(k|k) Phi' P(k+1|k)^-1,
 

@@ -1,4 +1,4 @@
-"""Layouts of the reconstructed state, (6.24) of the summary.
+"""Layouts of the reconstructed state, (6.24) of docs/references.md.
 
 (6.24) has u, v, w, position, attitude, six biases and the wind W; the velocity over ground is C (u, v, w) +
 W. The filter carries u, v, w and the velocity over ground and forms the wind as their difference: the same

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.mavros_table import MAVROS
 from aircraft_sysid_ros.mavlink.px4_table import PX4
 from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
 from aircraft_sysid_ros.recordings.message_types import channel_types
@@ -27,7 +27,7 @@ _PX4 = "px4_msgs/"
 _UNIX = 10**18  # [ns] 2001: more is Unix time, which uXRCE-DDS makes of the autopilot's when it synchronises
 
 
-def import_autopilot_bag(path: Path, calibration: Calibration | None = None) -> ImportedLog:
+def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
     """A bag as our topics; raises InputError for one that has neither MAVROS topics nor px4_msgs."""
     raw = read_raw(path)
     px4 = {key: _snake(c.type) for key, c in raw.channels.items() if c.type.startswith(_PX4)}
@@ -37,8 +37,8 @@ def import_autopilot_bag(path: Path, calibration: Calibration | None = None) -> 
     if len(px4) >= len(mavros):
         content = _content(raw, "bag of px4_msgs", px4, set(PX4))
         batches = _with_sample_times(content.batches)
-        return import_content(LogContent(content.format, batches, content.found, content.notes), PX4, calibration)
-    return import_content(_content(raw, "bag of MAVROS topics", mavros, set(MAVROS)), MAVROS, calibration)
+        return import_content(LogContent(content.format, batches, content.found, content.notes), PX4, mapping)
+    return import_content(_content(raw, "bag of MAVROS topics", mavros, set(MAVROS)), MAVROS, mapping)
 
 
 def _content(raw: RawMessages, form: str, names: dict[int, str], known: set[str]) -> LogContent:

@@ -11,8 +11,8 @@ import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.assembler import COMPUTED_ANGLES, Assembler, Output, merged
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Table, readings_of
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, TOPICS
 
@@ -47,23 +47,23 @@ def gps_nanoseconds(week: int, milliseconds: int) -> int:
     return (seconds - leap) * NANOSECONDS + (milliseconds % 1000) * 1_000_000
 
 
-def import_content(content: LogContent, table: Table, calibration: Calibration | None) -> ImportedLog:
+def import_content(content: LogContent, table: Table, mapping: ServoMapping | None) -> ImportedLog:
     """A log through a table; raises InputError where nothing of it can be used."""
-    calibration = calibration or Calibration()
+    mapping = mapping or ServoMapping()
     readings = [reading for batch in content.batches for reading in readings_of(table, batch)]
-    outputs, assembler = assembled(readings, table, calibration)
+    outputs, assembler = assembled(readings, table, mapping)
     topics = topics_of(outputs)
     if not any(topic.topic in TOPICS for topic in topics):
         found = ", ".join(content.found) or "nothing"
         raise InputError(f"nothing in it can be used: it holds {found[:300]}")
-    missing = _missing(topics, readings, assembler, calibration)
+    missing = _missing(topics, readings, assembler, mapping)
     used = {_source_name(output.source) for output in outputs}
     return ImportedLog(content.format, topics, missing, content.notes, _found(content.found, table, used))
 
 
-def assembled(readings: Sequence[Reading], table: Table, calibration: Calibration) -> tuple[list[Output], Assembler]:
+def assembled(readings: Sequence[Reading], table: Table, mapping: ServoMapping) -> tuple[list[Output], Assembler]:
     """Messages of our topics from all readings of a log."""
-    assembler = Assembler(table, calibration)
+    assembler = Assembler(table, mapping)
     assembler.choose({reading.source for reading in readings})
     counted = [reading for reading in readings if assembler.note(reading)]
     return merged([output for reading in counted for output in assembler.assemble(reading)]), assembler
@@ -105,7 +105,7 @@ def _found(found: Mapping[str, int], table: Table, used: set[str]) -> dict[str, 
 
 
 def _missing(
-    topics: list[ImportedTopic], readings: Sequence[Reading], assembler: Assembler, calibration: Calibration
+    topics: list[ImportedTopic], readings: Sequence[Reading], assembler: Assembler, mapping: ServoMapping
 ) -> dict[str, str]:
     """Inputs that the recording does not have, and why."""
     there = {topic.topic: topic for topic in topics}
@@ -118,7 +118,7 @@ def _missing(
     air = there.get("air_data")
     for name in ("true_airspeed", "angle_of_attack", "sideslip"):
         if air is None or not np.any(np.isfinite(air.fields[name])):
-            missing[name] = _why_no_flow(name, quantities, sources, calibration)
+            missing[name] = _why_no_flow(name, quantities, sources, mapping)
     surfaces = there.get("control_surfaces")
     if surfaces is None:
         has_outputs = bool(quantities & {Quantity.PULSES, Quantity.COMMANDS})
@@ -130,11 +130,11 @@ def _missing(
     return missing
 
 
-def _why_no_flow(name: str, quantities: set[Quantity], sources: set[str], calibration: Calibration) -> str:
+def _why_no_flow(name: str, quantities: set[Quantity], sources: set[str], mapping: ServoMapping) -> str:
     if name == "true_airspeed":
         if Quantity.AIRSPEED in quantities:
             return "the autopilot says that it has no airspeed sensor, or the log lacks the source of the calibration"
         return "the log has no airspeed"
-    if sources & set(COMPUTED_ANGLES) and not calibration.measured_angles:
+    if sources & set(COMPUTED_ANGLES) and not mapping.measured_angles:
         return "the autopilot's angles are its own estimates; if vanes feed them, say so: flow_angles: measured"
     return "not measured: the filter works it out from wind and attitude, see docs/mavlink.md"

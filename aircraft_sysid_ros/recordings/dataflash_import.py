@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
 from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
@@ -40,9 +40,9 @@ FUNCTIONS = {
 _FIX_3D = 3
 
 
-def import_dataflash(path: Path, calibration: Calibration | None = None) -> ImportedLog:
+def import_dataflash(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
     """A DataFlash log as our topics; raises InputError for what is not one."""
-    return import_content(read_dataflash(path), DATAFLASH, calibration)
+    return import_content(read_dataflash(path), DATAFLASH, mapping)
 
 
 def read_dataflash(path: Path) -> LogContent:

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, Batch
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
 
@@ -38,9 +38,9 @@ class _Messages:
     fields: list[dict[str, Any]] = field(default_factory=list)
 
 
-def import_tlog(path: Path, calibration: Calibration | None = None) -> ImportedLog:
+def import_tlog(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
     """A telemetry log as our topics; raises InputError for what is not one."""
-    return import_content(read_tlog(path), MAVLINK, calibration)
+    return import_content(read_tlog(path), MAVLINK, mapping)
 
 
 def read_tlog(path: Path) -> LogContent:

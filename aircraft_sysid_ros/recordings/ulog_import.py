@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES
 from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
@@ -23,9 +23,9 @@ _GPS = ("sensor_gps", "vehicle_gps_position")
 _FIX_3D = 3
 
 
-def import_ulog(path: Path, calibration: Calibration | None = None) -> ImportedLog:
+def import_ulog(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
     """A ULog as our topics; raises InputError for what is not one."""
-    return import_content(read_ulog(path), PX4, calibration)
+    return import_content(read_ulog(path), PX4, mapping)
 
 
 def read_ulog(path: Path) -> LogContent:

@@ -10,7 +10,7 @@ import pytest
 
 from aircraft_sysid_ros.commands.main import main
 
-CALIBRATION = Path(__file__).resolve().parents[2] / "config" / "stand_in_calibration.yaml"
+CALIBRATION = Path(__file__).resolve().parents[2] / "config" / "mavlink_simulator_servos.yaml"
 
 
 def refused(capfd, *arguments):
@@ -92,6 +92,6 @@ def test_import_refuses_a_bad_calibration_before_it_writes(capfd, tmp_path):
 
 
 def test_the_example_of_a_calibration_file_is_one():
-    from aircraft_sysid_ros.mavlink.calibration import load_calibration
+    from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 
-    assert load_calibration(CALIBRATION).measured_angles
+    assert load_servo_mapping(CALIBRATION).measured_angles

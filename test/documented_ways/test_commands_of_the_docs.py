@@ -43,7 +43,7 @@ NOT_RUN = {
     "examples/adaptive_controller/controller_node.py": "fly.py starts the same node",
     "examples/adaptive_controller/aeroplane_node.py": "fly.py starts the same node",
     "examples/adaptive_controller/fly.py --rate": "a way flies another case with more options",
-    "aircraft_sysid_ros.simulation.stand_in.process --reboot": "test/mavlink/test_stand_in_process.py",
+    "aircraft_sysid_ros.simulation.mavlink_simulator.process --reboot": "its own test, in test/mavlink",
     "ros2 bag record": "of ROS 2 itself, which is not on PyPI; a way records as it does",
     "mavros.launch.py": "test/mavlink/test_mavros_launch.py; MAVROS is not here",
 }

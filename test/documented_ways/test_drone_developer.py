@@ -25,7 +25,10 @@ pytestmark = pytest.mark.xdist_group("nodes")
 WAY = {
     "bridge": ("docs/mavlink.md", "aircraft-sysid bridge udp:0.0.0.0:14550 --calibration config/"),
     "live": ("docs/mavlink.md", "aircraft-sysid live --aircraft config/ultra_stick_25e.yaml --out runs/today"),
-    "stand_in": ("docs/mavlink.md", "python -m aircraft_sysid_ros.simulation.stand_in.process --simulator textbook"),
+    "mavlink_simulator": (
+        "docs/mavlink.md",
+        "python -m aircraft_sysid_ros.simulation.mavlink_simulator.process --simulator textbook",
+    ),
     "fly": ("docs/closed-loop.md", "python examples/adaptive_controller/fly.py --case elevator --parameters live"),
 }
 AIRCRAFT = "config/ultra_stick_25e.yaml"
@@ -69,10 +72,10 @@ def told_in_flight(user, bench):
             return [json.loads(line) for line in lines if line.endswith("\n")]
 
         def is_told_enough():
-            assert stand_in.process.poll() is None, f"{len(live_among(told()[-1]))} values live: {stand_in.errors}"
+            assert simulator.process.poll() is None, f"{len(live_among(told()[-1]))} values live: {simulator.errors}"
             return bool(told()) and len(live_among(told()[-1])) >= ENOUGH
 
-        with user.start("stand_in", "--connect", f"udpout:127.0.0.1:{port}") as stand_in:
+        with user.start("mavlink_simulator", "--connect", f"udpout:127.0.0.1:{port}") as simulator:
             bench.spin_until(is_told_enough, PATIENCE)
             bench.spin_until(lambda: "published.gps/fix" in newest(diagnostics, "mavlink_bridge"))
             run, passed_on = (json.loads(running.interrupt()) for running in (live, bridge))

@@ -1,25 +1,25 @@
-"""A short flight of the stand-in, shared by the tests of the MAVLink side."""
+"""A short flight of the MAVLink simulator, shared by the tests of the MAVLink side."""
 
 from pathlib import Path
 
 import pytest
 
-from aircraft_sysid_ros.mavlink.calibration import load_calibration
+from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")
-def calibration():
-    """That of the stand-in."""
-    return load_calibration(REPOSITORY / "config" / "stand_in_calibration.yaml")
+def mapping():
+    """That of the MAVLink simulator."""
+    return load_servo_mapping(REPOSITORY / "config" / "mavlink_simulator_servos.yaml")
 
 
 @pytest.fixture(scope="session")
 def events(aircraft):
     """Samples of 45 s of simulated flight."""
+    from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import FlightSensors, pieces
     from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
-    from aircraft_sysid_ros.simulation.stand_in.sensors import FlightSensors, pieces
 
     flight = simulate_samples(aircraft, seed=4, duration=45.0)
     sensors = FlightSensors(aircraft, 4)

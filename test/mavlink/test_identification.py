@@ -1,4 +1,4 @@
-"""The proof in small: parameters through the stand-in, its link and its clock are those of the direct topics."""
+"""In small: parameters through the MAVLink simulator, its link and its clock are those of the direct topics."""
 
 import numpy as np
 import pytest
@@ -7,17 +7,17 @@ from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind
-from aircraft_sysid_ros.simulation.stand_in.autopilot import Faults, StandIn
-from aircraft_sysid_ros.simulation.stand_in.flight import START, Link, bridged, samples_of_outputs
-from aircraft_sysid_ros.simulation.stand_in.sensors import direct_samples
+from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import Faults, MavlinkSimulator
+from aircraft_sysid_ros.simulation.mavlink_simulator.flight import START, Link, bridged, samples_of_outputs
+from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import direct_samples
 
 LINK = Link(least=0.004, jitter=0.006)
 
 
 @pytest.fixture(scope="module")
-def both(events, calibration):
+def both(events, mapping):
     """Samples of the direct topics, and of the bridge over a link with jitter, from a clock that drifts."""
-    outputs = bridged(events, StandIn(calibration, Faults(drift=40e-6)), Session(calibration), LINK)
+    outputs = bridged(events, MavlinkSimulator(mapping, Faults(drift=40e-6)), Session(mapping), LINK)
     return direct_samples(events, START), samples_of_outputs(outputs)
 
 

@@ -7,11 +7,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.decoder import Decoder
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.mavlink.session import Session
-from aircraft_sysid_ros.simulation.stand_in.autopilot import Faults, StandIn
-from aircraft_sysid_ros.simulation.stand_in.flight import START, Link, bridged
+from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import Faults, MavlinkSimulator
+from aircraft_sysid_ros.simulation.mavlink_simulator.flight import START, Link, bridged
 
 SECOND = 1_000_000_000
 RADIO = Link(least=0.02, jitter=0.02)
@@ -78,9 +78,9 @@ def test_messages_of_others_are_not_mixed_in():
 # -- asking -------------------------------------------------------------------------------------------------
 
 
-def test_rates_are_asked_for_by_interval_and_heard(events, calibration):
-    stand_in, session = StandIn(calibration), Session(calibration)
-    bridged(first(events, 6.0), stand_in, session)
+def test_rates_are_asked_for_by_interval_and_heard(events, mapping):
+    simulator, session = MavlinkSimulator(mapping), Session(mapping)
+    bridged(first(events, 6.0), simulator, session)
     imu, servo = session.received["HIGHRES_IMU"], session.received["SERVO_OUTPUT_RAW"]
     assert imu > 100 * 5 and servo > 50 * 5
     assert session.received["RAW_IMU"] < 20  # its slow rate of the start: a better one is there
@@ -89,27 +89,27 @@ def test_rates_are_asked_for_by_interval_and_heard(events, calibration):
     assert 50 <= session.published["imu/mag"] <= 60  # the sensor's own 10 Hz
 
 
-def test_an_autopilot_without_highres_imu_gives_raw_imu(events, calibration):
-    session = Session(calibration)
-    bridged(first(events, 12.0, IMU_ALONE), StandIn(calibration, Faults(highres_imu=False)), session)
+def test_an_autopilot_without_highres_imu_gives_raw_imu(events, mapping):
+    session = Session(mapping)
+    bridged(first(events, 12.0, IMU_ALONE), MavlinkSimulator(mapping, Faults(highres_imu=False)), session)
     assert session.received["RAW_IMU"] > 100 * 6
 
 
-def test_an_autopilot_that_knows_no_intervals_is_asked_for_streams(events, calibration):
-    session = Session(calibration)
-    stand_in = StandIn(calibration, Faults(knows_intervals=False))
-    bridged(first(events, 20.0, ("imu/data", "control_surfaces")), stand_in, session)
+def test_an_autopilot_that_knows_no_intervals_is_asked_for_streams(events, mapping):
+    session = Session(mapping)
+    simulator = MavlinkSimulator(mapping, Faults(knows_intervals=False))
+    bridged(first(events, 20.0, ("imu/data", "control_surfaces")), simulator, session)
     assert session.received["RAW_IMU"] > 100 * 8
     assert session.received["SERVO_OUTPUT_RAW"] > 50 * 8
 
 
 def test_a_rate_of_zero_is_never_asked_for_and_an_unknown_message_is_refused():
-    session = Session(Calibration(rates={"AOA_SSA": 0.0, "BATTERY_STATUS": 2.0}))
+    session = Session(ServoMapping(rates={"AOA_SSA": 0.0, "BATTERY_STATUS": 2.0}))
     session.receive(heartbeat(), START)
     numbers = [int(m.param1) for m in sent(session, START) if m.get_type() == "COMMAND_LONG"]
     assert dialect.MAVLINK_MSG_ID_AOA_SSA not in numbers and dialect.MAVLINK_MSG_ID_BATTERY_STATUS in numbers
     with pytest.raises(InputError, match="no message RAW_IMUS"):
-        Session(Calibration(rates={"RAW_IMUS": 1.0}))
+        Session(ServoMapping(rates={"RAW_IMUS": 1.0}))
 
 
 def test_questions_become_rarer_where_nothing_comes():
@@ -142,11 +142,11 @@ def stamp_errors(outputs, events, bias=0.0):
     ("faults", "tolerance", "bias"),
     [(Faults(drift=60e-6), 0.004, 0.0), (Faults(drift=60e-6, answers_timesync=False), 0.006, 0.02)],
 )
-def test_stamps_are_when_samples_were_taken_on_a_radio_that_is_late(events, calibration, faults, tolerance, bias):
+def test_stamps_are_when_samples_were_taken_on_a_radio_that_is_late(events, mapping, faults, tolerance, bias):
     """20 to 100 ms late and by very different times; without answers the least delay is not seen, and no more."""
-    session = Session(calibration)
+    session = Session(mapping)
     flown = first(events, 30.0, IMU_ALONE)
-    outputs = bridged(flown, StandIn(calibration, faults), session, RADIO)
+    outputs = bridged(flown, MavlinkSimulator(mapping, faults), session, RADIO)
     at, error = stamp_errors(outputs, flown, bias)
     assert np.abs(error[at > 20.0]).max() < tolerance
     assert len(np.unique(np.rint(at[at > 20.0] * 100))) > 980  # one for each sample
@@ -174,10 +174,10 @@ def test_answers_to_other_stations_are_not_ours():
 # -- faults of the link -------------------------------------------------------------------------------------
 
 
-def test_a_fifth_of_the_packets_lost_loses_a_fifth_of_the_samples(events, calibration):
-    session = Session(calibration)
+def test_a_fifth_of_the_packets_lost_loses_a_fifth_of_the_samples(events, mapping):
+    session = Session(mapping)
     flown = first(events, 30.0, IMU_ALONE)
-    outputs = bridged(flown, StandIn(calibration, Faults(loss=0.2, drift=40e-6)), session)
+    outputs = bridged(flown, MavlinkSimulator(mapping, Faults(loss=0.2, drift=40e-6)), session)
     stamps = np.array([o.stamp[0] for o in outputs if o.topic == "imu/data"])
     late = stamps > START + 12 * SECOND
     assert 0.72 * 1800 < late.sum() < 0.88 * 1800
@@ -186,10 +186,10 @@ def test_a_fifth_of_the_packets_lost_loses_a_fifth_of_the_samples(events, calibr
     assert session.decoder.bad == 0 and session.boot_time.reboots == 0
 
 
-def test_a_restart_of_the_autopilot_is_found_and_everything_asked_for_again(events, calibration):
-    session, stand_in = Session(calibration), StandIn(calibration)
+def test_a_restart_of_the_autopilot_is_found_and_everything_asked_for_again(events, mapping):
+    session, simulator = Session(mapping), MavlinkSimulator(mapping)
     flown = first(events, 25.0, IMU_ALONE)
-    outputs = bridged(flown, stand_in, session, at=[(8.0, lambda: stand_in.reboot(8.0))])
+    outputs = bridged(flown, simulator, session, at=[(8.0, lambda: simulator.reboot(8.0))])
     stamps = (np.array([o.stamp[0] for o in outputs if o.topic == "imu/data"]) - START) / SECOND
     assert session.boot_time.reboots == 1 and "the autopilot has started anew" in session.notes
     after = stamps[stamps > 8.0]
@@ -199,8 +199,8 @@ def test_a_restart_of_the_autopilot_is_found_and_everything_asked_for_again(even
     assert np.abs(error).max() < 0.004
 
 
-def test_a_vehicle_that_falls_silent_is_said_to_be_and_asked_again_when_it_is_back(calibration):
-    session = Session(calibration)
+def test_a_vehicle_that_falls_silent_is_said_to_be_and_asked_again_when_it_is_back(mapping):
+    session = Session(mapping)
     session.receive(heartbeat(), START)
     sent(session, START)
     assert session.condition == "waiting for the clock of the autopilot"
@@ -212,11 +212,11 @@ def test_a_vehicle_that_falls_silent_is_said_to_be_and_asked_again_when_it_is_ba
 
 
 @pytest.mark.parametrize("sort", ["noise", "nearly"])
-def test_garbage_does_no_harm_and_takes_no_memory(events, calibration, sort):
+def test_garbage_does_no_harm_and_takes_no_memory(events, mapping, sort):
     """400 kB, a minute of a radio at 57600 baud that hears another transmitter: noise, and broken packets."""
     import tracemalloc
 
-    session, rng = Session(calibration), np.random.default_rng(1)
+    session, rng = Session(mapping), np.random.default_rng(1)
     session.receive(heartbeat(), START)
     packet = np.frombuffer(heartbeat(), np.uint8)
     tracemalloc.start()
@@ -234,7 +234,7 @@ def test_garbage_does_no_harm_and_takes_no_memory(events, calibration, sort):
     assert sizes[-1] - sizes[0] < 200_000
     assert session.decoder.waiting < 600 and session.decoder.bad > 1000
     # and then the flight goes on; what waits of a broken packet may take some messages with it
-    outputs = bridged(first(events, 10.0, IMU_ALONE), StandIn(calibration), replace_clock(session))
+    outputs = bridged(first(events, 10.0, IMU_ALONE), MavlinkSimulator(mapping), replace_clock(session))
     assert len([o for o in outputs if o.topic == "imu/data"]) > 700
 
 
@@ -247,9 +247,9 @@ def replace_clock(session):
     return session
 
 
-def test_the_faults_are_what_they_are_called(calibration, events):
-    """The stand-in's own clock: the drift and offset that tests rely on."""
-    stand_in = StandIn(calibration, replace(Faults(), clock_offset=10.0, drift=1e-3))
-    assert stand_in.boot(0.0) == pytest.approx(10.01e9) and stand_in.boot(100.0) == pytest.approx(110.11e9)
-    stand_in.reboot(50.0)
-    assert stand_in.boot(50.0) == 0
+def test_the_faults_are_what_they_are_called(mapping, events):
+    """The MAVLink simulator's own clock: the drift and offset that tests rely on."""
+    simulator = MavlinkSimulator(mapping, replace(Faults(), clock_offset=10.0, drift=1e-3))
+    assert simulator.boot(0.0) == pytest.approx(10.01e9) and simulator.boot(100.0) == pytest.approx(110.11e9)
+    simulator.reboot(50.0)
+    assert simulator.boot(50.0) == 0

@@ -6,13 +6,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
 from aircraft_sysid_ros.mavlink.assembler import Assembler
-from aircraft_sysid_ros.mavlink.calibration import calibration_from_dict
 from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
 from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.esc_status import EscStatus
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.px4_table import PX4
 from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Batch, Quantity, readings_of
+from aircraft_sysid_ros.mavlink.servo_mapping import servo_mapping_from_dict
 from aircraft_sysid_ros.ros_messages.conversion import to_samples
 
 STAMP = 1_760_000_000_123_456_789
@@ -153,7 +153,7 @@ def pressure(hectopascal=970.0):
 )
 def test_airspeed_is_what_the_calibration_says_it_means(settings, message, expected):
     """Density at 970 hPa and its standard temperature is 1.1825 kg/m^3 (ISO 2533, 365 m)."""
-    assembler = Assembler(MAVLINK, calibration_from_dict({"airspeed": settings}))
+    assembler = Assembler(MAVLINK, servo_mapping_from_dict({"airspeed": settings}))
     first = outputs(assembler, pressure())
     made = first if settings.get("source") == "SCALED_PRESSURE" else outputs(assembler, message)
     (air,) = [o for o in made if np.isfinite(o.fields["true_airspeed"][0])]
@@ -173,7 +173,7 @@ def test_an_airspeed_that_is_an_estimate_is_not_passed_off_as_measured():
 def test_an_angle_of_the_autopilot_is_used_only_where_a_vane_is_said_to_be_behind_it():
     message = dialect.MAVLink_aoa_ssa_message(1, 4.0, -3.0)
     assert not outputs(Assembler(MAVLINK), message)
-    (both,) = outputs(Assembler(MAVLINK, calibration_from_dict({"flow_angles": "measured"})), message)
+    (both,) = outputs(Assembler(MAVLINK, servo_mapping_from_dict({"flow_angles": "measured"})), message)
     angles = [both.fields[name][0] for name in ("angle_of_attack", "sideslip")]
     np.testing.assert_allclose(angles, np.radians([4.0, -3.0]), rtol=1e-6)
     assert np.isnan(both.fields["true_airspeed"][0])
@@ -230,7 +230,7 @@ def test_the_filters_own_position_does_not_say_what_fix_it_has_and_counts():
 
 def test_dead_reckoning_of_the_autopilot_is_no_gps():
     """GPS lost: its filter goes on by airspeed and wind, which must not come in as a measured velocity."""
-    assembler = Assembler(MAVLINK, calibration_from_dict({"gps_velocity": "filtered"}))
+    assembler = Assembler(MAVLINK, servo_mapping_from_dict({"gps_velocity": "filtered"}))
     own = dialect.MAVLink_global_position_int_message(1, *PLACE, 0, 1490, 0, -250, 0)
     outputs(assembler, fix_message(dialect.GPS_FIX_TYPE_3D_FIX))
     assert [o.topic for o in outputs(assembler, own)] == ["gps/vel"]
@@ -263,7 +263,7 @@ def test_the_better_imu_goes_before_the_other_until_it_is_silent():
 def test_the_autopilots_attitude_helps_only_when_asked_and_once():
     attitude = dialect.MAVLink_attitude_quaternion_message(1, 1, 0, 0, 0, 0, 0, 0)  # level, nose north
     imu = dialect.MAVLink_highres_imu_message(1, 0, 0, -G, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 63)
-    plain, helped = Assembler(MAVLINK), Assembler(MAVLINK, calibration_from_dict({"attitude": {"std": 0.1}}))
+    plain, helped = Assembler(MAVLINK), Assembler(MAVLINK, servo_mapping_from_dict({"attitude": {"std": 0.1}}))
     for assembler in (plain, helped):
         (reference,) = outputs(assembler, attitude)
         assert reference.topic == "autopilot/attitude"

@@ -7,8 +7,8 @@ from aircraft_sysid_ros.recordings.imported_log import write_log
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tlog_import import import_tlog, read_tlog
 from aircraft_sysid_ros.samples import Kind
-from aircraft_sysid_ros.simulation.stand_in.autopilot import StandIn
-from aircraft_sysid_ros.simulation.stand_in.flight import START
+from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import MavlinkSimulator
+from aircraft_sysid_ros.simulation.mavlink_simulator.flight import START
 
 
 def packed(arrival, packet):
@@ -16,35 +16,35 @@ def packed(arrival, packet):
     return round(arrival * 1e6 + START / 1000).to_bytes(8, "big") + packet
 
 
-def log_of(events, calibration, *, reboot=None, until=8.0):
+def log_of(events, mapping, *, reboot=None, until=8.0):
     """A log at full rates, and the time [s of flight] by which the ground station is late at least."""
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-    stand_in, station, rng = StandIn(calibration), Decoder(), np.random.default_rng(2)
+    simulator, station, rng = MavlinkSimulator(mapping), Decoder(), np.random.default_rng(2)
     station.system, station.component = 255, 190
     for name, rate in (("RAW_IMU", 100.0), ("GPS_RAW_INT", 10.0), ("GLOBAL_POSITION_INT", 50.0), ("VFR_HUD", 50.0),
                        ("SERVO_OUTPUT_RAW", 50.0)):  # fmt: skip
-        stand_in._rates[name].rate = rate
+        simulator._rates[name].rate = rate
     data = bytearray()
     heartbeat = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
     for event in (e for e in events if e.time < until):
-        if reboot is not None and stand_in._began < 0.0 and event.time > reboot:
-            stand_in.reboot(event.time)
+        if reboot is not None and simulator._began < 0.0 and event.time > reboot:
+            simulator.reboot(event.time)
             for name in ("RAW_IMU", "GPS_RAW_INT", "GLOBAL_POSITION_INT"):
-                stand_in._rates[name].rate = 100.0
-        stand_in.tick(event.time)
-        stand_in.sense(event)
-        for packet in stand_in.packets():
+                simulator._rates[name].rate = 100.0
+        simulator.tick(event.time)
+        simulator.sense(event)
+        for packet in simulator.packets():
             data += packed(event.time + 0.05 + rng.exponential(0.02), packet)
             if rng.random() < 0.01:
                 data += packed(event.time, station.encode(heartbeat))
     return bytes(data)
 
 
-def imported(tmp_path, data, calibration):
+def imported(tmp_path, data, mapping):
     log = tmp_path / "flight.tlog"
     log.write_bytes(data)
-    report = write_log(import_tlog(log, calibration), log, tmp_path / "bag")
+    report = write_log(import_tlog(log, mapping), log, tmp_path / "bag")
     return report, read_recording(tmp_path / "bag").samples
 
 
@@ -57,8 +57,8 @@ def imu_errors(samples, events, late=0.05):
     return imu, at - taken[rows], rows
 
 
-def test_a_telemetry_log_on_the_autopilots_own_time(tmp_path, events, calibration):
-    report, samples = imported(tmp_path, log_of(events, calibration), calibration)
+def test_a_telemetry_log_on_the_autopilots_own_time(tmp_path, events, mapping):
+    report, samples = imported(tmp_path, log_of(events, mapping), mapping)
     imu, error, rows = imu_errors(samples, events)
     assert len(imu) > 780 and np.ptp(error) < 1e-6  # one offset for all …
     assert 0.0 <= error.mean() < 0.004  # … the least delay
@@ -71,9 +71,9 @@ def test_a_telemetry_log_on_the_autopilots_own_time(tmp_path, events, calibratio
     assert len(controls) > 350 and np.isfinite(controls[20:, 5]).all()  # thrust comes as a named float
 
 
-def test_a_restart_within_a_log(tmp_path, events, calibration):
-    data = log_of(events, calibration, reboot=3.0, until=14.0)
-    report, samples = imported(tmp_path, data, calibration)
+def test_a_restart_within_a_log(tmp_path, events, mapping):
+    data = log_of(events, mapping, reboot=3.0, until=14.0)
+    report, samples = imported(tmp_path, data, mapping)
     imu, error, _ = imu_errors(samples, events)
     assert any("started anew 1 times" in note for note in report["notes"])
     assert np.abs(error).max() < 0.01
@@ -81,8 +81,8 @@ def test_a_restart_within_a_log(tmp_path, events, calibration):
     assert (at < 3.1).sum() > 290 and (at > 6.0).sum() > 650
 
 
-def test_a_damaged_log_gives_the_rest(tmp_path, events, calibration):
-    data = bytearray(log_of(events, calibration))
+def test_a_damaged_log_gives_the_rest(tmp_path, events, mapping):
+    data = bytearray(log_of(events, mapping))
     middle = len(data) // 2
     data[middle : middle + 3000] = np.random.default_rng(0).integers(0, 256, 3000, np.uint8).tobytes()
     log = tmp_path / "damaged.tlog"

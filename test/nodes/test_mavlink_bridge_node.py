@@ -16,16 +16,16 @@ from rclpy.parameter import Parameter as RosParameter
 from sensor_msgs.msg import Imu
 
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
-from aircraft_sysid_ros.mavlink.calibration import load_calibration
+from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
+from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import MavlinkSimulator
+from aircraft_sysid_ros.simulation.mavlink_simulator.process import Radio
+from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import FlightSensors, pieces
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
-from aircraft_sysid_ros.simulation.stand_in.autopilot import StandIn
-from aircraft_sysid_ros.simulation.stand_in.process import Radio
-from aircraft_sysid_ros.simulation.stand_in.sensors import FlightSensors, pieces
 
-CALIBRATION = Path(__file__).resolve().parents[2] / "config" / "stand_in_calibration.yaml"
+CALIBRATION = Path(__file__).resolve().parents[2] / "config" / "mavlink_simulator_servos.yaml"
 
 
 def free_port():
@@ -35,15 +35,15 @@ def free_port():
 
 
 class Flight:
-    """A stand-in that speaks in real time from a thread."""
+    """A simulator that speaks in real time from a thread."""
 
     def __init__(self, aircraft, port):
         flight = simulate_samples(aircraft, seed=6, duration=20.0)
         sensors = FlightSensors(aircraft, 6)
         transport = Transport(parse_address(f"udpout:127.0.0.1:{port}"))
         transport.open()
-        self.stand_in = StandIn(load_calibration(CALIBRATION))
-        self.radio = Radio(self.stand_in, transport, ())
+        self.simulator = MavlinkSimulator(load_servo_mapping(CALIBRATION))
+        self.radio = Radio(self.simulator, transport, ())
         self.radio.add([event for piece in pieces(flight.truth) for event in sensors.events(piece)])
         self.truth, self.ended = flight.truth, False
         self.thread = threading.Thread(target=self.fly, daemon=True)
@@ -109,8 +109,8 @@ def test_an_autopilot_on_our_topics_and_back(bench, flying):
         )
     )
     wind.publish(message)
-    bench.spin_until(lambda: len(flight.stand_in.heard) >= 2)
-    back = {m.get_type(): m for m in flight.stand_in.heard}
+    bench.spin_until(lambda: len(flight.simulator.heard) >= 2)
+    back = {m.get_type(): m for m in flight.simulator.heard}
     assert back["NAMED_VALUE_FLOAT"].value == pytest.approx(-4.5)
     assert (back["WIND_COV"].wind_x, back["WIND_COV"].wind_y) == (-3.0, 2.0)
     assert back["WIND_COV"].horiz_accuracy == pytest.approx(0.2)
@@ -178,7 +178,7 @@ def test_what_goes_back_changes_in_flight_and_the_link_does_not(bench, flying):
     def heard():
         wind.publish(TwistWithCovarianceStamped())
         parameters.publish(Parameters(parameters=[known]))
-        return {"WIND_COV", "NAMED_VALUE_FLOAT"} <= {m.get_type() for m in flight.stand_in.heard}
+        return {"WIND_COV", "NAMED_VALUE_FLOAT"} <= {m.get_type() for m in flight.simulator.heard}
 
     bench.spin_until(heard)
     assert all(result.successful for result in put(back_wind_rate=0.0, back_parameters=[""]))

@@ -2,9 +2,9 @@
 
 The second step of the two-step method believes the states of the first. This estimator only starts from them, and
 keeps a slow attitude reference: it predicts the measurements themselves, specific force, angular rate, GPS, and air
-data at their own times, with the aircraft of chapter 6 of the summary, and estimates coefficients, IMU biases and the
-levels of gusts and sensor noise together by (5.8) and (5.10)-(5.13). Biases that the first step is still finding
-then do not end up in constant terms, nor the noise of air data in derivatives.
+data at their own times, with the aircraft of (6.8)-(6.19) of docs/references.md, and estimates coefficients, IMU
+biases and the levels of gusts and sensor noise together by (5.8) and (5.10)-(5.13). Biases that the first step is
+still finding then do not end up in constant terms, nor the noise of air data in derivatives.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""A stand-in for an autopilot: flies a simulator and speaks MAVLink as ArduPlane, with faults of link and clock."""
+"""The former name of `mavlink_simulator`."""

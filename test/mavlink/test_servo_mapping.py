@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.calibration import MIXING, calibration_from_dict, load_calibration
+from aircraft_sysid_ros.mavlink.servo_mapping import MIXING, load_servo_mapping, servo_mapping_from_dict
 
 POINTS = {"us": [1000, 1500, 2000], "deg": [-30, 0, 30]}
 
 
 def controls(outputs, pulses):
-    calibration = calibration_from_dict({"outputs": outputs})
-    found = calibration.controls(np.array([pulses], dtype=float))
+    mapping = servo_mapping_from_dict({"outputs": outputs})
+    found = mapping.controls(np.array([pulses], dtype=float))
     return {name: float(value[0]) for name, value in found.items()}
 
 
@@ -69,9 +69,9 @@ def test_halves_share_and_every_mixture_gives_back_what_a_plain_surface_would():
             assert {abs(v) for v in (*together.values(), *against.values())} <= {0.0, 1.0}
 
 
-def test_the_file_of_the_stand_in_is_one(calibration):
-    assert set(calibration.outputs) == {1, 2, 3, 4, 5}
-    found = calibration.controls(np.array([[1500.0, 1600.0, 1400.0, 1500.0, 1500.0]]))
+def test_the_file_of_the_simulator_is_one(mapping):
+    assert set(mapping.outputs) == {1, 2, 3, 4, 5}
+    found = mapping.controls(np.array([[1500.0, 1600.0, 1400.0, 1500.0, 1500.0]]))
     assert found["elevator"][0] == pytest.approx(-np.radians(6.0))  # reversed
     assert found["throttle"][0] == pytest.approx(0.4)
 
@@ -113,18 +113,18 @@ def test_mistakes_are_said_in_one_sentence(tmp_path, content, text):
     path = tmp_path / "calibration.yaml"
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(InputError, match=re.escape(text)) as refused:
-        load_calibration(path)
+        load_servo_mapping(path)
     assert str(path) in str(refused.value) and "\n" not in str(refused.value)
 
 
 def test_a_file_that_is_none(tmp_path):
     with pytest.raises(InputError, match="cannot read the calibration file"):
-        load_calibration(tmp_path / "nowhere.yaml")
+        load_servo_mapping(tmp_path / "nowhere.yaml")
     (tmp_path / "bad.yaml").write_text("outputs: {1: [")
     with pytest.raises(InputError, match="not valid YAML at line 1"):
-        load_calibration(tmp_path / "bad.yaml")
+        load_servo_mapping(tmp_path / "bad.yaml")
     (tmp_path / "twice.yaml").write_text("outputs:\n  1: {surface: rudder}\n  1: {surface: elevator}\n")
     with pytest.raises(InputError, match="the key '1' is there twice, at lines 2 and 3: remove one"):
-        load_calibration(tmp_path / "twice.yaml")
+        load_servo_mapping(tmp_path / "twice.yaml")
     (tmp_path / "empty.yaml").write_text("")
-    assert not load_calibration(tmp_path / "empty.yaml").outputs
+    assert not load_servo_mapping(tmp_path / "empty.yaml").outputs

@@ -1,4 +1,4 @@
-"""Every field of every message that the stand-in sends in a flight, against the truth in the unit of the definition.
+"""Every field of every message of the MAVLink simulator in a flight, against the truth in the unit of the definition.
 
 The units, types and enumerations are those of pymavlink's dialect, which is generated from MAVLink's definitions; the
 packets are read by pymavlink alone. What the definitions leave open is as ArduPlane 4.6 fills it.
@@ -13,9 +13,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, rotation_matrix
+from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import KNOWN, MavlinkSimulator
+from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import ATTITUDE, VELOCITY, FlightSensors, pieces
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
-from aircraft_sysid_ros.simulation.stand_in.autopilot import KNOWN, StandIn
-from aircraft_sysid_ros.simulation.stand_in.sensors import ATTITUDE, VELOCITY, FlightSensors, pieces
 
 BOOT = 100.0  # [s] since start when the flight begins
 UNIX = 1_780_000_000
@@ -48,34 +48,34 @@ class Sent:
 
 
 class Flown:
-    """A flight whose sensors are nearly without noise, as the packets of a stand-in that is asked for everything."""
+    """A flight whose sensors are nearly without noise, as the packets of a simulator that is asked for everything."""
 
-    def __init__(self, aircraft, calibration):
+    def __init__(self, aircraft, mapping):
         self.aircraft, self.truth = aircraft, simulate_samples(aircraft, seed=2, duration=FLOWN).truth
         self.sensors = FlightSensors(aircraft, 2, noise_scale=NOISE)
         events = [event for piece in pieces(self.truth)[: int(DURATION)] for event in self.sensors.events(piece)]
         topics = {event.topic for event in events}
         self.sampled = {topic: np.array([e.time for e in events if e.topic == topic]) for topic in topics}
-        stand_in = StandIn(calibration, unix_start=UNIX * 10**9)
+        simulator = MavlinkSimulator(mapping, unix_start=UNIX * 10**9)
         self._reader = dialect.MAVLink(None)
         self._sent = []
-        self._ask(stand_in)
+        self._ask(simulator)
         for event in events:
-            stand_in.tick(event.time)
-            stand_in.sense(event)
-            self._read(stand_in, event.time)
+            simulator.tick(event.time)
+            simulator.sense(event)
+            self._read(simulator, event.time)
 
-    def _ask(self, stand_in):
+    def _ask(self, simulator):
         link = dialect.MAVLink(None, srcSystem=7, srcComponent=191)
-        stand_in.receive(dialect.MAVLink_timesync_message(0, QUESTION).pack(link), 0.0)
+        simulator.receive(dialect.MAVLink_timesync_message(0, QUESTION).pack(link), 0.0)
         for number in KNOWN:
             command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
             message = dialect.MAVLink_command_long_message(1, 1, command, 0, number, 1e4, 0, 0, 0, 0, 0)
-            stand_in.receive(message.pack(link), 0.0)
-        self._read(stand_in, 0.0)
+            simulator.receive(message.pack(link), 0.0)
+        self._read(simulator, 0.0)
 
-    def _read(self, stand_in, time):
-        for packet in stand_in.packets():
+    def _read(self, simulator, time):
+        for packet in simulator.packets():
             self._sent += [(time, message) for message in self._reader.parse_buffer(packet)]
 
     @property
@@ -88,8 +88,8 @@ class Flown:
 
 
 @pytest.fixture(scope="module")
-def flown(aircraft, calibration):
-    return Flown(aircraft, calibration)
+def flown(aircraft, mapping):
+    return Flown(aircraft, mapping)
 
 
 # -- what is true ---------------------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def heading(sent):
 
 
 def pulse(i, per_radian):
-    """A servo about 1500 us, by the calibration of the stand-in."""
+    """A servo about 1500 us, by the servo mapping of the simulator."""
     return Field(lambda sent: (1500.0 + controls(sent)[:, i] * per_radian) * 1e-6, 1e-6)
 
 

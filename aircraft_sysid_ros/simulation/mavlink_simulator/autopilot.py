@@ -1,4 +1,4 @@
-"""The protocol of the stand-in, without sockets: samples and bytes in with their times, packets out."""
+"""The protocol of the MAVLink simulator, without sockets: samples and bytes in with their times, packets out."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aircraft_sysid_ros.mavlink.calibration import Calibration
 from aircraft_sysid_ros.mavlink.decoder import Decoder
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH
-from aircraft_sysid_ros.simulation.stand_in.messages import MESSAGES_OF, Encoder
-from aircraft_sysid_ros.simulation.stand_in.sensors import Event
+from aircraft_sysid_ros.simulation.mavlink_simulator.messages import MESSAGES_OF, Encoder
+from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import Event
 
 NANOSECONDS = 1_000_000_000
 SYSTEM, COMPONENT = 1, 1
@@ -29,7 +29,7 @@ STREAMS = {
     1: ("RAW_IMU", "SCALED_PRESSURE"), 2: ("GPS_RAW_INT", "SYS_STATUS"), 3: ("SERVO_OUTPUT_RAW",),
     6: ("GLOBAL_POSITION_INT",), 10: ("ATTITUDE", "AOA_SSA"), 11: ("VFR_HUD",), 12: ("WIND", "RPM", "SYSTEM_TIME"),
 }  # fmt: skip
-#: Messages of the stand-in by number, those of ArduPlane 4.6.
+#: Messages of the MAVLink simulator by number, those of ArduPlane 4.6.
 KNOWN = {
     getattr(dialect, f"MAVLINK_MSG_ID_{name}"): name
     for name in {name for names in MESSAGES_OF.values() for name in names} | FIRST_RATES.keys()
@@ -77,16 +77,16 @@ class _Schedule:
 
 
 @dataclass
-class StandIn:
+class MavlinkSimulator:
     """One autopilot; ``time`` is that of the flight [s], the same for everybody."""
 
-    calibration: Calibration
+    mapping: ServoMapping
     faults: Faults = field(default_factory=Faults)
     seed: int = 0
     unix_start: int = EPOCH  # [ns] when the flight begins, as its GPS says
 
     def __post_init__(self) -> None:
-        self.encoder = Encoder(self.calibration)
+        self.encoder = Encoder(self.mapping)
         self.heard: deque[Any] = deque(maxlen=_MOST_HEARD)  # wind and parameters that came back
         self.sent: Counter[str] = Counter()
         self.lost = 0

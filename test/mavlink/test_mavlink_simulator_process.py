@@ -1,4 +1,4 @@
-"""The stand-in's command line: what it refuses, before it writes or deletes anything."""
+"""The MAVLink simulator's command line: what it refuses, before it writes or deletes anything."""
 
 import os
 import re
@@ -13,8 +13,8 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.simulation.stand_in import process
-from aircraft_sysid_ros.simulation.stand_in.process import main
+from aircraft_sysid_ros.simulation.mavlink_simulator import process
+from aircraft_sysid_ros.simulation.mavlink_simulator.process import main
 
 CONNECTION = "udpout:127.0.0.1:9"
 
@@ -23,7 +23,7 @@ def refused(capfd, *arguments):
     assert main(["--connect", CONNECTION, "--simulator", "textbook", *map(str, arguments)]) == 2
     captured = capfd.readouterr()
     (line,) = captured.err.splitlines()
-    assert captured.out == "" and line.startswith("autopilot_stand_in: ")
+    assert captured.out == "" and line.startswith("mavlink_simulator: ")
     return line
 
 

@@ -1,4 +1,4 @@
-"""What the sensors of the stand-in show, a second at a time, for a simulator that flies while it is watched."""
+"""What the sensors of the MAVLink simulator show, a second at a time, for a flight that is watched."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class FlightSensors:
         sensors = {name: replace(sensor, delay=0.0) for name, sensor in aircraft.sensors.items()}
         self.aircraft = replace(aircraft, sensors=sensors, process_noise=dict.fromkeys(aircraft.process_noise, 0.0))
         self._seed, self._vanes, self._piece = seed, vanes, 0
-        rng = generator(seed, "biases of the stand-in")
+        rng = generator(seed, "biases of the stand-in")  # names of seeds: others would be other numbers
         self.accelerometer_bias = _ACCELEROMETER_BIAS * rng.standard_normal(3)
         self.gyro_bias = _GYRO_BIAS * rng.standard_normal(3)
         self._options = SensorOptions(

@@ -15,9 +15,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, HEAT_RATIO, STANDARD_GRAVITY, altitude_at, pressure
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.mavlink.airspeed import SEA_LEVEL_DENSITY
-from aircraft_sysid_ros.mavlink.calibration import MIXING, Calibration
+from aircraft_sysid_ros.mavlink.servo_mapping import MIXING, ServoMapping
 from aircraft_sysid_ros.ros_messages.conversion import frd_from_flu, ned_from_enu
-from aircraft_sysid_ros.simulation.stand_in.sensors import ATTITUDE, VELOCITY, WIND, Event
+from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import ATTITUDE, VELOCITY, WIND, Event
 
 Array = npt.NDArray[np.float64]
 
@@ -46,8 +46,8 @@ _NO_YAW, _NO_HEADING_ACCURACY, _MAIN_OUTPUTS = 0, 0, 0
 class Encoder:
     """Makes messages of samples; keeps the newest of each topic, since most messages need several."""
 
-    def __init__(self, calibration: Calibration) -> None:
-        self._calibration = calibration
+    def __init__(self, mapping: ServoMapping) -> None:
+        self._calibration = mapping
         self._newest: dict[str, Event] = {}
 
     def take(self, event: Event) -> None:

@@ -1,4 +1,4 @@
-"""A flight through the stand-in and the bridge's session on one virtual clock: faster than real time."""
+"""A flight through the MAVLink simulator and the bridge's session on one virtual clock: faster than real time."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from aircraft_sysid_ros.mavlink.assembler import Output
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS, USED_FIELDS, samples_and_rows
 from aircraft_sysid_ros.samples import Samples, concatenate
-from aircraft_sysid_ros.simulation.stand_in.autopilot import StandIn
-from aircraft_sysid_ros.simulation.stand_in.sensors import Event
+from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import MavlinkSimulator
+from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import Event
 
 NANOSECONDS = 1_000_000_000
 STEP = 0.01  # [s] between looks at the link
@@ -31,7 +31,7 @@ class Link:
 
 def bridged(
     events: Sequence[Event],
-    stand_in: StandIn,
+    simulator: MavlinkSimulator,
     session: Session,
     link: Link | None = None,
     at: Sequence[tuple[float, Callable[[], None]]] = (),
@@ -53,14 +53,14 @@ def bridged(
         while pending and pending[0][0] <= now:
             pending.pop(0)[1]()
         for sent, data in _arrived(up, now):
-            stand_in.receive(data, sent)
-            down += _delayed(stand_in, sent, link, rng)
+            simulator.receive(data, sent)
+            down += _delayed(simulator, sent, link, rng)
         while position < len(events) and events[position].time <= now:
-            stand_in.sense(events[position])
+            simulator.sense(events[position])
             position += 1
-            down += _delayed(stand_in, events[position - 1].time, link, rng)
-        stand_in.tick(now)
-        down += _delayed(stand_in, now, link, rng)
+            down += _delayed(simulator, events[position - 1].time, link, rng)
+        simulator.tick(now)
+        down += _delayed(simulator, now, link, rng)
         for arrival, data in _arrived(down, now):
             outputs += session.receive(data, START + round(arrival * NANOSECONDS))
         data = session.tick(START + round(now * NANOSECONDS))
@@ -73,8 +73,10 @@ def _delay(link: Link, rng: np.random.Generator) -> float:
     return link.least + float(rng.exponential(link.jitter)) if link.jitter > 0.0 else link.least
 
 
-def _delayed(stand_in: StandIn, sent: float, link: Link, rng: np.random.Generator) -> list[tuple[float, bytes]]:
-    return [(sent + _delay(link, rng), packet) for packet in stand_in.packets()]
+def _delayed(
+    simulator: MavlinkSimulator, sent: float, link: Link, rng: np.random.Generator
+) -> list[tuple[float, bytes]]:
+    return [(sent + _delay(link, rng), packet) for packet in simulator.packets()]
 
 
 def _arrived(queue: list[tuple[float, bytes]], now: float) -> list[tuple[float, bytes]]:

@@ -79,13 +79,13 @@ class Output:
         return np.where(np.isfinite(pulses), shown, np.nan)
 
     def pulse(self, value: Array) -> Array:
-        """Pulse that gives a value: the inverse, for a stand-in of an autopilot."""
+        """Pulse that gives a value: the inverse, for a simulated autopilot."""
         order = np.argsort(self.values)
         return np.asarray(np.interp(value, self.values[order], self.points[order]))
 
 
 @dataclass(frozen=True)
-class Calibration:
+class ServoMapping:
     """What one autopilot's numbers mean; the defaults are those without a file."""
 
     outputs: Mapping[int, Output] = field(default_factory=dict)
@@ -118,16 +118,16 @@ class Calibration:
         return found
 
 
-def load_calibration(path: str | Path) -> Calibration:
+def load_servo_mapping(path: str | Path) -> ServoMapping:
     """Read and check a calibration file; raises InputError that names the file, the key and what to mend."""
     content = read_yaml(path, "calibration file")
     try:
-        return calibration_from_dict({} if content is None else content)
+        return servo_mapping_from_dict({} if content is None else content)
     except InputError as error:
         raise InputError(f"calibration file {path}: {error}") from None
 
 
-def calibration_from_dict(content: Any) -> Calibration:
+def servo_mapping_from_dict(content: Any) -> ServoMapping:
     """A calibration from the content of a file; raises InputError."""
     data = _mapping(content, "the content", _KEYS)
     airspeed = _mapping(data.get("airspeed"), "airspeed", ("source", "meaning", "scale", "offset"))
@@ -137,7 +137,7 @@ def calibration_from_dict(content: Any) -> Calibration:
     if meaning is not None and meaning not in MEANINGS:
         raise InputError(f"the meaning of airspeed must be one of {', '.join(MEANINGS)}, not {meaning}")
     std = None if attitude.get("std") is None else _number(attitude["std"], "the std of attitude", 1e-4, 1.0)
-    return Calibration(
+    return ServoMapping(
         outputs=_outputs(data.get("outputs")),
         airspeed_source=None if airspeed.get("source") is None else str(airspeed["source"]),
         airspeed_meaning=meaning,

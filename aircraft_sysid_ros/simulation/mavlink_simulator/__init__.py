@@ -1,0 +1,1 @@
+"""A simulated autopilot: flies a simulator and speaks MAVLink as ArduPlane, with faults of link and clock."""
