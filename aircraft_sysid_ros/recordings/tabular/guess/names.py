@@ -26,9 +26,7 @@ _UNIT_ENDINGS, _SAYS_UNIT = (
     {word: unit for unit, words in _VOCABULARY[key].items() for word in words.split()}
     for key in ("unit_endings", "says_unit")
 )
-_GREEK = str.maketrans(
-    {"α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d"}  # type: ignore[arg-type]
-)
+_GREEK = str.maketrans({"α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d"})
 _INDEX = re.compile(r"\[(\d)\](?=$|_)")
 _FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
 
