@@ -12,7 +12,8 @@ from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 @pytest.fixture(scope="module")
 def flight(aircraft):
-    return simulate_samples(aircraft, seed=3, duration=20.0).samples
+    samples = simulate_samples(aircraft, seed=3, duration=20.0).samples
+    return samples[: len(samples) // 2]
 
 
 def with_late_controls(samples, lateness: float):
