@@ -1,13 +1,15 @@
 """Hidden effects: does the diagnosis name what is missing, and say "none" when nothing is?
 
     python benchmarks/hidden_effects.py [--seeds 4] [--clean 60] [--jobs 2] [--set tuned|fresh] [--only EFFECT ...]
+    python benchmarks/hidden_effects.py --set fresh --imu-rate 10 --duration 90 --clean 20    # a slow IMU
 
 Flights of 120 s from the project's own simulator and from JSBSim, with one effect of the library hidden, or none. Air
 (calm, light turbulence), noise (1 and 2 times the aircraft file's), strength (full and half), wind and manoeuvres are
 drawn from the seed, so that a few seeds per effect cover all of them. The diagnosis gets the samples and the aircraft
 file, nothing else; other methods (other_methods) get the same flight, reconstructed, of every third seed. Each flight
 is a line in results/hidden_effects_SET.jsonl: a run that is stopped goes on where it was. Seeds of the set "fresh" are
-flown once, and nothing is changed afterwards; then they join "tuned".
+flown once, and nothing is changed afterwards; then they join "tuned". With --imu-rate flights are clean ones only, of
+whose IMU so many samples a second are kept, and the aircraft file does not know; their results have files of their own.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # flights share the cores; b
 import json
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -77,13 +81,16 @@ def jobs(which: str, seeds: int, clean: int) -> list[dict[str, Any]]:
     return [flights[i] for i in np.random.default_rng(first).permutation(len(flights))]
 
 
-def fly(job: dict[str, Any]) -> dict[str, Any]:
-    """One flight and its diagnosis."""
+def fly(job: dict[str, Any], duration: float | None = None, imu_rate: float | None = None) -> dict[str, Any]:
+    """One flight and its diagnosis; durations [s] other than DURATION, and rates of the IMU [Hz], where given."""
     _one_core()
     setting = conditions(job["seed"])
     result = {**job, **setting}
     try:
-        flight = hidden_flight(job["simulator"], job["effect"], seed=job["seed"], duration=DURATION, **setting)
+        flight = hidden_flight(
+            job["simulator"], job["effect"], seed=job["seed"], duration=duration or DURATION, **setting
+        )
+        flight = with_slow_imu(flight, imu_rate) if imu_rate else flight
         started = _seconds()
         found = diagnose_flight(flight.aircraft, flight.samples, replicas=REPLICAS)
         result["seconds"] = _seconds() - started
@@ -91,7 +98,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
         return {**result, "failed": str(error)}
     base = _bench(flight.aircraft, flight)
     result |= {"manoeuvres": flight.manoeuvres, **verdict_of(found), **errors_of(flight, found, base)}
-    if job["seed"] % METHODS_EVERY == 0:
+    if job["seed"] % METHODS_EVERY == 0 and not imu_rate:
         result["methods"] = other_methods.answers(base)
     if job["effect"] and BY_ID[job["effect"]].kind != MEASUREMENT:
         library = [e for e in LIBRARY if e.kind != MEASUREMENT and e.identifier != job["effect"]]
@@ -105,6 +112,19 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
             "effect": best.candidate.effect.identifier if best and best.candidate.effect else None,
         }
     return result
+
+
+def with_slow_imu(flight: SimulatedFlight, rate: float) -> SimulatedFlight:
+    """The flight with the first IMU sample of every 1 / rate [s] alone."""
+    streams = []
+    for stream in flight.streams:
+        if stream.topic == "imu/data":
+            slot = np.floor((stream.stamp - stream.stamp[0]) * 1e-9 * rate + 1e-6)
+            kept = np.diff(slot, prepend=-1.0) > 0.0
+            fields = {name: values[kept] for name, values in stream.fields.items()}
+            stream = replace(stream, stamp=stream.stamp[kept], arrival=stream.arrival[kept], fields=fields)
+        streams.append(stream)
+    return replace(flight, streams=streams)
 
 
 def _seconds() -> float:
@@ -303,24 +323,31 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--only", nargs="+", metavar="EFFECT", help="these effects alone")
     parser.add_argument("--summary", action="store_true", help="no flights, only the summary of those that are there")
+    parser.add_argument("--duration", type=float, default=DURATION, metavar="S", help="of each flight (%(default)s)")
+    parser.add_argument("--imu-rate", type=float, metavar="HZ", help="clean flights alone, with a slow IMU")
     arguments = parser.parse_args()
-    path = lines_path(arguments.set)
-    lines = lines_of(arguments.set)
+    slow = arguments.imu_rate is not None
+    name = f"{arguments.set}_imu_{arguments.imu_rate:g}_hz" if slow else arguments.set
+    path = lines_path(name)
+    lines = lines_of(name)
     done = {(line["simulator"], line["effect"], line["seed"]) for line in lines}
-    todo = [j for j in jobs(arguments.set, arguments.seeds, arguments.clean) if (*j.values(),) not in done]
+    flights = jobs(arguments.set, 0 if slow else arguments.seeds, arguments.clean)
+    todo = [j for j in flights if (*j.values(),) not in done]
     todo = [j for j in todo if not arguments.only or j["effect"] in arguments.only]
     if not arguments.summary and todo:
         context = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(arguments.jobs, mp_context=context) as pool, path.open("a", encoding="utf8") as file:
-            for number, line in enumerate(pool.map(fly, todo), 1):
+            flown = pool.map(partial(fly, duration=arguments.duration, imu_rate=arguments.imu_rate), todo)
+            for number, line in enumerate(flown, 1):
                 lines.append(line)
                 file.write(json.dumps(line) + "\n")
                 file.flush()
                 print(f"{number}/{len(todo)} {line['simulator']} {line['effect']}: {line.get('verdict')}", flush=True)
     result = summary(lines)
-    (RESULTS / f"hidden_effects_{arguments.set}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")
-    sets = {name: lines_of(name) for name in FIRST_SEED if lines_path(name).exists()}
-    draw(sets, {name: summary(found) for name, found in sets.items()}, FIGURE)
+    (RESULTS / f"hidden_effects_{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")
+    if not slow:
+        sets = {name: lines_of(name) for name in FIRST_SEED if lines_path(name).exists()}
+        draw(sets, {name: summary(found) for name, found in sets.items()}, FIGURE)
     print(json.dumps(result, indent=1))
 
 

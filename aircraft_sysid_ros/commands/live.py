@@ -19,8 +19,8 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
+from aircraft_sysid_ros.commands.replay import rate_notes, why_no_start
 from aircraft_sysid_ros.commands.replay import render as render_run
-from aircraft_sysid_ros.commands.replay import why_no_start
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import missing_ros
@@ -192,7 +192,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
         "states": [state.rows_published, parameters.states_received],
         "late": late,
         "lost": lost,
-        "notes": [note for note in told if note],
+        "notes": [*(note for note in told if note), *rate_notes(parameters.estimator.stream)],
     }
     if writer is None:
         from aircraft_sysid_ros.identification.model_file import parameters_json

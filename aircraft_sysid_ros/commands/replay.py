@@ -28,10 +28,13 @@ from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.flight_data import SHORTEST as SHORTEST_FLIGHT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.coefficients.pace import CHANGE, LOWEST_RATE, SPARSEST_CONTROLS, too_slow
+from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream
 from aircraft_sysid_ros.identification.physical_bounds import check_bounds
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
+from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
@@ -196,7 +199,7 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
     if "control_surfaces" not in recording.topics:
         found.append("no /control_surfaces: state, biases and wind only, no parameters")
     else:
-        found += length_notes(pipeline)
+        found += length_notes(pipeline) + rate_notes(pipeline.parameters.stream)
     found += bound_notes(pipeline.parameters.aircraft)
     found += gap_notes(recording.samples) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
@@ -228,6 +231,24 @@ def length_notes(pipeline: Pipeline) -> list[str]:
         f"{seconds:.0f} s are too short for parameters, none of them is to be used: record at least "
         f"{SHORTEST_FLIGHT:g} s of flight with motion about every axis"
     ]
+
+
+def rate_notes(stream: CoefficientStream) -> list[str]:
+    """Said of an IMU and of controls that are slow beside the motion of an aeroplane, at the end of a flight."""
+    pace, controls = stream.pace, stream.controls.pace
+    if pace.is_too_slow:
+        return [f"{too_slow(pace.rate)}, and no parameter is learnt"]
+    found = []
+    if pace.is_sparse:
+        least = f"standard errors are at least {pace.sampling_error:.1%} of a value for it (docs/parameters.md)"
+        unknown = "what happens between its samples is not known"
+        found.append(f"the IMU comes at {pace.rate:.2g} Hz: {unknown}, and {least}")
+    if controls.interval > CHANGE * pace.interval:
+        needed = f"at least {LOWEST_RATE:g} Hz are needed"
+        unknown = "what happens between their samples is not known, and no standard error counts it"
+        too_few = controls.interval > SPARSEST_CONTROLS
+        found.append(f"the controls come at {controls.rate:.2g} Hz: {needed if too_few else unknown}")
+    return found
 
 
 def bound_notes(aircraft: Aircraft) -> list[str]:
@@ -279,6 +300,10 @@ def why_no_start(state: StateEstimator) -> str:
     useless = [_why_useless(counts[kind], *words) for kind, words in _START_WITH.items()]
     if any(useless):
         return "; ".join(reason for reason in useless if reason)
+    intervals, seconds = counts["imu"]["received"] - 1, state.flight_time
+    if seconds > LARGEST_GAP * intervals:
+        rate = f"the IMU comes at {intervals / seconds:.2g} Hz"
+        return f"{rate}: it needs samples that are at most {LARGEST_GAP:g} s apart"
     speed = state.aircraft.minimum_airspeed
     return (
         "it needs a second of IMU and GPS together, and then an attitude, a magnetometer, or motion of more than "

@@ -12,7 +12,7 @@ The reconstructed wind is smoother than the true one; gusts as fast as the recon
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
 from aircraft_sysid_ros.diagnosis.reconstruction import AIR_DATA
+from aircraft_sysid_ros.diagnosis.sensor_rates import with_recorded_rates
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.signals import fill_signals
@@ -33,20 +34,10 @@ from aircraft_sysid_ros.sensors.truth import Truth
 
 Array = npt.NDArray[np.float64]
 
-#: Above this [Hz] reconstructed rates and accelerations are the noise of their sensors, not motion.
-MOTION_BAND = 8.0
+#: Above this [Hz] reconstructed rates and accelerations are the noise of their sensors, not motion; above this share of
+#: the rate of the states they are not known at all (half of it is the Nyquist frequency).
+MOTION_BAND, KNOWN_SHARE = 8.0, 0.4
 RATE = 100.0  # [Hz] of the world
-
-_SENSOR_OF_RATE = {
-    Kind.IMU: ("accelerometer", "gyro"),
-    Kind.GPS_POSITION: ("gps_position",),
-    Kind.GPS_VELOCITY: ("gps_velocity",),
-    Kind.AIRSPEED: ("airspeed", "angle_of_attack", "sideslip", "static_pressure"),
-    Kind.CONTROLS: ("control_surfaces",),
-    Kind.ATTITUDE: ("attitude",),
-    Kind.MAGNETIC_FIELD: ("magnetometer",),
-    Kind.HEIGHT: ("height_above_ground",),
-}
 
 
 @dataclass(frozen=True)
@@ -73,15 +64,20 @@ class FlightConditions:
         samples = arrived(streams)
         return samples[np.isin(samples.kind, self.kinds)]
 
-    def excess_at(self, times: Array, half_width: float) -> Array:
-        """The excess (m, 6) at times [s] of the world, averaged as measured coefficients are."""
+    def excess_at(self, times: Array, half_width: float, seen: Array | None = None) -> Array:
+        """The excess (m, 6) at times [s] of the world, averaged as measured coefficients are.
+
+        ``seen``: the times [s] of the states where those are sparse; a measured coefficient knows no others.
+        """
         out, slopes = np.full((len(times), 6), np.nan), np.empty(6)
-        grid = self.truth.time
+        grid, excess, sparse = self.truth.time, self.excess, seen is not None
+        if seen is not None:
+            grid, excess = seen, np.stack([np.interp(seen, grid, column) for column in excess.T], axis=1)
         for i, center in enumerate(times):
             first = int(np.searchsorted(grid, center - half_width, side="right")) - 1
             last = int(np.searchsorted(grid, center + half_width))
             if first >= 0 and last < len(grid):
-                window_average(grid, self.excess, first, last, center, half_width, out[i], slopes)
+                window_average(grid, excess, first, last, center, half_width, out[i], slopes, sparse)
         return out
 
 
@@ -104,12 +100,14 @@ def world_of(
     on_grid = _resampled(rows, time)
     quaternion = on_grid[:, StateField.ATTITUDE]
     quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
-    rates = low_passed(on_grid[:, StateField.ANGULAR_VELOCITY], MOTION_BAND)
+    motion_band = min(MOTION_BAND, KNOWN_SHARE / float(np.median(np.diff(rows[:, StateField.TIME]))))
+    rates = low_passed(on_grid[:, StateField.ANGULAR_VELOCITY], motion_band)
     turning = np.gradient(rates, 1.0 / RATE, axis=0)
     arm = aircraft.imu_position
-    force = low_passed(on_grid[:, StateField.SPECIFIC_FORCE], MOTION_BAND)
+    force = low_passed(on_grid[:, StateField.SPECIFIC_FORCE], motion_band)
     force = force - np.cross(turning, arm) - np.cross(rates, np.cross(rates, arm))
-    band = gust_band(sensing(aircraft, samples), float(np.mean(rows[:, StateField.AIRSPEED])), gusts)
+    sensing = with_recorded_rates(aircraft, samples)
+    band = gust_band(sensing, float(np.mean(rows[:, StateField.AIRSPEED])), gusts)
     wind = on_grid[:, StateField.WIND] + _fast_gusts(len(time), gusts, band, seed)
     velocity = on_grid[:, StateField.VELOCITY]
     to_body = np.array([rotation_matrix(q).T for q in quaternion])
@@ -148,19 +146,7 @@ def world_of(
     )
     model = _model_coefficients(aircraft, world_rows, controls, height, parameters)
     kinds = tuple(int(kind) for kind in np.unique(samples.kind))
-    return FlightConditions(aircraft, sensing(aircraft, samples), truth, coefficients - model, kinds)
-
-
-def sensing(aircraft: Aircraft, samples: Samples) -> Aircraft:
-    """The aircraft with the rates that the sensors of the recording really have."""
-    sensors = dict(aircraft.sensors)
-    for kind, names in _SENSOR_OF_RATE.items():
-        stamps = samples.stamp[samples.kind == kind]
-        if len(stamps) > 10:
-            rate = float(1e9 / np.median(np.diff(np.sort(stamps))))
-            for name in names:
-                sensors[name] = replace(sensors[name], rate=rate)
-    return replace(aircraft, sensors=sensors)
+    return FlightConditions(aircraft, sensing, truth, coefficients - model, kinds)
 
 
 def low_passed(series: Array, band: float) -> Array:

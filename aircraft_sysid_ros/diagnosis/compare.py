@@ -57,12 +57,21 @@ class Comparison:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know about the noise that the aircraft file states."""
-        return [*self._odd_noise, *self._not_known]
+        """What the user should know about the noise that the aircraft file states, and about a slow IMU."""
+        return [*self._between_samples, *self._odd_noise, *self._not_known]
+
+    @property
+    def _between_samples(self) -> list[str]:
+        if not self.flight.sparse_interval > 0.0:
+            return []
+        rate = f"the IMU comes at {1.0 / self.flight.sparse_interval:.2g} Hz"
+        beyond = "what happens between two samples, most in quick manoeuvres, is in the errors beyond it"
+        return [f"{rate}: the floor is the noise of the sensors alone, and {beyond}"]
 
     @property
     def _odd_noise(self) -> list[str]:
-        odd = {name: a.noise_seen for name, a in self.axes.items() if not 1 / _ODD_NOISE < a.noise_seen < _ODD_NOISE}
+        most = np.inf if self.flight.sparse_interval > 0.0 else _ODD_NOISE  # there it is motion, see _between_samples
+        odd = {name: a.noise_seen for name, a in self.axes.items() if not 1 / _ODD_NOISE < a.noise_seen < most}
         return [
             f"the fast part of the residual of {name} is {seen:.1f} times the noise that the aircraft file gives: its "
             "noise floor is wrong by as much, check the noise of the sensors"

@@ -14,7 +14,10 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_rows, link
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.pace import why_controls_too_slow, why_too_slow
+from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS
 from aircraft_sysid_ros.run_reader import UNREADABLE, not_a_run, read_points
+from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -40,6 +43,7 @@ class FlightData:
     #: One sigma [m/s] of the air-relative velocity across the flow, the median over the flight; NaN: not stated.
     air_velocity_std: float = np.nan
     smoothed: bool = False  # by later measurements too
+    sparse_interval: float = 0.0  # [s] between states where they are sparse (identification.coefficients.pace), else 0
     #: Newest columns by text: a search tries the same in several axes.
     _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -109,12 +113,19 @@ def load_flight_data(run: str | Path) -> FlightData:
         raise InputError(f"{run} was written by another version of this program: replay the recording again")
     time = (stamp - stamp[0]) * 1e-9 if len(stamp) else np.empty(0)
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
-    check_length(str(run), time, step)
-    return FlightData(aircraft, time, measured, signals, step)
+    flight = FlightData(aircraft, time, measured, signals, step)
+    check_flight(str(run), flight)
+    return flight
 
 
-def check_length(run: str, time: Array, step: float) -> None:
-    """Raises InputError where a run has less than SHORTEST in flight."""
-    if not len(time) * step >= SHORTEST:
-        seconds = 0.0 if len(time) < 2 else len(time) * step
-        raise InputError(f"{run} has {seconds:.0f} s in flight with air data: {SHORTEST:g} s are needed")
+def check_flight(run: str, flight: FlightData, samples: Samples | None = None) -> None:
+    """Raises InputError where a run has less than SHORTEST in flight, or samples too slow for it, which it names."""
+    count, controls = len(flight.time), flight.model.signals_used & CONTROL_SIGNALS
+    if not count * flight.step >= SHORTEST:
+        seconds = 0.0 if count < 2 else count * flight.step
+        slow = "" if samples is None else why_too_slow(samples)
+        short = f"{run} has {seconds:.0f} s in flight with air data: {SHORTEST:g} s are needed"
+        raise InputError(f"{run} cannot be judged: {slow}" if slow else short)
+    unknown = controls and not any(np.isfinite(flight.signal(name)).any() for name in controls)
+    if unknown and samples is not None and (slow := why_controls_too_slow(samples)):
+        raise InputError(f"{run} cannot be judged: {slow}")

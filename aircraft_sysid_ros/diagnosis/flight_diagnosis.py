@@ -25,9 +25,9 @@ from aircraft_sysid_ros.diagnosis.diagnose import (
 )
 from aircraft_sysid_ros.diagnosis.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.fit import fit_axis, held_out_error
-from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_length
+from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT, Replica, replicas_of
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT, LEAST_TIME, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.reconstruction import (
     Reconstruction,
     reconstruct_as_flown,
@@ -181,7 +181,7 @@ def diagnose_flight(
     progress("reconstruct the flight", 0.0)
     flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
     data = settled_flight(flight)
-    check_length("the flight", data.time, data.step)
+    check_flight("the flight", data, samples)
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]
     others = [effect for effect in library if effect.kind != MEASUREMENT]
     settings: list[MeasurementFinding] = []
@@ -196,7 +196,8 @@ def diagnose_flight(
         settings.append(finding)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
     if len(repeated) < 2:
-        raise InputError("no stretch of this flight is long enough to be diagnosed: 20 s in flight without a gap are")
+        long_enough = f"{LEAST_TIME:g} s in flight without a gap, with motion about every axis, are"
+        raise InputError(f"no stretch of this flight is long enough to be diagnosed: {long_enough}")
     result = diagnose(CandidateEvaluator(data), repeated, others, lambda share: progress("try the library", share))
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
 

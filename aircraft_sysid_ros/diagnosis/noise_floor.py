@@ -11,6 +11,10 @@ Two parts, added in squares, point by point:
   (1 - P/R) / (1 + P/R): its spectrum is Q R / (Q + 2 R (1 - cos w)). This says how much a window takes out.
   Airspeed shares the walk, so that its variance is greater by the root of the ratio of the measurement variances.
 
+Where states are sparse (``identification.coefficients.pace``), a point sees its sensors at their times only, and by
+straight lines between them. What noise a window lets through then depends on where it lies between the states: the
+variance is the mean over PHASES places.
+
 What is slow, such as a bias, is explained by the constant term and is not part of it. Nor is what the aircraft file
 does not know: an accelerometer with more noise than it says. ``noise_seen`` asks the data.
 """
@@ -19,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +49,8 @@ _WITH_AIRSPEED = {
 _SURFACES = ("de", "da", "dr", "flaps")
 #: Fourth differences see noise and not the slow part of a residual.
 _STENCIL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+#: Places of a window between states that are sparse.
+PHASES = 8
 #: A normal variable is within this many sigma half of the time.
 _MEDIAN = 0.6745
 
@@ -52,21 +59,28 @@ _MEDIAN = 0.6745
 class Source:
     """One cause of error: samples at ``interval`` [s], each of a ``variance`` (n,) in the unit of the coefficient.
 
-    A sample keeps ``correlation`` of the one before; ``weights`` (m,) make a point of the samples in its window.
+    A sample keeps ``correlation`` of the one before; a point is the mean over its window, or the ``slope`` in it.
     """
 
     variance: Array
     interval: float
-    weights: Array
+    slope: bool = False
     correlation: float = 0.0
+    sparse: bool = False  # far apart beside the window
 
     def of_points(self, stencil: Array, step: float) -> float:
         """Variance, over that of a sample, of a sum of points ``step`` [s] apart with the weights ``stencil``."""
-        spaced = np.zeros((len(stencil) - 1) * max(round(step / self.interval), 1) + 1)
-        spaced[:: max(round(step / self.interval), 1)] = stencil
-        weights = np.convolve(spaced, self.weights)
-        lag = np.arange(len(weights))
-        return float(weights @ np.power(self.correlation, np.abs(lag[:, None] - lag)) @ weights)
+        if self.sparse:
+            places = [
+                _sparse_weights(self.interval, place, tuple(stencil), step, self.slope) for place in range(PHASES)
+            ]
+        else:
+            spaced = np.zeros((len(stencil) - 1) * max(round(step / self.interval), 1) + 1)
+            spaced[:: max(round(step / self.interval), 1)] = stencil
+            places = [np.convolve(spaced, window_weights(self.interval)[int(self.slope)])]
+        lag = np.arange(len(places[0]))
+        kept = np.power(self.correlation, np.abs(lag[:, None] - lag))
+        return float(np.mean([weights @ kept @ weights for weights in places]))
 
 
 @dataclass(frozen=True)
@@ -105,6 +119,23 @@ def window_weights(interval: float, half_width: float = HALF_WIDTH) -> tuple[Arr
     return means, slopes
 
 
+@cache
+def _sparse_weights(interval: float, place: int, stencil: tuple[float, ...], step: float, slope: bool) -> Array:
+    """Weights (m,) of sparse samples ``interval`` [s] apart in a sum of points, the first of them at a ``place``."""
+    count = int(np.ceil(HALF_WIDTH / interval)) + 1
+    times = interval * np.arange(
+        -count, count + 2 + int(np.ceil((len(stencil) - 1) * step / interval)), dtype=np.float64
+    )
+    means, slopes, total = np.empty(len(times)), np.empty(len(times)), np.zeros(len(times))
+    for number, factor in enumerate(stencil):
+        center = interval * place / PHASES + number * step
+        first = int(np.searchsorted(times, center - HALF_WIDTH, side="right")) - 1
+        last = int(np.searchsorted(times, center + HALF_WIDTH))
+        window_average(times, np.eye(len(times)), first, last, center, HALF_WIDTH, means, slopes, True)
+        total += factor * (slopes if slope else means)
+    return total
+
+
 def variance_of(sources: tuple[Source, ...], stencil: Array | None = None, step: float = 1.0) -> Array:
     """Variance (n,) of a point, or of a weighted sum of neighbouring points ``step`` [s] apart."""
     weights = np.ones(1) if stencil is None else stencil
@@ -112,8 +143,18 @@ def variance_of(sources: tuple[Source, ...], stencil: Array | None = None, step:
     return np.asarray(np.sum(parts, axis=0))
 
 
-def response_sources(aircraft: Aircraft, qbar: Array, index: int) -> tuple[Source, ...]:
-    """White noise of accelerometer and gyro in the measured coefficient number ``index``."""
+def _source(variance: Array, rate: float, sparse: float, correlation: float = 0.0, slope: bool = False) -> Source:
+    """The source of a sensor at a rate [Hz], seen at the times of states that are ``sparse`` [s] apart; 0: at all."""
+    if sparse > 0.0:
+        return Source(variance, sparse, slope, correlation ** (sparse * rate), True)
+    return Source(variance, 1.0 / rate, slope, correlation)
+
+
+def response_sources(aircraft: Aircraft, qbar: Array, index: int, sparse: float = 0.0) -> tuple[Source, ...]:
+    """White noise of accelerometer and gyro in the measured coefficient number ``index``.
+
+    ``sparse``: time [s] between states where they are sparse, else 0.
+    """
     body = body_of(aircraft)
     accelerometer, gyro = aircraft.sensors["accelerometer"], aircraft.sensors["gyro"]
     of_force, of_slope, out = 0.0, 0.0, np.empty(6)
@@ -124,17 +165,17 @@ def response_sources(aircraft: Aircraft, qbar: Array, index: int) -> tuple[Sourc
             measured_coefficients(means, slopes, body, out)
             of_force += out[index] ** 2 * first
             of_slope += out[index] ** 2 * (not first)
-    force, interval = aircraft.mass * accelerometer.noise[0] / qbar, 1.0 / accelerometer.rate
+    force = aircraft.mass * accelerometer.noise[0] / qbar
     return (
-        Source(of_force * force**2, interval, window_weights(interval)[0]),
-        Source(of_slope * (gyro.noise[0] / qbar) ** 2, 1.0 / gyro.rate, window_weights(1.0 / gyro.rate)[1]),
+        _source(of_force * force**2, accelerometer.rate, sparse),
+        _source(of_slope * (gyro.noise[0] / qbar) ** 2, gyro.rate, sparse, slope=True),
     )
 
 
 def noise_floor(flight: FlightData, axis: str, fit: Fit) -> NoiseFloor:
     """The floor of one axis under the fit of the flight's own model."""
     index = AXES.index(axis)
-    response = response_sources(flight.aircraft, flight.signal("qbar"), index)
+    response = response_sources(flight.aircraft, flight.signal("qbar"), index, flight.sparse_interval)
     condition = tuple(_condition_sources(flight, flight.model.programs[index], index, fit))
     used = np.isfinite(fit.residual)
     mean_square = float(np.mean(variance_of((*response, *condition))[used]))
@@ -160,7 +201,7 @@ def _condition_sources(flight: FlightData, programs: tuple[Program, ...], index:
     vane, airspeed = flight.aircraft.sensors["angle_of_attack"], flight.aircraft.sensors["airspeed"]
     flow, flow_kept, speed, speed_kept = _air_errors(flight)
     moved = 0.5 * (residual(1.0 + speed) - residual(1.0 - speed))
-    yield Source(moved**2, 1.0 / airspeed.rate, window_weights(1.0 / airspeed.rate)[0], speed_kept)
+    yield _source(moved**2, airspeed.rate, flight.sparse_interval, speed_kept)
     noisy: dict[str, tuple[Array | float, float, float]] = {
         "alpha": (flow, vane.rate, flow_kept),
         "beta": (flow, vane.rate, flow_kept),
@@ -169,7 +210,7 @@ def _condition_sources(flight: FlightData, programs: tuple[Program, ...], index:
     for name, (sigma, rate, kept) in noisy.items():
         if SIGNAL_INDEX[name] in used:
             moved = 0.5 * (residual(1.0, name, sigma) - residual(1.0, name, -sigma))
-            yield Source(moved**2, 1.0 / rate, window_weights(1.0 / rate)[0], kept)
+            yield _source(moved**2, rate, flight.sparse_interval, kept)
 
 
 def _air_errors(flight: FlightData) -> tuple[Array, float, float, float]:

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.bootstrap_flight import FlightConditions, world_of
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.noise_floor import HALF_WIDTH
 from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, flying, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
 from aircraft_sysid_ros.effects.effect import Effect
@@ -30,11 +31,9 @@ Array = npt.NDArray[np.float64]
 
 #: Replicas of a flight, and the longest stretch [s] of it that they repeat.
 COUNT, LONGEST = 5, 300.0
-#: Rows below which a flight is too short to be repeated.
-LEAST_ROWS = 1000
+#: Time [s] in flight without a gap below which a flight is too short to be repeated.
+LEAST_TIME = 10.0
 _PR_SET_PDEATHSIG = 1
-#: Half-width [s] of the window of measured coefficients.
-_HALF_WIDTH = 0.08
 
 
 def fitted_parameters(data: FlightData) -> Array:
@@ -80,7 +79,7 @@ def replicas_of(
     """``count`` replicas; fewer where the filter does not start on one. Their seeds are 0, 1, …."""
     rows = flying(flight.rows, flight.aircraft.minimum_airspeed)
     rows = rows[rows[:, StateField.TIME] <= rows[0, StateField.TIME] + LONGEST] if len(rows) else rows
-    if len(rows) < LEAST_ROWS:
+    if not len(rows) or np.ptp(rows[:, StateField.TIME]) < LEAST_TIME:
         return []
     results: list[Replica] = []
     parameters = fitted_parameters(settled_flight(flight))
@@ -110,5 +109,7 @@ def _replica(arguments: tuple[Reconstruction, Array, Array, Sequence[Effect], in
 def without_excess(world: FlightConditions, again: Reconstruction) -> FlightData:
     """Data of a replica with what its motion has beyond the model taken off."""
     data = settled_flight(again)
-    times = data.time + again.points[0, CoefficientSample.TIME] + (again.epoch - EPOCH) * 1e-9
-    return replace(data, measured=data.measured - world.excess_at(times, _HALF_WIDTH))
+    begin = (again.epoch - EPOCH) * 1e-9
+    times = data.time + again.points[0, CoefficientSample.TIME] + begin
+    seen = again.rows[:, StateField.TIME] + begin if data.sparse_interval > 0.0 else None
+    return replace(data, measured=data.measured - world.excess_at(times, HALF_WIDTH, seen))

@@ -15,12 +15,15 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.sensor_rates import with_sparse_rates
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.coefficients.pace import interval_of, sparse_interval
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_GAP
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
+from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
@@ -66,7 +69,8 @@ class Reconstruction:
     @property
     def data(self) -> FlightData:
         """What the fits read."""
-        return flight_data_of(self.aircraft, self.points)
+        data = flight_data_of(with_sparse_rates(self.aircraft, self.samples), self.points)
+        return replace(data, sparse_interval=sparse_interval(self.samples))
 
 
 def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = True) -> Reconstruction:
@@ -91,11 +95,13 @@ def fit_sensor_noise(aircraft: Aircraft, samples: Samples) -> Aircraft:
 
     From third differences, (1, -3, 3, -1) with the sum of squares 20: what changes from sample to sample is noise and
     not motion. Medians, so that faults do not count. A filter that is told another noise takes it for gusts.
+    Where samples are sparse, what changes between them is motion: beside a sparse IMU they have the noise of the file.
     """
+    longest = LONG if sparse_interval(samples) > 0.0 else np.inf
     sound = np.isfinite(samples.values[:, 0]) & ~is_absurd(samples).any(axis=1)
     for kind, names in _MEASURED_NOISE.items():
         values = samples.values[(samples.kind == kind) & sound]
-        if len(values) < _LEAST_FOR_NOISE:
+        if len(values) < _LEAST_FOR_NOISE or interval_of(samples, kind) > longest:
             continue
         for number, name in enumerate(names):
             columns = values[:, 3 * number : 3 * number + 3] if kind == Kind.IMU else values[:, :1]

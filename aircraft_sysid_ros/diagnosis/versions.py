@@ -29,8 +29,9 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
-from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check_length, load_flight_data
+from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check_flight, load_flight_data
 from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct_as_flown, settled_flight
+from aircraft_sysid_ros.diagnosis.sensor_rates import with_sparse_rates
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
@@ -106,9 +107,10 @@ class Run:
             flight, first = load_flight_data(self.path), int(read_points(self.path)["stamp"][0])
         else:
             made, _ = reconstruct_as_flown(aircraft, self.samples)
-            check_length(str(self.path), made.data.time, made.data.step)
+            check_flight(str(self.path), made.data, self.samples)
             flight, first = settled_flight(made), made.epoch + int(1e9 * made.points[0, CoefficientSample.TIME])
-        return replace(flight, aircraft=aircraft), first - int(1e9 * flight.begin)
+        seen = aircraft if self.samples is None else with_sparse_rates(aircraft, self.samples)
+        return replace(flight, aircraft=seen), first - int(1e9 * flight.begin)
 
 
 def open_run(path: str | Path) -> Run:

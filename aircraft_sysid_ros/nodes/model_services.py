@@ -23,6 +23,7 @@ from aircraft_sysid_ros.diagnosis.live import (
 from aircraft_sysid_ros.diagnosis.live_worker import LiveWorker
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.pace import too_slow
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.nodes import common
@@ -155,6 +156,8 @@ class ModelServices:
     def _add(self, text: str) -> str:
         estimator, parsed = self._node.estimator, requested(text)
         if isinstance(parsed, Effect):
+            if estimator.stream.pace.is_too_slow:
+                raise InputError(too_slow(estimator.stream.pace.rate))
             flight = live_flight(estimator.aircraft, self.memory.flight(), estimator.options.step, "the flight")
             terms = terms_of_effect(parsed, flight)
             before = self._added.get(parsed.identifier, {})

@@ -1,7 +1,8 @@
 """The 18 outputs (6.3) of a flight on one grid, with the inputs of the model and a reference motion.
 
 The grid is made of groups of consecutive IMU samples: their mean is the output at their mean time, so that nothing is
-interpolated. Other samples belong to the nearest grid time; what the reference motion, that of the first step, says
+interpolated. Where the IMU is sparse it has a time for each of its samples, and times between them without an output of
+the IMU. Other samples belong to the nearest grid time; what the reference motion, that of the first step, says
 that they would have changed by until then (10 ms at most) is added. Sensor delays of the aircraft file are taken out.
 """
 
@@ -48,10 +49,12 @@ from aircraft_sysid_ros.flight_model.layout import (
     FlightModel,
     flight_model_of,
 )
+from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
+from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, seconds, sensor_delays
-from aircraft_sysid_ros.refinement.resampling import cubic, sharpened
+from aircraft_sysid_ros.refinement.resampling import LONGEST_STEP, cubic, dense_rows, sharpened
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
 Array = npt.NDArray[np.float64]
@@ -78,6 +81,7 @@ class FlightRecord:
     in_flight: Mask  # (N,) and all inputs there
     missing: frozenset[str]  # signals that were never measured
     step: float  # [s]
+    longest_step: float  # [s] that is regular: 1.5 times as much is a gap
 
     @property
     def measured(self) -> Mask:
@@ -102,6 +106,9 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float) -> FlightRecord
         if not estimator.has_been_aligned or estimator.epoch is None:
             raise InputError("the samples of the run give no state: replay the recording again")
         rows = estimator.smooth()
+    interval, known = sparse_interval(samples), np.ones(len(rows), np.bool_)
+    if interval > 0.0:
+        rows, known = dense_rows(rows, interval)
     first, last = _groups(rows, rate)
     if not len(first):
         raise InputError("the IMU samples of the run have gaps everywhere: nothing can be refined")
@@ -113,16 +120,19 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float) -> FlightRecord
     values = np.where(is_absurd(samples), np.nan, samples.values)
     inputs, missing = _inputs(aircraft, samples.kind, times, values, rows, states, time, first, every)
     origin = rows[first[0], StateField.ORIGIN]
-    outputs = _outputs(aircraft, samples.kind, times, values, rows, time, first, every)
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0 / rate
+    longest_step = LONGEST_STEP if interval > 0.0 else step
+    outputs = _outputs(aircraft, samples.kind, times, values, rows, time, first, every, longest_step)
+    outputs[~known[first], : GYRO + 3] = np.nan
     airspeed = _mean(rows[:, StateField.AIRSPEED], first, every)
     status = rows[first, StateField.STATUS]
     finite = np.all(np.isfinite(inputs), axis=1) & np.all(np.isfinite(states), axis=1)
     in_flight = finite & (airspeed >= aircraft.minimum_airspeed) & (status != Status.WAITING)
     model = flight_model_of(aircraft, float(gravity(origin[0], origin[2])), every)
-    outputs = _without_outliers(outputs, in_flight)
+    outputs = _without_outliers(outputs, in_flight, time if interval > 0.0 else None)
     return FlightRecord(
         model, nanoseconds(time, estimator.epoch), time, inputs, outputs, states, in_flight, missing,
-        step=float(np.median(np.diff(time))) if len(time) > 1 else 1.0 / rate,
+        step, longest_step,
     )  # fmt: skip
 
 
@@ -203,6 +213,7 @@ def _outputs(
     time: Array,
     first: npt.NDArray[np.int64],
     every: int,
+    longest_step: float,
 ) -> Array:
     """Outputs (N, 18); the IMU as measured, that is with the biases that the rows are without."""
     y = np.full((len(time), OUTPUT_SIZE), np.nan)
@@ -216,7 +227,7 @@ def _outputs(
     def put(kind: Kind, at: int, found: Array, reference: Array | None) -> None:
         """Mean of the samples (m, k) at each grid time, carried there along the reference (rows, k)."""
         seen = times[kinds == kind]
-        nearest, near = _nearest(time, seen)
+        nearest, near = _nearest(time, seen, longest_step)
         if reference is not None:
             for j in range(found.shape[1]):
                 column = reference[:, j]
@@ -251,12 +262,11 @@ def _outputs(
     return y
 
 
-def _nearest(time: Array, at: Array) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Index of the nearest grid time, and whether it is within half a step."""
+def _nearest(time: Array, at: Array, longest_step: float) -> tuple[npt.NDArray[np.int64], Mask]:
+    """Index of the nearest grid time, and whether it is within half of the longest step."""
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     nearest = np.where(at - time[right - 1] < time[right] - at, right - 1, right)
-    half = 0.51 * float(np.median(np.diff(time)))
-    return nearest, np.abs(time[nearest] - at) <= half
+    return nearest, np.abs(time[nearest] - at) <= 0.51 * longest_step
 
 
 def _attitude_at(at: float, rows: Array) -> Array:
@@ -287,12 +297,19 @@ def _heading_errors(fields: Array, at: Array, rows: Array, declination: float) -
     return out
 
 
-def _without_outliers(outputs: Array, in_flight: Mask) -> Array:
-    """Outputs without single values that leap from both neighbours by far more than is usual."""
+def _without_outliers(outputs: Array, in_flight: Mask, sparse: Array | None) -> Array:
+    """Outputs without single values that leap from both neighbours by far more than is usual.
+
+    ``sparse``: the times (N,) [s] where the IMU is sparse; what leaps between samples of IMU or flow that are so far
+    apart is motion.
+    """
     out = outputs.copy()
     for j in range(OUTPUT_SIZE):
         there = np.flatnonzero(in_flight & np.isfinite(outputs[:, j]))
         if len(there) < 20:
+            continue
+        moves = not GPS_POSITION <= j < ATTITUDE_VECTOR
+        if sparse is not None and moves and np.median(np.diff(sparse[there])) > LONG:
             continue
         y = outputs[there, j]
         leap = np.abs(y[1:-1] - 0.5 * (y[:-2] + y[2:]))

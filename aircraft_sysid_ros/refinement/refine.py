@@ -22,6 +22,13 @@ from aircraft_sysid_ros.flight_model.layout import (
     process_slice,
 )
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
+from aircraft_sysid_ros.identification.coefficients.pace import (
+    interval_of,
+    sampling_error,
+    why_controls_too_slow,
+    why_too_slow,
+)
+from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.refinement.filter_error import FilterModel, filter_error_fit
 from aircraft_sysid_ros.refinement.output_error import SegmentModel, output_error_fit
 from aircraft_sysid_ros.refinement.parameters import (
@@ -91,13 +98,13 @@ class _Fitted:
 def refine(run: RunData, method: str, options: RefineOptions, progress: Progress | None = None) -> Refinement:
     """Refine the parameters of a run; InputError where its flight does not allow it."""
     _check_mass(run)
+    if slow := why_too_slow(run.samples):
+        raise InputError(f"the run cannot be refined: {slow}")
     record = record_of(run.aircraft, run.samples, options.rate)
-    _check(record)
     segments = segments_of(record, options.segment, options.held_out)
     fitted = [segment for segment in segments if not segment.held_out]
     total = sum(s.part.stop - s.part.start for s in fitted) * record.step
-    if total < SHORTEST:
-        raise InputError(f"the run has {total:.0f} s in flight with all inputs: {SHORTEST:g} s are needed")
+    _check(record, total, why_controls_too_slow(run.samples))
     levels = _START_LEVELS if method == FILTER_ERROR else (0.0, 0.0, 0.0)
     theta = make_theta(record.model, run.start, run.biases, levels)
     scales = scales_of(run.aircraft.model, record, theta)
@@ -108,10 +115,11 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     modelled = np.full(record.outputs.shape, np.nan)
     for segment, residual in zip(fitted, found.residuals, strict=True):
         modelled[segment.part] = record.outputs[segment.part] - residual
+    std = _with_sampling(run, found)
     errors = errors_not_fitted(run, record, segments, found.theta)
     content = {
         "method": method,
-        "parameters": judged(run.aircraft.model, record, found.theta, found.std, active, scales, run.parameters),
+        "parameters": judged(run.aircraft.model, record, found.theta, std, active, scales, run.parameters),
         "biases": biases_json(record, found.theta, found.std, active),
         "cost": found.cost,
         "iterations": found.iterations,
@@ -126,12 +134,29 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     return Refinement(content, record.time - record.time[0], record.outputs, modelled)
 
 
-def _check(record: FlightRecord) -> None:
-    """InputError where the model of a whole aircraft has no inputs or no flow."""
+def _with_sampling(run: RunData, found: _Fitted) -> Array:
+    """Standard errors (parameters,), those of coefficients with what slow controls may have taken of them."""
+    std, count = found.std.copy(), len(run.aircraft.model.parameter_names)
+    interval = interval_of(run.samples, Kind.CONTROLS)
+    if interval > LONG:
+        lost = sampling_error(interval) * np.abs(found.theta[:count])
+        std[:count] = np.where(std[:count] > 0.0, np.hypot(std[:count], lost), 0.0)
+    return std
+
+
+def _check(record: FlightRecord, total: float, slow: str) -> None:
+    """InputError where the model of a whole aircraft has too little flight with inputs and flow, ``total`` [s].
+
+    ``slow`` says it of controls that are too slow; else empty.
+    """
+    if slow and total < SHORTEST:
+        raise InputError(f"the run cannot be refined: {slow}")
     if {"de", "da", "dr"} <= record.missing:
         raise InputError("the run has no control surfaces: the flight cannot be simulated without its controls")
     if not record.in_flight.any():
         raise InputError("the run is never in flight with air data and controls: nothing can be refined")
+    if total < SHORTEST:
+        raise InputError(f"the run has {total:.0f} s in flight with all inputs: {SHORTEST:g} s are needed")
 
 
 def _check_mass(run: RunData) -> None:

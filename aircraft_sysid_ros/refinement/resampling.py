@@ -6,8 +6,16 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.identification.coefficients import signals
+from aircraft_sysid_ros.identification.estimators.dense_epochs import STEP
+from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+#: Intervals of sparse states over which a flight goes on: what was lost there is not measured, and no gap.
+BRIDGED = 3.5
+#: Longest step [s] between rows of ``dense_rows`` that is no gap: what is just not cut in two.
+LONGEST_STEP = 1.5 * STEP
 
 
 def cubic(times: Array, values: Array, at: Array, longest: float) -> Array:
@@ -33,3 +41,36 @@ def sharpened(mean: Array, time: Array, every: int) -> Array:
     bend = mean[2:] - 2.0 * mean[1:-1] + mean[:-2]
     out[1:-1] -= np.where(regular[:, None], share * bend, 0.0)
     return out
+
+
+def dense_rows(rows: Array, interval: float) -> tuple[Array, Mask]:
+    """Rows (n, StateField.WIDTH) of sparse states with others between them, and which of them (m,) were there before.
+
+    ``interval`` [s]: the usual one. New rows are about STEP apart and cubic in time through the four rows about them;
+    lost samples are bridged over BRIDGED intervals. Nothing is measured there: a flight model goes that way in small
+    steps, with controls that are no straight lines from one IMU sample to the next.
+    """
+    gaps = np.diff(rows[:, StateField.TIME])
+    broken = np.flatnonzero((gaps <= 0.0) | (gaps > BRIDGED * interval)) + 1
+    parts = [_dense_part(part, BRIDGED * interval) for part in np.split(rows, broken)]
+    dense, known = zip(*parts, strict=True)
+    return np.vstack(dense), np.concatenate(known)
+
+
+def _dense_part(rows: Array, longest: float) -> tuple[Array, Mask]:
+    """``dense_rows`` of rows without a gap longer than ``longest`` [s]."""
+    time = rows[:, StateField.TIME]
+    pieces = np.maximum(np.ceil(np.diff(time) / STEP - 0.5), 1.0).astype(np.int64)
+    begin = np.append(np.repeat(np.arange(len(pieces)), pieces), len(pieces))
+    number = np.arange(len(begin)) - np.append(np.repeat(np.cumsum(pieces) - pieces, pieces), len(begin) - 1)
+    known = number == 0
+    at = time[begin].copy()
+    at[~known] += (number / np.append(pieces, 1)[begin] * np.append(np.diff(time), 0.0)[begin])[~known]
+    rows = rows.copy()
+    sides = np.sign(np.sum(rows[1:, StateField.ATTITUDE] * rows[:-1, StateField.ATTITUDE], axis=1))
+    rows[1:, StateField.ATTITUDE] *= np.cumprod(np.where(sides == 0.0, 1.0, sides))[:, None]
+    dense = np.where(known[:, None], rows[begin], cubic(time, rows, at, longest))
+    dense[:, StateField.ATTITUDE] /= np.linalg.norm(dense[:, StateField.ATTITUDE], axis=1, keepdims=True)
+    for field in (StateField.STATUS, StateField.ORIGIN):
+        dense[:, field] = rows[begin][:, field]
+    return dense, known

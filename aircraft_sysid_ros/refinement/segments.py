@@ -19,7 +19,7 @@ class Segment:
 
 def segments_of(record: FlightRecord, length: float, held_out: float) -> list[Segment]:
     """Flight cut into pieces of about ``length`` [s], each followed by one of ``held_out`` [s] that is not fitted."""
-    steady = np.diff(record.time) < 1.5 * record.step
+    steady = np.diff(record.time) < 1.5 * record.longest_step
     found: list[Segment] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], record.in_flight.astype(np.int64), [0]])))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):

@@ -11,9 +11,9 @@ from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
 SECOND = 10**9
 
 
-def imu(count):
+def imu(count, rate=100):
     """At rest."""
-    stamp = np.arange(count) * SECOND // 100
+    stamp = np.arange(count) * SECOND // rate
     still = [np.zeros((count, 2)), np.full((count, 1), -9.81), np.zeros((count, 3)), np.full((count, 2), np.nan)]
     return samples_of(Kind.IMU, stamp, *still)
 
@@ -56,6 +56,13 @@ def test_a_gps_on_another_clock_does_not_fit_the_imu(said):
     velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.zeros((10, 3)))
     text = said(imu(300), *fixes(stamp + 10_000 * SECOND, 0), velocity)
     assert text == "of 10 samples of the GPS position 10 have a stamp that does not fit the IMU"
+
+
+def test_an_imu_that_is_too_slow_for_a_start_is_named_with_its_rate(said):
+    stamp = np.arange(60) * SECOND // 5
+    velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.zeros((60, 3)))
+    text = said(imu(36, rate=3), *fixes(stamp, 0), velocity)
+    assert text == "the IMU comes at 3 Hz: it needs samples that are at most 0.25 s apart"
 
 
 def test_where_every_sensor_works_it_is_motion_that_lacks(said):

@@ -41,9 +41,9 @@ def test_variance_of_points_is_that_of_drawn_noise(interval: float, kept: float)
     noise = random.normal(size=10_000 * per_step)
     for i in range(1, len(noise)):
         noise[i] = kept * noise[i - 1] + np.sqrt(1.0 - kept**2) * noise[i]
-    for w in (weights, slopes):
+    for slope, w in enumerate((weights, slopes)):
         points = np.convolve(noise, w, "valid")[::per_step]
-        source = Source(np.ones(1), interval, w, kept)
+        source = Source(np.ones(1), interval, bool(slope), kept)
         assert np.var(points) == pytest.approx(source.of_points(np.ones(1), step), rel=0.1)
         stencil = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
         fast = np.convolve(points, stencil, "valid")
@@ -51,6 +51,29 @@ def test_variance_of_points_is_that_of_drawn_noise(interval: float, kept: float)
         floor = NoiseFloor((source,), (), 1.0, step)
         lag = np.mean(points[2:] * points[:-2]) / np.var(points)
         assert floor.correlation(2)[2] == pytest.approx(lag, abs=0.05)
+
+
+@pytest.mark.parametrize("interval, kept", [(0.1, 0.0), (0.037, 0.0), (0.1, 0.7)])
+def test_variance_of_points_of_sparse_samples_is_that_of_drawn_noise(interval: float, kept: float) -> None:
+    """Windows anywhere between samples that are further apart than they are wide."""
+    random, step, count = np.random.default_rng(3), 0.04, 12_000
+    times = interval * np.arange(int(count * step / interval) + 20)
+    noise = random.normal(size=len(times))
+    for i in range(1, len(noise)):
+        noise[i] = kept * noise[i - 1] + np.sqrt(1.0 - kept**2) * noise[i]
+    found, mean, slope = np.empty((count, 2)), np.empty(1), np.empty(1)
+    for out, center in zip(found, 0.5 + step * np.arange(count) + 1e-5, strict=True):
+        first = int(np.searchsorted(times, center - 0.08, side="right")) - 1
+        last = int(np.searchsorted(times, center + 0.08))
+        window_average(times, noise[:, None], first, last, center, 0.08, mean, slope, True)
+        out[:] = mean[0], slope[0]
+    stencil = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    for points, is_slope in zip(found.T, (False, True), strict=True):
+        source = Source(np.ones(1), interval, is_slope, kept, sparse=True)
+        assert np.var(points) == pytest.approx(source.of_points(np.ones(1), step), rel=0.1)
+        assert np.var(np.convolve(points, stencil, "valid")) == pytest.approx(source.of_points(stencil, step), rel=0.1)
+        lag = np.mean(points[2:] * points[:-2]) / np.var(points)
+        assert NoiseFloor((source,), (), 1.0, step).correlation(2)[2] == pytest.approx(lag, abs=0.05)
 
 
 def test_response_is_the_noise_of_the_measured_coefficients(aircraft) -> None:
@@ -99,7 +122,7 @@ def test_fast_part_of_drawn_noise_is_one() -> None:
     random, step = np.random.default_rng(2), 0.04
     weights, _ = window_weights(0.01)
     points = np.convolve(random.normal(size=20_000), weights, "valid")[::4]
-    floor = NoiseFloor((Source(np.ones(len(points)), 0.01, weights),), (), 1.0, step)
+    floor = NoiseFloor((Source(np.ones(len(points)), 0.01),), (), 1.0, step)
     time = step * np.arange(len(points))
     assert noise_seen(floor, time, 3.0 * points) == pytest.approx(3.0, rel=0.1)
     slow = 5.0 * np.sin(2.0 * time)

@@ -28,6 +28,12 @@ def run_of(flight):
 
 
 @pytest.fixture(scope="session")
+def make_run():
+    """``run_of``, for tests with flights of their own."""
+    return run_of
+
+
+@pytest.fixture(scope="session")
 def still_flight(aircraft):
     """Steady wind."""
     return simulate_samples(aircraft, seed=4, duration=30.0, wind_walk=0.0)

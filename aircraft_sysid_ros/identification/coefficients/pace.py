@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
+from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
 
@@ -38,6 +39,36 @@ SPARSEST_CONTROLS = GAP / LOWEST_RATE
 def too_slow(rate: float) -> str:
     """What is said of an IMU at ``rate`` [Hz] from which nothing can be learnt."""
     return f"the IMU comes at {rate:.2g} Hz: derivatives need at least {LOWEST_RATE:g} Hz"
+
+
+def sampling_error(interval: float) -> float:
+    """Share of a parameter that may be lost to what happens between samples ``interval`` [s] apart; 0 where dense."""
+    return SAMPLING_ERROR * (interval * LOWEST_RATE) ** 2
+
+
+def interval_of(samples: Samples, kind: Kind) -> float:
+    """Median time [s] between samples of a kind in a recording; NaN where there are not two."""
+    stamps = np.sort(samples.stamp[samples.kind == kind])
+    return float(np.median(np.diff(stamps))) * 1e-9 if len(stamps) > 1 else np.nan
+
+
+def sparse_interval(samples: Samples) -> float:
+    """Median time [s] between samples of the IMU of a recording where they are sparse, else 0."""
+    interval = interval_of(samples, Kind.IMU)
+    return interval if interval > LONG else 0.0
+
+
+def why_too_slow(samples: Samples) -> str:
+    """That the IMU of a recording is too slow, in words; empty where it is not."""
+    interval = interval_of(samples, Kind.IMU)
+    return too_slow(1.0 / interval) if interval * LOWEST_RATE > SLACK else ""
+
+
+def why_controls_too_slow(samples: Samples) -> str:
+    """The same of the controls, from which nothing is known between the samples."""
+    interval = interval_of(samples, Kind.CONTROLS)
+    slow = f"the controls come at {1.0 / interval:.2g} Hz: at least {LOWEST_RATE:g} Hz are needed"
+    return slow if interval > SPARSEST_CONTROLS else ""
 
 
 class Pace:
@@ -70,7 +101,7 @@ class Pace:
     @property
     def sampling_error(self) -> float:
         """Share of a parameter that may be lost to what happens between samples; 0 where they are dense."""
-        return SAMPLING_ERROR * (self.interval * LOWEST_RATE) ** 2 if self.is_sparse else 0.0
+        return sampling_error(self.interval)
 
     def largest_gap(self, dense: float, intervals: float = GAP) -> float:
         """Longest time [s] between samples that is no gap: ``dense``, or so many intervals where they are sparse."""
