@@ -378,6 +378,28 @@ def diagnosis(name: str) -> Callable[[], str]:
     return made
 
 
+def diagnosis_slow() -> str:
+    """False alarms of the diagnosis with a slow IMU."""
+    found = {}
+    for path in RESULTS.glob("hidden_effects_fresh_imu_*_hz.json"):
+        found[float(path.stem.split("_")[-2])] = load(path.stem)
+    return table(*diagnosis_tables.slow(found))
+
+
+def slow_imu() -> str:
+    """What a slow IMU costs."""
+    header = ["rate of the IMU", "estimator", "inside 1.96 standard errors", "main derivatives with USE"]
+    header += ["their error, median", "90 % of them within"]
+    rows = [
+        [
+            f"{r['rate']:g} Hz", f"`{r['estimator']}`", f"{100 * r['inside']:.0f} % of {r['used']}",
+            f"{r['main_used']} of {r['main']}", percent(r["median"]), percent(r["most"]),
+        ]
+        for r in load("slow_imu")["rates"]
+    ]  # fmt: skip
+    return table(header, rows)
+
+
 def diagnosis_speed() -> str:
     """Time of a diagnosis of a long flight."""
     if not (RESULTS / "diagnosis_speed.json").exists():
@@ -462,6 +484,8 @@ TABLES: dict[str, Callable[[], str]] = {
     **{f"closed_loop_{name}": closed_loop(name) for name in closed_loop_tables.TABLES},
     "alias_sets": lambda: table(*diagnosis_tables.alias_sets()),
     "diagnosis_speed": diagnosis_speed,
+    "hidden_effects_slow": diagnosis_slow,
+    "slow_imu": slow_imu,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},
     "effects": effects,
     "effect_terms": effect_terms,

@@ -82,6 +82,17 @@ def other(sets: dict[str, dict[str, Any]]) -> Rows:
     return ["flights", "number", "what was said"], rows
 
 
+def slow(by_rate: dict[float, dict[str, Any]]) -> Rows:
+    """Clean flights with a slow IMU, by its rate [Hz]."""
+    rows = []
+    for rate, found in sorted(by_rate.items()):
+        for words, r in {"all": found["false_verdicts"], **found["clean_by"]}.items():
+            if r["flights"]:
+                said = f"a verdict other than none in {counted(r['share'], r['flights'])}"
+                rows.append([f"IMU at {rate:g} Hz, {words}", str(r["flights"]), said])
+    return ["clean flights", "number", "what was said"], rows
+
+
 def by_effect(sets: dict[str, dict[str, Any]]) -> Rows:
     """Each effect, over the relevant flights that were flown last; flown are all of either set."""
     last = list(sets.values())[-1]["by_effect"]

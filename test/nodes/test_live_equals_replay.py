@@ -10,6 +10,7 @@ import json
 import signal
 import subprocess
 import time
+from dataclasses import replace
 
 import pytest
 from processes import live, ours, play
@@ -18,6 +19,8 @@ from waiting import LONGEST, finish
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+from aircraft_sysid_ros.simulation.truth_files import write_flight
 
 DEFAULT, LONG = 0.5, 4.0  # [s] horizons
 
@@ -70,6 +73,7 @@ def check_same(process, folder, replayed, counts):
     assert parameters == expected_parameters
     assert state == expected_state
     assert result["parameters"] == expected_parameters
+    return result
 
 
 @pytest.mark.parametrize(("rate", "horizon"), [(3, DEFAULT), (16, LONG)])
@@ -82,6 +86,38 @@ def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replay
             check_same(process, run, replayed[horizon], sent["messages"])
 
     played_in_time(playback)
+
+
+@pytest.fixture(scope="module")
+def slow_recording(aircraft, tmp_path_factory):
+    """60 s with an IMU of 10 Hz, which the aircraft file does not know."""
+    path = tmp_path_factory.mktemp("slow") / "flight"
+    sensors = {n: replace(s, rate=10.0) if n in ("accelerometer", "gyro") else s for n, s in aircraft.sensors.items()}
+    write_flight(simulate_samples(replace(aircraft, sensors=sensors), seed=3, duration=60.0), path)
+    return path
+
+
+def test_an_imu_of_ten_hertz_is_learnt_from_live_as_in_replay_and_the_run_says_its_rate(
+    domain, slow_recording, aircraft_file, tmp_path, capsys
+):
+    arguments = ["--aircraft", aircraft_file, "--out", tmp_path / "replayed", "--horizon", LONG, "--json"]
+    assert main([*map(str, ["replay", slow_recording, *arguments])]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert [note[:26] for note in notes] == ["the IMU comes at 10 Hz: wh"]
+
+    def playback(attempt):
+        run = tmp_path / str(attempt) / "run"
+        run.parent.mkdir()
+        with live(run, aircraft_file, "--reliable", "--until-idle", 1.5, "--horizon", LONG) as process:
+            sent = play(slow_recording, 16)
+            assert check_same(process, run, tmp_path / "replayed", sent["messages"])["notes"] == notes
+        return run
+
+    run = played_in_time(playback)
+    assert main(["compare", str(run), "--json"]) == 0
+    compared = json.loads(capsys.readouterr().out)
+    assert all(axis["nrmse_held_out"] < 0.2 for axis in compared["axes"].values())
+    assert compared["notes"][0].startswith("the IMU comes at 10 Hz: the floor is the noise of the sensors alone")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "termination"])
