@@ -484,6 +484,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **{f"closed_loop_{name}": closed_loop(name) for name in closed_loop_tables.TABLES},
     "alias_sets": lambda: table(*diagnosis_tables.alias_sets()),
     "diagnosis_speed": diagnosis_speed,
+    "diagnosis_thresholds": lambda: table(*diagnosis_tables.thresholds()),
     "hidden_effects_slow": diagnosis_slow,
     "slow_imu": slow_imu,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},

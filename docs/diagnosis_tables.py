@@ -7,6 +7,7 @@ from typing import Any
 
 from scipy.stats import binomtest
 
+from aircraft_sysid_ros.diagnosis.thresholds import listed
 from aircraft_sysid_ros.effects.aliases import ALIASES
 
 Rows = tuple[list[str], list[list[str]]]
@@ -91,6 +92,12 @@ def slow(by_rate: dict[float, dict[str, Any]]) -> Rows:
                 said = f"a verdict other than none in {counted(r['share'], r['flights'])}"
                 rows.append([f"IMU at {rate:g} Hz, {words}", str(r["flights"]), said])
     return ["clean flights", "number", "what was said"], rows
+
+
+def thresholds() -> Rows:
+    """The record of what decides."""
+    rows = [[f"`{name}`", f"{value:g}", why] for name, value, why in listed()]
+    return ["threshold", "value", "why"], rows
 
 
 def by_effect(sets: dict[str, dict[str, Any]]) -> Rows:

@@ -25,7 +25,7 @@ from aircraft_sysid_ros.commands.options import (
     state_table,
 )
 from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.flight_data import SHORTEST as SHORTEST_FLIGHT
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.coefficients.pace import CHANGE, LOWEST_RATE, SPARSEST_CONTROLS, too_slow
@@ -225,11 +225,11 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
 def length_notes(pipeline: Pipeline) -> list[str]:
     """Said of a flight of which no parameter can be known because it ends too early."""
     estimates, seconds = pipeline.parameters.snapshot(), pipeline.state.flight_time
-    if seconds >= SHORTEST_FLIGHT or any(p.status is Trust.USE for p in estimates.parameters):
+    if seconds >= THRESHOLDS.shortest or any(p.status is Trust.USE for p in estimates.parameters):
         return []
     return [
         f"{seconds:.0f} s are too short for parameters, none of them is to be used: record at least "
-        f"{SHORTEST_FLIGHT:g} s of flight with motion about every axis"
+        f"{THRESHOLDS.shortest:g} s of flight with motion about every axis"
     ]
 
 

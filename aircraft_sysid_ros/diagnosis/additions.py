@@ -33,6 +33,7 @@ from aircraft_sysid_ros.diagnosis.reconstruction import (
     reconstruct,
 )
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, new_terms, undetermined
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.versions import Change, Run, Version, changing, open_run, version_with, write_version
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
@@ -42,9 +43,6 @@ from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
-
-#: Fall of a held-out error, as a share of it, below which nothing was gained.
-LEAST_FALL = 0.01
 
 
 @dataclass(frozen=True)
@@ -303,7 +301,7 @@ def _finish(
     shared = {axis: _errors(*_on_shared_points(*pair)) for axis, pair in pairs.items()}
     falls = [1.0 - e["error_after"] / e["error_before"] for e in shared.values()]
     logs = [np.log(e["error_after"] / e["error_before"]) for e in shared.values()]
-    improved = bool(max(falls) > LEAST_FALL and sum(logs) < 0.0)
+    improved = bool(max(falls) > THRESHOLDS.least_fall and sum(logs) < 0.0)
     partly = any(shared[axis] != _errors(*pair) for axis, pair in pairs.items())
     verdict = _verdict(label, shared, improved, removed, " where both models have values" if partly else "")
     if setting is not None:

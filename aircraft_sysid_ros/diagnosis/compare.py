@@ -14,6 +14,7 @@ from aircraft_sysid_ros.diagnosis.error_regions import Place, failing_places
 from aircraft_sysid_ros.diagnosis.fit import AxisFit, Fit, fit_axis
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.noise_floor import HALF_WIDTH, NoiseFloor, noise_floor, noise_seen
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.whiteness import ORDER, Whiteness, on_grid, whiteness_of
 from aircraft_sysid_ros.errors import InputError
 
@@ -21,10 +22,6 @@ Array = npt.NDArray[np.float64]
 
 #: Places that are listed.
 MOST_PLACES = 10
-#: The fast part of a residual may be so many times the noise of the aircraft file, or its inverse, without a note.
-_ODD_NOISE = 1.6
-#: Held-out error over its floor, from which a residual of only noise needs a word.
-_FAR_ABOVE = 1.5
 
 
 @dataclass(frozen=True)
@@ -70,8 +67,12 @@ class Comparison:
 
     @property
     def _odd_noise(self) -> list[str]:
-        most = np.inf if self.flight.sparse_interval > 0.0 else _ODD_NOISE  # there it is motion, see _between_samples
-        odd = {name: a.noise_seen for name, a in self.axes.items() if not 1 / _ODD_NOISE < a.noise_seen < most}
+        most = (
+            np.inf if self.flight.sparse_interval > 0.0 else THRESHOLDS.odd_noise
+        )  # there it is motion, see _between_samples
+        odd = {
+            name: a.noise_seen for name, a in self.axes.items() if not 1 / THRESHOLDS.odd_noise < a.noise_seen < most
+        }
         return [
             f"the fast part of the residual of {name} is {seen:.1f} times the noise that the aircraft file gives: its "
             "noise floor is wrong by as much, check the noise of the sensors"
@@ -86,10 +87,10 @@ class Comparison:
         for name, axis in self.axes.items():
             fit, floor = axis.fit, axis.floor.nrmse
             times = fit.nrmse_held_out / floor
-            if not axis.whiteness.white or not times > _FAR_ABOVE:
+            if not axis.whiteness.white or not times > THRESHOLDS.far_above:
                 continue
             said = f"{name}: only noise is left of the fit, but the held-out error is {times:.1f} times the floor: "
-            if fit.nrmse_held_out > _FAR_ABOVE * fit.nrmse_fit:
+            if fit.nrmse_held_out > THRESHOLDS.far_above * fit.nrmse_fit:
                 said += f"a few blocks of this flight determine its parameters, so excite {name} in more manoeuvres"
             else:
                 said += "the noise is larger than the sensors of the aircraft file make it"

@@ -2,8 +2,9 @@
 
 A candidate is significant when it explains more than it does in replicas of the flight in which nothing is missing
 (``replica``), by a t-test over the replicas that allows for the number of candidates tried. A verdict needs size as
-well: at least SIZE of the held-out error of an axis must go, so that what is true but tiny is listed and not called
-missing. The effects are found one after another, each with those before it in the model, until none is left.
+well: a share of the held-out error of an axis must go, so that what is true but tiny is listed and not called missing.
+The effects are found one after another, each with those before it in the model, until none is left. All limits are in
+``thresholds``.
 
 When a generic expression, or a change at one moment, explains clearly more than the best effect of the library, the
 cause is not in the library: the verdict is "unexplained", with the expression, and that effect is not named first.
@@ -22,32 +23,11 @@ from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, expressions, log_ratio, new_terms, size_of
 from aircraft_sysid_ros.diagnosis.sudden_change import sudden_change
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 
 Array = npt.NDArray[np.float64]
 
-#: Probability that a flight in which nothing is missing gets another verdict than "none", by significance alone.
-FALSE_ALARM = 0.05
-#: Share of the held-out rms error of an axis that an effect must explain to be called missing.
-SIZE = 0.10
-#: An effect is not the cause when some expression explains more than it: in an axis the effect then explains less than
-#: this share of the error variance that the expression explains, or leaves this much more of it, in ln,
-ENOUGH, CLEARLY = 0.8, 0.2
-#: and in all axes together the expression explains this much more, in ln of the error variance: at least, and as a
-#: share of what the effect explains.
-PREFERENCE, PREFERENCE_SHARE = 0.1, 0.2
-#: Candidates are told apart when what they explain is less alike than this, or this much worse in score.
-ALIKE, AS_GOOD = 0.9, 0.8
-#: Of effects that explain nearly as much as the best, that of the fewest terms is named.
-NEARLY = 0.97
-#: Effects that are looked for one after another.
-MOST_EFFECTS = 4
-#: Weight of the spread over all candidates, in replicas, against that of the candidate itself; its least value.
-_SHRINKAGE, _LEAST_SPREAD = 4.0, 0.004
-
-#: What replicas show of a candidate comes from errors that stand on both sides of the regression. Gusts of the flight
-#: are not those of the replicas, so that this is known to no more than about its own size.
-_DOUBT = 1.0
 
 NONE, MISSING, UNEXPLAINED = "none", "missing", "unexplained"
 
@@ -94,10 +74,12 @@ class Null:
             return score, 0.0, 1.0
         repeated = [np.var(s, ddof=1) for s in self.scores.values() if len(s) > 1]
         spread = float(np.sqrt(np.mean(repeated))) if repeated else 0.05
-        freedom = len(own) - 1 + _SHRINKAGE
-        variance = (np.sum((own - own.mean()) ** 2) + _SHRINKAGE * spread**2) / freedom
+        freedom = len(own) - 1 + THRESHOLDS.shrinkage
+        variance = (np.sum((own - own.mean()) ** 2) + THRESHOLDS.shrinkage * spread**2) / freedom
         usual = float(max(own.mean(), 0.0))
-        deviation = np.sqrt((variance + _LEAST_SPREAD**2) * (1.0 + 1.0 / len(own)) + (_DOUBT * usual) ** 2)
+        deviation = np.sqrt(
+            (variance + THRESHOLDS.least_spread**2) * (1.0 + 1.0 / len(own)) + (THRESHOLDS.doubt * usual) ** 2
+        )
         excess = float(score - own.mean())
         evidence = float(excess / deviation)
         return excess, evidence, float(min(1.0, tried * student.sf(evidence, freedom)))
@@ -123,13 +105,13 @@ def diagnose(
     listed: list[Finding] = []
     tried = 0
     one: _Round | None = None
-    for number in range(MOST_EFFECTS):
+    for number in range(THRESHOLDS.most_effects):
         one = _Round(bench, empty, Null(scores), library, _part(progress, number), one)
         tried = max(tried, len(one.trials))
         significant = one.findings(found)
         known = {f.trial.candidate.family for f in listed}
         listed += [f for f in significant if f.trial.candidate.family not in known]
-        best = next((f for f in significant if f.size >= SIZE), None)
+        best = next((f for f in significant if f.size >= THRESHOLDS.size), None)
         if best is None:
             break
         found.append(best)
@@ -150,7 +132,7 @@ def _verdict(found: Sequence[Finding]) -> str:
 
 
 def _part(progress: Callable[[float], None], number: int) -> Callable[[float], None]:
-    return lambda share: progress((number + share) / MOST_EFFECTS)
+    return lambda share: progress((number + share) / THRESHOLDS.most_effects)
 
 
 class _Round:
@@ -186,10 +168,10 @@ class _Round:
         """Significant candidates, best first."""
         done = {f.trial.candidate.family for f in before}
         tested = [self._test(t) for t in self.trials if t.candidate.family not in done]
-        significant = [f for f in tested if f.p_value < FALSE_ALARM]
+        significant = [f for f in tested if f.p_value < THRESHOLDS.false_alarm]
         significant.sort(key=lambda f: -f.excess)
         if significant:
-            near = [f for f in significant if f.excess >= NEARLY * significant[0].excess]
+            near = [f for f in significant if f.excess >= THRESHOLDS.nearly * significant[0].excess]
             best = min(near, key=_columns)
             significant.sort(key=lambda f: f is not best)
         outside = self._outside(significant[0] if significant else None, first=not before)
@@ -208,7 +190,7 @@ class _Round:
         for trial in rivals:
             if best is None or explains_more(trial, best.trial):
                 finding = self._test_outside(trial)
-                if finding.p_value < FALSE_ALARM and finding.size >= SIZE:
+                if finding.p_value < THRESHOLDS.false_alarm and finding.size >= THRESHOLDS.size:
                     return finding
         return None
 
@@ -218,7 +200,7 @@ class _Round:
             trials = [t for t in self.outside if axis in t.gains]
             if trials:
                 yield max(trials, key=lambda t: t.score)
-        if first and best is not None and best.size >= SIZE:
+        if first and best is not None and best.size >= THRESHOLDS.size:
             change = sudden_change(self.bench)
             if change is not None:
                 yield change
@@ -240,24 +222,27 @@ class _Round:
             if candidate.effect is None or candidate.family == family or axis not in other.trial.gains:
                 continue
             alike = _correlation(own, self.bench.contribution(other.trial, axis))
-            if alike >= ALIKE and other.excess >= AS_GOOD * finding.excess:
+            if alike >= THRESHOLDS.alike and other.excess >= THRESHOLDS.as_good * finding.excess:
                 names.append(candidate.family)
         return replace(finding, confounded_with=tuple(names))
 
 
 def explains_more(outside: Score, inside: Score) -> bool:
     """An expression explains clearly more than an effect: in some axis where it has size, and in all."""
-    if outside.score <= inside.score + max(PREFERENCE, PREFERENCE_SHARE * inside.score):
+    if outside.score <= inside.score + max(THRESHOLDS.preference, THRESHOLDS.preference_share * inside.score):
         return False
     return any(_clearly_more(gain, inside.gains.get(axis)) for axis, gain in outside.gains.items())
 
 
 def _clearly_more(gain: Gain, other: Gain | None) -> bool:
-    if size_of(gain) < SIZE:
+    if size_of(gain) < THRESHOLDS.size:
         return False
     if other is None:
         return True
-    return explained(other) < ENOUGH * explained(gain) or log_ratio(gain) > log_ratio(other) + CLEARLY
+    return (
+        explained(other) < THRESHOLDS.enough * explained(gain)
+        or log_ratio(gain) > log_ratio(other) + THRESHOLDS.clearly
+    )
 
 
 def _columns(finding: Finding) -> int:

@@ -3,8 +3,8 @@
 With z = residual / sigma, sigma the known noise of each point, the mean of z^2 over n points is 1 under a perfect
 model. Neighbouring points are correlated, which leaves n / (1 + 2 sum_l rho(l)^2) independent squares (Bartlett 1946),
 rho being the correlation of the residuals: the sum of squares is chi-square with so many degrees of freedom. The
-probability is multiplied by the number of places tried (Bonferroni). A place must be LEAST_EXCESS times as noisy as
-the noise as well, since the noise of a real aircraft is not known to the last percent.
+probability is multiplied by the number of places tried (Bonferroni). A place must be ``Thresholds.failing`` times as
+noisy as the noise as well, since the noise of a real aircraft is not known to the last percent.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ import numpy.typing as npt
 from scipy.special import gammaincc
 
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 #: Probability that a flight with a perfect model has a place in the list, for one axis.
 FALSE_ALARM = 0.05
-#: Rms residual over the noise, from which a place is worth a word.
-LEAST_EXCESS = 1.5
 #: Shares of the flight that lie beyond the edges of the cells.
 _TAILS = (0.05, 0.1, 0.25)
 #: Length [s] of the pieces of which stretches of time are made, and time over which residuals may be correlated.
@@ -103,7 +102,7 @@ def failing_places(flight: FlightData, axis: str, residual: Array, std: Array, s
         square = float(np.mean(z[inside] ** 2))
         freedom = max(int(inside.sum()) * share, 1.0)
         p_value = min(1.0, tried * float(gammaincc(0.5 * freedom, 0.5 * freedom * square)))
-        if p_value < FALSE_ALARM and square > LEAST_EXCESS**2:
+        if p_value < FALSE_ALARM and square > THRESHOLDS.failing**2:
             begin, end = (float(t) + flight.begin for t in flight.time[inside][[0, -1]])
             nrmse = float(np.sqrt(np.mean(residual[inside] ** 2))) / spread
             words = words or unusual(flight, inside, judged)
@@ -131,7 +130,7 @@ def _stretches(time: Array, z: Array) -> tuple[list[Mask], int]:
     """
     piece = np.asarray(np.floor(time / _PIECE), dtype=np.int64)
     judged = np.isfinite(z)
-    usual = max(LEAST_EXCESS**2, float(np.mean(z[judged] ** 2)))
+    usual = max(THRESHOLDS.failing**2, float(np.mean(z[judged] ** 2)))
     excess = np.where(judged, z**2 - usual, 0.0)
     score = np.asarray(np.bincount(piece, excess, minlength=int(piece[-1]) + 1), dtype=np.float64)
     waiting, found = [(0, len(score))], []

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_rows, link
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.pace import why_controls_too_slow, why_too_slow
 from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS
@@ -26,8 +27,6 @@ POINTS, AIRCRAFT = "points.npz", "aircraft.yaml"
 #: Length [s] of the blocks that are held out together, and what is left out at the borders of each.
 BLOCK, GUARD = 5.0, 0.4
 FOLDS = 4
-#: Least flight [s] from which anything is said.
-SHORTEST = 20.0
 _KEPT = 256
 
 
@@ -119,12 +118,12 @@ def load_flight_data(run: str | Path) -> FlightData:
 
 
 def check_flight(run: str, flight: FlightData, samples: Samples | None = None) -> None:
-    """Raises InputError where a run has less than SHORTEST in flight, or samples too slow for it, which it names."""
+    """Raises InputError where a run has too little in flight, or samples too slow for it, which it names."""
     count, controls = len(flight.time), flight.model.signals_used & CONTROL_SIGNALS
-    if not count * flight.step >= SHORTEST:
+    if not count * flight.step >= THRESHOLDS.shortest:
         seconds = 0.0 if count < 2 else count * flight.step
         slow = "" if samples is None else why_too_slow(samples)
-        short = f"{run} has {seconds:.0f} s in flight with air data: {SHORTEST:g} s are needed"
+        short = f"{run} has {seconds:.0f} s in flight with air data: {THRESHOLDS.shortest:g} s are needed"
         raise InputError(f"{run} cannot be judged: {slow}" if slow else short)
     unknown = controls and not any(np.isfinite(flight.signal(name)).any() for name in controls)
     if unknown and samples is not None and (slow := why_controls_too_slow(samples)):

@@ -15,34 +15,23 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.candidates import Candidate
-from aircraft_sysid_ros.diagnosis.diagnose import (
-    FALSE_ALARM,
-    MISSING,
-    SIZE,
-    Diagnosis,
-    Finding,
-    diagnose,
-)
+from aircraft_sysid_ros.diagnosis.diagnose import MISSING, Diagnosis, Finding, diagnose
 from aircraft_sysid_ros.diagnosis.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.fit import fit_axis, held_out_error
 from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT, LEAST_TIME, Replica, replicas_of
+from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.reconstruction import (
     Reconstruction,
     reconstruct_as_flown,
     settled_flight,
 )
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, errors_of, new_terms
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Samples
-
-#: Settings of the aircraft file that are mended one after another.
-_MOST_SETTINGS = 2
-#: A second setting whose evidence is within this share of the first cannot be told from it.
-_AS_GOOD = 0.75
 
 
 @dataclass(frozen=True)
@@ -82,8 +71,8 @@ class FlightDiagnosis:
             "verdict": self.verdict,
             "candidates": [*map(self._of_setting, self.settings), *map(self._of_finding, self.diagnosis.candidates)],
             "advice": " ".join(self._advice()),
-            "false_alarm_rate": FALSE_ALARM,
-            "least_size": SIZE,
+            "false_alarm_rate": THRESHOLDS.false_alarm,
+            "least_size": THRESHOLDS.size,
             "noise_floor": dict(self.diagnosis.floor),
             "tried": self.diagnosis.tried,
             "replicas": self.diagnosis.replicas,
@@ -149,7 +138,7 @@ class FlightDiagnosis:
         found = self.diagnosis.found
         if not self.settings and not found:
             yield "Nothing is missing that this flight could show:"
-            yield f"no effect explains {SIZE:.0%} of the error of an axis on flight that was held out."
+            yield f"no effect explains {THRESHOLDS.size:.0%} of the error of an axis on flight that was held out."
         if not self.is_calm:
             yield "In these gusts a wrong scale of the air data could not be seen: fly in calm air for that."
         for mended in self.settings:
@@ -185,7 +174,7 @@ def diagnose_flight(
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]
     others = [effect for effect in library if effect.kind != MEASUREMENT]
     settings: list[MeasurementFinding] = []
-    for _ in range(_MOST_SETTINGS):
+    for _ in range(THRESHOLDS.most_settings):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
         faults = [f for f in faults if all(f.effect is not s.setting.effect for s in settings)]
         mended = _mended(faults, aircraft, flight, calm, len(measuring))
@@ -196,7 +185,7 @@ def diagnose_flight(
         settings.append(finding)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
     if len(repeated) < 2:
-        long_enough = f"{LEAST_TIME:g} s in flight without a gap, with motion about every axis, are"
+        long_enough = f"{THRESHOLDS.least_time:g} s in flight without a gap, with motion about every axis, are"
         raise InputError(f"no stretch of this flight is long enough to be diagnosed: {long_enough}")
     result = diagnose(CandidateEvaluator(data), repeated, others, lambda share: progress("try the library", share))
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
@@ -207,13 +196,14 @@ def _mended(
 ) -> tuple[Aircraft, Reconstruction, MeasurementFinding] | None:
     """The aircraft and the flight with the best of some settings, and what that says; None where there is none.
 
-    In gusts a setting may make likelier what is only a gust: there it must lower the error of an axis by SIZE, too.
+    In gusts a setting may make likelier what is only a gust: there it must lower the error of an axis by
+    ``Thresholds.size``, too.
     """
     for number, fault in enumerate(faults):
         better = with_setting(aircraft, fault.variant.setting, fault.value)
         mended, _ = reconstruct_as_flown(better, flight.samples, with_covariance=False)
         finding = _judged(faults[number:], settled_flight(flight), settled_flight(mended), tried)
-        if calm or any(after <= (1.0 - SIZE) * before for before, after in finding.errors.values()):
+        if calm or any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values()):
             return better, mended, finding
     return None
 
@@ -223,9 +213,9 @@ def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tr
     from scipy.stats import chi2
 
     best = faults[0]
-    near = [f.effect.identifier for f in faults[1:] if f.evidence >= _AS_GOOD * best.evidence]
+    near = [f.effect.identifier for f in faults[1:] if f.evidence >= THRESHOLDS.setting_as_good * best.evidence]
     company = tuple(dict.fromkeys(name for name in near if name != best.effect.identifier))
-    level = chi2.isf(FALSE_ALARM / tried, 1)  # at evidence 1 the setting is just significant
+    level = chi2.isf(THRESHOLDS.false_alarm / tried, 1)  # at evidence 1 the setting is just significant
     p_value = float(min(1.0, tried * chi2.sf(level * best.evidence, 1)))
     errors = {}
     for axis in AXES:

@@ -4,14 +4,14 @@ After a flight the null comes from replicas of it (``replicas``), which need eve
 three things stand in for them:
 
 - points count from when the reconstruction has settled, and windows that overlap are thinned;
-- a candidate must lower the held-out error of an axis by LIVE_SIZE, twice what is asked after the flight, and its
-  parameters must be larger than chance makes them: a Wald test at LEVEL over the number of candidates, whose
-  covariance allows for coloured residuals and for the accelerometer bias, which is still being found. A bias that is
-  estimated with variance s^2(t) has errors that walk backwards in time with steps of variance s^2(t) - s^2(t + dt):
+- a candidate must lower the held-out error of an axis by ``Thresholds.live_size``, twice what is asked after the
+  flight, and its parameters must be larger than chance makes them: a Wald test at ``live_level`` over all candidates,
+  whose covariance allows for coloured residuals and for the accelerometer bias, which is still being found. A bias that
+  is estimated with variance s^2(t) has errors that walk backwards in time with steps of variance s^2(t) - s^2(t + dt):
   exact for a constant that is estimated from ever more data. Without this every step and slow growth in the forces is
-  called an effect. Errors of the reconstructed angles are not in the covariance: LEVEL is small for their sake, and
-  no rate of false alarms;
-- nothing is judged before LEAST seconds of settled flight: manoeuvres must have been repeated;
+  called an effect. Errors of the reconstructed angles are not in the covariance: that level is small for their sake,
+  and no rate of false alarms;
+- nothing is judged before ``live_least`` seconds of settled flight: manoeuvres must have been repeated;
 - alpha_dot and beta_dot are not judged. They contain the measured forces, which answer to gusts before the
   reconstructed angles do, and so explain something in every turbulent flight. ``diagnose`` after the flight can.
 
@@ -34,21 +34,12 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, parse_expression
 from aircraft_sysid_ros.diagnosis.additions import parse_request
 from aircraft_sysid_ros.diagnosis.candidates import Candidate
-from aircraft_sysid_ros.diagnosis.diagnose import (
-    ALIKE,
-    AS_GOOD,
-    ENOUGH,
-    MISSING,
-    NONE,
-    PREFERENCE,
-    UNEXPLAINED,
-    explained,
-)
+from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, explained
 from aircraft_sysid_ros.diagnosis.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.fit import AxisFit
-from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, SHORTEST, FlightData
-from aircraft_sysid_ros.diagnosis.reconstruction import SETTLED
+from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, errors_of, expressions, new_terms
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.errors import InputError
@@ -63,12 +54,6 @@ SLIDING = 120.0
 SETTLING = 20.0
 #: Time [s] between points: windows of the measured coefficients do not overlap.
 SPACING = 0.16
-#: Share of the held-out rms error of an axis that an effect must explain.
-LIVE_SIZE = 0.20
-#: Level of the Wald test over all candidates of a window.
-LEVEL = 1e-6
-#: Settled flight [s] from which anything is judged.
-LEAST = 60.0
 #: Signals that contain the measured forces.
 FORCES = frozenset({"alpha_dot", "beta_dot"})
 
@@ -126,18 +111,18 @@ def windows(aircraft: Aircraft, memory: SampleMemory, step: float) -> list[LiveF
     made = [live_flight(aircraft, kept, step, "the flight")]
     if len(newest.time) and newest.time[0] > kept.time[0] + SETTLING + 0.25 * SLIDING:
         made.append(live_flight(aircraft, newest, step, f"the newest {SLIDING:.0f} s"))
-    return [flight for flight in made if flight is not None and np.ptp(flight.data.time) >= LEAST]
+    return [flight for flight in made if flight is not None and np.ptp(flight.data.time) >= THRESHOLDS.live_least]
 
 
 def live_flight(aircraft: Aircraft, kept: RememberedSamples, step: float, window: str) -> LiveFlight | None:
-    """Points from when the reconstruction has settled, thinned; None where they are less than SHORTEST."""
+    """Points from when the reconstruction has settled, thinned; None where they are too short to be judged."""
     since_start = kept.signals[:, SIGNAL_INDEX["time"]]
     usual = np.nanmedian(kept.air_velocity_std) if len(since_start) else np.nan
-    settled = (since_start >= SETTLING) & (kept.air_velocity_std <= SETTLED * usual)
+    settled = (since_start >= SETTLING) & (kept.air_velocity_std <= THRESHOLDS.settled * usual)
     every = max(round(SPACING / step), 1)
     slot = np.rint(kept.time / step).astype(np.int64)
     use = settled & (slot % every == 0)
-    if use.sum() * every * step < SHORTEST:
+    if use.sum() * every * step < THRESHOLDS.shortest:
         return None
     data = FlightData(
         aircraft,
@@ -200,11 +185,11 @@ def _finding(flight: LiveFlight, bench: CandidateEvaluator, trial: Score, tried:
 
     passed: dict[str, float] = {}
     for axis, gain in trial.gains.items():
-        if 1.0 - gain.nrmse_after / gain.nrmse_before < LIVE_SIZE:
+        if 1.0 - gain.nrmse_after / gain.nrmse_before < THRESHOLDS.live_size:
             continue
         columns = flight.data.columns([parse_expression(term) for term in trial.candidate.terms[axis]])
         p_value = tried * float(chi2.sf(*wald(flight, bench.fits[axis], columns)))
-        if p_value < LEVEL:
+        if p_value < THRESHOLDS.live_level:
             passed[axis] = p_value
     if not passed:
         return None
@@ -223,7 +208,7 @@ def _finding(flight: LiveFlight, bench: CandidateEvaluator, trial: Score, tried:
 def diagnose_live(flights: Sequence[LiveFlight], library: Sequence[Effect] = LIBRARY) -> LiveDiagnosis:
     """The verdict on one or more windows of a flight; the first with a verdict other than none decides."""
     if not flights:
-        raise InputError(f"less than {LEAST:g} s of the flight are settled")
+        raise InputError(f"less than {THRESHOLDS.live_least:g} s of the flight are settled")
     model = flights[0].data.model.identifier
     for flight in flights:
         findings = search(flight, library)
@@ -258,7 +243,10 @@ def _is_enough(inside: LiveFinding, outside: LiveFinding) -> bool:
     """Whether an effect explains about what an expression explains, in one axis."""
     axis = outside.axis
     mine = explained(inside.trial.gains[axis]) if axis in inside.trial.gains else 0.0
-    return mine >= ENOUGH * explained(outside.trial.gains[axis]) or outside.score <= inside.score + PREFERENCE
+    return (
+        mine >= THRESHOLDS.enough * explained(outside.trial.gains[axis])
+        or outside.score <= inside.score + THRESHOLDS.preference
+    )
 
 
 def reads(candidate: Candidate, signals: Collection[str]) -> bool:
@@ -270,10 +258,14 @@ def _company(bench: CandidateEvaluator, finding: LiveFinding, others: Sequence[L
     """Candidates that this window cannot tell from a finding."""
     own, names = bench.contribution(finding.trial, finding.axis), []
     for other in others:
-        if other is finding or finding.axis not in other.trial.gains or other.score < AS_GOOD * finding.score:
+        if (
+            other is finding
+            or finding.axis not in other.trial.gains
+            or other.score < THRESHOLDS.as_good * finding.score
+        ):
             continue
         theirs = bench.contribution(other.trial, finding.axis)
-        if abs(own @ theirs) >= ALIKE * np.sqrt((own @ own) * (theirs @ theirs)):
+        if abs(own @ theirs) >= THRESHOLDS.alike * np.sqrt((own @ own) * (theirs @ theirs)):
             names.append(other.trial.candidate.family)
     return tuple(names)
 
@@ -354,7 +346,9 @@ def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Terms:
     inner numbers.
     """
     if flight is None:
-        raise InputError(f"'{effect.identifier}' is fitted to the flight: less than {SHORTEST:g} s of it are settled")
+        raise InputError(
+            f"'{effect.identifier}' is fitted to the flight: less than {THRESHOLDS.shortest:g} s of it are settled"
+        )
     data = flight.data
     missing = [name for name in SIGNALS if name in effect.signals and not np.isfinite(data.signal(name)).any()]
     trial = None if missing else CandidateEvaluator(data).best_of(effect)

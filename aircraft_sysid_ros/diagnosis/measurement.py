@@ -22,6 +22,7 @@ from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GRO
 from aircraft_sysid_ros.diagnosis.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.parametric_bootstrap import worker_pool
 from aircraft_sysid_ros.diagnosis.reconstruction import AIR_DATA, Reconstruction, flight_data_of, log_likelihood
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
@@ -31,15 +32,6 @@ Array = npt.NDArray[np.float64]
 
 #: Longest stretch [s] of a flight that is run again for each setting.
 LONGEST = 120.0
-#: Gain of the log-likelihood, per sample of air data, below which a setting is as good as that of the file. Gusts are
-#: no random walk, and the random walk that the filter takes for them leaves it some tenths of this to gain.
-LEAST_GAIN = 0.02
-#: And at least this much in all, which is enough in calm air.
-LEAST_TOTAL = 20.0
-#: Lag [s] of the air data for which LEAST_GAIN holds: gusts of another spectrum feign short ones, which need more.
-GUST_LAG = 0.05
-#: Least gain of ln(error variance), over all axes, for the delay of the controls.
-LEAST_CONTROL_GAIN = 0.25
 #: Steps towards the best value after the first look to both sides.
 _STEPS = 4
 _CONTROLS = "control_surfaces"
@@ -125,8 +117,8 @@ def try_setting(job: Job) -> Setting:
     start = nominal(flight.aircraft, variant.setting)
     of_controls = _CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
-    of_sensors = LEAST_TOTAL if calm else max(LEAST_TOTAL, LEAST_GAIN * air)
-    needed = LEAST_CONTROL_GAIN if of_controls else of_sensors
+    of_sensors = THRESHOLDS.setting_total if calm else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
+    needed = THRESHOLDS.control_gain if of_controls else of_sensors
 
     def gain(value: float) -> float:
         if value == start:
@@ -140,7 +132,7 @@ def try_setting(job: Job) -> Setting:
     value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if variant.setting[-1] == "delay" and not of_controls:
-        needed *= GUST_LAG / max(abs(value - start), 1e-3)
+        needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
     return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std)
 
 

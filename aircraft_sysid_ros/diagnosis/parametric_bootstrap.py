@@ -21,6 +21,7 @@ from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.noise_floor import HALF_WIDTH
 from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, flying, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
@@ -31,8 +32,6 @@ Array = npt.NDArray[np.float64]
 
 #: Replicas of a flight, and the longest stretch [s] of it that they repeat.
 COUNT, LONGEST = 5, 300.0
-#: Time [s] in flight without a gap below which a flight is too short to be repeated.
-LEAST_TIME = 10.0
 _PR_SET_PDEATHSIG = 1
 
 
@@ -79,7 +78,7 @@ def replicas_of(
     """``count`` replicas; fewer where the filter does not start on one. Their seeds are 0, 1, …."""
     rows = flying(flight.rows, flight.aircraft.minimum_airspeed)
     rows = rows[rows[:, StateField.TIME] <= rows[0, StateField.TIME] + LONGEST] if len(rows) else rows
-    if not len(rows) or np.ptp(rows[:, StateField.TIME]) < LEAST_TIME:
+    if not len(rows) or np.ptp(rows[:, StateField.TIME]) < THRESHOLDS.least_time:
         return []
     results: list[Replica] = []
     parameters = fitted_parameters(settled_flight(flight))

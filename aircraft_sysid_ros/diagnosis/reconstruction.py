@@ -16,6 +16,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.sensor_rates import with_sparse_rates
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
@@ -31,18 +32,11 @@ from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 Array = npt.NDArray[np.float64]
 
 
-#: The flight counts from where the air data are known this much worse than usual, at most.
-SETTLED = 1.5
-#: Noise of a sensor over what the aircraft file says, as far as it is believed.
-NOISE_RANGE = (0.5, 4.0)
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
 _LEAST_FOR_NOISE = 200
-#: A state that is given up, since so many measurements [1] were rejected for some time [s], was wrong for so long [s].
-_MOST_REJECTED, _REJECTING, WRONG_FOR = 20.0, 5.0, 30.0
-#: Random walk of the wind [m/s per sqrt(s)] above which a scale of the air data cannot be told from gusts that are
-#: stronger in one direction than in another.
-CALM = 0.15
+#: A state is given up where so many measurements [1] were rejected within some time [s] before a gap.
+_MOST_REJECTED, _REJECTING = 20.0, 5.0
 #: Factor between the random walks of the wind that are tried, and the largest [m/s per sqrt(s)].
 WALK_STEP, LARGEST_WALK = 1.25, 3.0
 AIR_DATA = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
@@ -91,7 +85,7 @@ def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = Tr
 
 
 def fit_sensor_noise(aircraft: Aircraft, samples: Samples) -> Aircraft:
-    """The aircraft with the noise that IMU and air data really have in a recording, within NOISE_RANGE of its file.
+    """The aircraft with the noise that IMU and air data really have in a recording, within limits of its file.
 
     From third differences, (1, -3, 3, -1) with the sum of squares 20: what changes from sample to sample is noise and
     not motion. Medians, so that faults do not count. A filter that is told another noise takes it for gusts.
@@ -108,7 +102,7 @@ def fit_sensor_noise(aircraft: Aircraft, samples: Samples) -> Aircraft:
             squares = np.nanmedian(np.diff(columns, 3, axis=0) ** 2, axis=0)
             found, given = np.sqrt(np.median(squares) / (20.0 * _MEDIAN_SQUARE)), aircraft.sensors[name].noise[0]
             if np.isfinite(found) and given > 0.0:
-                noise = given * float(np.clip(found / given, *NOISE_RANGE))
+                noise = given * float(np.clip(found / given, THRESHOLDS.least_noise, THRESHOLDS.most_noise))
                 aircraft = with_setting(aircraft, ("sensors", name, "noise"), noise)
     return aircraft
 
@@ -153,9 +147,9 @@ def reconstruct_as_flown(
 def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
     """The aircraft with the random walk of the wind under which innovations are likeliest, and whether it is calm.
 
-    Calm: no gusts beyond CALM and beyond what the aircraft file says of the wind. The filter in flight follows gusts
-    cautiously and from one side; what it takes for noise then stands as an error in the flow angles, larger than any
-    replica would show.
+    Calm: no gusts beyond ``Thresholds.calm`` and beyond what the aircraft file says of the wind. The filter in flight
+    follows gusts cautiously and from one side; what it takes for noise then stands as an error in the flow angles,
+    larger than any replica would show.
     """
     given = aircraft.process_noise["wind"]
     of_file, gusts = _filtered(aircraft, samples)
@@ -166,7 +160,7 @@ def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool
         if likelihood <= best:
             break
         best, likeliest, walk = likelihood, gustier, WALK_STEP * walk
-    if likeliest.process_noise["wind"] <= max(CALM, 1.01 * given):
+    if likeliest.process_noise["wind"] <= max(THRESHOLDS.calm, 1.01 * given):
         return aircraft, True
     return likeliest, False
 
@@ -187,7 +181,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
     It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is.
     """
     std = made.filter_std
-    settled = made.rows[int(np.argmax(std < SETTLED * float(np.nanmedian(std)))), StateField.TIME]
+    settled = made.rows[int(np.argmax(std < THRESHOLDS.settled * float(np.nanmedian(std)))), StateField.TIME]
     times = made.points[:, CoefficientSample.TIME]
     keep = times >= settled
     for begin, end in given_up(made.rows):
@@ -209,7 +203,7 @@ def given_up(rows: Array) -> list[tuple[float, float]]:
     for last in np.flatnonzero(np.diff(time) > LONGEST_GAP).tolist():
         lately = np.flatnonzero(time[: last + 1] > time[last] - _REJECTING)
         if np.ptp(rows[lately, StateField.REJECTED]) > _MOST_REJECTED:
-            stretches.append((float(time[last] - WRONG_FOR), float(time[last])))
+            stretches.append((float(time[last] - THRESHOLDS.wrong_for), float(time[last])))
     return stretches
 
 

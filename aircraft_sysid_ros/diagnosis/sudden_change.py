@@ -16,6 +16,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
 from aircraft_sysid_ros.diagnosis.candidates import Candidate, grid
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, moves, refined
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import OF_TIME, ShapeParameter
 
 #: Share of a flight in which the moment may lie, and the times that are tried first.
@@ -23,8 +24,6 @@ _MOMENT = ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME)
 _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr")
 #: Characters of a term that can still be written with a step before it.
 _LONGEST = MAXIMUM_LENGTH - 50
-#: ln of the error variance that a term, and an axis, must gain to be kept.
-LEAST_GAIN = 0.1
 #: Terms of one axis, and moments at which terms are chosen.
 _MOST_TERMS, _MOST_MOMENTS = 4, 4
 
@@ -55,14 +54,14 @@ def _candidate(moment: float, terms: Mapping[str, Sequence[str]]) -> Candidate:
 
 
 def _gain(trial: Score) -> float:
-    return sum(value for value in trial.log_ratios.values() if value >= LEAST_GAIN)
+    return sum(value for value in trial.log_ratios.values() if value >= THRESHOLDS.change_gain)
 
 
 def _chosen(bench: CandidateEvaluator, moment: float, whole: Score) -> Score | None:
     """The few terms that make most of the change at one moment."""
     few: dict[str, list[str]] = {}
     for axis, terms in _everything(bench).items():
-        if whole.log_ratios.get(axis, 0.0) < LEAST_GAIN:
+        if whole.log_ratios.get(axis, 0.0) < THRESHOLDS.change_gain:
             continue
         kept: list[str] = []
         gained = 0.0
@@ -70,7 +69,7 @@ def _chosen(bench: CandidateEvaluator, moment: float, whole: Score) -> Score | N
             trials = {t: bench.trial(_candidate(moment, {axis: [*kept, t]})) for t in terms if t not in kept}
             gains = {term: trial.log_ratios[axis] for term, trial in trials.items() if trial is not None}
             best = max(gains, key=lambda term: gains[term], default=None)
-            if best is None or gains[best] < gained + LEAST_GAIN:
+            if best is None or gains[best] < gained + THRESHOLDS.change_gain:
                 break
             gained = gains[best]
             kept.append(best)

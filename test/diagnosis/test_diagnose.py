@@ -12,7 +12,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.bootstrap_flight import world_of
-from aircraft_sysid_ros.diagnosis.diagnose import FALSE_ALARM, Null, diagnose
+from aircraft_sysid_ros.diagnosis.diagnose import Null, diagnose
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.measurement import maximum, measurement_faults
 from aircraft_sysid_ros.diagnosis.parametric_bootstrap import fitted_parameters, without_excess
@@ -24,6 +24,7 @@ from aircraft_sysid_ros.diagnosis.reconstruction import (
     settled_flight,
 )
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -65,7 +66,9 @@ def test_two_effects_are_found_one_after_another(two_effects):
     assert said["verdict"] == "missing"
     assert {c["effect"] for c in said["candidates"] if c["found"]} == {"dihedral_alpha", "sideslip_drag"}
     for candidate in said["candidates"][:2]:
-        assert candidate["p_value"] < FALSE_ALARM and candidate["error_after"] < 0.6 * candidate["error_before"]
+        assert (
+            candidate["p_value"] < THRESHOLDS.false_alarm and candidate["error_after"] < 0.6 * candidate["error_before"]
+        )
 
 
 def test_the_size_of_an_effect_is_that_of_the_simulation(two_effects):
@@ -127,7 +130,7 @@ def test_the_null_gives_false_alarms_at_its_rate():
 def test_an_effect_whose_signals_are_not_measured_does_not_silence_the_others():
     null = Null({"flaps": np.array([]), "dihedral": np.array([0.01, 0.02, 0.0])})
     _, evidence, p_value = null.test("dihedral", 3.0, 2)
-    assert evidence > 10.0 and p_value < FALSE_ALARM
+    assert evidence > 10.0 and p_value < THRESHOLDS.false_alarm
     assert null.test("flaps", 3.0, 2)[2] == 1.0
 
 

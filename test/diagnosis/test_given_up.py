@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from aircraft_sysid_ros.diagnosis.reconstruction import WRONG_FOR, given_up
+from aircraft_sysid_ros.diagnosis.reconstruction import given_up
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 
@@ -18,7 +19,7 @@ TIME = np.concatenate([np.arange(0.0, 40.0, 0.01), np.arange(41.0, 60.0, 0.01)])
 def test_a_state_whose_gps_was_rejected_until_it_began_anew_is_left_out_before() -> None:
     rejected = np.where(TIME > 35.0, 10.0 * np.minimum(TIME - 35.0, 5.0), 0.0)
     ((begin, end),) = given_up(rows_of(TIME, rejected))
-    assert (begin, end) == (TIME[TIME < 40.5][-1] - WRONG_FOR, TIME[TIME < 40.5][-1])
+    assert (begin, end) == (TIME[TIME < 40.5][-1] - THRESHOLDS.wrong_for, TIME[TIME < 40.5][-1])
 
 
 def test_a_gap_alone_is_not_and_rejections_alone_are_not() -> None:

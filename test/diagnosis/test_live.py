@@ -9,6 +9,7 @@ from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis import live
 from aircraft_sysid_ros.diagnosis.live_worker import Answer, LiveWorker, answer_to
 from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
@@ -78,7 +79,7 @@ def test_the_hidden_effect_is_named(windows):
     first = content["candidates"][0]
     assert (first["effect"], first["expression"], first["axes"]) == ("dihedral_alpha", "Cl: alpha*beta", ["Cl"])
     assert first["error_after"] < 0.5 * first["error_before"]
-    assert first["p_value"] < live.LEVEL
+    assert first["p_value"] < THRESHOLDS.live_level
     assert "add_effect dihedral_alpha" in content["advice"]
     assert "C_l" in first["where"]
 

@@ -1,0 +1,166 @@
+"""The thresholds that decide what is diagnosed, in one record, each with the reason of its value.
+
+Rules were made while the flights "tuned on" of ``make hidden-effects`` were looked at, and judged on fresh ones:
+docs/diagnosis.md, which lists this record. What rests on no more than that says "a judgement".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+
+def _of(value: Any, *why: str) -> Any:
+    return field(default=value, metadata={"why": " ".join(why)})
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Limits of a diagnosis. Logarithms are natural, of ratios of held-out sums of squares."""
+
+    # -- the flight
+    shortest: float = _of(
+        20.0,
+        "Flight [s] from which anything is said: a block of 5 s in each of the four groups that take turns.",
+    )
+    least_time: float = _of(
+        10.0,
+        "Flight without a gap [s] that replicas can repeat: two blocks, one to fit and one to hold out.",
+    )
+    settled: float = _of(
+        1.5,
+        "The flight counts from where the air data are known this much worse than usual, at most: the filter begins by",
+        "allowing for gusts, and flow angles are worse until it knows. A judgement.",
+    )
+    least_noise: float = _of(
+        0.5,
+        "Least noise of a sensor, over that of the file, that third differences are believed to say: a sensor that",
+        "rounds or repeats its values seems to have none. A judgement.",
+    )
+    most_noise: float = _of(
+        4.0,
+        "And the largest: beyond it a sensor is faulty, which is another matter than noise. A judgement.",
+    )
+    calm: float = _of(
+        0.15,
+        "Random walk of the wind [m/s per √s] above which a scale of the air data cannot be told from gusts that are",
+        "stronger in one direction than in another.",
+    )
+    wrong_for: float = _of(
+        30.0,
+        "A state that was given up, since GPS contradicted it, was wrong for so long [s]. A judgement.",
+    )
+
+    # -- significance and size
+    false_alarm: float = _of(
+        0.05,
+        "Probability that a flight in which nothing is missing gets a finding by significance alone: the usual level.",
+    )
+    size: float = _of(
+        0.10,
+        "Share of the held-out rms error of an axis that an effect must explain: what is true but tiny is listed and",
+        "not called missing.",
+    )
+    shrinkage: float = _of(
+        4.0,
+        "Weight of the spread over all candidates, in replicas, against that of the candidate itself: five replicas",
+        "say little of the spread of one, and the two then count alike.",
+    )
+    least_spread: float = _of(
+        0.004,
+        "Least standard deviation of a score over replicas: where they are alike by chance anything would be",
+        "significant. Small beside the 0.2 that an effect of the least size scores.",
+    )
+    doubt: float = _of(
+        1.0,
+        "What replicas show of a candidate is known to so many times its own size: it comes from gusts, and those of",
+        "the flight are not those of the replicas.",
+    )
+    most_effects: int = _of(4, "Effects that are looked for one after another, each with those before it in the model.")
+
+    # -- which name
+    enough: float = _of(
+        0.8,
+        "An effect that explains less than this share of the error variance that an expression explains in an axis is",
+        "not the cause: without this, more than half of the flights whose effect the library lacked got a name.",
+    )
+    clearly: float = _of(0.2, "Nor is one that leaves this much more of it, in ln: a tenth of the rms error, as size.")
+    preference: float = _of(
+        0.1,
+        "And over all axes the expression must explain this much more, in ln: of hundreds of expressions one is better",
+        "than the truth by chance.",
+    )
+    preference_share: float = _of(0.2, "Or this share of what the effect explains, where that is more.")
+    alike: float = _of(
+        0.9,
+        "Candidates are told apart when what they explain correlates less: at 0.9 one explains four fifths of the",
+        "other.",
+    )
+    as_good: float = _of(0.8, "Or when one explains less than this share of what the other explains. A judgement.")
+    nearly: float = _of(
+        0.97,
+        "Of effects that explain nearly as much as the best, that of the fewest terms is named. A judgement.",
+    )
+    change_gain: float = _of(
+        0.1,
+        "ln of the error variance that a term of a change at one moment must gain: 5 % of the rms error, half of size.",
+    )
+
+    # -- the measurement
+    setting_gain: float = _of(
+        0.02,
+        "Gain of the log-likelihood per sample of air data below which a setting is, in gusts, as good as that of the",
+        "file: gusts are no random walk, and that leaves some tenths of this to gain.",
+    )
+    setting_total: float = _of(20.0, "And at least this in all, which is enough in calm air: far beyond chance.")
+    gust_lag: float = _of(
+        0.05,
+        "Lag of the air data [s] for which that holds: gusts of another spectrum feign short ones, which need more.",
+    )
+    control_gain: float = _of(
+        0.25,
+        "ln of the error variance, over all axes, that a delay of the controls must gain: the second step judges it,",
+        "and a delay that smooths gains something in any flight.",
+    )
+    most_settings: int = _of(2, "Settings of the aircraft file that are mended one after another.")
+    setting_as_good: float = _of(
+        0.75,
+        "A second setting with this share of the evidence of the first cannot be told from it. A judgement.",
+    )
+
+    # -- in flight
+    live_size: float = _of(
+        0.20,
+        "Share of the rms error that an effect must explain in flight: twice that after it, since no replicas stand",
+        "beside it.",
+    )
+    live_level: float = _of(
+        1e-6,
+        "Level of the test in flight, over all candidates: small for the sake of the errors of the flow angles, which",
+        "are not in its covariance; no rate of false alarms.",
+    )
+    live_least: float = _of(
+        60.0, "Settled flight [s] from which anything is judged: manoeuvres must have been repeated."
+    )
+
+    # -- compare and add
+    odd_noise: float = _of(
+        1.6,
+        "Fast part of a residual over the noise of the file, or its inverse, from which a note says that the file is",
+        "wrong: three times as far from 1 as the errors of clean flights are from their floor (docs/compare.md).",
+    )
+    far_above: float = _of(1.5, "Held-out error over its floor from which a residual of only noise needs a word.")
+    failing: float = _of(
+        1.5,
+        "Rms residual over the noise from which a place is listed: the noise of a real aircraft is not known to the",
+        "last percent.",
+    )
+    least_fall: float = _of(0.01, "Fall of a held-out error by which an addition improves a model. A judgement.")
+
+
+THRESHOLDS = Thresholds()
+
+
+def listed() -> list[tuple[str, float, str]]:
+    """Name, value and reason of each."""
+    return [(each.name, getattr(THRESHOLDS, each.name), each.metadata["why"]) for each in fields(Thresholds)]
