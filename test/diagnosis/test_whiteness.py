@@ -24,7 +24,7 @@ def windowed(random: np.random.Generator, points: int, kept: float = 0.0) -> np.
 
 
 def known_correlation(kept: float = 0.0) -> np.ndarray:
-    source = Source(np.ones(1), INTERVAL, window_weights(INTERVAL)[0], kept)
+    source = Source(np.ones(1), INTERVAL, correlation=kept)
     return NoiseFloor((source,), (), 1.0, STEP).correlation(ORDER, EVERY)
 
 
