@@ -11,7 +11,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, card
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow
-from aircraft_sysid_ros.workbench.views.words import percent
+from aircraft_sysid_ros.workbench.views.words import percent, symbol
 
 
 class Errors:
@@ -31,7 +31,7 @@ class Errors:
             self._notes = ui.element("div").classes("notes soft small")
 
     def _row(self, name: str) -> None:
-        Html(markup.axis_symbol(name)).classes("sym")
+        Html(symbol(name)).classes("sym")
         with ui.element("div").classes("track"):
             was = ui.element("div").classes("was")
             fill = ui.element("div").classes("fill").props(f"data-testid=bar-{name}")

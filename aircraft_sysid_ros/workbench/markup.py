@@ -51,7 +51,7 @@ def _environment() -> Environment:
         "number": number,
         "percent": percent,
         "thousands": thousands,
-        "symbol": lambda axis: Markup(symbol(axis)),
+        "symbol": symbol,
     }
     made.globals |= {"axes": AXES, "interval": INTERVAL}
     return made
@@ -81,11 +81,6 @@ def version_key(version: str) -> Markup:
 
 
 # -- the model -----------------------------------------------------------------------------------------------
-
-
-def axis_symbol(axis: str) -> Markup:
-    """C with its index."""
-    return Markup(symbol(axis))
 
 
 def axis_head(row: AxisRow) -> Markup:

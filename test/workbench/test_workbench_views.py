@@ -6,6 +6,7 @@ import base64
 import json
 import re
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
@@ -252,6 +253,13 @@ def test_names_from_outside_are_text(view, hidden_effect) -> None:
     where = ("label", "physics", "where", "manoeuvre", "other", "delay", "parameter", "reason", "aircraft", "recording",
              "note", "effect", "advice")  # fmt: skip
     assert [words for words in where if hostile(words) not in now.text] == []
+
+
+def test_names_in_figures_are_text() -> None:
+    """Some markup plotly.js would draw: that of the symbols, and not that of names."""
+    shown = figure.axis(figure.LIGHT, "<b>Cl</b>_<a href='https://example.org'>alpha</a>")["title"]["text"]
+    assert "<" not in shown and unescape(shown) == "<b>Cl</b>_<a href='https://example.org'>alpha</a>"
+    assert figure.axis(figure.LIGHT, words.symbol("Cl") + " < 1")["title"]["text"] == "C<sub>l</sub> &lt; 1"
 
 
 def test_the_command_writes_a_file_or_says_why_not(hidden_effect, tmp_path, capsys) -> None:

@@ -162,7 +162,7 @@ def evidence_figure(found: Evidence, theme: Theme, height: int = 280) -> Figure:
     return figure(
         theme, [dots, curve, means], height,
         xaxis=axis(theme, found.quantity.title, fixedrange=True),
-        yaxis=axis(theme, f"left over in {symbol(found.axis)} [-]", fixedrange=True),
+        yaxis=axis(theme, "left over in " + symbol(found.axis) + " [-]", fixedrange=True),
         margin={"l": 66, "r": 8, "t": 8, "b": 42},
     )  # fmt: skip
 

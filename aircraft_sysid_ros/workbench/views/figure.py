@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from markupsafe import escape
 
 Array = npt.NDArray[np.float64]
 Figure = dict[str, Any]
@@ -70,9 +71,9 @@ def figure(theme: Theme, data: list[dict[str, Any]], height: int, **layout: Any)
 
 
 def axis(theme: Theme, title: str, **more: Any) -> dict[str, Any]:
-    """One axis of a figure, with name and unit."""
+    """One axis of a figure, with name and unit: text, or markup, of which plotly.js draws some."""
     base = {
-        "title": {"text": title, "standoff": 5},
+        "title": {"text": str(escape(title)), "standoff": 5},
         "gridcolor": theme.grid,
         "zeroline": False,
         "linecolor": theme.grid,

@@ -94,7 +94,7 @@ def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[fl
     return figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=window, anchor="y2", nticks=9, fixedrange=True),
-        yaxis=axis(theme, f"{symbol(name)} [-]", domain=[_RESIDUAL + 0.05, 1.0], fixedrange=True, nticks=5),
+        yaxis=axis(theme, symbol(name) + " [-]", domain=[_RESIDUAL + 0.05, 1.0], fixedrange=True, nticks=5),
         yaxis2=axis(theme, "left over", domain=[0.0, _RESIDUAL], fixedrange=True, nticks=5),
         shapes=shapes,
     )  # fmt: skip

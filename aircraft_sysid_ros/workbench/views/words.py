@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 
 AXIS_WORDS = {
     "CX": "axial force",
@@ -54,9 +55,9 @@ SIGNAL_WORDS = {
 }
 
 
-def symbol(axis: str) -> str:
+def symbol(axis: str) -> Markup:
     """C with its index, for HTML and plotly."""
-    return f"C<sub>{axis[1]}</sub>"
+    return Markup("C<sub>{}</sub>").format(axis[1])
 
 
 def percent(share: float) -> str:
