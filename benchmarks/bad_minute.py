@@ -61,7 +61,7 @@ class Watched:
         self.use, self.plain_use = (
             np.array([[p.status == Trust.USE for p in s[i].parameters] for s in sets]) for i in (0, 1)
         )
-        self.gates, self.changes = pipeline.parameters.learning.integrity, pipeline.parameters.learning.changes
+        self.integrity, self.changes = pipeline.parameters.learning.integrity, pipeline.parameters.learning.changes
         self.reasons = [{p.name: p.reason for p in s[0].parameters} for s in sets]
 
     def worst(self, truth: dict[str, float], since: float, plain: bool = False) -> float:
@@ -121,7 +121,7 @@ def clean(aircraft: Aircraft, seed: int, air: str, estimator: str) -> dict[str, 
     watched = Watched(aircraft, samples, estimator, CLEAN_STEP)
     late = watched.time > 0.4 * DURATION
     return {
-        "seed": seed, "air": air, "estimator": estimator, "holds": watched.gates.count,
+        "seed": seed, "air": air, "estimator": estimator, "holds": watched.integrity.count,
         "use": float(watched.use[late].mean()), "use_plain": float(watched.plain_use[late].mean()),
         "disagreeing": float((watched.plain_use & ~watched.use)[late].any(axis=0).sum()),
         "same": bool(np.array_equal(watched.value, watched.plain, equal_nan=True)),

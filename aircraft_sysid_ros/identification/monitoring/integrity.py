@@ -1,4 +1,4 @@
-"""Gates before USE, and the way back to the last good parameters: one bad minute must not reach a controller.
+"""Checks before USE, and the way back to the last good parameters: one bad minute must not reach a controller.
 
 At every evaluation each axis is asked whether its parameters may be believed:
 

@@ -196,18 +196,18 @@ def test_a_state_that_begins_anew_is_a_sign(aircraft):
 
 @pytest.mark.parametrize(("seconds", "axes_back"), [(1.5, 0), (5.0, 6)])
 def test_a_short_contradiction_is_held_and_forgotten_and_a_long_one_goes_back(aircraft, seconds, axes_back):
-    gates, back = IntegrityMonitor(aircraft, 0.04, 0.999, False, SampleHistory(60, 250)), []
+    integrity, back = IntegrityMonitor(aircraft, 0.04, 0.999, False, SampleHistory(60, 250)), []
     rows = level(3000)
     rows[1000 : 1000 + int(100 * seconds), StateField.CONSISTENCY] = 2.5
     for part in np.split(rows, np.arange(20, len(rows), 20)):
         now = float(part[-1, StateField.TIME])
-        gates.sensors.add(part)
-        back += gates.evaluate(now, np.zeros(6, np.bool_))
-        held = bool(gates.summary()["held"])
+        integrity.sensors.add(part)
+        back += integrity.evaluate(now, np.zeros(6, np.bool_))
+        held = bool(integrity.summary()["held"])
         assert held == (10.6 < now < 10.0 + seconds + 5.0) or abs(now - 10.5) < 0.4 or abs(now - seconds - 15.0) < 0.4
-        if gates.checkpoints.is_due(now):
-            gates.checkpoints.keep(ParameterCheckpoint(now, None, None, None, None, None))
-    assert gates.count == 6
+        if integrity.checkpoints.is_due(now):
+            integrity.checkpoints.keep(ParameterCheckpoint(now, None, None, None, None, None))
+    assert integrity.count == 6
     assert len(back) == axes_back and all(good.time < 10.0 for _, good in back)
 
 
