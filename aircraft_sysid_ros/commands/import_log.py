@@ -65,6 +65,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from aircraft_sysid_ros.recordings.mat_import import import_mat  # scipy, only when it is used
 
         return import_mat(path, args.out, overwrite=args.overwrite)
+    if _holds_tables(path):
+        return _import_known_tables(path, args)
     importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(suffix)
     if importer is None:
         raise InputError(
@@ -105,6 +107,31 @@ def _found_lines(found: dict[str, dict[str, Any]]) -> list[str]:
     return [f"{state}: {', '.join(names)}" for state, names in by_state.items()]
 
 
+def _holds_tables(path: Path) -> bool:
+    """Whether a folder is no bag but holds tables, or a file is a table."""
+    from aircraft_sysid_ros.recordings.tabular.source import is_table_file
+
+    if not path.is_dir():
+        return is_table_file(path)
+    files = list(path.iterdir())
+    is_bag = any(file.suffix in BAGS or file.name == "metadata.yaml" or ".db3" in file.name for file in files)
+    return not is_bag and any(is_table_file(file) for file in files)
+
+
+def _import_known_tables(path: Path, args: argparse.Namespace) -> dict[str, Any]:
+    from aircraft_sysid_ros.recordings.tabular.guess.first_map import known_map
+    from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
+
+    if args.calibration:
+        raise InputError("--calibration is for logs of autopilots: say units and signs in a map")
+    colmap = known_map(path)
+    if colmap is None:
+        raise InputError(
+            f"{path} holds tables of no known kind: begin a map with --guess MAP.yaml, check it, and import with --map"
+        )
+    return import_tables(path, colmap, args.out, overwrite=args.overwrite)
+
+
 def _guess(path: Path, args: argparse.Namespace) -> dict[str, Any]:
     from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map, report_of, write_map
 
@@ -123,7 +150,7 @@ def _import_tables(path: Path, args: argparse.Namespace) -> dict[str, Any]:
     from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
 
     if args.calibration:
-        raise InputError("--calibration is for logs of autopilots: say units and signs in the map")
+        raise InputError("--calibration is for logs of autopilots: say units and signs in a map")
     return import_tables(path, load_column_map(args.map), args.out, overwrite=args.overwrite)
 
 

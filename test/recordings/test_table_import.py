@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import strange_layouts as layouts
 
+from aircraft_sysid_ros.aircraft import earth
+from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
+from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tables import read_table
+from aircraft_sysid_ros.recordings.tabular import streams, table_import
 from aircraft_sysid_ros.recordings.tabular.column_map import parse_column_map
 from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
 from aircraft_sysid_ros.samples import Kind
@@ -33,6 +39,12 @@ def expected(flown):
         Kind.AIR: (flown.stamp["air_data"], air),
         Kind.CONTROLS: (flown.stamp["control_surfaces"], controls),
     }
+
+
+def signals_of(vector, columns):
+    """Lines of a MAP for the three axes of an IMU, in SI."""
+    unit = "m/s^2" if vector == "specific_force" else "rad/s"
+    return [(f"{vector}.{axis}", column, unit) for axis, column in zip("xyz", columns, strict=True)]
 
 
 def imported(source, text, tmp_path):
@@ -88,3 +100,149 @@ def test_what_has_no_topic_of_its_own_is_carried_by_name(flown, tmp_path):
     found = np.array([values[0] for values in tab["position"]])
     np.testing.assert_allclose(found, 2.0 * flown.controls["elevator"], rtol=1e-9)
     assert report["topics"]["inputs"]["messages"] == len(found)
+
+
+def test_slow_columns_that_are_held_give_their_own_samples(flown, tmp_path):
+    """A table in which everything stands until it is measured again: GPS of 5 Hz among rows of all sensors."""
+    source, text = layouts.excel_book(flown, tmp_path)
+    report, samples, _ = imported(source, text, tmp_path)
+    assert (samples.kind == Kind.GPS_POSITION).sum() == len(flown.stamp["gps/fix"])
+    assert any("only repeat the one before" in note for note in report["notes"])
+
+
+def test_the_attitude_is_carried_once_to_the_stamps_of_the_imu(tmp_path):
+    """Roll turns at 0.5 rad/s; 10 Hz of attitude, 3 ms off, among 50 Hz of IMU."""
+    imu, at = np.arange(0.0, 4.0, 0.02), np.arange(0.003, 3.9, 0.1)
+    constant = [np.full(len(imu), value) for value in (0.0, 0.0, -9.8, 0.5, 0.0, 0.0)]
+    layouts.write_rows(tmp_path / "imu.csv", ["t", *"abcdef"], [imu, *constant])
+    layouts.write_rows(tmp_path / "att.csv", ["t", *"ghi"], [at, 0.5 * at, 0.0 * at, 3.1 + 0.0 * at])
+    time = "{column: t, unit: s}"
+    angles = [("yaw", "i"), ("roll", "g"), ("pitch", "h")]  # in any order
+    text = layouts.map_of(
+        ("imu.csv", time, [*signals_of("specific_force", "abc"), *signals_of("angular_velocity", "def")]),
+        ("att.csv", time, [(f"attitude.{name}", column, "rad") for name, column in angles]),
+    )
+    _, samples, recording = imported(tmp_path, text, tmp_path)
+    found = samples[samples.kind == Kind.ATTITUDE]
+    roll, _, yaw = np.array([euler_from_quaternion(q) for q in found.values[:, :4]]).T
+    time = (found.stamp - recording.start) * 1e-9
+    assert len(found) == len(at) - 1  # after the last there is nothing to carry it with
+    np.testing.assert_allclose(time, np.ceil(np.round(at[:-1] / 0.02, 6)) * 0.02, atol=1e-9)
+    np.testing.assert_allclose(roll, 0.5 * time, atol=1e-6)
+    np.testing.assert_allclose(yaw, 3.1, atol=1e-6)
+
+
+def test_calibrated_airspeed_becomes_true_with_pressure_and_temperature(tmp_path):
+    """100 kt calibrated at 3000 m of the standard atmosphere: 70112 Pa, -4.5 degC, 0.9093 kg/m^3 (ISO 2533)."""
+    impact = 101325.0 * ((1.0 + 0.2 * (100.0 * layouts.KNOT / 340.294) ** 2) ** 3.5 - 1.0)
+    expected_speed = np.sqrt(5.0 * ((impact / 70112.0 + 1.0) ** (2.0 / 7.0) - 1.0)) * 20.0468 * np.sqrt(268.65)
+    n = 50
+    columns = [np.arange(n) * 0.1, np.full(n, 100.0), np.full(n, 701.12), np.full(n, -4.5)]
+    layouts.write_rows(tmp_path / "air.csv", ["t", "cas", "ps", "oat"], columns)
+    signals = [("calibrated_airspeed", "cas", "kt"), ("static_pressure", "ps", "hPa"), ("air_temperature", "oat", "°C")]
+    report, samples, _ = imported(
+        tmp_path / "air.csv", layouts.map_of((None, "{column: t, unit: s}", signals)), tmp_path
+    )
+    assert samples.values[samples.kind == Kind.AIRSPEED][:, 0] == pytest.approx(expected_speed, rel=1e-4)
+    assert samples.values[samples.kind == Kind.AIR][:, 0] == pytest.approx(0.9093, abs=2e-4)
+    assert any("calibrated_airspeed" in note for note in report["notes"])
+
+
+def test_positions_in_metres_keep_their_distances(tmp_path):
+    time = np.arange(0.0, 5.0, 0.2)
+    north, east, down = 300.0 + 20.0 * time, -500.0 + 5.0 * time, -100.0 - time
+    layouts.write_rows(tmp_path / "gps.tsv", ["t", "n", "e", "up"], [time, north, east, -down], delimiter="\t")
+    signals = [("position.north", "n", "m"), ("position.east", "e", "m"), ("position.down", "up", "m", -1)]
+    report, samples, _ = imported(
+        tmp_path / "gps.tsv", layouts.map_of((None, "{column: t, unit: s}", signals)), tmp_path
+    )
+    place = samples.values[:, :3]
+    found = np.array([earth.ned_from_geodetic(*row, place[0]) for row in place])
+    expected_ned = np.stack([north - north[0], east - east[0], down - down[0]], axis=1)
+    np.testing.assert_allclose(found, expected_ned, atol=0.02)  # the plane of the first fix is turned by 1e-4 rad
+    assert any("45° north" in note for note in report["notes"])
+
+
+def test_files_of_one_pattern_continue_each_other(flown, tmp_path):
+    stamp, c = flown.on_one_grid(held=False)
+    for i, rows in ((2, slice(900, None)), (10, slice(0, 900))):  # their order is that of their times
+        columns = [
+            (stamp[rows] - stamp[0]) * 1e-9,
+            *(c[f"w{a}"][rows] for a in "xyz"),
+            *(c[f"f{a}"][rows] for a in "xyz"),
+        ]
+        layouts.write_rows(tmp_path / f"part_{i}.csv", ["t", *"pqrxyz"], columns)
+    signals = [
+        *((f"angular_velocity.{a}", n, "rad/s") for a, n in zip("xyz", "pqr", strict=True)),
+        *((f"specific_force.{a}", a, "m/s^2") for a in "xyz"),
+    ]
+    _, samples, _ = imported(tmp_path, layouts.map_of(("part_*.csv", "{column: t, unit: s}", signals)), tmp_path)
+    np.testing.assert_allclose(samples.values[:, :3], flown.force, rtol=1e-9, atol=1e-12)
+
+
+def test_the_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
+    """Three times the rows, read in pieces of 500: the peak of what Python and NumPy hold stays where it was."""
+    monkeypatch.setattr(streams, "ROWS", 500)
+    monkeypatch.setattr(table_import, "ROWS", 500)
+    signals = [(f"angular_velocity.{a}", a, "rad/s") for a in "xyz"]
+    colmap = parse_column_map(layouts.map_of((None, "{column: t, unit: s}", signals)))
+    peaks = []
+    for rows in (1000, 12_000, 36_000):  # the first warms up
+        time = np.arange(rows) * 0.01
+        columns = np.stack([time, np.sin(time), np.cos(time), time % 3.0], axis=1)
+        np.savetxt(tmp_path / "long.csv", columns, fmt="%.5f", delimiter=",", header="t,x,y,z", comments="")
+        tracemalloc.start()
+        import_tables(tmp_path / "long.csv", colmap, tmp_path / "bag", overwrite=True)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < 1.3 * peaks[1]
+    assert len(read_recording(tmp_path / "bag").samples) == 36_000
+
+
+class TestRealFlights:
+    """Recordings of others, against what their notes say and against physics."""
+
+    def test_alfa_from_its_folder_of_rostopic_csvs(self, shared_data, tmp_path, capsys):
+        assert main(["import", str(shared_data / "alfa_engine_failure"), "--out", str(tmp_path / "bag")]) == 0
+        assert "field.climb" in capsys.readouterr().out  # GPS has no vertical speed: 0 is not a measurement
+        recording = read_recording(tmp_path / "bag")
+        samples = recording.samples
+        imu = samples[samples.kind == Kind.IMU]
+        assert len(imu) == 1324
+        assert recording.start == pytest.approx(1531943810.86e9, abs=2e7)
+        assert np.median(imu.values[:, 2]) == pytest.approx(-10.0, abs=1.5)
+        speed = samples.values[samples.kind == Kind.AIRSPEED][:, 0]
+        assert 9.0 < np.percentile(speed, 2) < np.percentile(speed, 98) < 23.0
+        fix, velocity = (samples[samples.kind == kind] for kind in (Kind.GPS_POSITION, Kind.GPS_VELOCITY))
+        north = np.gradient(fix.values[:, 0] * 6.371e6, fix.stamp * 1e-9)
+        assert np.corrcoef(np.interp(velocity.stamp, fix.stamp, north), velocity.values[:, 0])[0, 1] > 0.95
+        assert np.std(velocity.values[:, 2]) > 0.3
+
+    def test_paparazzi_from_its_messages(self, shared_data, tmp_path):
+        source = next((shared_data / "paparazzi_fault").glob("*.data"))
+        assert main(["import", str(source), "--out", str(tmp_path / "bag")]) == 0
+        recording = read_recording(tmp_path / "bag")
+        samples = recording.samples
+        assert recording.duration == pytest.approx(100.0, abs=0.5)
+        imu, attitude, velocity, fix = (
+            samples[samples.kind == kind] for kind in (Kind.IMU, Kind.ATTITUDE, Kind.GPS_VELOCITY, Kind.GPS_POSITION)
+        )
+        assert len(imu) / recording.duration == pytest.approx(60.0, abs=0.5)
+        assert not (samples.kind == Kind.AIRSPEED).any()
+        roll = np.unwrap([euler_from_quaternion(q)[0] for q in attitude.values[:, :4]])
+        rate = np.convolve(np.gradient(roll, attitude.stamp * 1e-9), np.ones(5) / 5.0, "same")
+        gyro = np.interp(attitude.stamp, imu.stamp, np.convolve(imu.values[:, 3], np.ones(15) / 15.0, "same"))
+        assert np.corrcoef(gyro, rate)[0, 1] > 0.8
+        place = np.array([earth.ned_from_geodetic(*row, fix.values[0, :3]) for row in fix.values[:, :3]])
+        for axis in range(2):
+            travelled = np.cumsum(velocity.values[:, axis]) * 0.2
+            assert np.corrcoef(place[:, axis], travelled)[0, 1] > 0.99
+        pulses = read_table(tmp_path / "bag", "inputs")
+        third = np.array(
+            [
+                values[list(names).index("pulse_3")]
+                for names, values in zip(pulses.fields["name"], pulses.fields["position"], strict=True)
+            ]
+        )
+        time = pulses.stamp * 1e-9 - 946_684_800
+        assert set(third[(time > 2813.2) & (time < 2815.0)]) == {1416.0}  # the elevon that is held

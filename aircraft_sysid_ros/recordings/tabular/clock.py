@@ -100,12 +100,12 @@ def _of_texts(values: npt.NDArray[Any], unit: str, clock: str | datetime | None,
         found[there] = [day + _within(str(texts[i]), pattern, where) for i in there]
         return found
     pandas = imported("pandas")
-    try:
-        moments = pandas.to_datetime([texts[i] for i in there], utc=True, format="ISO8601")
-    except (ValueError, TypeError, OverflowError) as error:
+    moments = pandas.to_datetime([texts[i] for i in there], utc=True, format="ISO8601", errors="coerce")
+    if moments.isna().any():
+        example = next(texts[i] for i, lost in zip(there, moments.isna(), strict=True) if lost)
         raise InputError(
-            f"{where} holds a text that is no ISO 8601 time ({' '.join(str(error).split())[:90]})"
-        ) from None
+            f"{where} holds '{str(example)[:40]}', which is no time such as 2024-05-31T14:05:00Z or 14:05:00"
+        )
     found[there] = np.asarray(moments.tz_localize(None).to_numpy(), dtype="datetime64[ns]").astype(np.int64)
     return found
 

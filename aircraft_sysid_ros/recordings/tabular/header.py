@@ -68,6 +68,8 @@ def text_layout(lines: Sequence[str], name: str) -> TextLayout:
         return found
     if not any(line.strip() for line in lines):
         raise InputError(f"{name} is empty")
+    if sum(bool(line.strip()) for line in lines) == 1:
+        raise InputError(f"{name} has one line and no data below it")
     raise InputError(
         f"{name} holds no table: no rows of at least two numbers, with the same separator, follow one another"
     )

@@ -54,7 +54,7 @@ def value_at(stream: Stream, component: int, at: Stamps) -> Array:
         return np.full(len(at), np.nan)
     zero = int(at[0])
     found = np.interp(at - zero, stamp - zero, values, left=np.nan, right=np.nan)
-    return np.where(_is_near(stamp, at, stream.step), found, np.nan)
+    return np.where(_is_near(stamp, at, stream.step_of(component)), found, np.nan)
 
 
 def attitude_at(stream: Stream, at: Stamps, before: int) -> tuple[Array, npt.NDArray[np.bool_]]:

@@ -33,6 +33,7 @@ VECTORS: dict[str, tuple[str, ...]] = {
     "geodetic": ("latitude", "longitude", "altitude"),
     "position": ("position.north", "position.east", "position.down"),
     "velocity": ("velocity.north", "velocity.east", "velocity.down"),
+    "controls": ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller_speed"),
 }
 _VECTOR_OF = {signal: vector for vector, signals in VECTORS.items() for signal in signals}
 _NAME = re.compile(r"[A-Za-z_]\w*")
@@ -56,7 +57,13 @@ def unit_of(signal: str) -> str | None:
 
 def vector_of(signal: str) -> str:
     """The vector that a signal is a part of, or its own name."""
-    return _VECTOR_OF.get(signal, signal)
+    return "inputs" if signal.startswith(INPUTS) else _VECTOR_OF.get(signal, signal)
+
+
+def place_in_vector(signal: str) -> int:
+    """Which component of its vector a signal is; 0 for one that is none."""
+    vector = VECTORS.get(_VECTOR_OF.get(signal, ""), ())
+    return vector.index(signal) if signal in vector else 0
 
 
 def near(name: str, known: Iterable[str]) -> str:

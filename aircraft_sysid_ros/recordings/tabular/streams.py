@@ -13,7 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.tabular.clock import LATEST, NO_TIME, Stamps, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSignal, TableMap
-from aircraft_sysid_ros.recordings.tabular.signals import INPUTS, vector_of
+from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, vector_of
 from aircraft_sysid_ros.recordings.tabular.source import Source
 from aircraft_sysid_ros.recordings.tabular.table import Piece, Table, numbers
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
@@ -21,15 +21,16 @@ from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 Array = npt.NDArray[np.float64]
 ROWS = 50_000  # of a piece
 #: Commands may stand still; of everything else that repeats itself most of the time only what is new was measured.
-_MAY_STAND_STILL = (
-    "elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller_speed", "mass", INPUTS,
-)  # fmt: skip
-_HELD_SHARE = 0.5
+_MAY_STAND_STILL = ("controls", "inputs", "mass")
+_HELD_SHARE, _FEWEST_NEW = 0.5, 10  # fewer new ones are no sensor but a constant
 
 
 @dataclass(eq=False)
 class Stream:
-    """One vector or number of one table: stamps [ns] (n,) and values in SI (n, k), in files."""
+    """One vector or number of one table: stamps [ns] (n,) and values in SI (n, k), in files.
+
+    Components are in the order of VECTORS, as far as they are there.
+    """
 
     name: str
     signals: tuple[str, ...]
@@ -38,6 +39,7 @@ class Stream:
     count: int = 0
     repeated: int = 0
     _number: int = field(default_factory=itertools.count().__next__)
+    _steps: dict[int, float] = field(default_factory=dict)
     _last: Array | None = field(default=None, repr=False)
     _opened: tuple[Stamps, Array] | None = field(default=None, repr=False)
 
@@ -64,7 +66,8 @@ class Stream:
     @property
     def is_held(self) -> bool:
         """Whether most rows repeat the one before: a slow sensor in the rows of a fast one."""
-        return self.repeated > _HELD_SHARE * self.count and not self.name.startswith(_MAY_STAND_STILL)
+        is_slow = self.repeated > _HELD_SHARE * self.count and self.count - self.repeated >= _FEWEST_NEW
+        return is_slow and self.name not in _MAY_STAND_STILL
 
     @property
     def stamp(self) -> Stamps:
@@ -82,9 +85,12 @@ class Stream:
         stamp = self.stamp
         return float(np.median(np.diff(stamp[: 4 * ROWS]))) if len(stamp) > 1 else np.inf
 
-    def column(self, signal: str) -> int | None:
-        """Which component a signal is, if it is one."""
-        return self.signals.index(signal) if signal in self.signals else None
+    def step_of(self, component: int) -> float:
+        """Typical time [ns] between two rows in which a component is measured."""
+        if component not in self._steps:
+            measured = self.stamp[: 4 * ROWS][np.isfinite(self.values[: 4 * ROWS, component])]
+            self._steps[component] = float(np.median(np.diff(measured))) if len(measured) > 1 else np.inf
+        return self._steps[component]
 
     def without_repeats(self) -> Stream:
         """The rows that differ from the one before."""
@@ -126,7 +132,7 @@ def collect(source: Source, colmap: ColumnMap, folder: Path) -> Collected:
         try:
             _collect_table(source, table_map, colmap, folder, collected)
         except InputError as error:
-            raise InputError(f"line {table_map.line} of the map: {error}") from None
+            raise InputError(f"the table in line {table_map.line} of the map: {error}") from None
     collected.streams = [_settled(stream, collected.notes) for stream in collected.streams if stream.count]
     return collected
 
@@ -144,7 +150,7 @@ def _settled(stream: Stream, notes: list[str]) -> Stream:
 def _collect_table(source: Source, table_map: TableMap, colmap: ColumnMap, folder: Path, collected: Collected) -> None:
     tables = source.tables(table_map.file)
     by_vector: dict[str, list[MappedSignal]] = {}
-    for signal in table_map.signals:
+    for signal in sorted(table_map.signals, key=lambda signal: place_in_vector(signal.name)):
         by_vector.setdefault(vector_of(signal.name), []).append(signal)
     streams = {
         name: Stream(name, tuple(s.name for s in signals), " ".join(dict.fromkeys(s.source for s in signals)), folder)
@@ -180,8 +186,9 @@ class _TableReader:
     def in_order(self, tables: list[Table]) -> list[Table]:
         """Tables of one pattern by their first time."""
         for table in tables:
-            for column in self.columns:
-                table.position(column)
+            table.position(self.map.time.column)
+            for signal in self.map.signals:
+                self._check_columns(table, signal)
         if len(tables) < 2:
             return tables
 
@@ -192,6 +199,13 @@ class _TableReader:
             return int(stamp[0]) if len(stamp) else LATEST
 
         return sorted(tables, key=first)
+
+    def _check_columns(self, table: Table, signal: MappedSignal) -> None:
+        for column in signal.columns:
+            try:
+                table.position(column)
+            except InputError as error:
+                raise InputError(f"{signal.name} in line {signal.line}: {error}") from None
 
     def rows(self, table: Table) -> Iterator[tuple[Stamps, dict[str, Array]]]:
         """Stamps (n,) that rise, and values of every signal in SI (n,), piece by piece."""

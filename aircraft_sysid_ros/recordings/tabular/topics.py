@@ -16,7 +16,7 @@ from aircraft_sysid_ros.mavlink.airspeed import standard_pressure, true_airspeed
 from aircraft_sysid_ros.recordings.tabular.clock import Stamps
 from aircraft_sysid_ros.recordings.tabular.joining import Window, attitude_at, value_at
 from aircraft_sysid_ros.recordings.tabular.signals import INPUTS, VECTORS
-from aircraft_sysid_ros.recordings.tabular.streams import Stream
+from aircraft_sysid_ros.recordings.tabular.streams import ROWS, Stream
 from aircraft_sysid_ros.ros_messages.conversion import (
     TOPICS,
     gps_fix_fields,
@@ -28,9 +28,9 @@ from aircraft_sysid_ros.ros_messages.conversion import (
 Array = npt.NDArray[np.float64]
 #: Inputs beyond those of control_surfaces: names and values in SI.
 INPUTS_TOPIC, INPUTS_TYPE = "inputs", "sensor_msgs/msg/JointState"
-#: Where a position in metres is put on the earth: latitude, longitude [rad], altitude [m].
+#: Where the first of positions in metres is put on the earth: latitude, longitude [rad], altitude [m].
 REFERENCE = np.array([np.radians(45.0), np.radians(10.0), 0.0])
-_CONTROLS = ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller_speed")
+_CONTROLS = VECTORS["controls"]
 _SPEEDS = ("true_airspeed", "calibrated_airspeed", "indicated_airspeed", "dynamic_pressure")
 _ATTITUDE_VARIANCE = DEFAULT_SENSORS["attitude"].noise[0] ** 2
 
@@ -105,14 +105,15 @@ class Plan:
         for stream in dict.fromkeys(self._where[signal][0] for signal in signals if signal in self._where):
             same = stream is base or (stream.count == base.count and np.array_equal(stream.stamp, base.stamp))
             if not same:
-                self.notes.append(f"{stream.name} is interpolated to the stamps of {base.name}")
+                self.notes.append(f"{_few(stream.signals)} interpolated to the stamps of {_few(base.signals, of=True)}")
 
     def _plan_imu(self) -> None:
         force, rate, attitude = (VECTORS[name] for name in ("specific_force", "angular_velocity", "attitude"))
+        if len({id(self._where[signal][0]) for signal in attitude if self._has(signal)}) > 1:
+            self._not_carried(attitude, "roll, pitch and yaw must come from one table")
+            self._where = {signal: place for signal, place in self._where.items() if signal not in attitude}
         if not self._has(*attitude):
-            for signal in attitude:
-                if self._has(signal):
-                    self.missing[signal] = "an attitude needs roll, pitch and yaw: not carried over"
+            self._not_carried(attitude, "an attitude needs roll, pitch and yaw")
             self._where = {signal: place for signal, place in self._where.items() if signal not in attitude}
             if self._imu is not None and self._imu.name == "attitude":
                 self._imu = None
@@ -140,7 +141,7 @@ class Plan:
             self._source("gps/fix", position)
             self._note_joined(self._where["position.north"][0], position)
             self._not_carried(geodetic, "the position is whole")
-            self.notes.append("the position is put on the earth at 45° north, 10° east, altitude 0: there is no other")
+            self.notes.append("the first position is put at 45° north, 10° east: distances and altitudes are right")
         else:
             self._not_carried(geodetic, "a position needs latitude, longitude and altitude")
             self._not_carried(position, "a position needs north, east and down")
@@ -222,6 +223,13 @@ class Plan:
             return np.full(len(stamp), np.nan)
         return value_at(*self._where[signal], stamp)
 
+    def _first(self, signal: str) -> float:
+        """The first value of a signal: grids of a country count from far away."""
+        stream, i = self._where[signal]
+        values = stream.values[: 10 * ROWS, i]
+        known = np.flatnonzero(np.isfinite(values))
+        return float(values[known[0]]) if len(known) else 0.0
+
     def _vector_at(self, signals: Sequence[str], stamp: Stamps) -> Array:
         return np.stack([self._at(signal, stamp) for signal in signals], axis=1)
 
@@ -250,7 +258,8 @@ class Plan:
         names = VECTORS["geodetic"] if self._has(*VECTORS["geodetic"]) else VECTORS["position"]
         stamp, place = self._whole(window, names)
         if names == VECTORS["position"]:
-            place = np.array([earth.geodetic_from_ned(row, REFERENCE) for row in place]).reshape(-1, 3)
+            away = place - np.array([self._first("position.north"), self._first("position.east"), 0.0])
+            place = np.array([earth.geodetic_from_ned(row, REFERENCE) for row in away]).reshape(-1, 3)
         yield Messages("gps/fix", stamp, gps_fix_fields(place[:, 0], place[:, 1], place[:, 2]))
 
     def _velocity_messages(self, window: Window) -> Messages | None:
@@ -329,6 +338,13 @@ class Plan:
             return None
         stamp = np.array(self._inputs.stamp[window.rows(self._inputs.stamp)])
         return Messages(INPUTS_TOPIC, stamp, {"position": self._vector_at(self.inputs, stamp)})
+
+
+def _few(signals: Sequence[str], *, of: bool = False) -> str:
+    """Signals of a stream, for a note."""
+    if of or len(signals) == 1:
+        return signals[0] if of else f"{signals[0]} is"
+    return f"{signals[0]} to {signals[-1]} are"
 
 
 _AIR_FIELDS = ("true_airspeed", "angle_of_attack", "sideslip", "air_density", "static_pressure")

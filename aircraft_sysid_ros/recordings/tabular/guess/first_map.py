@@ -11,6 +11,7 @@ import numpy.typing as npt
 import yaml
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, parse_column_map
 from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import KnownLine, known_lines
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
@@ -98,6 +99,14 @@ def guess_map(path: Path) -> FirstMap:
                 )
             )
     return FirstMap(_clock(parts), [part for part in parts if part.lines or part.time is not None], notes)
+
+
+def known_map(path: Path) -> ColumnMap | None:
+    """The MAP of a source of a known kind, whose columns say what they are; None of any other."""
+    source = open_source(path)
+    tables, notes = _tables(source)
+    known = known_lines(source, [table for _, table in tables])
+    return None if known is None else parse_column_map(map_text(_of_known_kind(tables, known, notes), path))
 
 
 def _tables(source: Source) -> tuple[list[tuple[str | None, Table]], list[str]]:
@@ -203,19 +212,8 @@ def _of_known_kind(
         clock = "utc" if first.is_unix else clock
         part = TablePart(file, time)
         for line in lines:
-            certainty = "sure" if line.active else "undecided"
             part.lines.append(
-                Line(
-                    line.signal,
-                    line.column,
-                    line.expression,
-                    line.unit,
-                    line.sign,
-                    0.0,
-                    line.active,
-                    certainty,
-                    line.why,
-                )
+                Line(line.signal, line.column, line.expression, line.unit, line.sign, 0.0, True, "sure", line.why)
             )
         parts.append(part)
     return FirstMap(clock, parts, notes)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.source import Source
-from aircraft_sysid_ros.recordings.tabular.table import Table
+from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.recordings.tabular.text_files import MessageTable
 
 _ULOG, _ROSTOPIC, _MESSAGES = "file of ulog2csv", "file of rostopic echo -p", "message of Paparazzi"
 _VECTOR = "xyz"
+_ROWS = 100_000
 _NED = ("north", "east", "down")
 
 
@@ -28,8 +31,8 @@ class KnownLine:
     time: str = ""
     time_unit: str = ""
     is_unix: bool = False
-    active: bool = True
     why: str = ""
+    unless_zero: bool = False  # some drivers leave 0 where nothing is measured
 
 
 def _vector(
@@ -68,7 +71,7 @@ _IMU_OF_ROS = [
 _VELOCITY_OF_ROS = [
     KnownLine("velocity.north", "field.twist.linear.y", "m/s"),
     KnownLine("velocity.east", "field.twist.linear.x", "m/s"),
-    KnownLine("velocity.down", "field.twist.linear.z", "m/s", -1.0),
+    KnownLine("velocity.down", "field.twist.linear.z", "m/s", -1.0, unless_zero=True),
 ]
 _COMMANDS = [
     KnownLine(
@@ -120,6 +123,7 @@ _MAVROS: dict[str, list[KnownLine]] = {
     "vfr_hud": [
         KnownLine("indicated_airspeed", "field.airspeed", "m/s"),
         KnownLine("throttle", "field.throttle", "1"),
+        KnownLine("velocity.down", "field.climb", "m/s", -1.0, why="of the autopilot: GPS has no vertical speed here"),
     ],
     "imu-static_pressure": [KnownLine("static_pressure", "field.fluid_pressure", "Pa")],
     "imu-atm_pressure": [KnownLine("static_pressure", "field.fluid_pressure", "Pa")],
@@ -142,7 +146,7 @@ _PAPARAZZI: dict[str, list[KnownLine]] = {
         KnownLine("velocity.east", "", "cm/s", expression="`6`*sin(`4`*pi/1800)"),
         KnownLine("velocity.down", "7", "cm/s", -1.0),
     ],
-    "ACTUATORS": [KnownLine(f"inputs.pulse_{i}", str(i), "1", why="a pulse in us, no angle") for i in range(1, 9)],
+    "ACTUATORS": [KnownLine(f"inputs.pulse_{i}", str(i), "1", why="a pulse [us], no angle") for i in range(1, 9)],
     "COMMANDS": [KnownLine(f"inputs.command_{i}", str(i), "1", why="up to 9600, no angle") for i in range(1, 9)],
 }  # fmt: skip
 
@@ -182,17 +186,18 @@ def _chosen(
 
 def _has(table: Table, line: KnownLine) -> bool:
     wanted = re.findall(r"q\[\d\]|field\.orientation\.\w", line.expression) if line.expression else [line.column]
-    return all(column in table.columns for column in wanted)
+    if not all(column in table.columns for column in wanted if column):
+        return False
+    if not line.unless_zero:
+        return True
+    return any(np.any(numbers(piece[line.column])[0] != 0.0) for piece in table.read([line.column], _ROWS))
 
 
 def _timed(table: Table, line: KnownLine, kind: str) -> KnownLine:
-    if kind == _MESSAGES:
-        time, unit, is_unix = "time", "s", False
-    elif kind == _ULOG:
-        time, unit, is_unix = ("timestamp_sample" if "timestamp_sample" in table.columns else "timestamp"), "us", False
-    else:
-        time, unit, is_unix = ("field.header.stamp" if "field.header.stamp" in table.columns else "%time"), "ns", True
-    why = f"{kind}" + (f": {line.why}" if line.why else "")
-    return KnownLine(
-        line.signal, line.column, line.unit, line.sign, line.expression, kind, time, unit, is_unix, line.active, why
-    )
+    time, unit = "time", "s"
+    if kind == _ULOG:
+        time, unit = ("timestamp_sample" if "timestamp_sample" in table.columns else "timestamp"), "us"
+    elif kind == _ROSTOPIC:
+        time, unit = ("field.header.stamp" if "field.header.stamp" in table.columns else "%time"), "ns"
+    why = f"{kind}: {line.why}" if line.why else kind
+    return replace(line, kind=kind, time=time, time_unit=unit, is_unix=kind == _ROSTOPIC, why=why)
