@@ -6,8 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.flight_check.explain import Explanation, delays, scales, signs, units
-from aircraft_sysid_ros.flight_check.finding import KINDS, SEVERITIES, Finding
+from aircraft_sysid_ros.flight_check.finding import KINDS, SEVERITIES, Finding, joined
+from aircraft_sysid_ros.flight_check.identifiable import Identifiability, identifiable
 from aircraft_sysid_ros.flight_check.laws import (
     absence,
     airspeed,
@@ -35,19 +37,23 @@ _PASSES = 6
 
 @dataclass(frozen=True)
 class Checked:
-    """What was found, the rates of the signals [Hz], and the relations between them."""
+    """What was found, rates of the signals [Hz], relations between them, the flight without faults, its parameters."""
 
     findings: tuple[Finding, ...]
     rates: Mapping[str, float]
     relations: tuple[Relation, ...]
     motion: Motion
+    parameters: tuple[Identifiability, ...]
 
 
-def check(flight: Flight, progress: Callable[[float], None] = lambda share: None) -> Checked:
+def check(
+    flight: Flight, model: AerodynamicModel | None = None, progress: Callable[[float], None] = lambda share: None
+) -> Checked:
     """All laws over one flight.
 
     What contradicts itself is explained in passes: the gravest faults first, exchanged axes, then signs and units, then
-    times, then scales; they are taken out and the rest is judged without them. ``progress`` is told the share done.
+    times, then scales; they are taken out and the rest is judged without them, and so is which parameters of ``model``
+    (default: the 32 of the textbook) the flight shows. ``progress`` is told the share done.
     """
     found = absence.findings(flight) + sampling.findings(flight) + values.findings(flight)
     rates, repaired = _rates(flight), flight
@@ -65,7 +71,8 @@ def check(flight: Flight, progress: Callable[[float], None] = lambda share: None
             repaired = explanation.repair(repaired)
         if not explained:
             break
-    return Checked(tuple(_ordered(found)), rates, tuple(relations), motion)
+    parameters = tuple(identifiable(motion, model))
+    return Checked(tuple(_ordered(found)), rates, tuple(relations), motion, parameters)
 
 
 def _explained(motion: Motion) -> tuple[list[Relation], list[Explanation]]:
@@ -108,4 +115,4 @@ def _ordered(findings: list[Finding]) -> list[Finding]:
         said |= {(signal, finding.kind) for signal in new}
         if new:
             kept.append(Finding(new, finding.kind, finding.severity, finding.sentence))
-    return kept
+    return joined(kept)

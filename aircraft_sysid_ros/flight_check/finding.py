@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 KINDS = ("rate", "gap", "jitter", "held", "saturated", "unit", "sign", "offset", "scale", "noise", "missing")
@@ -35,3 +36,11 @@ def short_names(signals: tuple[str, ...]) -> str:
         f"{group}.{{{','.join(parts)}}}" if len(parts) > 1 else f"{group}.{parts[0]}".rstrip(".")
         for group, parts in groups.items()
     )
+
+
+def joined(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings in order, those with the same sentence as one."""
+    together: dict[tuple[str, str, str], list[str]] = {}
+    for finding in findings:
+        together.setdefault((finding.kind, finding.severity, finding.sentence), []).extend(finding.signals)
+    return [Finding(tuple(signals), *said) for said, signals in together.items()]

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.flight_check.grid import Comparison
 
 Array = npt.NDArray[np.float64]
 
-#: A scale within the tolerance of its law is none; a lag neither below this time [s], nor within four standard errors.
+#: No lag is below this time [s] or within four standard errors, and no scale so near to 1.
 LEAST_LAG, SIGMAS = 0.03, 4.0
 #: What one signal does not explain of the other, such as gusts, may shift it by so much [s].
 _UNEXPLAINED = 0.25
@@ -162,6 +162,8 @@ def _fewest(
     sizes, _ = _least_deviations(rows[:, best], np.array(middle), np.array(middle), 1.0 / (high - low))
     found = []
     for column, size in zip(best, sizes, strict=True):
+        if abs(size) < LEAST_LAG:  # a contradiction within one stream, such as of height and place
+            continue
         evidence = sorted(map(int, np.flatnonzero(rows[:, column])), key=lambda i: (not broken[i], high[i] - low[i]))
         found.append(Fault(nodes[column], float(size), tuple(relations[i] for i in evidence)))
     return found

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.configuration import DEFAULT_SENSORS
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -89,6 +90,7 @@ class Flight:
     duration: float  # [s]
     delays: Mapping[Kind, float] = field(default_factory=dict)  # [s] that the aircraft file states
     surface_signs: Mapping[str, float] = field(default_factory=dict)
+    surface_noise: float = DEFAULT_SENSORS["control_surfaces"].noise[0]  # [rad] resolution and play of the surfaces
     skipped: Mapping[str, int] = field(default_factory=dict)  # messages by topic that could not be decoded
 
     def has(self, *kinds: Kind) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+CONFIG = Path(__file__).parents[2] / "config"
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +55,7 @@ def test_the_command_in_a_process_prints_one_document_and_nothing_else(recorded,
     assert result["rates"]["specific_force.z"] == pytest.approx(100.0, rel=0.01)
     assert result["rates"]["latitude"] == pytest.approx(5.0, rel=0.01)
     assert [f for f in result["findings"] if f["severity"] != "info"] == []
+    assert len(result["identifiable"]) == 32 and sum(result["identifiable"].values()) >= 25
 
 
 def test_findings_have_a_known_kind_a_severity_and_a_sentence_that_says_what_to_do(recorded, capsys, tmp_path):
@@ -122,3 +126,44 @@ def test_stamps_of_another_day_are_said_and_do_not_fill_the_memory(recorded, cap
     result = answer(capsys, tmp_path / "clock")
     assert result["duration"] < 61.0
     assert ("true_airspeed", "jitter", "error") in {(f["signal"], f["kind"], f["severity"]) for f in result["findings"]}
+
+
+def test_a_page_and_a_picture_are_written_and_a_bad_name_is_refused_before_the_work(recorded, capsys, tmp_path):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    path, _ = recorded
+    result = answer(capsys, path, "--out", tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf8")
+    assert result["figure"] == str(tmp_path / "page.html") and "data:image/png;base64," in page
+    assert all(f"<td>{name}</td>" in page for name in result["identifiable"])
+    assert "http://" not in page and "https://" not in page
+    answer(capsys, path, "--out", tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("page.txt", "nowhere/page.html"):
+        capsys.readouterr()
+        assert main(["check", str(path), "--out", str(tmp_path / name)]) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and err.count("\n") == 1
+
+
+def test_the_late_gps_of_a_real_log_is_found_and_is_known_with_its_aircraft_file(shared_data, capsys, tmp_path):
+    """SwissLog1: its notes give 0.23 s for the velocity and 0.21 s for the position, 0.35 s for the height."""
+    main(["import", str(shared_data / "inertialnav" / "SwissLog1.mat"), "--out", str(tmp_path / "log")])
+    found = answer(capsys, tmp_path / "log")["findings"]
+    late = {f["signal"]: f["sentence"] for f in found if f["kind"] == "offset" and f["severity"] != "info"}
+    assert {"velocity.north", "latitude"} <= late.keys()
+    seconds = float(late["velocity.north"].split(" s ")[0].rsplit(" ", 1)[1])
+    assert 0.15 < seconds < 0.35
+    assert not [f for f in found if f["severity"] == "error"]
+    known = answer(capsys, tmp_path / "log", "--aircraft", CONFIG / "inertialnav_swisslog.yaml")["findings"]
+    assert not [f for f in known if f["kind"] == "offset" and f["signal"].startswith("velocity")]
+
+
+def test_a_real_flight_shows_no_rudder_derivative_and_nothing_that_contradicts_itself(shared_data, capsys, tmp_path):
+    """Thor: its notes say that the rudder moves by 0.7 degrees and that its derivatives cannot be had."""
+    main(["import", str(shared_data / "umn_thor_flight75" / "flight75.mat"), "--out", str(tmp_path / "thor")])
+    result = answer(capsys, tmp_path / "thor", "--aircraft", CONFIG / "umn_thor.yaml")
+    assert not any(result["identifiable"][name] for name in ("CY_dr", "Cl_dr", "Cn_dr"))
+    assert result["identifiable"]["Cl_da"] and result["identifiable"]["Cm_de"]
+    serious = {(f["signal"], f["kind"]) for f in result["findings"] if f["severity"] != "info"}
+    assert {kind for _, kind in serious} == {"gap"}

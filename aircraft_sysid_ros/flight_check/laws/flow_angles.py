@@ -21,7 +21,7 @@ from aircraft_sysid_ros.flight_check.signals import FORCE, GYRO
 Array = npt.NDArray[np.float64]
 _SHORT, _LONG = 0.25, 4.0
 #: What the IMU does not explain of a vane is gusts, which bias the factors: by so much, times 1 - correlation.
-_GUSTS = 2.0
+_GUSTS, _FINE = 2.0, 0.05  # up to this step [s], and more for longer ones
 #: A ratio that tells a unit and no scale.
 _UNIT = 1.5
 #: Least and largest -d(force)/d(angle) [m/s^2 per rad] of aeroplanes: g C_Z,alpha / C_L, g C_Y,beta / C_L.
@@ -59,6 +59,7 @@ def _vane(
     solved = regress(measured, np.column_stack([*terms, *nuisance]), grid.step)
     if solved is not None:
         theta, std, partial = (values[:2] for values in solved)
+        gusts = _GUSTS * max(1.0, grid.step / _FINE)
         divisors = ("", "true_airspeed")
         for other, divisor, k, sigma, r in zip((rate[0], force[0]), divisors, theta, std, partial, strict=True):
             low, high = abs(k) - 3.0 * sigma, abs(k) + 3.0 * sigma
@@ -66,7 +67,7 @@ def _vane(
             comparison = Comparison(float(r) if sure else 0.0, max(low, 1e-9), high, 0.0, np.inf, 1e3, 0.0)
             words = f"the derivative of {name.replace('_', ' ')} that the IMU gives"
             found.append(
-                Relation(name, other, comparison, words, 0.05 + _GUSTS * (1.0 - abs(r)), has_lag=False, divisor=divisor)
+                Relation(name, other, comparison, words, 0.05 + gusts * (1.0 - abs(r)), has_lag=False, divisor=divisor)
             )
     together = compare(measured, terms[0] + terms[1], grid.step)
     if together is not None:
