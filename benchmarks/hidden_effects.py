@@ -33,9 +33,10 @@ from hidden_effects_figure import draw
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
-from aircraft_sysid_ros.diagnosis.flight_diagnosis import FlightDiagnosis, diagnose_flight
-from aircraft_sysid_ros.diagnosis.reconstruction import fit_sensor_noise, reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import fit_sensor_noise, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.words import FlightDiagnosis
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.effects.aliases import aliases_of
 from aircraft_sysid_ros.effects.effect import MEASUREMENT

@@ -4,7 +4,7 @@
 
 Flights of 180 s of simulation.hidden_flight, calm and in light turbulence, looked at every 30 s from 90 s on with what
 the node keeps of them and the filter's states, not smoothed. A clean flight counts as false when any look gives a
-verdict. The constants of diagnosis.live were chosen with seeds 100 to 224 in sight: the flights here are others.
+verdict. The limits of the search in flight were chosen with seeds 100 to 224 in sight: the flights here are others.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.diagnosis.live import FORCES, diagnose_live, windows
+from aircraft_sysid_ros.diagnosis.live.search_in_flight import FORCES, diagnose_live, windows
 from aircraft_sysid_ros.effects import LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError

@@ -32,10 +32,10 @@ import numpy.typing as npt
 from scipy.stats import f as fisher
 
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.diagnosis.candidates import candidates_of
-from aircraft_sysid_ros.diagnosis.fit import AxisFit
-from aircraft_sysid_ros.diagnosis.flight_data import FOLDS
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FOLDS
+from aircraft_sysid_ros.diagnosis.search.candidates import candidates_of
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.effects import LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError

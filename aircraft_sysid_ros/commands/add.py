@@ -10,9 +10,9 @@ from typing import Any
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.additions import Outcome, add
-from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT
-from aircraft_sysid_ros.diagnosis.versions import MODELS
+from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT
+from aircraft_sysid_ros.diagnosis.model_versions.additions import Outcome, add
+from aircraft_sysid_ros.diagnosis.model_versions.versions import MODELS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.report.diagnosis_figures import errors_figure
 

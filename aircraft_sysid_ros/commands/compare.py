@@ -8,7 +8,7 @@ from typing import Any
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.compare import compare
-from aircraft_sysid_ros.diagnosis.versions import open_run
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
 
 FIGURE = "compare.png"

@@ -18,11 +18,11 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.options import parameter_table
 from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.additions import Outcome, add
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT
-from aircraft_sysid_ros.diagnosis.versions import Run, open_run
+from aircraft_sysid_ros.diagnosis.model_versions.additions import Outcome, add
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, open_run
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.model_file import parameters_json

@@ -8,8 +8,8 @@ from typing import Any
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import COUNT
-from aircraft_sysid_ros.diagnosis.versions import open_run
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.run_reader import DIAGNOSIS
 from aircraft_sysid_ros.run_writer import write_json

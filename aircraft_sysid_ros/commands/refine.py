@@ -16,7 +16,7 @@ from typing import Any
 from aircraft_sysid_ros.commands.options import parameter_table
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.versions import Version, folder_of, open_run, run_data, version_named
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Version, folder_of, open_run, run_data, version_named
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, RefineOptions, refine, with_options

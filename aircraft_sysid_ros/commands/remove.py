@@ -7,7 +7,7 @@ from typing import Any
 
 from aircraft_sysid_ros.commands.add import add_arguments, described, render
 from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.additions import remove
+from aircraft_sysid_ros.diagnosis.model_versions.additions import remove
 
 __all__ = ["add_parser", "render", "run"]
 

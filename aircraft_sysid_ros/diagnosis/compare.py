@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.error_regions import Place, failing_places
-from aircraft_sysid_ros.diagnosis.fit import AxisFit, Fit, fit_axis
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.noise_floor import HALF_WIDTH, NoiseFloor, noise_floor, noise_seen
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Fit, fit_axis
+from aircraft_sysid_ros.diagnosis.significance.error_regions import Place, failing_places
+from aircraft_sysid_ros.diagnosis.significance.noise_floor import HALF_WIDTH, NoiseFloor, noise_floor, noise_seen
+from aircraft_sysid_ros.diagnosis.significance.whiteness import ORDER, Whiteness, on_grid, whiteness_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
-from aircraft_sysid_ros.diagnosis.whiteness import ORDER, Whiteness, on_grid, whiteness_of
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]

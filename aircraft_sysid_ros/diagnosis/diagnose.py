@@ -18,11 +18,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.diagnosis.fit import Gain
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import Replica
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, expressions, log_ratio, new_terms, size_of
-from aircraft_sysid_ros.diagnosis.sudden_change import sudden_change
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.evaluator import (
+    CandidateEvaluator,
+    Score,
+    expressions,
+    log_ratio,
+    new_terms,
+    size_of,
+)
+from aircraft_sysid_ros.diagnosis.search.fit import Gain
+from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 

@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GROUPS, Aircraft
-from aircraft_sysid_ros.diagnosis.fit import fit_axis
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import worker_pool
-from aircraft_sysid_ros.diagnosis.reconstruction import AIR_DATA, Reconstruction, flight_data_of, log_likelihood
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconstruction, flight_data_of, log_likelihood
+from aircraft_sysid_ros.diagnosis.processes import worker_pool
+from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
 from aircraft_sysid_ros.errors import InputError

@@ -12,7 +12,7 @@ from aircraft_sysid_msgs.msg import EffectCandidate, MissingEffects
 from aircraft_sysid_msgs.srv import AddEffect, RemoveEffect
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
-from aircraft_sysid_ros.diagnosis.live import (
+from aircraft_sysid_ros.diagnosis.live.search_in_flight import (
     Terms,
     check_signals,
     live_flight,
@@ -20,7 +20,7 @@ from aircraft_sysid_ros.diagnosis.live import (
     terms_of_effect,
     windows,
 )
-from aircraft_sysid_ros.diagnosis.live_worker import LiveWorker
+from aircraft_sysid_ros.diagnosis.live.worker import LiveWorker
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.pace import too_slow

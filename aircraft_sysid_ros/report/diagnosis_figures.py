@@ -10,7 +10,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
-from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FOLDS
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR
 from aircraft_sysid_ros.report.pyplot import pyplot
 

@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.error_regions import Place
+from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
-from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, POINTS, FlightData
-from aircraft_sysid_ros.diagnosis.versions import (
+from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT, POINTS, FlightData
+from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     CURRENT,
     Run,
     Version,

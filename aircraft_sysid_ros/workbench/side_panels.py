@@ -11,8 +11,8 @@ from nicegui import events, ui
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
-from aircraft_sysid_ros.diagnosis.additions import parse_request
-from aircraft_sysid_ros.diagnosis.error_regions import Place
+from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import markup

@@ -112,7 +112,7 @@ class Desk:
 
     def _diagnose(self, job: Job) -> str:
         from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-        from aircraft_sysid_ros.diagnosis.versions import open_run
+        from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
         from aircraft_sysid_ros.run_reader import DIAGNOSIS
         from aircraft_sysid_ros.run_writer import write_json
 
@@ -125,12 +125,12 @@ class Desk:
         return str(found["advice"])
 
     def _add(self, job: Job) -> str:
-        from aircraft_sysid_ros.diagnosis.additions import add
+        from aircraft_sysid_ros.diagnosis.model_versions.additions import add
 
         return add(self.path, job.text, lambda share: self.progress(f"add {job.text}", share)).verdict
 
     def _remove(self, job: Job) -> str:
-        from aircraft_sysid_ros.diagnosis.additions import remove
+        from aircraft_sysid_ros.diagnosis.model_versions.additions import remove
 
         self.progress(f"remove {job.text}", 0.2)
         return remove(self.path, job.text).verdict

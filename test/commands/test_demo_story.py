@@ -11,7 +11,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands import demo_story
 from aircraft_sysid_ros.commands.demo_story import flown_errors, story_json, story_text, tell
-from aircraft_sysid_ros.diagnosis.versions import open_run
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.report.story_figure import story_figure
 from aircraft_sysid_ros.run_writer import RunWriter

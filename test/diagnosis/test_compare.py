@@ -11,8 +11,8 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.compare import compare
-from aircraft_sysid_ros.diagnosis.fit import fit_axis
-from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.simulation.dynamics import Effect

@@ -11,19 +11,19 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
-from aircraft_sysid_ros.diagnosis.bootstrap_flight import world_of
 from aircraft_sysid_ros.diagnosis.diagnose import Null, diagnose
-from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.measurement import maximum, measurement_faults
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import fitted_parameters, without_excess
-from aircraft_sysid_ros.diagnosis.reconstruction import (
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     fit_sensor_noise,
     fit_wind_noise,
     flying,
     reconstruct,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.measurement import maximum, measurement_faults
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import fitted_parameters, without_excess
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import with_setting

@@ -10,8 +10,8 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
-from aircraft_sysid_ros.diagnosis.fit import AxisFit, fit_axis
-from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FOLDS, FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS, FlightData
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fit_axis
 from aircraft_sysid_ros.errors import InputError
 
 STEP = 0.04

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aircraft_sysid_ros.diagnosis.reconstruction import given_up
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import given_up
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.reconstruction.state import StateField
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from aircraft_sysid_ros.diagnosis.additions import add
 from aircraft_sysid_ros.diagnosis.compare import compare
-from aircraft_sysid_ros.diagnosis.fit import held_out_error
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.versions import open_run
+from aircraft_sysid_ros.diagnosis.model_versions.additions import add
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.pipeline import Pipeline

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
-from aircraft_sysid_ros.diagnosis import live
-from aircraft_sysid_ros.diagnosis.live_worker import Answer, LiveWorker, answer_to
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.live import search_in_flight as live
+from aircraft_sysid_ros.diagnosis.live.worker import Answer, LiveWorker, answer_to
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError

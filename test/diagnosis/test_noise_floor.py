@@ -9,8 +9,9 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import compare
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.noise_floor import (
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.significance.noise_floor import (
     NoiseFloor,
     Source,
     noise_seen,
@@ -18,7 +19,6 @@ from aircraft_sysid_ros.diagnosis.noise_floor import (
     variance_of,
     window_weights,
 )
-from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.evaluation import measured_coefficients

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from slow_flights import all_thinned, fast_flight, file_of_users, thinned
 
-from aircraft_sysid_ros.diagnosis.bootstrap_flight import KNOWN_SHARE, world_of
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import fit_sensor_noise, flying, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates, with_sparse_rates
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import fitted_parameters
-from aircraft_sysid_ros.diagnosis.reconstruction import fit_sensor_noise, flying, reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.sensor_rates import with_recorded_rates, with_sparse_rates
+from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import KNOWN_SHARE, world_of
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import fitted_parameters
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Kind, Samples
 

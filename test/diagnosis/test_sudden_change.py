@@ -11,12 +11,12 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.commands.diagnose import render
-from aircraft_sysid_ros.diagnosis.additions import parse_request
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose, explains_more
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import fit_sensor_noise, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.reconstruction import fit_sensor_noise, reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
-from aircraft_sysid_ros.diagnosis.sudden_change import sudden_change
+from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples

@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
-from aircraft_sysid_ros.diagnosis import additions, versions
-from aircraft_sysid_ros.diagnosis.additions import add, parse_request, remove
-from aircraft_sysid_ros.diagnosis.fit import fit_axis, held_out_error
-from aircraft_sysid_ros.diagnosis.measurement import measurement_faults
-from aircraft_sysid_ros.diagnosis.reconstruction import (
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     Reconstruction,
     fit_sensor_noise,
     reconstruct,
     reconstruct_as_flown,
 )
-from aircraft_sysid_ros.diagnosis.versions import open_run, version_identifier, version_with
+from aircraft_sysid_ros.diagnosis.measurement import measurement_faults
+from aircraft_sysid_ros.diagnosis.model_versions import additions, versions
+from aircraft_sysid_ros.diagnosis.model_versions.additions import add, parse_request, remove
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, version_identifier, version_with
+from aircraft_sysid_ros.diagnosis.search.fit import fit_axis, held_out_error
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError

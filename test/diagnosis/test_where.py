@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
-from aircraft_sysid_ros.diagnosis.error_regions import failing_places, independent_share
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.significance.error_regions import failing_places, independent_share
 
 STEP, N = 0.04, 3000
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
 
-from aircraft_sysid_ros.diagnosis.noise_floor import NoiseFloor, Source, window_weights
-from aircraft_sysid_ros.diagnosis.whiteness import LAGS, ORDER, on_grid, prediction, whiteness_of
+from aircraft_sysid_ros.diagnosis.significance.noise_floor import NoiseFloor, Source, window_weights
+from aircraft_sysid_ros.diagnosis.significance.whiteness import LAGS, ORDER, on_grid, prediction, whiteness_of
 
 INTERVAL, STEP, EVERY = 0.01, 0.04, 4
 

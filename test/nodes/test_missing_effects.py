@@ -7,7 +7,7 @@ import pytest
 from aircraft_sysid_msgs.msg import MissingEffects, ModelError, Parameters
 from aircraft_sysid_msgs.srv import AddEffect, RemoveEffect, Reset
 
-from aircraft_sysid_ros.diagnosis.live_worker import Answer
+from aircraft_sysid_ros.diagnosis.live.worker import Answer
 from aircraft_sysid_ros.nodes import model_services
 from aircraft_sysid_ros.nodes.common import start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode

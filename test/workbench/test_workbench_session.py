@@ -7,7 +7,7 @@ import time
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
-from aircraft_sysid_ros.diagnosis.versions import open_run
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import server
 from aircraft_sysid_ros.workbench.run_view import load_run_view

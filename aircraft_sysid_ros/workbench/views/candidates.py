@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, parse_expression
-from aircraft_sysid_ros.diagnosis.fit import fit_axis
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import AxisComparison, Comparison
-from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FOLDS, FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS, FlightData
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, figure, line, span_of, thinned
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from aircraft_sysid_ros.diagnosis.compare import Comparison
-from aircraft_sysid_ros.diagnosis.versions import Change, Version
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Change, Version
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow, axis_rows
 

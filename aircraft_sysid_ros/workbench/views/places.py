@@ -10,8 +10,8 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.diagnosis.compare import Comparison
-from aircraft_sysid_ros.diagnosis.error_regions import Place, cells
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.significance.error_regions import Place, cells
 from aircraft_sysid_ros.workbench.views.coefficients import time_of
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure
 from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS

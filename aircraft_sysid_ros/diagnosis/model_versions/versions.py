@@ -29,9 +29,9 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
-from aircraft_sysid_ros.diagnosis.flight_data import AIRCRAFT, FlightData, check_flight, load_flight_data
-from aircraft_sysid_ros.diagnosis.reconstruction import reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.sensor_rates import with_sparse_rates
+from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT, FlightData, check_flight, load_flight_data
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown, settled_flight
+from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_sparse_rates
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.flight_data import FOLDS, FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FOLDS, FlightData
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
 

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.bootstrap_flight import FlightConditions, world_of
-from aircraft_sysid_ros.diagnosis.fit import fit_axis
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.noise_floor import HALF_WIDTH
-from aircraft_sysid_ros.diagnosis.reconstruction import Reconstruction, flying, reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, flying, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.processes import worker_pool
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import FlightConditions, world_of
+from aircraft_sysid_ros.diagnosis.significance.noise_floor import HALF_WIDTH
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
@@ -32,7 +28,6 @@ Array = npt.NDArray[np.float64]
 
 #: Replicas of a flight, and the longest stretch [s] of it that they repeat.
 COUNT, LONGEST = 5, 300.0
-_PR_SET_PDEATHSIG = 1
 
 
 def fitted_parameters(data: FlightData) -> Array:
@@ -53,20 +48,6 @@ class Replica:
 
     data: FlightData
     scores: Mapping[str, float]  # by id of the effect
-
-
-def worker_pool(workers: int) -> ProcessPoolExecutor:
-    """Processes that share what is in memory now, and that end with this one, however it ends."""
-    context = multiprocessing.get_context("fork")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with, initargs=(os.getpid(),))
-
-
-def _end_with(parent: int) -> None:
-    """Let the kernel end this process when its parent ends, also when that is killed (Linux)."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
 
 
 def replicas_of(

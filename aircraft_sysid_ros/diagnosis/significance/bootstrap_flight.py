@@ -22,8 +22,8 @@ from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
-from aircraft_sysid_ros.diagnosis.reconstruction import AIR_DATA
-from aircraft_sysid_ros.diagnosis.sensor_rates import with_recorded_rates
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
+from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.signals import fill_signals

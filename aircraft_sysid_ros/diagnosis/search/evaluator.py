@@ -16,15 +16,15 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
-from aircraft_sysid_ros.diagnosis.candidates import (
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.candidates import (
     Candidate,
     base_texts,
     candidates_of,
     limits,
     with_inner,
 )
-from aircraft_sysid_ros.diagnosis.fit import AxisFit, Gain, fit_axis, held_out_error
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, held_out_error
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError
 

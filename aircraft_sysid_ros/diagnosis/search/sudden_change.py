@@ -14,8 +14,8 @@ from functools import partial
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
-from aircraft_sysid_ros.diagnosis.candidates import Candidate, grid
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, moves, refined
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, grid
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, moves, refined
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import OF_TIME, ShapeParameter
 

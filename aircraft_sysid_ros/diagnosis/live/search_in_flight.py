@@ -32,13 +32,13 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, parse_expression
-from aircraft_sysid_ros.diagnosis.additions import parse_request
-from aircraft_sysid_ros.diagnosis.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, explained
-from aircraft_sysid_ros.diagnosis.error_regions import unusual
-from aircraft_sysid_ros.diagnosis.fit import AxisFit
-from aircraft_sysid_ros.diagnosis.flight_data import BLOCK, FlightData
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, Score, errors_of, expressions, new_terms
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
+from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, errors_of, expressions, new_terms
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
+from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect

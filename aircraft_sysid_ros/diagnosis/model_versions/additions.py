@@ -16,8 +16,13 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, one_line, parse_expression
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
-from aircraft_sysid_ros.diagnosis.fit import AxisFit, fit_axis
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
+    as_flown,
+    fit_sensor_noise,
+    log_likelihood,
+    reconstruct,
+)
 from aircraft_sysid_ros.diagnosis.measurement import (
     Job,
     Setting,
@@ -25,16 +30,19 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     stretch_of,
     try_setting,
 )
-from aircraft_sysid_ros.diagnosis.parametric_bootstrap import worker_pool
-from aircraft_sysid_ros.diagnosis.reconstruction import (
-    as_flown,
-    fit_sensor_noise,
-    log_likelihood,
-    reconstruct,
+from aircraft_sysid_ros.diagnosis.model_versions.versions import (
+    Change,
+    Run,
+    Version,
+    changing,
+    open_run,
+    version_with,
+    write_version,
 )
-from aircraft_sysid_ros.diagnosis.search import CandidateEvaluator, new_terms, undetermined
+from aircraft_sysid_ros.diagnosis.processes import worker_pool
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms, undetermined
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
-from aircraft_sysid_ros.diagnosis.versions import Change, Run, Version, changing, open_run, version_with, write_version
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.errors import InputError

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.diagnosis.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, fill, placeholders
 from aircraft_sysid_ros.errors import InputError
 

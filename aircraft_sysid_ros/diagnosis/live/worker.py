@@ -1,6 +1,6 @@
 """The search for missing effects in a process of its own, so that no sample waits for it.
 
-``python -m aircraft_sysid_ros.diagnosis.live_worker`` reads windows from its standard input and writes verdicts to
+``python -m aircraft_sysid_ros.diagnosis.live.worker`` reads windows from its standard input and writes verdicts to
 its standard output, pickled, one after another, on one core at low priority. It ends when its input does, so that it
 does not outlive the node that started it.
 """
@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping
 from typing import Any, BinaryIO, NamedTuple, cast
 
-from aircraft_sysid_ros.diagnosis.live import LiveFlight, diagnose_live
+from aircraft_sysid_ros.diagnosis.live.search_in_flight import LiveFlight, diagnose_live
 from aircraft_sysid_ros.errors import InputError
 
 _NICENESS = 10
@@ -85,7 +85,7 @@ class LiveWorker:
 
 def _start() -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-m", "aircraft_sysid_ros.diagnosis.live_worker"],
+        [sys.executable, "-m", "aircraft_sysid_ros.diagnosis.live.worker"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, **_ONE_THREAD},

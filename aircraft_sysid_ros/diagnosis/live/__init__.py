@@ -1,0 +1,1 @@
+"""The search in flight, in a process of its own."""

@@ -1,0 +1,1 @@
+"""Versions of the model of a run, and what makes one of another."""

@@ -1,0 +1,1 @@
+"""What each candidate explains on flight that was held out."""

@@ -1,0 +1,1 @@
+"""What chance does: noise, replicas of the flight, and where a residual is more than that."""

@@ -1,0 +1,184 @@
+"""What is said of a flight: the verdict, its findings and the advice, as JSON and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.diagnosis.diagnose import MISSING, Diagnosis, Finding
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
+from aircraft_sysid_ros.diagnosis.measurement import Setting
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
+from aircraft_sysid_ros.diagnosis.search.evaluator import errors_of, new_terms
+from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import Effect
+
+
+@dataclass(frozen=True)
+class MeasurementFinding:
+    """A setting of the aircraft file that is wrong, and what that does to the errors of all axes (held out)."""
+
+    setting: Setting
+    p_value: float
+    confounded_with: tuple[str, ...]
+    errors: dict[str, tuple[float, float]]
+
+    @property
+    def main_axis(self) -> str:
+        """The axis whose error falls most."""
+        return max(self.errors, key=lambda axis: self.errors[axis][0] - self.errors[axis][1])
+
+
+@dataclass(frozen=True)
+class FlightDiagnosis:
+    """Everything that is said of a flight."""
+
+    flight: FlightData  # with mended settings
+    settings: tuple[MeasurementFinding, ...]
+    diagnosis: Diagnosis
+    replicas: Sequence[Replica] = field(repr=False)
+    is_calm: bool  # scales of the air data could be told
+
+    @property
+    def verdict(self) -> str:
+        """none, missing or unexplained."""
+        return MISSING if self.settings else self.diagnosis.verdict
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The JSON of INTERFACE.md, with more about each candidate."""
+        return {
+            "verdict": self.verdict,
+            "candidates": [*map(self._of_setting, self.settings), *map(self._of_finding, self.diagnosis.candidates)],
+            "advice": " ".join(self._advice()),
+            "false_alarm_rate": THRESHOLDS.false_alarm,
+            "least_size": THRESHOLDS.size,
+            "noise_floor": dict(self.diagnosis.floor),
+            "tried": self.diagnosis.tried,
+            "replicas": self.diagnosis.replicas,
+        }
+
+    def _of_setting(self, finding: MeasurementFinding) -> dict[str, Any]:
+        setting, (before, after) = finding.setting, finding.errors[finding.main_axis]
+        unit = setting.effect.inner[0].unit
+        return {
+            **_about(setting.effect, setting.label),
+            "expression": None,
+            "axes": [],
+            "main_axis": finding.main_axis,
+            "evidence": setting.evidence,
+            "p_value": finding.p_value,
+            "error_before": before,
+            "error_after": after,
+            "confounded_with": list(finding.confounded_with),
+            "where": f"{setting.label}: {setting.value:.3g} {unit} fits the sensors better than {setting.nominal:.3g}",
+            "inner": {setting.effect.inner[0].name: setting.value},
+            "parameters": [],
+            "found": True,
+        }
+
+    def _of_finding(self, finding: Finding) -> dict[str, Any]:
+        trial, axis = finding.trial, finding.trial.main_axis
+        effect = trial.candidate.effect
+        terms = {a: list(texts) for a, texts in trial.candidate.terms.items() if a in trial.gains}
+        added = finding.flight.with_terms(new_terms(finding.flight, trial))
+        before, after = errors_of(finding.flight, trial, axis)
+        return {
+            **_about(effect, trial.candidate.label),
+            "expression": None if effect else "; ".join(f"{a}: {text}" for a, ts in terms.items() for text in ts),
+            "axes": sorted(trial.gains, key=lambda a: -trial.log_ratios[a]),
+            "main_axis": axis,
+            "evidence": finding.evidence,
+            "p_value": finding.p_value,
+            "error_before": before,
+            "error_after": after,
+            "confounded_with": list(finding.confounded_with),
+            "where": self._where(finding),
+            "inner": dict(trial.candidate.inner),
+            "terms": terms,
+            "parameters": [
+                {"axis": a, "term": text, "value": value}
+                for a, texts in terms.items()
+                for text, value in zip(texts, _fitted(added, a, texts), strict=True)
+            ],
+            "found": finding in self.diagnosis.found,
+        }
+
+    def _where(self, finding: Finding) -> str:
+        """Stretches of time that hold most of the evidence, and what sets them apart."""
+        axis = finding.trial.main_axis
+        inside = np.isin(self.flight.block, finding.blocks)
+        judged = np.isfinite(self.flight.measured[:, AXES.index(axis)])
+        since = self.flight.begin
+        spans = ", ".join(f"{since + begin:.0f} to {since + end:.0f} s" for begin, end in _spans(finding.blocks))
+        words = unusual(self.flight, inside, judged)
+        return f"{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
+
+    def _advice(self) -> Iterator[str]:
+        found = self.diagnosis.found
+        if not self.settings and not found:
+            yield "Nothing is missing that this flight could show:"
+            yield f"no effect explains {THRESHOLDS.size:.0%} of the error of an axis on flight that was held out."
+        if not self.is_calm:
+            yield "In these gusts a wrong scale of the air data could not be seen: fly in calm air for that."
+        for mended in self.settings:
+            fault = mended.setting.effect
+            yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
+        for finding in found:
+            effect = finding.trial.candidate.effect
+            if effect is None:
+                yield f"Unexplained: {_in_words(finding.trial.candidate)}, which no effect of the library explains"
+                yield "as well; it can be added as an expression."
+                continue
+            yield f"{effect.name} is missing (add {effect.identifier})."
+            for other in finding.confounded_with:
+                if other in BY_ID:
+                    yield f"This flight cannot tell it from {BY_ID[other].name}; to separate them: {effect.manoeuvre}"
+
+
+def _fitted(flight: FlightData, axis: str, texts: Sequence[str]) -> list[float]:
+    """Values of terms of an axis; NaN for one that the model of the flight does not have or determine."""
+    known = dict(zip(flight.model.terms[axis], fit_axis(flight, axis).fit.parameters.tolist(), strict=True))
+    return [known.get(parse_expression(text).text, np.nan) for text in texts]
+
+
+def _about(effect: Effect | None, label: str) -> dict[str, Any]:
+    if effect is None:
+        return {"effect": None, "label": label, "name": label, "kind": None, "physics": None, "manoeuvre": None}
+    return {
+        "effect": effect.identifier, "label": label, "name": effect.name, "kind": effect.kind,
+        "physics": effect.physics, "manoeuvre": effect.manoeuvre,
+    }  # fmt: skip
+
+
+def _in_words(candidate: Candidate) -> str:
+    """What depends on what, outside the library."""
+    if candidate.changed:
+        parts = []
+        for axis, names in candidate.changed.items():
+            what = ("another constant" if name == "1" else f"a part in {name}" for name in names)
+            parts.append(f"{axis[0]}_{axis[1]} has {' and '.join(what)}")
+        return f"from {candidate.moment:.0f} s on " + ", ".join(parts)
+    ((axis, terms),) = candidate.terms.items()
+    return f"{axis[0]}_{axis[1]} depends on {' and '.join(terms)}"
+
+
+def _spans(blocks: Sequence[int]) -> list[tuple[float, float]]:
+    """Begin and end [s] of runs of blocks, the three longest in order of time."""
+    spans: list[list[int]] = []
+    for block in blocks:
+        if spans and block == spans[-1][1]:
+            spans[-1][1] = block + 1
+        else:
+            spans.append([block, block + 1])
+    longest = sorted(sorted(spans, key=lambda s: s[0] - s[1])[:3])
+    return [(begin * BLOCK, end * BLOCK) for begin, end in longest]
