@@ -44,6 +44,18 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
+def import_guess() -> str:
+    """How often the first MAP of a stranger's columns is right."""
+    found = load("import_guess")
+    rows = [
+        ["right", f"{found['right']} ({percent(found['share_right'])})"],
+        ["undecided, commented out", str(found["undecided"])],
+        ["not named at all", str(found["missed"])],
+        ["wrong in signal, unit or sign", str(found["wrong"])],
+    ]
+    return table([f"{found['layouts']} layouts", f"of {found['columns']} columns"], rows)
+
+
 def figures() -> str:
     """What the README quotes."""
     accuracy, speed = load("accuracy"), load("replay_speed")
@@ -495,6 +507,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "story": story,
     "story_truth": story_truth,
     "figures": figures,
+    "import_guess": import_guess,
     "errors": errors,
     "start": start,
     "turbulence": turbulence,
