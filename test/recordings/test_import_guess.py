@@ -236,3 +236,19 @@ def test_a_guess_does_not_overwrite_and_needs_a_table(flown, tmp_path, capsys):
     (tmp_path / "words.csv").write_text("this,is\nno,table\n")
     with pytest.raises(InputError, match="holds no table"):
         guess_map(tmp_path / "words.csv")
+
+
+def test_what_hinders_a_guess_is_said(tmp_path):
+    rows = [f"{0.02 * i:.2f},{i % 7}.5" for i in range(60)]
+    (tmp_path / "back.csv").write_text("\n".join(["time,p", *rows[:30], *rows[20:]]) + "\n")
+    with pytest.raises(InputError, match="its column 'time' goes back at data row 31"):
+        guess_map(tmp_path / "back.csv")
+    (tmp_path / "twice.csv").write_text("\n".join(["time,p,p", *(f"{row},1" for row in rows)]) + "\n")
+    assert "twice.csv has several columns 'p': rename all but one" in guess_map(tmp_path / "twice.csv").notes
+
+
+def test_clocks_of_tables_that_do_not_overlap_are_said(flown, tmp_path):
+    time = np.arange(0.0, 20.0, 0.1)
+    for name, start in (("a", 0.0), ("b", 5000.0)):
+        layouts.write_rows(tmp_path / f"{name}.csv", ["time_s", f"x_{name}"], [time + start, np.sin(time)])
+    assert any("the clock of b.csv does not overlap" in note for note in guess_map(tmp_path).notes)

@@ -16,7 +16,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import KnownLine, k
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
-from aircraft_sysid_ros.recordings.tabular.guess.times import TimeGuess, guess_time
+from aircraft_sysid_ros.recordings.tabular.guess.times import TimeGuess, guess_time, why_no_time
 from aircraft_sysid_ros.recordings.tabular.source import Source, open_source
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 
@@ -69,6 +69,8 @@ def guess_map(path: Path) -> FirstMap:
     for file, table in tables:
         content = _content(table)
         time = guess_time(table, content)
+        if time is None:
+            notes.append(why_no_time(table, content))
         part = TablePart(file, time)
         parts.append(part)
         named = _named_columns(table, content, time) if time is not None else []
@@ -98,7 +100,32 @@ def guess_map(path: Path) -> FirstMap:
                     told,
                 )
             )
-    return FirstMap(_clock(parts), [part for part in parts if part.lines or part.time is not None], notes)
+    parts = [part for part in parts if part.time is not None]
+    if not parts:
+        raise InputError(f"nothing of {path} can be guessed: {notes[0]}")
+    notes += _doubled(tables) + _apart(parts)
+    return FirstMap(_clock(parts), parts, notes)
+
+
+def _doubled(tables: list[tuple[str | None, Table]]) -> list[str]:
+    """Names that two columns of a table have, of which neither is looked at."""
+    return [
+        f"{table.name} has several columns '{name}': rename all but one"
+        for _, table in tables
+        for name in dict.fromkeys(table.columns)
+        if name and table.columns.count(name) > 1
+    ]
+
+
+def _apart(parts: list[TablePart]) -> list[str]:
+    """That tables were not recorded at the same time, as their clocks have it: nothing is compared between them."""
+    spans = [(part.file, *np.nanpercentile(part.time.seconds, (0, 100))) for part in parts if part.time is not None]
+    first = spans[0]
+    return [
+        f"the clock of {file} does not overlap with that of {first[0]}: set the offset of one"
+        for file, start, end in spans[1:]
+        if start > first[2] or end < first[1]
+    ]
 
 
 def known_map(path: Path) -> ColumnMap | None:
@@ -273,7 +300,7 @@ def _part_text(part: TablePart) -> list[str]:
     dead = "" if active and part.time is not None else "# "
     lines = [f"  {dead}- file: {_scalar(part.file)}" if part.file is not None else f"  {dead}-"]
     if part.time is None:
-        return [*lines, f"  {dead}  # undecided: no column that rises as time does"]
+        return []
     evidence = "; ".join(part.time.evidence) + (
         f"; {', '.join(part.time.others)} could be it, too" if part.time.others else ""
     )

@@ -56,6 +56,21 @@ def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess 
     return TimeGuess(best.column, best.unit, best.seconds, best.is_unix, best.sure, best.evidence, others)
 
 
+def why_no_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> str:
+    """Why guess_time finds nothing, for the user."""
+    for name, values in columns.items():
+        guess = guess_name(name, table.units.get(name, ""))
+        if guess is None or guess.signal != TIME:
+            continue
+        known = numbers(values)[0]
+        known = known[np.isfinite(known)]
+        back = np.flatnonzero(np.diff(known) < 0.0)
+        if len(back):
+            return f"{table.name} is left out: its column '{name}' goes back at data row {back[0] + 2}"
+        return f"{table.name} is left out: the unit of its time '{name}' cannot be told, or it stands still"
+    return f"{table.name} is left out: no column of it is named as a time (once) and rises"
+
+
 def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | None:
     if values.dtype.kind == "M" or (values.dtype.kind in "OUT" and _is_text(values)):
         return _of_texts(name, values)
