@@ -143,23 +143,17 @@ class _OpenBag:
         self._bag = Path(self._folder.name) / target.stem
         self._writer = BagWriter(self._bag)
         self._writer.open()
-        self._open: dict[str, Any] = {}
+        self._open: set[str] = set()  # topics
 
     def write(self, batches: list[_Batch], connections: Mapping[str, str]) -> None:
         """All messages of the batches, in order of log time."""
+        from aircraft_sysid_ros.recordings.mcap_storage import Batch
+
         for topic, type_name in connections.items():
             if topic not in self._open:
-                self._open[topic] = self._writer.add_connection(topic, type_name, typestore=known_types())
-        log_times = np.concatenate([batch.log_time for batch in batches] or [np.empty(0, np.int64)])
-        batch_of = np.repeat(np.arange(len(batches)), [len(batch.log_time) for batch in batches])
-        row_of = np.concatenate([np.arange(len(batch.log_time)) for batch in batches] or [np.empty(0, int)])
-        order = np.argsort(log_times, kind="stable")
-        contents = [(batch.connection[0], _split(batch.messages)) for batch in batches]
-        for i, row, log_time in zip(
-            batch_of[order].tolist(), row_of[order].tolist(), log_times[order].tolist(), strict=True
-        ):
-            topic, content = contents[i]
-            self._writer.write(self._open[topic], log_time, content[row])
+                self._writer.add_connection(topic, type_name, typestore=known_types())
+                self._open.add(topic)
+        self._writer.write_all([Batch(batch.connection[0], batch.log_time, batch.messages) for batch in batches])
 
     def put_in_place(self, target: Path) -> None:
         """Finish it and give it the name of the target."""
@@ -171,12 +165,6 @@ class _OpenBag:
         """Leave nothing behind but what was put in place."""
         with self._folder:
             self._writer.abort()
-
-
-def _split(messages: npt.NDArray[np.uint8]) -> list[bytes]:
-    """Rows (n, length) as n byte strings."""
-    rows: Any = np.ascontiguousarray(messages).view(np.dtype((np.void, messages.shape[1]))).ravel()
-    return list(rows.tolist())
 
 
 def _check_target(path: Path, overwrite: bool) -> None:

@@ -138,7 +138,7 @@ def test_a_failed_write_keeps_the_old_recording(tmp_path, monkeypatch):
     def disk_full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("rosbags.rosbag2.Writer.write", disk_full)
+    monkeypatch.setattr("aircraft_sysid_ros.recordings.mcap_storage.BagWriter.write_all", disk_full)
     with pytest.raises(InputError, match="No space left"), RecordingWriter(path, overwrite=True) as writer:
         writer.write("air_data", TOPICS["air_data"], [START], {})
     assert [p.name for p in tmp_path.iterdir()] == ["bag"]
