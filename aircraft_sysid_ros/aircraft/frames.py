@@ -3,6 +3,9 @@
 A quaternion is ``(w, x, y, z)`` and turns body vectors into NED vectors, ``v_n = C(q) v_b``, C of (6.23) in
 docs/references.md. It is regular at theta = +-90 deg; Euler angles are only for people and are derived from it.
 Small attitude errors are rotation vectors in body axes: ``C = C_hat exp([delta x])``.
+
+Each formula stands once, on plain numbers: a vector is a tuple of three, a matrix one of nine, row by row. Compiled
+loops use those, since they need no memory; the functions of arrays are made of them.
 """
 
 from __future__ import annotations
@@ -13,16 +16,137 @@ from numba import njit
 
 Array = npt.NDArray[np.float64]
 
+Vector = tuple[float, float, float]
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+Quaternion = tuple[float, float, float, float]
+
 SMALL_ANGLE = 1e-5
+
+
+# -- on plain numbers -------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def three(v: Array) -> Vector:
+    """The numbers of a vector (3,)."""
+    return v[0], v[1], v[2]
+
+
+@njit(cache=True)
+def nine(m: Array) -> Matrix:
+    """The numbers of a matrix (3, 3)."""
+    return m[0, 0], m[0, 1], m[0, 2], m[1, 0], m[1, 1], m[1, 2], m[2, 0], m[2, 1], m[2, 2]
+
+
+@njit(cache=True)
+def put_matrix(m: Matrix, out: Array) -> None:
+    """Write a matrix into an array (3, 3)."""
+    out[0, 0], out[0, 1], out[0, 2] = m[0], m[1], m[2]
+    out[1, 0], out[1, 1], out[1, 2] = m[3], m[4], m[5]
+    out[2, 0], out[2, 1], out[2, 2] = m[6], m[7], m[8]
+
+
+@njit(cache=True)
+def crossing(v: Vector) -> Matrix:
+    """[v x] with ``[v x] w = v x w``."""
+    return 0.0, -v[2], v[1], v[2], 0.0, -v[0], -v[1], v[0], 0.0
+
+
+@njit(cache=True)
+def transposed(a: Matrix) -> Matrix:
+    """A'."""
+    return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
+
+
+@njit(cache=True)
+def multiplied(a: Matrix, b: Matrix) -> Matrix:
+    """A B."""
+    return (
+        a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
+        a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
+        a[0] * b[2] + a[1] * b[5] + a[2] * b[8],
+        a[3] * b[0] + a[4] * b[3] + a[5] * b[6],
+        a[3] * b[1] + a[4] * b[4] + a[5] * b[7],
+        a[3] * b[2] + a[4] * b[5] + a[5] * b[8],
+        a[6] * b[0] + a[7] * b[3] + a[8] * b[6],
+        a[6] * b[1] + a[7] * b[4] + a[8] * b[7],
+        a[6] * b[2] + a[7] * b[5] + a[8] * b[8],
+    )
+
+
+@njit(cache=True)
+def applied(a: Matrix, v: Vector) -> Vector:
+    """A v."""
+    return (
+        a[0] * v[0] + a[1] * v[1] + a[2] * v[2],
+        a[3] * v[0] + a[4] * v[1] + a[5] * v[2],
+        a[6] * v[0] + a[7] * v[1] + a[8] * v[2],
+    )
+
+
+@njit(cache=True)
+def rotation(w: float, x: float, y: float, z: float) -> Matrix:
+    """C of a quaternion: body to NED, L_EB of (6.23)."""
+    return (
+        w * w + x * x - y * y - z * z,
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        w * w - x * x + y * y - z * z,
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        w * w - x * x - y * y + z * z,
+    )
+
+
+@njit(cache=True)
+def turned(a: Quaternion, b: Quaternion) -> Quaternion:
+    """a (x) b: first turn by b, then by a."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@njit(cache=True)
+def turn_by(v: Vector) -> Quaternion:
+    """Unit quaternion of the rotation vector v [rad], regular at v = 0."""
+    angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if angle < SMALL_ANGLE:  # sin(a/2)/a by its series, exact to double precision below the limit
+        s = 0.5 - angle * angle / 48.0
+    else:
+        s = np.sin(0.5 * angle) / angle
+    return np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2]
+
+
+@njit(cache=True)
+def turn_jacobian(v: Vector) -> Matrix:
+    """J with exp(v + d) = exp(v) exp(J d) to first order: I - a [v x] + b [v x]^2, and [v x]^2 = v v' - v'v I."""
+    x, y, z = v
+    angle2 = x * x + y * y + z * z
+    if angle2 < 1e-8:
+        a, b = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
+    else:
+        angle = np.sqrt(angle2)
+        a, b = (1.0 - np.cos(angle)) / angle2, (angle - np.sin(angle)) / (angle2 * angle)
+    return (
+        1.0 - b * (y * y + z * z), a * z + b * x * y, b * x * z - a * y,
+        b * x * y - a * z, 1.0 - b * (x * x + z * z), a * x + b * y * z,
+        a * y + b * x * z, b * y * z - a * x, 1.0 - b * (x * x + y * y),
+    )  # fmt: skip
+
+
+# -- on arrays --------------------------------------------------------------------------------------------------------
 
 
 @njit(cache=True)
 def cross_matrix(v: Array) -> Array:
     """Matrix [v x] of shape (3, 3) with ``[v x] w = v x w``."""
     m = np.empty((3, 3))
-    m[0, 0], m[0, 1], m[0, 2] = 0.0, -v[2], v[1]
-    m[1, 0], m[1, 1], m[1, 2] = v[2], 0.0, -v[0]
-    m[2, 0], m[2, 1], m[2, 2] = -v[1], v[0], 0.0
+    put_matrix(crossing(three(v)), m)
     return m
 
 
@@ -48,28 +172,16 @@ def times(a: Array, v: Array) -> Array:
 @njit(cache=True)
 def rotation_matrix(q: Array) -> Array:
     """C(q), shape (3, 3): body to NED, L_EB of (6.23)."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
     c = np.empty((3, 3))
-    c[0, 0] = w * w + x * x - y * y - z * z
-    c[0, 1] = 2.0 * (x * y - w * z)
-    c[0, 2] = 2.0 * (x * z + w * y)
-    c[1, 0] = 2.0 * (x * y + w * z)
-    c[1, 1] = w * w - x * x + y * y - z * z
-    c[1, 2] = 2.0 * (y * z - w * x)
-    c[2, 0] = 2.0 * (x * z - w * y)
-    c[2, 1] = 2.0 * (y * z + w * x)
-    c[2, 2] = w * w - x * x - y * y + z * z
+    put_matrix(rotation(q[0], q[1], q[2], q[3]), c)
     return c
 
 
 @njit(cache=True)
 def quaternion_product(a: Array, b: Array) -> Array:
-    """a (x) b: first turn by b, then by a."""
+    """a (x) b, (4,): first turn by b, then by a."""
     p = np.empty(4)
-    p[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
-    p[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
-    p[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
-    p[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+    p[0], p[1], p[2], p[3] = turned((a[0], a[1], a[2], a[3]), (b[0], b[1], b[2], b[3]))
     return p
 
 
@@ -81,14 +193,9 @@ def quaternion_conjugate(q: Array) -> Array:
 
 @njit(cache=True)
 def quaternion_exp(v: Array) -> Array:
-    """Unit quaternion of the rotation vector v [rad], regular at v = 0."""
-    angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    if angle < SMALL_ANGLE:  # sin(a/2)/a by its series, exact to double precision below the limit
-        s = 0.5 - angle * angle / 48.0
-    else:
-        s = np.sin(0.5 * angle) / angle
+    """Unit quaternion (4,) of the rotation vector v (3,) [rad], regular at v = 0."""
     q = np.empty(4)
-    q[0], q[1], q[2], q[3] = np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2]
+    q[0], q[1], q[2], q[3] = turn_by(three(v))
     return q
 
 
@@ -107,17 +214,8 @@ def quaternion_log(q: Array) -> Array:
 @njit(cache=True)
 def right_jacobian(v: Array) -> Array:
     """J with exp(v + d) = exp(v) exp(J d) to first order, shape (3, 3)."""
-    angle2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    if angle2 < 1e-8:
-        a, b = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
-    else:
-        angle = np.sqrt(angle2)
-        a, b = (1.0 - np.cos(angle)) / angle2, (angle - np.sin(angle)) / (angle2 * angle)
-    j = np.empty((3, 3))  # I - a [v x] + b [v x]^2, and [v x]^2 = v v' - v'v I
-    x, y, z = v[0], v[1], v[2]
-    j[0, 0], j[0, 1], j[0, 2] = 1.0 - b * (y * y + z * z), a * z + b * x * y, b * x * z - a * y
-    j[1, 0], j[1, 1], j[1, 2] = b * x * y - a * z, 1.0 - b * (x * x + z * z), a * x + b * y * z
-    j[2, 0], j[2, 1], j[2, 2] = a * y + b * x * z, b * y * z - a * x, 1.0 - b * (x * x + y * y)
+    j = np.empty((3, 3))
+    put_matrix(turn_jacobian(three(v)), j)
     return j
 
 
@@ -132,6 +230,15 @@ def euler_from_quaternion(q: Array) -> Array:
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return np.array([roll, np.arcsin(sin_pitch), yaw])
+
+
+@njit(cache=True)
+def euler_angles(quaternions: Array) -> Array:
+    """``euler_from_quaternion`` of each of n quaternions (n, 4): (n, 3)."""
+    out = np.empty((len(quaternions), 3))
+    for i in range(len(quaternions)):
+        out[i] = euler_from_quaternion(quaternions[i])
+    return out
 
 
 @njit(cache=True)
@@ -175,7 +282,7 @@ def quaternion_from_matrix(c: Array) -> Array:
 
 
 @njit(cache=True)
-def air_data_from_velocity(v: Array) -> tuple[float, float, float]:
+def air_data_from_velocity(v: Array | Vector) -> tuple[float, float, float]:
     """True airspeed [m/s], angle of attack and sideslip [rad] of the air-relative body velocity (u, v, w)."""
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     alpha = np.arctan2(v[2], v[0])

@@ -5,14 +5,15 @@ Model: ``x(k+1) = f(x(k)) + w``, ``y = h(x) + v``, v ~ N(0, R). One measurement 
     eta_{i+1} = x + K(eta_i) (y - h(eta_i) - H(eta_i) (x - eta_i))                                     (3.15)
 
 until it no longer moves (3.16), then sets the covariance in the Joseph form (3.18), which stays symmetric and
-positive definite for any gain. The jitted pieces (gain, Joseph form) also serve filters whose state is not a
-vector space; ``iterated_update`` is the whole update for one that is.
+positive definite for any gain. The compiled pieces ``weigh``, ``move`` and ``settle_covariance`` are the update of
+filters whose state is no vector space too; ``iterated_update`` is the whole for one that is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +25,18 @@ Array = npt.NDArray[np.float64]
 @njit(cache=True)
 def cholesky(a: Array) -> Array:
     """Lower factor L of a symmetric positive matrix, a = L L'; NaN on its diagonal if it is not positive."""
+    factor = np.empty_like(a)
+    _factorise(a, factor)
+    return factor
+
+
+@njit(cache=True)
+def _factorise(a: Array, factor: Array) -> None:
+    """``cholesky`` of a into ``factor``; both (n, n)."""
     n = a.shape[0]
-    factor = np.zeros((n, n))
     for j in range(n):
+        for i in range(j):
+            factor[i, j] = 0.0
         s = a[j, j]
         for k in range(j):
             s -= factor[j, k] * factor[j, k]
@@ -36,16 +46,21 @@ def cholesky(a: Array) -> Array:
             for k in range(j):
                 s -= factor[i, k] * factor[j, k]
             factor[i, j] = s / factor[j, j]
-    return factor
 
 
 @njit(cache=True)
 def solve_factored(factor: Array, b: Array) -> Array:
     """Solve L L' x = b, b of shape (m,)."""
+    x = b.copy()
+    _solve_in_place(factor, x)
+    return x
+
+
+@njit(cache=True)
+def _solve_in_place(factor: Array, x: Array) -> None:
     m = factor.shape[0]
-    x = np.empty(m)
     for i in range(m):
-        s = b[i]
+        s = x[i]
         for k in range(i):
             s -= factor[i, k] * x[k]
         x[i] = s / factor[i, i]
@@ -54,33 +69,131 @@ def solve_factored(factor: Array, b: Array) -> Array:
         for k in range(i + 1, m):
             s -= factor[k, i] * x[k]
         x[i] = s / factor[i, i]
-    return x
+
+
+# -- one update, in memory that is given: m outputs, n states ------------------------------------------------------
+
+
+class Update(NamedTuple):
+    """Working memory of one update."""
+
+    h: Array  # (m, n) output matrix
+    ph: Array  # (m, n) (P H')'
+    gains: Array  # (m, n) K'
+    rest: Array  # (m, n)
+    innovation: Array  # (m, m) H P H' + diag(r), then that without r
+    factor: Array  # (m, m) its Cholesky factor
+    delta: Array  # (n,) by how much the state has moved
 
 
 @njit(cache=True)
-def _times_transposed(p: Array, h: Array) -> Array:
-    """(P H')', shape (m, n)."""
+def new_update(m: int, n: int) -> Update:
+    """Working memory for m outputs and n states, which have not moved."""
+    rows = np.empty((4, m, n))
+    squares = np.empty((2, m, m))
+    return Update(rows[0], rows[1], rows[2], rows[3], squares[0], squares[1], np.zeros(n))
+
+
+@njit(cache=True)
+def weigh(p: Array, r: Array, update: Update) -> bool:
+    """Covariance of the innovation (3.14) and its factor, from p (n, n), H and r (m,); whether it is positive."""
+    h, ph, innovation = update.h, update.ph, update.innovation
     m, n = h.shape
-    ph = np.zeros((m, n))
+    ph[:] = 0.0
     for j in range(m):
         for k in range(n):
             if h[j, k] != 0.0:  # most are
                 for i in range(n):  # p is symmetric: along its rows, which the machine takes four at a time
                     ph[j, i] += p[k, i] * h[j, k]
-    return ph
+    for i in range(m):
+        for j in range(m):
+            total = 0.0
+            for k in range(n):
+                total += h[i, k] * ph[j, k]
+            innovation[i, j] = total + r[i] if i == j else total
+    _factorise(innovation, update.factor)
+    return bool(np.isfinite(update.factor[m - 1, m - 1]))
 
 
 @njit(cache=True)
-def _innovation_covariance(h: Array, ph: Array, r: Array) -> Array:
-    """S = H P H' + diag(r), (m, m), from H and (P H')', both (m, n)."""
+def normalised_square(innovation: Array, update: Update) -> float:
+    """Normalised innovation squared of an innovation (m,), after ``weigh``."""
+    weighted = update.rest[0, : len(innovation)]
+    weighted[:] = innovation
+    _solve_in_place(update.factor, weighted)
+    total = 0.0
+    for i in range(len(innovation)):
+        total += innovation[i] * weighted[i]
+    return total
+
+
+@njit(cache=True)
+def _gain(update: Update) -> None:
+    """K = P H' S^-1 (3.14), after ``weigh``."""
+    ph, gains, factor = update.ph, update.gains, update.factor
+    m, n = ph.shape
+    if m == 1:  # most measurements are scalars
+        for i in range(n):
+            gains[0, i] = ph[0, i] / (factor[0, 0] * factor[0, 0])
+        return
+    gains[:] = ph
+    for a in range(m):  # L L' K' = (P H')', all columns at once
+        for b in range(a):
+            for i in range(n):
+                gains[a, i] -= factor[a, b] * gains[b, i]
+        for i in range(n):
+            gains[a, i] /= factor[a, a]
+    for a in range(m - 1, -1, -1):
+        for b in range(a + 1, m):
+            for i in range(n):
+                gains[a, i] -= factor[b, a] * gains[b, i]
+        for i in range(n):
+            gains[a, i] /= factor[a, a]
+
+
+@njit(cache=True)
+def move(p: Array, residual: Array, update: Update) -> float:
+    """One iteration (3.15), after ``weigh``: delta becomes K residual; returns by how much it changed (3.16).
+
+    ``residual`` (m,) is y - h(eta) + H delta, referred back to the prediction. The change is the largest of all states,
+    in their standard deviations, since they have different units.
+    """
+    gains, delta = update.gains, update.delta
+    _gain(update)
+    change = 0.0
+    for k in range(len(delta)):
+        moved = 0.0
+        for i in range(len(residual)):
+            moved += gains[i, k] * residual[i]
+        change = max(change, abs(moved - delta[k]) / np.sqrt(p[k, k]))
+        delta[k] = moved
+    return change
+
+
+@njit(cache=True)
+def settle_covariance(p: Array, r: Array, update: Update) -> None:
+    """(I - K H) P (I - K H)' + K diag(r) K', (3.18), over p, with the last gain; symmetric to the last bit."""
+    h, hp, gains, rest, hph = update.h, update.ph, update.gains, update.rest, update.innovation
     m, n = h.shape
-    innovation = np.zeros((m, m))
     for i in range(m):
-        for j in range(m):
-            for k in range(n):
-                innovation[i, j] += h[i, k] * ph[j, k]
-        innovation[i, i] += r[i]
-    return innovation
+        for k in range(m):
+            total = 0.0
+            for j in range(n):
+                total += h[i, j] * hp[k, j]
+            hph[i, k] = total
+    for k in range(m):  # (K R - (I - K H) P H')'
+        for i in range(n):
+            rest[k, i] = gains[k, i] * r[k] - hp[k, i]
+            for a in range(m):
+                rest[k, i] += gains[a, i] * hph[a, k]
+    for i in range(n):
+        for k in range(m):
+            for j in range(n):
+                p[i, j] += rest[k, i] * gains[k, j] - gains[k, i] * hp[k, j]
+    symmetrise(p)
+
+
+# -- the same in one call --------------------------------------------------------------------------------------------
 
 
 @njit(cache=True)
@@ -89,52 +202,36 @@ def gain(p: Array, h: Array, r: Array) -> tuple[Array, Array]:
 
     p (n, n), h (m, n), r (m,) variances of independent measurement errors. A gain that does not exist is NaN.
     """
-    m, n = h.shape
-    ph = _times_transposed(p, h)
-    factor = cholesky(_innovation_covariance(h, ph, r))
-    k_gain = np.empty((n, m))
-    if m == 1:  # most measurements are scalars
-        for i in range(n):
-            k_gain[i, 0] = ph[0, i] / (factor[0, 0] * factor[0, 0])
-        return k_gain, factor
-    for a in range(m):  # L L' K' = (P H')', all columns at once
-        for b in range(a):
-            for i in range(n):
-                ph[a, i] -= factor[a, b] * ph[b, i]
-        for i in range(n):
-            ph[a, i] /= factor[a, a]
-    for a in range(m - 1, -1, -1):
-        for b in range(a + 1, m):
-            for i in range(n):
-                ph[a, i] -= factor[b, a] * ph[b, i]
-        for i in range(n):
-            ph[a, i] /= factor[a, a]
-            k_gain[i, a] = ph[a, i]
-    return k_gain, factor
+    update = new_update(*h.shape)
+    update.h[:] = h
+    weigh(p, r, update)
+    _gain(update)
+    return update.gains.T.copy(), update.factor.copy()
 
 
 @njit(cache=True)
 def joseph_update(p: Array, k_gain: Array, h: Array, r: Array) -> None:
-    """(I - K H) P (I - K H)' + K diag(r) K', (3.18), written over p; symmetric to the last bit."""
-    m, n = h.shape
-    hp = _times_transposed(p, h)  # H P, p being symmetric
-    hph = np.zeros((m, m))
-    for i in range(m):
-        for k in range(m):
-            for j in range(n):
-                hph[i, k] += h[i, j] * hp[k, j]
-    gains, rest = np.empty((m, n)), np.empty((m, n))  # K', and (K R - (I - K H) P H')'
-    for k in range(m):
-        for i in range(n):
-            gains[k, i] = k_gain[i, k]
-            rest[k, i] = k_gain[i, k] * r[k] - hp[k, i]
-            for a in range(m):
-                rest[k, i] += k_gain[i, a] * hph[a, k]
-    for i in range(n):
-        for k in range(m):
-            for j in range(n):
-                p[i, j] += rest[k, i] * gains[k, j] - gains[k, i] * hp[k, j]
-    symmetrise(p)
+    """(I - K H) P (I - K H)' + K diag(r) K', (3.18), written over p, for any gain K (n, m)."""
+    update = new_update(*h.shape)
+    update.h[:] = h
+    weigh(p, r, update)
+    update.gains[:] = k_gain.T
+    settle_covariance(p, r, update)
+
+
+@njit(cache=True)
+def linear_update(p: Array, h: Array, r: Array, residual: Array) -> Array:
+    """By how much a state moves (n,) for the residual (m,) of one linear measurement; p (n, n) is updated in place.
+
+    NaN, and p as it was, where the innovation covariance is not positive definite.
+    """
+    update = new_update(*h.shape)
+    update.h[:] = h
+    if not weigh(p, r, update):
+        return np.full(len(p), np.nan)
+    move(p, residual, update)
+    settle_covariance(p, r, update)
+    return update.delta
 
 
 @njit(cache=True)
@@ -149,7 +246,7 @@ def symmetrise(p: Array) -> None:
 
 
 @dataclass(frozen=True)
-class Update:
+class Updated:
     """Result of one measurement update: state (n,), covariance (n, n), its normalised innovation squared."""
 
     state: Array
@@ -169,29 +266,25 @@ def iterated_update(
     variances: Array,
     tolerance: float = 1e-9,
     maximum_iterations: int = 20,
-) -> Update:
+) -> Updated:
     """Update (3.15)-(3.18) with y = h(x) + v; ``maximum_iterations=1`` is the EKF (3.12)-(3.14).
 
     state (n,), covariance (n, n), measurement (m,), variances (m,); ``output`` is h, ``jacobian`` gives H of
-    shape (m, n). Raises numpy.linalg.LinAlgError if the innovation covariance is not positive definite.
+    shape (m, n). It ends when no state moves by more than ``tolerance`` standard deviations. Raises
+    numpy.linalg.LinAlgError if the innovation covariance is not positive definite.
     """
-    eta = state.copy()
+    update = new_update(len(measurement), len(state))
     first = measurement - output(state)
-    nis = np.nan
-    converged = False
-    iterations = 0
-    while iterations < maximum_iterations and not converged:
-        h = np.ascontiguousarray(jacobian(eta))
-        k_gain, factor = gain(covariance, h, variances)
-        if not np.all(np.isfinite(k_gain)):
+    eta, nis, iterations, change = state, np.nan, 0, np.inf
+    while iterations < maximum_iterations and not change <= tolerance:
+        update.h[:] = jacobian(eta)
+        if not weigh(covariance, variances, update):
             raise np.linalg.LinAlgError("the innovation covariance is not positive definite")
         if iterations == 0:
-            nis = float(first @ solve_factored(factor, first))
-        moved = state + k_gain @ (measurement - output(eta) - h @ (state - eta))
-        size = max(float(np.linalg.norm(eta)), 1e-300)
-        converged = bool(np.linalg.norm(moved - eta) <= tolerance * size)  # (3.16)
-        eta = moved
+            nis = normalised_square(first, update)
+        change = move(covariance, measurement - output(eta) + update.h @ update.delta, update)
+        eta = state + update.delta
         iterations += 1
     updated = covariance.copy()
-    joseph_update(updated, k_gain, h, variances)
-    return Update(eta, updated, iterations, converged, first, nis)
+    settle_covariance(updated, variances, update)
+    return Updated(eta, updated, iterations, change <= tolerance, first, nis)

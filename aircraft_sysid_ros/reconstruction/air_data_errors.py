@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from aircraft_sysid_ros.aircraft.frames import cross_matrix
+from aircraft_sysid_ros.aircraft.frames import Vector, cross_matrix
 from aircraft_sysid_ros.estimation.iterated_ekf import symmetrise
 from aircraft_sysid_ros.reconstruction.alignment import WIND_STD
 from aircraft_sysid_ros.reconstruction.state import (
@@ -76,7 +76,7 @@ def shown(kind: int, predicted: float, x: Array, h: Array) -> float:
 
 
 @njit(cache=True)
-def _frame(v: Array, errors: Array, by_shown: Array, by_errors: Array, raw: Array) -> None:
+def _frame(v: Array | Vector, errors: Array, by_shown: Array, by_errors: Array, raw: Array) -> None:
     """Of the air velocity v (3,) at the probe: its derivatives by what the sensors show (3, 3) and by their errors
     (3, 6), and what they show (3,)."""
     level = np.sqrt(v[0] * v[0] + v[2] * v[2])
@@ -95,10 +95,10 @@ def _frame(v: Array, errors: Array, by_shown: Array, by_errors: Array, raw: Arra
 
 
 @njit(cache=True)
-def settle(v: Array, x: Array, delta: Array, moved: Array, p: Array) -> None:
+def settle(v: Vector, x: Array, delta: Array, moved: Array, p: Array) -> None:
     """An update of x (25,) by delta (24,) to ``moved`` (25,), p (24, 24), as one of what the sensors show; in place.
 
-    v (3,): air velocity at the probe before it. Slower than _SLOWEST angles mean nothing, and all stays as it is.
+    v: air velocity at the probe before it. Slower than _SLOWEST angles mean nothing, and all stays as it is.
     """
     if not v[0] * v[0] + v[2] * v[2] > _SLOWEST**2:
         return

@@ -7,21 +7,29 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature
-from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, right_jacobian
-from aircraft_sysid_ros.estimation.iterated_ekf import gain, joseph_update, solve_factored, symmetrise
+from aircraft_sysid_ros.aircraft.frames import Matrix, applied, three, transposed, turn_by, turn_jacobian, turned
+from aircraft_sysid_ros.estimation.iterated_ekf import (
+    Update,
+    move,
+    new_update,
+    normalised_square,
+    settle_covariance,
+    symmetrise,
+    weigh,
+)
 from aircraft_sysid_ros.reconstruction.air_data_errors import settle
-from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, residual_and_jacobian
-from aircraft_sysid_ros.reconstruction.process import propagate
-from aircraft_sysid_ros.reconstruction.pseudo_measurements import is_due, update_by
+from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, outputs_of, residual_and_jacobian
+from aircraft_sysid_ros.reconstruction.process import attitude_of, propagate
+from aircraft_sysid_ros.reconstruction.pseudo_measurements import is_due, lacks_vane, update_by
 from aircraft_sysid_ros.reconstruction.smoother_history import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
-from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, D_ATTITUDE, ERROR_SIZE, Memory, Setup
+from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, D_ATTITUDE, ERROR_SIZE, Memory, Setup
 from aircraft_sysid_ros.reconstruction.state_row import write_row
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
 
-_IMU, _AIR = int(Kind.IMU), int(Kind.AIR)
+_IMU, _AIR, _ATTITUDE = int(Kind.IMU), int(Kind.AIR), int(Kind.ATTITUDE)
 _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
 _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 
@@ -43,52 +51,68 @@ RUNNING, GAP, DIVERGED = 0, 1, 2
 def retract(x: Array, delta: Array) -> Array:
     """State x (19,) or (25,) moved by the error delta (18,) or (24,): added, and for the attitude turned."""
     moved = np.empty(len(x))
-    turned = quaternion_product(x[ATTITUDE], quaternion_exp(delta[D_ATTITUDE : D_ATTITUDE + 3]))
-    norm = np.sqrt(turned[0] ** 2 + turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
-    for i in range(6):
-        moved[i] = x[i] + delta[i]
-    for i in range(4):
-        moved[6 + i] = turned[i] / norm
-    for i in range(10, len(x)):
-        moved[i] = x[i] + delta[i - 1]
+    _retract(x, delta, moved)
     return moved
 
 
 @njit(cache=True)
-def _turn_attitude_columns(h: Array, jacobian: Array) -> None:
-    """Attitude columns of h times ``jacobian``: from the error at eta to the error at the prediction."""
-    for i in range(h.shape[0]):
-        a0, a1, a2 = h[i, D_ATTITUDE], h[i, D_ATTITUDE + 1], h[i, D_ATTITUDE + 2]
-        for j in range(3):
-            h[i, D_ATTITUDE + j] = a0 * jacobian[0, j] + a1 * jacobian[1, j] + a2 * jacobian[2, j]
+def _retract(x: Array, delta: Array, moved: Array) -> None:
+    """``retract`` into ``moved``."""
+    w, i, j, k = turned(attitude_of(x), turn_by(three(delta[D_ATTITUDE : D_ATTITUDE + 3])))
+    norm = np.sqrt(w**2 + i**2 + j**2 + k**2)
+    for at in range(6):
+        moved[at] = x[at] + delta[at]
+    moved[6], moved[7], moved[8], moved[9] = w / norm, i / norm, j / norm, k / norm
+    for at in range(10, len(x)):
+        moved[at] = x[at] + delta[at - 1]
 
 
 @njit(cache=True)
-def turn_attitude_error(p: Array, jacobian: Array) -> None:
-    """Covariance p (n, n) after the attitude error is multiplied by ``jacobian`` (3, 3), in place."""
+def _turn_attitude_columns(h: Array, jacobian: Matrix) -> None:
+    """Attitude columns of h times ``jacobian``: from the error at eta to the error at the prediction."""
+    back = transposed(jacobian)
+    for i in range(h.shape[0]):
+        columns = applied(back, three(h[i, D_ATTITUDE : D_ATTITUDE + 3]))
+        h[i, D_ATTITUDE], h[i, D_ATTITUDE + 1], h[i, D_ATTITUDE + 2] = columns
+
+
+@njit(cache=True)
+def jacobian_of(delta: Array) -> Matrix:
+    """Right Jacobian of the turn in an error (18,) or (24,)."""
+    return turn_jacobian(three(delta[D_ATTITUDE : D_ATTITUDE + 3]))
+
+
+@njit(cache=True)
+def turn_attitude_error(p: Array, jacobian: Matrix) -> None:
+    """Covariance p (n, n) after the attitude error is multiplied by ``jacobian``, in place."""
     a, b, c = D_ATTITUDE, D_ATTITUDE + 1, D_ATTITUDE + 2
     for j in range(len(p)):
-        v0, v1, v2 = p[a, j], p[b, j], p[c, j]
-        for i in range(3):
-            p[a + i, j] = jacobian[i, 0] * v0 + jacobian[i, 1] * v1 + jacobian[i, 2] * v2
+        p[a, j], p[b, j], p[c, j] = applied(jacobian, (p[a, j], p[b, j], p[c, j]))
     for j in range(len(p)):
-        v0, v1, v2 = p[j, a], p[j, b], p[j, c]
-        for i in range(3):
-            p[j, a + i] = jacobian[i, 0] * v0 + jacobian[i, 1] * v1 + jacobian[i, 2] * v2
+        p[j, a], p[j, b], p[j, c] = applied(jacobian, (p[j, a], p[j, b], p[j, c]))
     symmetrise(p)
 
 
 @njit(cache=True)
 def measurement_variance(kind: int, values: Array, setup: Setup) -> Array:
     """Variance (3,): from the aircraft file if it says so, else from the message, else the default."""
-    if setup.given[kind] or not (kind == 1 or kind == _GPS_POSITION):
+    if setup.given[kind] or not (kind == _ATTITUDE or kind == _GPS_POSITION):
         return setup.variance[kind]
     variance = setup.variance[kind].copy()
-    first = 4 if kind == 1 else 3  # where ATTITUDE and GPS_POSITION carry theirs
+    first = 4 if kind == _ATTITUDE else 3  # where ATTITUDE and GPS_POSITION carry theirs
     for i in range(3):
         if values[first + i] > 0.0:
             variance[i] = values[first + i]
     return variance
+
+
+@njit(cache=True)
+def _is_finite(values: Array) -> bool:
+    """Whether all of the numbers (n,) are; counted, which the machine does several at a time."""
+    wrong = 0
+    for value in values:
+        wrong += 0 if np.isfinite(value) else 1
+    return wrong == 0
 
 
 @njit(cache=True)
@@ -98,58 +122,47 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
     x (19,), p (18, 18), or x (25,), p (24, 24) with errors of the air data.
     """
     n = len(p)
-    residual, h_full = np.empty(3), np.empty((3, n))
+    update = new_update(outputs_of(kind), n)
+    h, delta = update.h, update.delta
+    residual, eta = np.empty(len(h)), x.copy()
     variance = measurement_variance(kind, values, setup)
-    eta, delta = x, np.zeros(n)
-    count = 0
     # with errors of the air data as states an update is one of what they show, in which they are linear
     is_linear = n > ERROR_SIZE and (kind == _AIRSPEED or kind == _ALPHA or kind == _BETA)
     for iteration in range(1 if is_linear else setup.maximum_iterations):
-        count = residual_and_jacobian(kind, values, eta, rate, setup, residual, h_full)
-        if count == 0 or not np.all(np.isfinite(residual)):
+        count = residual_and_jacobian(kind, values, eta, rate, setup, residual, h)
+        if count == 0 or not _is_finite(residual):
             memory.skipped[kind] += 1
             return
-        h = h_full[:count]
         if iteration > 0:  # (3.15): the residual at eta is referred back to the prediction
-            _turn_attitude_columns(h, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
-        total = residual[:count]
+            _turn_attitude_columns(h, jacobian_of(delta))
         for i in range(count):
             for k in range(n):
-                total[i] += h[i, k] * delta[k]
-        k_gain, factor = gain(p, h, variance)
-        if not np.isfinite(k_gain[0, 0]):
+                residual[i] += h[i, k] * delta[k]
+        if not weigh(p, variance, update):
             memory.skipped[kind] += 1
             return
-        if iteration == 0 and not _passes_gate(kind, total, factor, time, setup, memory):
+        if iteration == 0 and not _passes_gate(kind, residual, update, time, setup, memory):
             return
-        change = 0.0
-        for k in range(n):
-            moved = 0.0
-            for i in range(count):
-                moved += k_gain[k, i] * total[i]
-            # (3.16) in standard deviations, since the states have different units
-            change = max(change, abs(moved - delta[k]) / np.sqrt(p[k, k]))
-            delta[k] = moved
-        eta = retract(x, delta)
+        change = move(p, residual, update)
+        _retract(x, delta, eta)
         if change <= setup.tolerance:
             break
-    joseph_update(p, k_gain, h, variance)
+    settle_covariance(p, variance, update)
     # from the error about the predicted attitude to that about the updated one
-    turn_attitude_error(p, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
+    turn_attitude_error(p, jacobian_of(delta))
     if n > ERROR_SIZE:
         settle(air_velocity_at(x, rate, setup.probe_from_imu), x, delta, eta, p)
     x[:] = eta
     memory.last_fused[kind] = time
 
 
-@njit(cache=True)
-def _passes_gate(kind: int, innovation: Array, factor: Array, time: float, setup: Setup, memory: Memory) -> bool:
+@njit(inline="always")  # its memory is handed over array by array otherwise
+def _passes_gate(kind: int, innovation: Array, update: Update, time: float, setup: Setup, memory: Memory) -> bool:
     """Normalised innovation squared against its gate; keeps the counts and the consistency."""
-    m = len(innovation)
-    weighted = solve_factored(factor, innovation)
-    nis, log_determinant, newest, recent = 0.0, 0.0, memory.innovation, memory.recent_nis
+    m, factor = len(innovation), update.factor
+    nis = normalised_square(innovation, update)
+    log_determinant, newest, recent = 0.0, memory.innovation, memory.recent_nis
     for i in range(m):
-        nis += innovation[i] * weighted[i]
         log_determinant += 2.0 * np.log(factor[i, i])
         newest[kind, i] = innovation[i]
     likelihood = memory.likelihood
@@ -188,8 +201,8 @@ def _is_flying(x: Array, rate: Array, values: Array, kind: int, setup: Setup) ->
     """Air data mean something: measured or expected airspeed is above the least that flies."""
     if kind == _AIRSPEED:
         return values[0] >= setup.minimum_airspeed
-    v = air_velocity_at(x, rate, setup.probe_from_imu)
-    return np.sqrt(np.sum(v * v)) >= setup.minimum_airspeed
+    u, v, w = air_velocity_at(x, rate, setup.probe_from_imu)
+    return bool(np.sqrt(u * u + v * v + w * w) >= setup.minimum_airspeed)
 
 
 @njit(cache=True)
@@ -209,26 +222,31 @@ def _take(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float
 
 
 @njit(cache=True)
-def _assume(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
-    """Pseudo-measurements in place of vanes that the aircraft does not have, when they are due; x, p in place."""
+def _assume_angles(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
     for kind in (_ALPHA, _BETA):
         if is_due(kind, time, setup, x, memory):
             delta = update_by(kind, x, p)
-            turn_attitude_error(p, right_jacobian(delta[D_ATTITUDE : D_ATTITUDE + 3]))
+            turn_attitude_error(p, jacobian_of(delta))
             moved = retract(x, delta)
             if len(p) > ERROR_SIZE:
-                settle(x[AIR_VELOCITY].copy(), x, delta, moved, p)
+                settle(three(x[AIR_VELOCITY]), x, delta, moved, p)
             x[:] = moved
             memory.assumed[kind] = time
 
 
+@njit(inline="always")  # as _passes_gate
+def _assume(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
+    """Pseudo-measurements in place of vanes that the aircraft does not have, when they are due; x, p in place."""
+    if lacks_vane(memory.fused, memory.rejected, memory.skipped):
+        _assume_angles(x, p, time, setup, memory)
+
+
 @njit(cache=True)
-def _has_diverged(setup: Setup, memory: Memory) -> bool:
-    """GPS position and velocity both rejected without a break: the state is wrong, not the sensors."""
-    for kind in (_GPS_POSITION, _GPS_VELOCITY):
-        if not memory.last_rejected[kind] - memory.last_fused[kind] > setup.divergence_time:
-            return False
-    return True
+def _has_diverged(last_fused: Array, last_rejected: Array, longest: float) -> bool:
+    """GPS position and velocity both rejected for ``longest`` [s] without a break: the state is wrong, not they."""
+    position = last_rejected[_GPS_POSITION] - last_fused[_GPS_POSITION]
+    velocity = last_rejected[_GPS_VELOCITY] - last_fused[_GPS_VELOCITY]
+    return bool(min(position, velocity) > longest)
 
 
 @njit(cache=True)
@@ -256,6 +274,14 @@ def _mean_input(now: float, until: float, end: float, values: Array, imu: Array,
     beyond = mean_beyond_line((now - begin) / interval, (until - begin) / interval, interval)
     for i in range(6):
         out[i] = imu[1 + i] + middle * (values[i] - imu[1 + i]) + beyond * bend[i]
+
+
+@njit(cache=True)
+def _between(begin: Array, end: Array, elapsed: float, interval: float, out: Array) -> None:
+    """Vector (3,) ``elapsed`` [s] after ``begin``, on the way to ``end``, into ``out``."""
+    share = elapsed / interval if interval > 0.0 else 0.0
+    for i in range(3):
+        out[i] = begin[i] + share * (end[i] - begin[i])
 
 
 @njit(cache=True)
@@ -291,7 +317,7 @@ def run(
     """
     count, steps, i, n = 0, 0, start, len(times)
     imu, mean, bend, density = memory.imu, np.empty(6), np.zeros(6), np.empty(2)
-    force, rate = mean[0:3], mean[3:6]
+    force, rate, rate_now = mean[0:3], mean[3:6], np.empty(3)
     while True:
         j = i
         while j < n and kinds[j] != _IMU:
@@ -303,8 +329,6 @@ def run(
         if interval > setup.maximum_gap:
             return i, count, steps, GAP
         _look_at_interval(end, values[j], setup, memory, bend, density)
-        rate0 = imu[4:7].copy()
-        rate_step = values[j, 3:6] - rate0
         now = begin
         for k in range(i, j + 1):
             until = min(max(times[k], now), end)
@@ -316,16 +340,16 @@ def run(
                 propagate(x, p, force, rate, until - now, density, memory.wind_walk[0], setup)
                 now = until
             if k < j:
-                at = (now - begin) / interval if interval > 0.0 else 0.0
-                _take(kinds[k], values[k], x, p, rate0 + at * rate_step, now, setup, memory)
+                _between(imu[4:7], values[j, 3:6], now - begin, interval, rate_now)
+                _take(kinds[k], values[k], x, p, rate_now, now, setup, memory)
         _assume(x, p, end, setup, memory)
         _note_imu(end, values[j], memory)
         i = j + 1
-        finite = np.isfinite(np.sum(x) + np.sum(p))
+        finite = bool(np.isfinite(np.sum(x))) & _is_finite(p.ravel())
         if interval > 0.0 and finite:  # a stamp that stands twice gives one row
             write_row(rows[count], x, p, values[j, 0:3], values[j, 3:6], end, setup, memory)
             count += 1
             if steps > 0:
                 tape[steps - 1, HAS_ROW] = 1.0
-        if not finite or _has_diverged(setup, memory):
+        if not finite or _has_diverged(memory.last_fused, memory.last_rejected, setup.divergence_time):
             return i, count, steps, DIVERGED

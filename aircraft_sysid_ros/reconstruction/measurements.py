@@ -7,24 +7,28 @@ velocity u.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
 from aircraft_sysid_ros.aircraft.frames import (
+    Vector,
+    applied,
     cross_matrix,
-    product,
+    crossing,
+    multiplied,
+    put_matrix,
     quaternion_conjugate,
     quaternion_log,
     quaternion_product,
     right_jacobian,
+    rotation,
     rotation_matrix,
-    times,
+    three,
 )
 from aircraft_sysid_ros.reconstruction.air_data_errors import shown
+from aircraft_sysid_ros.reconstruction.process import attitude_of
 from aircraft_sysid_ros.reconstruction.state import (
     AIR_VELOCITY,
     ATTITUDE,
@@ -55,38 +59,28 @@ def wrap(angle: float) -> float:
 
 
 @njit(cache=True)
-def _put(h: Array, row: int, column: int, block: npt.NDArray[np.floating[Any]]) -> None:
-    for i in range(3):
-        for j in range(3):
-            h[row + i, column + j] = block[i, j]
-
-
-@njit(cache=True)
-def air_velocity_at(x: Array, rate: Array, place: Array) -> Array:
-    """Air-relative body velocity (3,) at ``place`` (FRD from the IMU)."""
+def air_velocity_at(x: Array, rate: Array, place: Array | Vector) -> Vector:
+    """Air-relative body velocity at ``place`` (3,) (FRD from the IMU)."""
     p, q, r = rate[0] - x[GYRO_BIAS.start], rate[1] - x[GYRO_BIAS.start + 1], rate[2] - x[GYRO_BIAS.start + 2]
-    v = np.empty(3)
-    v[0] = x[AIR_VELOCITY.start] + (q * place[2] - r * place[1])
-    v[1] = x[AIR_VELOCITY.start + 1] + (r * place[0] - p * place[2])
-    v[2] = x[AIR_VELOCITY.start + 2] + (p * place[1] - q * place[0])
-    return v
+    return (
+        x[AIR_VELOCITY.start] + (q * place[2] - r * place[1]),
+        x[AIR_VELOCITY.start + 1] + (r * place[0] - p * place[2]),
+        x[AIR_VELOCITY.start + 2] + (p * place[1] - q * place[0]),
+    )
 
 
 @njit(cache=True)
-def air_data_gradient(kind: int, v: Array) -> Array:
-    """Gradient (3,) of V, alpha or beta by the air-relative velocity v (3,)."""
+def air_data_gradient(kind: int, v: Vector) -> Vector:
+    """Gradient of V, alpha or beta by the air-relative velocity v."""
     uw2 = v[0] * v[0] + v[2] * v[2]
     v2 = uw2 + v[1] * v[1]
-    g = np.empty(3)
     if kind == _AIRSPEED:
         speed = np.sqrt(v2)
-        g[0], g[1], g[2] = v[0] / speed, v[1] / speed, v[2] / speed
-    elif kind == _ALPHA:
-        g[0], g[1], g[2] = -v[2] / uw2, 0.0, v[0] / uw2
-    else:
-        root = np.sqrt(uw2)
-        g[0], g[1], g[2] = -v[0] * v[1] / (v2 * root), root / v2, -v[2] * v[1] / (v2 * root)
-    return g
+        return v[0] / speed, v[1] / speed, v[2] / speed
+    if kind == _ALPHA:
+        return -v[2] / uw2, 0.0, v[0] / uw2
+    root = np.sqrt(uw2)
+    return -v[0] * v[1] / (v2 * root), root / v2, -v[2] * v[1] / (v2 * root)
 
 
 @njit(cache=True)
@@ -101,8 +95,7 @@ def _air_data(kind: int, value: float, x: Array, rate: Array, setup: Setup, resi
     else:
         predicted = np.arctan2(v[1], uw)
     g = air_data_gradient(kind, v)
-    for i in range(3):
-        h[0, D_AIR_VELOCITY + i] = g[i]
+    h[0, D_AIR_VELOCITY], h[0, D_AIR_VELOCITY + 1], h[0, D_AIR_VELOCITY + 2] = g
     h[0, D_GYRO_BIAS] = g[1] * place[2] - g[2] * place[1]  # d(omega x r)/d(b_g) = [r x]
     h[0, D_GYRO_BIAS + 1] = g[2] * place[0] - g[0] * place[2]
     h[0, D_GYRO_BIAS + 2] = g[0] * place[1] - g[1] * place[0]
@@ -114,22 +107,26 @@ def _air_data(kind: int, value: float, x: Array, rate: Array, setup: Setup, resi
 
 @njit(cache=True)
 def _gps(kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual: Array, h: Array) -> int:
-    c = rotation_matrix(x[ATTITUDE])
-    place = setup.gps_from_imu
+    w, i, j, k = attitude_of(x)
+    c, place = rotation(w, i, j, k), three(setup.gps_from_imu)
     if kind == _GPS_POSITION:
-        position = ned_from_geodetic(values[0], values[1], values[2], setup.origin)
-        arm = place
-        block = D_POSITION
-        state = x[POSITION]
+        measured = three(ned_from_geodetic(values[0], values[1], values[2], setup.origin))
+        arm, block, state = place, D_POSITION, three(x[POSITION])
     else:
-        position = values[:3]
-        arm = times(cross_matrix(rate - x[GYRO_BIAS]), place)
-        block = D_VELOCITY
-        state = x[VELOCITY]
-        _put(h, 0, D_GYRO_BIAS, product(c, cross_matrix(place)))
-    residual[:] = position - state - times(c, arm)
-    _put(h, 0, block, np.eye(3))
-    _put(h, 0, D_ATTITUDE, -product(c, cross_matrix(arm)))
+        measured, bias = three(values), GYRO_BIAS.start
+        arm = applied(crossing((rate[0] - x[bias], rate[1] - x[bias + 1], rate[2] - x[bias + 2])), place)
+        block, state = D_VELOCITY, three(x[VELOCITY])
+        put_matrix(multiplied(c, crossing(place)), h[:, D_GYRO_BIAS : D_GYRO_BIAS + 3])
+    at = applied(c, arm)
+    residual[0], residual[1], residual[2] = (
+        measured[0] - state[0] - at[0],
+        measured[1] - state[1] - at[1],
+        measured[2] - state[2] - at[2],
+    )
+    h[0, block] = h[1, block + 1] = h[2, block + 2] = 1.0
+    m = multiplied(c, crossing(arm))
+    by_attitude = -m[0], -m[1], -m[2], -m[3], -m[4], -m[5], -m[6], -m[7], -m[8]
+    put_matrix(by_attitude, h[:, D_ATTITUDE : D_ATTITUDE + 3])
     return 3
 
 
@@ -138,7 +135,7 @@ def _attitude(values: Array, x: Array, residual: Array, h: Array) -> int:
     error = quaternion_log(quaternion_product(quaternion_conjugate(x[ATTITUDE]), values[:4]))
     residual[:] = error
     # log(exp(-delta) exp(error)) = error - J_l(error)^-1 delta, and J_l(error) = J_r(-error)
-    _put(h, 0, D_ATTITUDE, np.linalg.inv(right_jacobian(-error)))
+    h[:, D_ATTITUDE : D_ATTITUDE + 3] = np.linalg.inv(right_jacobian(-error))
     return 3
 
 
@@ -159,12 +156,18 @@ def _heading(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -
 
 
 @njit(cache=True)
+def outputs_of(kind: int) -> int:
+    """How many numbers a kind of measurement has."""
+    return 3 if kind == _GPS_POSITION or kind == _GPS_VELOCITY or kind == _ATTITUDE else 1
+
+
+@njit(cache=True)
 def residual_and_jacobian(
     kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual: Array, h: Array
 ) -> int:
-    """Fill residual (3,) = y - h(x) and h (3, 18); returns the number of outputs, 0: nothing to fuse.
+    """Fill residual (m,) = y - h(x) and h (m, 18), m = ``outputs_of(kind)``; returns m, or 0: nothing to fuse.
 
-    With errors of the air data among the states x is (25,) and h (3, 24).
+    With errors of the air data among the states x is (25,) and h (m, 24).
 
     ``rate`` is the angular rate as measured at that time (3,) [rad/s].
     """

@@ -15,13 +15,18 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import (
-    cross_matrix,
-    product,
-    quaternion_exp,
-    quaternion_product,
-    right_jacobian,
-    rotation_matrix,
-    times,
+    Matrix,
+    Quaternion,
+    Vector,
+    applied,
+    crossing,
+    multiplied,
+    rotation,
+    three,
+    transposed,
+    turn_by,
+    turn_jacobian,
+    turned,
 )
 from aircraft_sysid_ros.estimation.iterated_ekf import symmetrise
 from aircraft_sysid_ros.reconstruction.state import (
@@ -36,103 +41,148 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_VELOCITY,
     ERROR_SIZE,
     GYRO_BIAS,
+    POSITION,
+    VELOCITY,
     Setup,
 )
 
 Array = npt.NDArray[np.float64]
+Blocks = tuple[Matrix, Matrix, Matrix, Matrix, Matrix, Matrix, Matrix, Matrix]
+
+
+@njit(cache=True)
+def _inputs(x: Array, force: Array, rate: Array) -> tuple[Vector, Vector]:
+    """Specific force and angular rate without the biases of the state."""
+    return (
+        (
+            force[0] - x[ACCELEROMETER_BIAS.start],
+            force[1] - x[ACCELEROMETER_BIAS.start + 1],
+            force[2] - x[ACCELEROMETER_BIAS.start + 2],
+        ),
+        (rate[0] - x[GYRO_BIAS.start], rate[1] - x[GYRO_BIAS.start + 1], rate[2] - x[GYRO_BIAS.start + 2]),
+    )
+
+
+@njit(cache=True)
+def _scaled(a: float, v: Vector) -> Vector:
+    return a * v[0], a * v[1], a * v[2]
+
+
+@njit(cache=True)
+def _scaled_matrix(a: float, m: Matrix) -> Matrix:
+    return a * m[0], a * m[1], a * m[2], a * m[3], a * m[4], a * m[5], a * m[6], a * m[7], a * m[8]
+
+
+@njit(cache=True)
+def attitude_of(x: Array) -> Quaternion:
+    """The quaternion of a state."""
+    return x[ATTITUDE.start], x[ATTITUDE.start + 1], x[ATTITUDE.start + 2], x[ATTITUDE.start + 3]
 
 
 @njit(cache=True)
 def propagate_state(x: Array, force: Array, rate: Array, dt: float, gravity: float) -> None:
     """Advance the nominal state x (19,) by dt [s], in place; force and rate (3,) as measured, means over the step."""
-    f = force - x[ACCELEROMETER_BIAS]
-    omega = rate - x[GYRO_BIAS]
-    attitude = x[ATTITUDE].copy()
-    begin = rotation_matrix(attitude)
-    half = rotation_matrix(quaternion_product(attitude, quaternion_exp(0.5 * dt * omega)))
-    attitude = quaternion_product(attitude, quaternion_exp(dt * omega))
-    attitude /= np.sqrt(np.sum(attitude * attitude))
-    end = rotation_matrix(attitude)
-    through_air = np.empty(3)  # NED, at the end, for steady wind
-    for i in range(3):
-        step = dt * (half[i, 0] * f[0] + half[i, 1] * f[1] + half[i, 2] * f[2])
-        if i == 2:
-            step += dt * gravity
-        through_air[i] = begin[i, 0] * x[16] + begin[i, 1] * x[17] + begin[i, 2] * x[18] + step
-        x[3 + i] += dt * (x[i] + 0.5 * step)
-        x[i] += step
-    for i in range(3):
-        x[16 + i] = end[0, i] * through_air[0] + end[1, i] * through_air[1] + end[2, i] * through_air[2]
-    x[ATTITUDE] = attitude
+    f, omega = _inputs(x, force, rate)
+    attitude = attitude_of(x)
+    w, i, j, k = turned(attitude, turn_by(_scaled(0.5 * dt, omega)))
+    s = applied(rotation(w, i, j, k), f)
+    step = dt * s[0], dt * s[1], dt * s[2] + dt * gravity
+    w, i, j, k = attitude
+    before = applied(rotation(w, i, j, k), three(x[AIR_VELOCITY]))
+    through_air = before[0] + step[0], before[1] + step[1], before[2] + step[2]  # NED, at the end, for steady wind
+    w, i, j, k = turned(attitude, turn_by(_scaled(dt, omega)))
+    norm = np.sqrt(w * w + i * i + j * j + k * k)
+    w, i, j, k = w / norm, i / norm, j / norm, k / norm
+    u = applied(transposed(rotation(w, i, j, k)), through_air)
+    velocity, position, air = VELOCITY.start, POSITION.start, AIR_VELOCITY.start
+    for axis in range(3):
+        x[position + axis] += dt * (x[velocity + axis] + 0.5 * step[axis])
+        x[velocity + axis] += step[axis]
+        x[air + axis] = u[axis]
+    x[ATTITUDE.start], x[ATTITUDE.start + 1], x[ATTITUDE.start + 2], x[ATTITUDE.start + 3] = w, i, j, k
 
 
 @njit(cache=True)
-def transition_blocks(x: Array, force: Array, rate: Array, dt: float, gravity: float) -> tuple[Array, ...]:
+def transition_blocks(x: Array, force: Array, rate: Array, dt: float, gravity: float) -> Blocks:
     """Blocks (3, 3) of the transition matrix (3.9) that are neither 0 nor I, at the state before the step.
 
     Velocity by attitude, accelerometer bias, gyro bias; attitude by attitude, gyro bias; air velocity by
     attitude, accelerometer bias, gyro bias. Air velocity by itself is as attitude by attitude; position is dt
     times the mean of velocity before and after.
     """
-    f, omega = force - x[ACCELEROMETER_BIAS], rate - x[GYRO_BIAS]
-    begin = rotation_matrix(x[ATTITUDE])
-    turn_half = rotation_matrix(quaternion_exp(0.5 * dt * omega))
-    half = product(begin, turn_half)
-    across = cross_matrix(f)
-    turned = product(half, across)
-    back = rotation_matrix(quaternion_exp(-dt * omega))
-    to_end = product(back, turn_half)  # from mid-step to the end
-    down = begin[2] * gravity  # gravity in body axes, before the step
-    moved = times(turn_half, f)
-    for i in range(3):
-        moved[i] = x[AIR_VELOCITY.start + i] + dt * (moved[i] + down[i])
-    by_rate = right_jacobian(dt * omega)
-    va, vg = product(turned, turn_half.T), turned
-    ua, ug = product(back, cross_matrix(down)), product(to_end, across)
-    by_turn = product(cross_matrix(times(back, moved)), by_rate)
-    for i in range(3):
-        for j in range(3):
-            va[i, j] *= -dt
-            half[i, j] *= -dt
-            vg[i, j] *= 0.5 * dt * dt
-            by_rate[i, j] *= -dt
-            ua[i, j] *= dt
-            to_end[i, j] *= -dt
-            ug[i, j] = 0.5 * dt * dt * ug[i, j] - dt * by_turn[i, j]
-    return va, half, vg, back, by_rate, ua, to_end, ug
+    f, omega = _inputs(x, force, rate)
+    w, i, j, k = attitude_of(x)
+    begin = rotation(w, i, j, k)
+    w, i, j, k = turn_by(_scaled(0.5 * dt, omega))
+    turn_half = rotation(w, i, j, k)
+    half = multiplied(begin, turn_half)
+    across = crossing(f)
+    tilted = multiplied(half, across)
+    w, i, j, k = turn_by(_scaled(-dt, omega))
+    back = rotation(w, i, j, k)
+    to_end = multiplied(back, turn_half)  # from mid-step to the end
+    down = begin[6] * gravity, begin[7] * gravity, begin[8] * gravity  # gravity in body axes, before the step
+    pushed, air = applied(turn_half, f), AIR_VELOCITY.start
+    moved = (
+        x[air] + dt * (pushed[0] + down[0]),
+        x[air + 1] + dt * (pushed[1] + down[1]),
+        x[air + 2] + dt * (pushed[2] + down[2]),
+    )
+    by_rate = turn_jacobian(_scaled(dt, omega))
+    by_turn = _scaled_matrix(dt, multiplied(crossing(applied(back, moved)), by_rate))
+    ug = _scaled_matrix(0.5 * dt * dt, multiplied(to_end, across))
+    return (
+        _scaled_matrix(-dt, multiplied(tilted, transposed(turn_half))),
+        _scaled_matrix(-dt, half),
+        _scaled_matrix(0.5 * dt * dt, tilted),
+        back,
+        _scaled_matrix(-dt, by_rate),
+        _scaled_matrix(dt, multiplied(back, crossing(down))),
+        _scaled_matrix(-dt, to_end),
+        (
+            ug[0] - by_turn[0], ug[1] - by_turn[1], ug[2] - by_turn[2],
+            ug[3] - by_turn[3], ug[4] - by_turn[4], ug[5] - by_turn[5],
+            ug[6] - by_turn[6], ug[7] - by_turn[7], ug[8] - by_turn[8],
+        ),
+    )  # fmt: skip
 
 
 @njit(cache=True)
 def transition_matrix(x: Array, force: Array, rate: Array, dt: float, gravity: float) -> Array:
     """Whole transition matrix, shape (18, 18), for tests and smoothers."""
     phi = np.eye(ERROR_SIZE)
-    _apply_transition(phi, transition_blocks(x, force, rate, dt, gravity), dt)
+    blocks = transition_blocks(x, force, rate, dt, gravity)
+    for c in range(ERROR_SIZE):
+        _apply_transition(phi[:, c], blocks, dt)
     return phi
 
 
-@njit(cache=True)
-def _row(block: Array, i: int, a0: float, a1: float, a2: float) -> float:
-    return block[i, 0] * a0 + block[i, 1] * a1 + block[i, 2] * a2
-
-
-@njit(cache=True)
-def _apply_transition(m: Array, blocks: tuple[Array, ...], dt: float) -> None:
-    """Phi m for m (18, n), in place; the zero and identity blocks are not multiplied."""
+@njit(inline="always")
+def _apply_transition(m: Array, blocks: Blocks, dt: float) -> None:
+    """Phi m for m (18,) or longer, in place; the zero and identity blocks are not multiplied."""
     va, vb, vg, aa, ag, ua, ub, ug = blocks
-    for c in range(m.shape[1]):
-        a0, a1, a2 = m[D_ATTITUDE, c], m[D_ATTITUDE + 1, c], m[D_ATTITUDE + 2, c]
-        b0, b1 = m[D_ACCELEROMETER_BIAS, c], m[D_ACCELEROMETER_BIAS + 1, c]
-        b2 = m[D_ACCELEROMETER_BIAS + 2, c]
-        g0, g1, g2 = m[D_GYRO_BIAS, c], m[D_GYRO_BIAS + 1, c], m[D_GYRO_BIAS + 2, c]
-        u0, u1, u2 = m[D_AIR_VELOCITY, c], m[D_AIR_VELOCITY + 1, c], m[D_AIR_VELOCITY + 2, c]
-        for i in range(3):
-            step = _row(va, i, a0, a1, a2) + _row(vb, i, b0, b1, b2) + _row(vg, i, g0, g1, g2)
-            m[D_POSITION + i, c] += dt * (m[D_VELOCITY + i, c] + 0.5 * step)
-            m[D_VELOCITY + i, c] += step
-            m[D_ATTITUDE + i, c] = _row(aa, i, a0, a1, a2) + _row(ag, i, g0, g1, g2)
-            m[D_AIR_VELOCITY + i, c] = (
-                _row(aa, i, u0, u1, u2) + _row(ua, i, a0, a1, a2) + _row(ub, i, b0, b1, b2) + _row(ug, i, g0, g1, g2)
-            )
+    a = m[D_ATTITUDE], m[D_ATTITUDE + 1], m[D_ATTITUDE + 2]
+    b = m[D_ACCELEROMETER_BIAS], m[D_ACCELEROMETER_BIAS + 1], m[D_ACCELEROMETER_BIAS + 2]
+    g = m[D_GYRO_BIAS], m[D_GYRO_BIAS + 1], m[D_GYRO_BIAS + 2]
+    u = m[D_AIR_VELOCITY], m[D_AIR_VELOCITY + 1], m[D_AIR_VELOCITY + 2]
+    v1, v2, v3 = applied(va, a), applied(vb, b), applied(vg, g)
+    a1, a2 = applied(aa, a), applied(ag, g)
+    u1, u2, u3, u4 = applied(aa, u), applied(ua, a), applied(ub, b), applied(ug, g)
+    for i in range(3):
+        step = v1[i] + v2[i] + v3[i]
+        m[D_POSITION + i] += dt * (m[D_VELOCITY + i] + 0.5 * step)
+        m[D_VELOCITY + i] += step
+        m[D_ATTITUDE + i] = a1[i] + a2[i]
+        m[D_AIR_VELOCITY + i] = u1[i] + u2[i] + u3[i] + u4[i]
+
+
+@njit(cache=True)
+def _add_block(p: Array, row: int, column: int, scale: float, m: Matrix) -> None:
+    """Add a multiple of a block to p, whose first element stands at (row, column)."""
+    for j in range(3):
+        p[row, column + j] += scale * m[j]
+        p[row + 1, column + j] += scale * m[3 + j]
+        p[row + 2, column + j] += scale * m[6 + j]
 
 
 @njit(cache=True)
@@ -142,22 +192,20 @@ def add_process_noise(p: Array, x: Array, dt: float, density: Array, wind_walk: 
     ``density`` (2,) of the white noise of accelerometer [(m/s^2)^2 s] and gyro [(rad/s)^2 s]. The noise of the
     accelerometer moves both velocities; that of the gyro turns u together with the attitude.
     """
-    c = rotation_matrix(x[ATTITUDE])
-    arm = cross_matrix(x[AIR_VELOCITY])
+    w, i, j, k = attitude_of(x)
+    c, arm = rotation(w, i, j, k), crossing(three(x[AIR_VELOCITY]))
     force, rate = density[0] * dt, density[1] * dt
-    by_rate = product(arm, arm.T)
-    for i in range(3):
-        p[D_VELOCITY + i, D_VELOCITY + i] += force
-        p[D_ATTITUDE + i, D_ATTITUDE + i] += rate
-        p[D_ACCELEROMETER_BIAS + i, D_ACCELEROMETER_BIAS + i] += setup.accelerometer_walk**2 * dt
-        p[D_GYRO_BIAS + i, D_GYRO_BIAS + i] += setup.gyro_walk**2 * dt
-        p[D_AIR_VELOCITY + i, D_AIR_VELOCITY + i] += force + wind_walk**2 * dt
-        for j in range(3):
-            p[D_AIR_VELOCITY + i, D_AIR_VELOCITY + j] += rate * by_rate[i, j]
-            p[D_VELOCITY + i, D_AIR_VELOCITY + j] += force * c[i, j]
-            p[D_AIR_VELOCITY + j, D_VELOCITY + i] += force * c[i, j]
-            p[D_AIR_VELOCITY + i, D_ATTITUDE + j] += rate * arm[i, j]
-            p[D_ATTITUDE + j, D_AIR_VELOCITY + i] += rate * arm[i, j]
+    for axis in range(3):
+        p[D_VELOCITY + axis, D_VELOCITY + axis] += force
+        p[D_ATTITUDE + axis, D_ATTITUDE + axis] += rate
+        p[D_ACCELEROMETER_BIAS + axis, D_ACCELEROMETER_BIAS + axis] += setup.accelerometer_walk**2 * dt
+        p[D_GYRO_BIAS + axis, D_GYRO_BIAS + axis] += setup.gyro_walk**2 * dt
+        p[D_AIR_VELOCITY + axis, D_AIR_VELOCITY + axis] += force + wind_walk**2 * dt
+    _add_block(p, D_AIR_VELOCITY, D_AIR_VELOCITY, rate, multiplied(arm, transposed(arm)))
+    _add_block(p, D_VELOCITY, D_AIR_VELOCITY, force, c)
+    _add_block(p, D_AIR_VELOCITY, D_VELOCITY, force, transposed(c))
+    _add_block(p, D_AIR_VELOCITY, D_ATTITUDE, rate, arm)
+    _add_block(p, D_ATTITUDE, D_AIR_VELOCITY, rate, transposed(arm))
 
 
 @njit(cache=True)
@@ -167,9 +215,10 @@ def propagate(
     """State and covariance (3.10), (3.11) by dt [s], in place; ``density`` as in ``add_process_noise``."""
     blocks = transition_blocks(x, force, rate, dt, setup.gravity)
     propagate_state(x, force, rate, dt, setup.gravity)
-    _apply_transition(p, blocks, dt)
-    transposed = p.T.copy()
-    _apply_transition(transposed, blocks, dt)
-    p[:] = transposed
+    n = len(p)
+    for c in range(n):
+        _apply_transition(p[:, c], blocks, dt)
+    for c in range(n):
+        _apply_transition(p[c], blocks, dt)
     add_process_noise(p, x, dt, density, wind_walk, setup)
     symmetrise(p)

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from aircraft_sysid_ros.aircraft.frames import cross_matrix, rotation_matrix
-from aircraft_sysid_ros.estimation.iterated_ekf import gain, joseph_update
+from aircraft_sysid_ros.aircraft.frames import cross_matrix, rotation_matrix, three
+from aircraft_sysid_ros.estimation.iterated_ekf import linear_update
 from aircraft_sysid_ros.reconstruction.measurements import air_data_gradient
 from aircraft_sysid_ros.reconstruction.state import (
     AIR_VELOCITY,
@@ -35,6 +35,7 @@ from aircraft_sysid_ros.reconstruction.state import (
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 PERIOD = 1.0  # [s]
 SIDESLIP_STD = 0.1  # [rad]
@@ -46,9 +47,15 @@ _TIMEOUT = 2.0  # [s] as of a sensor that is lost
 
 
 @njit(cache=True)
-def has_vane(kind: int, memory: Memory) -> bool:
-    """Whether a vane for the angle has ever spoken in this flight."""
-    return bool(memory.fused[kind] + memory.rejected[kind] + memory.skipped[kind] > 0)
+def has_vane(kind: int, fused: Integers, rejected: Integers, skipped: Integers) -> bool:
+    """Whether a vane for the angle has ever spoken in this flight, by the counts of ``Memory``, each (kinds,)."""
+    return bool(fused[kind] + rejected[kind] + skipped[kind] > 0)
+
+
+@njit(cache=True)
+def lacks_vane(fused: Integers, rejected: Integers, skipped: Integers) -> bool:
+    """Whether there is an angle for which ``has_vane`` does not hold."""
+    return not (has_vane(_ALPHA, fused, rejected, skipped) and has_vane(_BETA, fused, rejected, skipped))
 
 
 @njit(cache=True)
@@ -61,9 +68,9 @@ def can_infer(time: float, memory: Memory) -> bool:
 @njit(cache=True)
 def is_inferred(kind: int, time: float, x: Array, p: Array, memory: Memory) -> bool:
     """Whether an angle without a vane is known well enough to be given."""
-    if has_vane(kind, memory) or not can_infer(time, memory):
+    if has_vane(kind, memory.fused, memory.rejected, memory.skipped) or not can_infer(time, memory):
         return False
-    g = air_data_gradient(kind, x[AIR_VELOCITY])
+    g = air_data_gradient(kind, three(x[AIR_VELOCITY]))
     variance = 0.0
     for i in range(3):
         for j in range(3):
@@ -77,7 +84,7 @@ def assumption(kind: int, x: Array, h: Array) -> tuple[float, float]:
     h[:] = 0.0
     v = x[AIR_VELOCITY]
     if kind == _BETA:
-        g = air_data_gradient(kind, v)
+        g = air_data_gradient(kind, three(v))
         for i in range(3):
             h[0, D_AIR_VELOCITY + i] = g[i]
         return -np.arctan2(v[1], np.sqrt(v[0] * v[0] + v[2] * v[2])), SIDESLIP_STD**2
@@ -96,17 +103,14 @@ def update_by(kind: int, x: Array, p: Array) -> Array:
     h = np.empty((1, len(p)))
     residual, variance = assumption(kind, x, h)
     noise = np.full(1, variance)
-    k_gain, _ = gain(p, h, noise)
-    if not np.isfinite(k_gain[0, 0]):
-        return np.zeros(len(p))
-    joseph_update(p, k_gain, h, noise)
-    return k_gain[:, 0] * residual
+    delta = linear_update(p, h, noise, np.full(1, residual))
+    return delta if np.isfinite(delta[0]) else np.zeros(len(p))
 
 
 @njit(cache=True)
 def is_due(kind: int, time: float, setup: Setup, x: Array, memory: Memory) -> bool:
     """Whether the pseudo-measurement in place of the angle ``kind`` is to be made now."""
-    if has_vane(kind, memory) or not can_infer(time, memory):
+    if has_vane(kind, memory.fused, memory.rejected, memory.skipped) or not can_infer(time, memory):
         return False
     v = x[AIR_VELOCITY]
     flying = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] >= setup.minimum_airspeed**2

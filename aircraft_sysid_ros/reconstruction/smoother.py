@@ -17,6 +17,7 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import (
+    nine,
     quaternion_conjugate,
     quaternion_log,
     quaternion_product,
@@ -24,7 +25,7 @@ from aircraft_sysid_ros.aircraft.frames import (
 )
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky, solve_factored
 from aircraft_sysid_ros.estimation.smoothing import smoothed_covariance, smoother_gain
-from aircraft_sysid_ros.reconstruction.fusion import retract, turn_attitude_error
+from aircraft_sysid_ros.reconstruction.fusion import jacobian_of, retract, turn_attitude_error
 from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate, transition_matrix
 from aircraft_sysid_ros.reconstruction.smoother_history import (
     DENSITY,
@@ -42,7 +43,10 @@ from aircraft_sysid_ros.reconstruction.state_row import write_state
 
 Array = npt.NDArray[np.float64]
 
-_STD = StateField.STANDARD_DEVIATIONS
+_STD, _FLOW_STD = StateField.STANDARD_DEVIATIONS, StateField.AIR_VELOCITY_STD
+_ALPHA, _BETA = StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP
+_FORCE, _FORCE_BIAS = StateField.SPECIFIC_FORCE, StateField.ACCELEROMETER_BIAS
+_OMEGA, _RATE_BIAS = StateField.ANGULAR_VELOCITY, StateField.GYRO_BIAS
 
 
 @njit(cache=True)
@@ -77,10 +81,10 @@ def smooth_step(step: Array, x: Array, p: Array, setup: Setup) -> tuple[Array, A
     later = p.copy()
     turned = right_jacobian(correction[D_ATTITUDE : D_ATTITUDE + 3])
     back = np.linalg.solve(turned, np.eye(3)).astype(np.float64)
-    turn_attitude_error(later, back)  # about the prediction
+    turn_attitude_error(later, nine(back))  # about the prediction
     change = gain @ correction
     smoothed = smoothed_covariance(p_filtered, phi, gain, noise, later)
-    turn_attitude_error(smoothed, right_jacobian(change[D_ATTITUDE : D_ATTITUDE + 3]))  # about x(k|N)
+    turn_attitude_error(smoothed, jacobian_of(change))  # about x(k|N)
     return retract(filtered, change), smoothed
 
 
@@ -128,14 +132,14 @@ def smooth_segment(
 @njit(cache=True)
 def _rewrite(row: Array, x: Array, p: Array, setup: Setup, with_covariance: bool) -> None:
     """The columns of a row that depend on the state; an angle that is not measured stays NaN."""
-    alpha, beta, spread, flow_std = row[48], row[49], row[_STD].copy(), row[51]
-    write_state(row, x, p, row[41:44] + row[14:17], row[44:47] + row[17:20], setup)
+    alpha, beta, spread, flow_std = row[_ALPHA], row[_BETA], row[_STD].copy(), row[_FLOW_STD]
+    write_state(row, x, p, row[_FORCE] + row[_FORCE_BIAS], row[_OMEGA] + row[_RATE_BIAS], setup.imu_position)
     if np.isnan(alpha):
-        row[48] = np.nan
+        row[_ALPHA] = np.nan
     if np.isnan(beta):
-        row[49] = np.nan
+        row[_BETA] = np.nan
     if not with_covariance:
-        row[_STD], row[51] = spread, flow_std
+        row[_STD], row[_FLOW_STD] = spread, flow_std
 
 
 def smooth(tape: SmootherHistory, with_covariance: bool = True) -> Array:

@@ -7,8 +7,18 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
-from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, cross_matrix, rotation_matrix
+from aircraft_sysid_ros.aircraft.frames import (
+    Matrix,
+    Vector,
+    air_data_from_velocity,
+    applied,
+    cross_matrix,
+    rotation,
+    rotation_matrix,
+    three,
+)
 from aircraft_sysid_ros.reconstruction.measurements import air_data_gradient, air_velocity_at
+from aircraft_sysid_ros.reconstruction.process import attitude_of
 from aircraft_sysid_ros.reconstruction.pseudo_measurements import has_vane, is_inferred
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
@@ -19,6 +29,8 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_VELOCITY,
     ERROR_SIZE,
     GYRO_BIAS,
+    POSITION,
+    VELOCITY,
     Memory,
     Setup,
     StateField,
@@ -27,11 +39,26 @@ from aircraft_sysid_ros.reconstruction.state import (
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
 _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
-# Columns, as plain numbers for numba.
-_COLUMN_STD = StateField.STANDARD_DEVIATIONS.start
+# Columns of a row, and elements of the state, as plain numbers for numba: the first of each.
+_TIME, _AIRSPEED_OF_ROW, _ALPHA_OF_ROW = StateField.TIME, StateField.AIRSPEED, StateField.ANGLE_OF_ATTACK
+_BETA_OF_ROW, _DENSITY, _FLOW_STD = StateField.SIDESLIP, StateField.AIR_DENSITY, StateField.AIR_VELOCITY_STD
+_CONSISTENCY, _STATUS = StateField.CONSISTENCY, StateField.STATUS
+_FUSED, _REJECTED, _ORIGIN = StateField.FUSED, StateField.REJECTED, StateField.ORIGIN.start
+_STD, _WIND = StateField.STANDARD_DEVIATIONS.start, StateField.WIND.start
+_ROW_AIR, _ROW_POSITION, _ROW_VELOCITY = (
+    StateField.AIR_VELOCITY.start,
+    StateField.POSITION.start,
+    StateField.VELOCITY.start,
+)
+_FORCE, _OMEGA = StateField.SPECIFIC_FORCE.start, StateField.ANGULAR_VELOCITY.start
+_AS_IT_IS = StateField.ATTITUDE.start  # attitude and biases stand in a row as in the state
+_AS_IT_IS_IN_STATE, _AS_IT_IS_COUNT = ATTITUDE.start, AIR_VELOCITY.start - ATTITUDE.start
+_X_VELOCITY, _X_POSITION, _X_AIR = VELOCITY.start, POSITION.start, AIR_VELOCITY.start
+_X_FORCE_BIAS, _X_RATE_BIAS = ACCELEROMETER_BIAS.start, GYRO_BIAS.start
 
 _OK, _NO_GPS = Status.OK, Status.NO_GPS
 _NO_AIR_DATA, _INERTIAL_ONLY = Status.NO_AIR_DATA, Status.INERTIAL_ONLY
@@ -43,11 +70,12 @@ SENSOR_TIMEOUT = 2.0
 
 
 @njit(cache=True)
-def _status(time: float, memory: Memory) -> int:
-    gps = time - max(memory.last_fused[_GPS_POSITION], memory.last_fused[_GPS_VELOCITY]) < SENSOR_TIMEOUT
-    air = time - memory.last_fused[_AIRSPEED] < SENSOR_TIMEOUT
+def _status(time: float, last_fused: Array, heard: tuple[Integers, Integers, Integers]) -> int:
+    """``heard``: counts (kinds,) of samples that were fused, rejected and skipped."""
+    gps = time - max(last_fused[_GPS_POSITION], last_fused[_GPS_VELOCITY]) < SENSOR_TIMEOUT
+    air = time - last_fused[_AIRSPEED] < SENSOR_TIMEOUT
     if gps and air:
-        inferred_alpha, inferred_beta = not has_vane(_ALPHA, memory), not has_vane(_BETA, memory)
+        inferred_alpha, inferred_beta = not has_vane(_ALPHA, *heard), not has_vane(_BETA, *heard)
         if inferred_alpha and inferred_beta:
             return _INFERRED_ANGLES
         if inferred_alpha:
@@ -58,65 +86,80 @@ def _status(time: float, memory: Memory) -> int:
     return _NO_GPS if air else _INERTIAL_ONLY
 
 
-@njit(cache=True)
+@njit(inline="always")  # its memory is handed over array by array otherwise
 def write_row(
     row: Array, x: Array, p: Array, force: Array, rate: Array, time: float, setup: Setup, memory: Memory
 ) -> None:
     """Whole row at the time [s], from the state x (19,), p (18, 18) and the IMU as measured, each (3,)."""
-    row[0] = time
-    write_state(row, x, p, force, rate, setup)
+    row[_TIME] = time
+    write_state(row, x, p, force, rate, setup.imu_position)
     # once its vane is lost an angle rests on the wind staying as it was: not a measurement, so NaN
     if not (time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT or is_inferred(_ALPHA, time, x, p, memory)):
-        row[48] = np.nan
+        row[_ALPHA_OF_ROW] = np.nan
     if not (time - memory.last_fused[_BETA] < SENSOR_TIMEOUT or is_inferred(_BETA, time, x, p, memory)):
-        row[49] = np.nan
+        row[_BETA_OF_ROW] = np.nan
     density = memory.air[0]
-    row[50] = density if density > 0.0 else air_density(setup.origin[2] - x[5])
-    row[52] = memory.recent_nis[0]
-    row[53] = _status(time, memory)
-    row[54] = np.sum(memory.fused)
-    row[55] = np.sum(memory.rejected)
-    row[57:60] = setup.origin
+    row[_DENSITY] = density if density > 0.0 else air_density(setup.origin[2] - x[_X_POSITION + 2])
+    row[_CONSISTENCY] = memory.recent_nis[0]
+    fused, rejected = memory.fused, memory.rejected
+    row[_STATUS] = _status(time, memory.last_fused, (fused, rejected, memory.skipped))
+    row[_FUSED], row[_REJECTED] = np.sum(fused), np.sum(rejected)
+    for i in range(3):
+        row[_ORIGIN + i] = setup.origin[i]
 
 
 @njit(cache=True)
-def write_state(row: Array, x: Array, p: Array, force: Array, rate: Array, setup: Setup) -> None:
-    """The columns that follow from state and covariance; the others are left as they are."""
-    to_cg = -setup.imu_position
-    v = air_velocity_at(x, rate, to_cg)
-    c = rotation_matrix(x[ATTITUDE])
-    omega = rate - x[GYRO_BIAS]
-    row[1:4] = v
-    arm = np.array(
-        [
-            omega[1] * to_cg[2] - omega[2] * to_cg[1],
-            omega[2] * to_cg[0] - omega[0] * to_cg[2],
-            omega[0] * to_cg[1] - omega[1] * to_cg[0],
-        ]
+def _displaced(x: Array, first: int, c: Matrix, arm: Vector) -> Vector:
+    """Three numbers of the state from ``first`` on, plus C times an arm in body axes."""
+    return (
+        x[first] + c[0] * arm[0] + c[1] * arm[1] + c[2] * arm[2],
+        x[first + 1] + c[3] * arm[0] + c[4] * arm[1] + c[5] * arm[2],
+        x[first + 2] + c[6] * arm[0] + c[7] * arm[1] + c[8] * arm[2],
     )
-    for i in range(3):
-        row[4 + i] = x[3 + i] + c[i, 0] * to_cg[0] + c[i, 1] * to_cg[1] + c[i, 2] * to_cg[2]
-        row[7 + i] = x[i] + c[i, 0] * arm[0] + c[i, 1] * arm[1] + c[i, 2] * arm[2]
-    row[10:20] = x[6:16]
-    for i in range(D_AIR_VELOCITY):
-        row[_COLUMN_STD + i] = np.sqrt(p[i, i])
-    row[20:23] = wind_of(x)
+
+
+@njit(cache=True)
+def write_state(row: Array, x: Array, p: Array, force: Array, rate: Array, imu: Array) -> None:
+    """The columns that follow from state and covariance; the others are left as they are. ``imu``: its position."""
+    to_cg = -imu[0], -imu[1], -imu[2]
+    v = air_velocity_at(x, rate, to_cg)
+    w, i, j, k = attitude_of(x)
+    c = rotation(w, i, j, k)
+    omega = rate[0] - x[_X_RATE_BIAS], rate[1] - x[_X_RATE_BIAS + 1], rate[2] - x[_X_RATE_BIAS + 2]
+    arm = (
+        omega[1] * to_cg[2] - omega[2] * to_cg[1],
+        omega[2] * to_cg[0] - omega[0] * to_cg[2],
+        omega[0] * to_cg[1] - omega[1] * to_cg[0],
+    )
+    position, velocity = _displaced(x, _X_POSITION, c, to_cg), _displaced(x, _X_VELOCITY, c, arm)
+    through_air = applied(c, three(x[AIR_VELOCITY]))
+    for axis in range(3):
+        row[_ROW_AIR + axis], row[_ROW_POSITION + axis], row[_ROW_VELOCITY + axis] = (
+            v[axis],
+            position[axis],
+            velocity[axis],
+        )
+        row[_WIND + axis] = x[_X_VELOCITY + axis] - through_air[axis]
+        row[_FORCE + axis], row[_OMEGA + axis] = force[axis] - x[_X_FORCE_BIAS + axis], omega[axis]
+    for at in range(_AS_IT_IS_COUNT):
+        row[_AS_IT_IS + at] = x[_AS_IT_IS_IN_STATE + at]
+    for at in range(D_AIR_VELOCITY):
+        row[_STD + at] = np.sqrt(p[at, at])
     jacobian = wind_jacobian(x)
-    for i in range(3):
-        row[_COLUMN_STD + D_AIR_VELOCITY + i] = np.sqrt(max(_quadratic(jacobian[i], p), 0.0))
-    row[41:44] = force - x[ACCELEROMETER_BIAS]
-    row[44:47] = omega
-    row[47], row[48], row[49] = air_data_from_velocity(v)
-    row[51] = _air_velocity_std(p, v)
+    for axis in range(3):
+        row[_STD + D_AIR_VELOCITY + axis] = np.sqrt(max(_quadratic(jacobian[axis], p), 0.0))
+    row[_AIRSPEED_OF_ROW], row[_ALPHA_OF_ROW], row[_BETA_OF_ROW] = air_data_from_velocity(v)
+    row[_FLOW_STD] = _air_velocity_std(p, v)
 
 
 @njit(cache=True)
 def wind_of(x: Array) -> Array:
     """Wind NED (3,): velocity over ground minus C u (6.23)."""
-    c = rotation_matrix(x[ATTITUDE])
+    w, i, j, k = attitude_of(x)
+    through_air = applied(rotation(w, i, j, k), three(x[AIR_VELOCITY]))
     wind = np.empty(3)
-    for i in range(3):
-        wind[i] = x[i] - (c[i, 0] * x[16] + c[i, 1] * x[17] + c[i, 2] * x[18])
+    for axis in range(3):
+        wind[axis] = x[_X_VELOCITY + axis] - through_air[axis]
     return wind
 
 
@@ -141,12 +184,13 @@ def _quadratic(h: Array, p: Array) -> float:
     for i in range(len(h)):
         if h[i] != 0.0:
             for j in range(len(h)):
-                total += h[i] * p[i, j] * h[j]
+                if h[j] != 0.0:
+                    total += h[i] * p[i, j] * h[j]
     return total
 
 
 @njit(cache=True)
-def _air_velocity_std(p: Array, v: Array) -> float:
+def _air_velocity_std(p: Array, v: Vector) -> float:
     """Rms standard deviation [m/s] of the air velocity across the flow: what alpha and beta rest on."""
     if v[0] * v[0] + v[2] * v[2] < 1e-6:
         return np.nan
@@ -156,4 +200,5 @@ def _air_velocity_std(p: Array, v: Array) -> float:
         for i in range(3):
             for j in range(3):
                 total += g[i] * p[D_AIR_VELOCITY + i, D_AIR_VELOCITY + j] * g[j]
-    return np.sqrt(max(0.5 * total * np.sum(v * v), 0.0))
+    square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    return float(np.sqrt(max(0.5 * total * square, 0.0)))

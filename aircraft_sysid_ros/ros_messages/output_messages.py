@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
+from aircraft_sysid_ros.aircraft.frames import euler_angles
 from aircraft_sysid_ros.identification.monitoring.error_window import AxisError
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField
@@ -55,7 +55,7 @@ def state_fields(rows: Array) -> dict[str, npt.NDArray[Any]]:
     fields: dict[str, npt.NDArray[Any]] = {name: rows[:, at] for name, at in _STATE_COLUMNS.items()}
     fields.update({name: rows[:, at].astype(np.uint64) for name, at in _COUNT_COLUMNS.items()})
     fields["status"] = rows[:, StateField.STATUS].astype(np.uint8)
-    fields["euler"] = np.array([euler_from_quaternion(q) for q in rows[:, StateField.ATTITUDE]]).reshape(-1, 3)
+    fields["euler"] = euler_angles(np.ascontiguousarray(rows[:, StateField.ATTITUDE]))
     return fields
 
 
