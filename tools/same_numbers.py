@@ -2,6 +2,7 @@
 
     python tools/same_numbers.py record DIR     # with the code as it was: recordings, and every number made of them
     python tools/same_numbers.py compare DIR    # with the code as it is: which numbers are others, and by how much
+    python tools/same_numbers.py compare DIR --only calm thor_smooth    # of these runs alone: a minute
 
 The recordings are simulated (calm, turbulent, half an elevator lost in flight, a vane that sticks, a clock that begins
 anew) and, where ../shared/data is, real (Thor flight 75, both logs of InertialNav). Each is replayed with every
@@ -121,8 +122,8 @@ def name_of(recording: str, options: list[str]) -> str:
     return "_".join([recording, *(option.lstrip("-") for option in options if option != "--estimator")])
 
 
-def make_numbers(recordings: Path, out: Path) -> None:
-    """Every run and every output, two at a time."""
+def make_numbers(recordings: Path, out: Path, only: list[str]) -> None:
+    """Every run and every output, two at a time; ``only`` these runs, where there are any."""
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     found = {path.name.removesuffix(".mcap"): path for path in recordings.iterdir()}
@@ -140,7 +141,8 @@ def make_numbers(recordings: Path, out: Path) -> None:
             (out / f"{name}_{what}.json").write_text(json.dumps(result))
 
     with ThreadPoolExecutor(2) as pool:
-        for work, cases in ((replay, REPLAYS), (command, COMMANDS)):
+        replays = [case for case in REPLAYS if not only or name_of(*case) in only]
+        for work, cases in ((replay, replays), (command, [] if only else COMMANDS)):
             for done in [pool.submit(work, case) for case in cases]:  # type: ignore[arg-type]
                 done.result()
 
@@ -220,9 +222,11 @@ def difference(old: Any, new: Any) -> float:
     return float(np.max(np.abs(a[known] - b[known]) / scale))
 
 
-def compare(old: Path, new: Path) -> int:
-    """Print what differs; returns how many files differ by more than LARGEST."""
+def compare(old: Path, new: Path, only: list[str]) -> int:
+    """Print what differs, in ``only`` these runs if any; returns how many files differ by more than LARGEST."""
     files = sorted(path.relative_to(old) for path in old.rglob("*") if path.is_file())
+    of_commands = ("compare", "diagnos", "refine")  # they lie beside the files of the replay
+    files = [f for f in files if not only or (f.parts[0] in only and not f.name.startswith(of_commands))]
     worst, same = [], 0
     for file in files:
         if not (new / file).exists():
@@ -248,16 +252,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("record", "compare"))
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", nargs="*", default=[], metavar="RUN", help="replays to make and compare")
     args = parser.parse_args()
     folder = args.folder.absolute()
     if args.what == "record":
         (folder / "recordings").mkdir(parents=True)
         make_recordings(folder / "recordings")
-        make_numbers(folder / "recordings", folder / "before")
+        make_numbers(folder / "recordings", folder / "before", args.only)
         print(f"recorded in {folder}")
         return
-    make_numbers(folder / "recordings", folder / "now")
-    sys.exit(1 if compare(folder / "before", folder / "now") else 0)
+    make_numbers(folder / "recordings", folder / "now", args.only)
+    sys.exit(1 if compare(folder / "before", folder / "now", args.only) else 0)
 
 
 if __name__ == "__main__":
