@@ -86,9 +86,15 @@ class AerodynamicModel:
         return tuple(np.array([p.text == "1" for p in programs], dtype=np.float64) for programs in self.programs)
 
     @cached_property
+    def signals_of_axes(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the signals that the terms of each axis read, in the order of SIGNALS."""
+        read = [sorted({k for program in programs for k in signals_read(program)}) for programs in self.programs]
+        return tuple(tuple(SIGNALS[k] for k in signals) for signals in read)
+
+    @cached_property
     def signals_used(self) -> frozenset[str]:
         """Names of the signals that any term reads."""
-        return frozenset(SIGNALS[k] for programs in self.programs for p in programs for k in signals_read(p))
+        return frozenset(name for signals in self.signals_of_axes for name in signals)
 
     def axis_slice(self, axis: str) -> slice:
         """Where the parameters of an axis stand among all."""

@@ -37,6 +37,7 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
+from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 from aircraft_sysid_ros.run_writer import RunWriter
@@ -98,6 +99,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         pipeline.state.take_start(start_of_calibration(correction.calibration))
     with RunWriter(args.out, aircraft, overwrite=args.overwrite) as writer, SmootherHistory() as tape:
         pipeline.warm_up()
+        known_types()  # parsed once per process, as kernels are loaded
         if args.smooth:
             warm_up(aircraft, smoother=True)
             pipeline.state.tape = tape

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, signals_read
-from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, SIGNALS_OF_SAMPLE
 
 Array = npt.NDArray[np.float64]
 
-_RANGED = [CoefficientSample.SIGNALS.start + SIGNAL_INDEX[name] for name in ("V", "alpha", "beta")]
+_RANGED = tuple(SIGNALS_OF_SAMPLE + SIGNAL_INDEX[name] for name in ("V", "alpha", "beta"))
 
 
 #: Signals that stand in the samples of the controls.
@@ -27,14 +28,26 @@ class LearntConditions:
 
     def add(self, samples: Array) -> None:
         """New samples (m, …) of ``CoefficientSample``."""
-        self._seen |= np.isfinite(samples[:, CoefficientSample.SIGNALS]).any(axis=0)
-        learnt = samples[(samples[:, CoefficientSample.LEARNT] > 0.0).any(axis=1)]
-        if len(learnt):
-            columns = learnt[:, _RANGED]
-            self.ranges[:, 0] = np.fmin(self.ranges[:, 0], columns.min(axis=0))
-            self.ranges[:, 1] = np.fmax(self.ranges[:, 1], columns.max(axis=0))
+        _follow(samples, self.ranges, self._seen)
 
-    def signals_of(self, model: AerodynamicModel, axis: int) -> tuple[list[str], list[str]]:
+    def signals_of(self, model: AerodynamicModel, axis: int) -> tuple[tuple[str, ...], list[str]]:
         """Signals that an axis needs, and those of them that no sample of the flight had."""
-        used = sorted(set().union(*(signals_read(program) for program in model.programs[axis])))
-        return [SIGNALS[k] for k in used], [SIGNALS[k] for k in used if not self._seen[k]]
+        used = model.signals_of_axes[axis]
+        return used, [name for name in used if not self._seen[SIGNAL_INDEX[name]]]
+
+
+@njit(cache=True)
+def _follow(samples: Array, ranges: Array, seen: npt.NDArray[np.bool_]) -> None:
+    """Widen the ranges (3, 2) to the samples that any axis learnt from; mark the signals that were measured."""
+    for i in range(len(samples)):
+        for k in range(len(seen)):
+            seen[k] |= np.isfinite(samples[i, SIGNALS_OF_SAMPLE + k])
+        learnt = False
+        for axis in range(6):
+            learnt |= samples[i, LEARNT + axis] > 0.0
+        for k in range(len(_RANGED) if learnt else 0):
+            value = samples[i, _RANGED[k]]
+            if not ranges[k, 0] <= value and np.isfinite(value):
+                ranges[k, 0] = value
+            if not ranges[k, 1] >= value and np.isfinite(value):
+                ranges[k, 1] = value

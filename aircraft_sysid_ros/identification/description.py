@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
-from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, known_theta
 from aircraft_sysid_ros.identification.inferred_angles import InferredAngles
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 
@@ -30,6 +30,16 @@ class Description(NamedTuple):
     inferred: InferredAngles
     ranges: list[tuple[float, float]]  # learnt between these V, alpha, beta
     bounds: Mapping[str, tuple[float, float]]  # of the aircraft file
+
+    def values(self) -> Array:
+        """The values alone (parameters,), NaN where nothing is known."""
+        own = (None if known is None else known.theta for known in self.own)
+        return np.concatenate(
+            [
+                known_theta(self.model, axis, self.least_squares) if theta is None else theta
+                for axis, theta in enumerate(own)
+            ]
+        )
 
     def __call__(self) -> ParameterSet:
         """The parameters, with standard errors corrected for coloured residuals and a verdict on each."""

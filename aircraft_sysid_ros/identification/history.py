@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS, CoefficientSample
+from aircraft_sysid_ros.identification.description import Description
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 
@@ -69,6 +70,7 @@ class SampleHistory:
         self._samples[new], self._extra[new, _WEIGHTS] = samples, weights
         self._extra[new, _BY_LEAST_SQUARES] = by_least_squares
         self._last = new.stop
+        self._first = self._oldest()
 
     def _compact(self, count: int) -> None:
         """Move what is young enough to the front, with room for ``count`` more."""
@@ -86,12 +88,13 @@ class SampleHistory:
     @property
     def first(self) -> int:
         """Number of the oldest sample that is young enough."""
+        return max(self._begin, self._dropped + self._first)
+
+    def _oldest(self) -> int:
+        """Its row."""
         low = max(self._begin - self._dropped, self._first)
         times = self._samples[low : self._last, _TIME]
-        if len(times):
-            low += int(np.searchsorted(times, times[-1] - SAMPLE_MEMORY))
-        self._first = low
-        return self._dropped + low
+        return low + int(np.searchsorted(times, times[-1] - SAMPLE_MEMORY)) if len(times) else low
 
     def since(self, number: int) -> Array:
         """Samples (n, …) from a number on, of those that are young enough: a view."""
@@ -120,7 +123,7 @@ class ParameterCheckpoint:
     """All that was known at a time [s]; copies that nobody changes."""
 
     time: float
-    describe: Any  # Callable[[], ParameterSet]: makes ``found``: seldom needed, and work
+    describe: Description  # makes ``found``: seldom needed, and work
     least_squares: RlsState
     estimator: Any  # what ``Estimator.checkpoint`` gave, if another one is published; else None
     changed: Array  # (2, 6) when each axis changed last: [s] as in CoefficientSample.TIME, [s] of flight
@@ -134,12 +137,11 @@ class ParameterCheckpoint:
     @cached_property
     def theta(self) -> Array:
         """The same values (parameters,), 0 where nothing was known."""
-        return np.nan_to_num(np.array([p.value for p in self.found.parameters]))
+        return np.nan_to_num(self.describe.values())
 
     def without_time(self) -> ParameterCheckpoint:
         """The same after the clock began anew: what was found then has no age on it."""
-        found = replace(self.found, time=np.nan)
-        return replace(self, describe=lambda: found)
+        return replace(self, describe=self.describe._replace(time=np.nan))
 
 
 class Checkpoints:

@@ -125,16 +125,17 @@ class Identifier:
             if self.stream.pace.interval != self._interval:
                 self._interval = self.stream.pace.interval
                 self.learning.keep_pace()
-            slots = np.floor(rows[:, StateField.TIME] / EVALUATION_STEP)
+            times = rows[:, StateField.TIME]
+            slots = np.floor(times / EVALUATION_STEP)
             edges = [0, *(np.flatnonzero(slots[1:] != slots[:-1]) + 1).tolist(), len(rows)]
-            for part, slot in zip(map(slice, edges[:-1], edges[1:]), slots[edges[:-1]].tolist(), strict=True):
+            batch = self.stream.batch(rows, history, body)
+            for part, slot in zip(batch.parts(edges, self.options.half_width), slots[edges[:-1]].tolist(), strict=True):
                 if slot != self._slot:
                     self._slot = slot
-                    time, used_until = float(rows[part.start, StateField.TIME]), self.stream.controls.used_until
+                    time, used_until = float(part.rows[0, StateField.TIME]), self.stream.controls.used_until
                     self.learning.evaluate(time, self.stream.start_time or 0.0, used_until)
-                batch = self.stream.batch(rows[part], history[part], body)
-                self.learning.learn(batch)
-                found.append(batch.samples)
+                self.learning.learn(part)
+            found.append(batch.samples)
         return np.vstack(found)
 
     # -- what was learnt ----------------------------------------------------------------------------------------------

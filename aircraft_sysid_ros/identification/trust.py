@@ -86,9 +86,8 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
         bounds = f"({low:g} to {high:g})"
         return Verdict(Trust.REJECT, f"{e.value:.3g} is outside of what aeroplanes have {bounds}")
     lowest, highest = e.bounds
-    outside = f"{e.value:.3g} is outside of the bounds of the aircraft file ({lowest:g} to {highest:g})"
     if e.value - 2.0 * e.std > highest or e.value + 2.0 * e.std < lowest:
-        return Verdict(Trust.REJECT, outside)
+        return Verdict(Trust.REJECT, _outside(e))
     if e.std > rules.relative_error * abs(e.value) and e.effect_of_std > rules.negligible:
         share = 100 * e.std / max(abs(e.value), 1e-12)
         return Verdict(Trust.HOLD, f"its standard error is {share:.0f} % of its value")
@@ -96,8 +95,13 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
         sign = "has the sign that aeroplanes do not have, within its error"
         return Verdict(Trust.HOLD, f"{e.value:.3g} {sign}")
     if not lowest <= e.value <= highest:
-        return Verdict(Trust.HOLD, f"{outside}, within its error")
+        return Verdict(Trust.HOLD, f"{_outside(e)}, within its error")
     if e.std > rules.relative_error * abs(e.value):
         small = f"{rules.negligible:.0%}"
         return Verdict(Trust.USE, f"small: its standard error moves the coefficient by less than {small}")
     return Verdict(Trust.USE, "")
+
+
+def _outside(evidence: Evidence) -> str:
+    lowest, highest = evidence.bounds
+    return f"{evidence.value:.3g} is outside of the bounds of the aircraft file ({lowest:g} to {highest:g})"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -66,3 +68,15 @@ class CoefficientBatch(NamedTuple):
     samples: Array  # (m, CoefficientSample.TERMS + terms)
     noise: Array  # (m, terms) one sigma of the noise in each term
     weights: Array  # (m, WEIGHT_COLUMNS)
+
+    def parts(self, edges: list[int], half_width: float) -> Iterator[CoefficientBatch]:
+        """The states between ``edges``, each part with the samples whose windows of ``half_width`` [s] it closes."""
+        closed = self.samples[:, CoefficientSample.TIME] + half_width
+        newest = self.history[np.array(edges[1:]) - 1, TIME]
+        counts = [0, *np.searchsorted(closed, newest, side="right").tolist()]
+        for (low, high), (first, last) in zip(pairwise(edges), pairwise(counts), strict=True):
+            of_states, of_samples = slice(low, high), slice(first, last)
+            yield CoefficientBatch(
+                self.rows[of_states], self.history[of_states], self.body,
+                self.samples[of_samples], self.noise[of_samples], self.weights[of_samples],
+            )  # fmt: skip

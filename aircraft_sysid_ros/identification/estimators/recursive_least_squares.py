@@ -216,7 +216,8 @@ class RecursiveLeastSquares:
     def warm_up(self) -> None:
         """Compile, or load from the cache, what two seconds of level flight do not reach."""
         n = len(self.state.theta[0])
-        coloured_covariance(np.zeros((2, n + 2, n + 2)), np.zeros(n))
+        sums = self.state.sums[0, :, : n + 2, : n + 2]
+        _corrected(sums, np.zeros(n), self.state.p[0, :n, :n], 0.0, np.zeros(n), 0.0, np.zeros(n))
         columns = TERMS_OF_SAMPLE + int(self.model.offsets[-1])
         learn_again(0, np.empty((0, columns)), np.empty((0, WEIGHT_COLUMNS)), self.checkpoint(), self.tuning)
 
@@ -369,39 +370,63 @@ def learn_again(axis: int, samples: Array, weights: Array, state: RlsState, tuni
 
 def least_squares(model: AerodynamicModel, axis: int, state: RlsState) -> tuple[AxisEstimate, Array]:
     """What recursive least squares knows of one axis, and its lagged sums (lags, n + 2, n + 2)."""
-    part = model.axis_slice(AXES[axis])
-    n, samples = part.stop - part.start, int(state.updates[axis])
-    sums = np.ascontiguousarray(state.sums[axis, :, : n + 2, : n + 2])
-    theta, covariance = np.full(n, np.nan), np.full((n, n), np.nan)
-    if samples > n or state.prior[axis].any():
-        theta = state.theta[axis, :n].copy()
-        covariance = _covariance(model, axis, state, theta, sums)
-    return AxisEstimate(theta, covariance, samples, state.last_learnt[part]), sums
+    part, theta = model.axis_slice(AXES[axis]), known_theta(model, axis, state)
+    n, samples = len(theta), int(state.updates[axis])
+    covariance = _covariance(model, axis, state, theta) if _is_known(axis, n, state) else np.full((n, n), np.nan)
+    return AxisEstimate(theta, covariance, samples, state.last_learnt[part]), state.sums[axis, :, : n + 2, : n + 2]
 
 
-def _covariance(model: AerodynamicModel, axis: int, state: RlsState, theta: Array, sums: Array) -> Array:
+def known_theta(model: AerodynamicModel, axis: int, state: RlsState) -> Array:
+    """Parameters of one axis (n,), NaN where there are too few samples."""
+    n = int(model.offsets[axis + 1] - model.offsets[axis])
+    return state.theta[axis, :n].copy() if _is_known(axis, n, state) else np.full(n, np.nan)
+
+
+def _is_known(axis: int, n: int, state: RlsState) -> bool:
+    return bool(state.updates[axis] > n or state.prior[axis].any())
+
+
+def _covariance(model: AerodynamicModel, axis: int, state: RlsState, theta: Array) -> Array:
     """Covariance of the recursion, widened by what coloured residuals do to its diagonal.
 
     Two systematic parts are added: the pull of noise in the terms towards zero, and the bias of the
     accelerometer as far as it is not known, which stands in the constant term.
     """
-    n, first = len(theta), int(model.offsets[axis])
-    p, prior = state.p[axis, :n, :n], state.prior[axis, :n, :n]
-    effective = min(int(state.updates[axis]), sums[0, n + 1, n + 1])
-    has_prior = prior.any()
-    if has_prior:
-        variance, widening = variance_with_prior(sums, theta, prior, float(state.prior_variance[axis]))
-    else:
-        coloured, white, autocovariance = coloured_covariance(sums, theta)
-        variance = autocovariance[0] * effective / max(effective - n, 1.0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            widening = np.sqrt(np.maximum(np.diag(coloured) / np.diag(white), 1.0))
-    covariance = variance * p * np.outer(widening, widening)
-    pull = p @ (effective * state.noise_square[first : first + n] * theta)
-    constant = model.constants[axis]
-    of_bias = state.bias_variance[axis] * np.outer(constant, constant)
-    covariance = covariance + np.outer(pull, pull) + of_bias
-    return within_prior(covariance, prior / state.prior_variance[axis]) if has_prior else np.asarray(covariance)
+    n, first, constant = len(theta), int(model.offsets[axis]), model.constants[axis]
+    sums, noise = state.sums[axis, :, : n + 2, : n + 2], state.noise_square[first : first + n]
+    p, prior, bias_variance = state.p[axis, :n, :n], state.prior[axis, :n, :n], float(state.bias_variance[axis])
+    effective = float(min(int(state.updates[axis]), sums[0, n + 1, n + 1]))
+    pull = p @ (effective * noise * theta)
+    if not prior.any():
+        return np.asarray(_corrected(sums, theta, p, effective, pull, bias_variance, constant))
+    variance_before = float(state.prior_variance[axis])
+    variance, widening = variance_with_prior(np.ascontiguousarray(sums), theta, prior, variance_before)
+    return within_prior(_widened(variance, p, widening, pull, bias_variance, constant), prior / variance_before)
+
+
+@njit(cache=True, error_model="numpy")
+def _corrected(
+    sums: Array, theta: Array, p: Array, effective: float, pull: Array, bias_variance: float, constant: Array
+) -> Array:
+    """``_covariance`` (n, n) of an axis that has not changed."""
+    n = len(theta)
+    coloured, white, autocovariance = coloured_covariance(sums, theta)
+    variance, widening = autocovariance[0] * effective / max(effective - n, 1.0), np.empty(n)
+    for i in range(n):
+        grown = coloured[i, i] / white[i, i]
+        widening[i] = np.sqrt(1.0 if grown < 1.0 else grown)
+    return _widened(variance, p, widening, pull, bias_variance, constant)
+
+
+@njit(cache=True)
+def _widened(variance: float, p: Array, widening: Array, pull: Array, bias_variance: float, constant: Array) -> Array:
+    """The covariance (n, n) from that of the recursion, ``widening`` (n,) of its standard errors, and what is added."""
+    covariance = np.empty_like(p)
+    for i in range(len(p)):
+        for j in range(len(p)):
+            of_bias = bias_variance * (constant[i] * constant[j])
+            covariance[i, j] = variance * p[i, j] * (widening[i] * widening[j]) + pull[i] * pull[j] + of_bias
+    return covariance
 
 
 def variance_with_prior(sums: Array, theta: Array, prior: Array, variance: float) -> tuple[float, Array]:

@@ -28,28 +28,36 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.estimation.iterated_ekf import cholesky
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, TERMS_OF_SAMPLE
 from aircraft_sysid_ros.identification.trust import are_far, disagree
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Integers = npt.NDArray[np.int64]
 
 #: Evaluations of a block of motion; blocks of the newest part, and the least number of them before it.
 BLOCK, NEWEST, BEFORE = 125, 3, 3
 
 
 @njit(cache=True)
-def _add_products(samples: Array, first: int, last: int, axis: int, sums: Array) -> None:
-    """Sum of (x, y, 1)(x, y, 1)' over the samples (m, …) that the axis learnt from, into ``sums`` (n + 2, n + 2)."""
-    n = last - first
-    row = np.ones(n + 2)
-    for i in range(len(samples)):
-        if samples[i, LEARNT + axis] > 0.0:
-            for j in range(n):
-                row[j] = samples[i, TERMS_OF_SAMPLE + first + j]
-            row[n] = samples[i, MEASURED + axis]
-            for j in range(n + 2):
-                for k in range(n + 2):
-                    sums[j, k] += row[j] * row[k]
+def _add_products(samples: Array, offsets: Integers, asked: Bools, sums: Array, counts: Array) -> None:
+    """Sum of (x, y, 1)(x, y, 1)' over the samples (m, …) that each axis learnt from, into ``sums`` (6, n + 2, n + 2).
+
+    n is that of the axis with the most terms; ``counts`` (6,) of samples.
+    """
+    row = np.ones(sums.shape[1])
+    for axis in range(6):
+        first, n = offsets[axis], offsets[axis + 1] - offsets[axis]
+        for i in range(len(samples) if asked[axis] else 0):
+            if samples[i, LEARNT + axis] > 0.0:
+                for j in range(n):
+                    row[j] = samples[i, TERMS_OF_SAMPLE + first + j]
+                row[n], row[n + 1] = samples[i, MEASURED + axis], 1.0
+                counts[axis] += 1.0
+                for j in range(n + 2):
+                    for k in range(n + 2):
+                        sums[axis, j, k] += row[j] * row[k]
 
 
 class SplitHalfAgreement:
@@ -60,7 +68,8 @@ class SplitHalfAgreement:
         self._model = model
         self.forget_at(forgetting)
         self._blocks: list[deque[Array]] = [deque() for _ in AXES]
-        self._open = [self._nothing(axis) for axis in range(len(AXES))]
+        most = 2 + int(np.diff(model.offsets).max())
+        self._open, self._count = np.zeros((len(AXES), most, most)), np.zeros(len(AXES))  # the block that is filled
         self._before = [self._nothing(axis) for axis in range(len(AXES))]
         self._parts: list[_Parts | None] = [None] * len(AXES)
         self._moving = [constants == 0.0 for constants in model.constants]
@@ -76,18 +85,20 @@ class SplitHalfAgreement:
     def forget(self, axis: int) -> None:
         """Begin an axis anew."""
         self._blocks[axis].clear()
-        self._open[axis], self._before[axis] = self._nothing(axis), self._nothing(axis)
+        self._open[axis], self._count[axis], self._before[axis] = 0.0, 0.0, self._nothing(axis)
         self._parts[axis] = None
 
-    def add(self, axis: int, samples: Array) -> None:
-        """New samples (m, …); those that the axis learnt from count."""
-        offsets = self._model.offsets
-        _add_products(samples, offsets[axis], offsets[axis + 1], axis, self._open[axis])
-        if self._open[axis][-1, -1] < BLOCK:
-            return
-        blocks = self._blocks[axis]
-        blocks.append(self._open[axis])
-        self._open[axis] = self._nothing(axis)
+    def add(self, asked: Bools, samples: Array) -> None:
+        """New samples (m, …) for the axes (6,) that are asked; those that an axis learnt from count."""
+        _add_products(samples, self._model.offsets, asked, self._open, self._count)
+        if (self._count >= BLOCK).any():
+            for axis in np.flatnonzero(asked & (self._count >= BLOCK)).tolist():
+                self._close_block(axis)
+
+    def _close_block(self, axis: int) -> None:
+        blocks, size = self._blocks[axis], len(self._before[axis])
+        blocks.append(self._open[axis, :size, :size].copy())
+        self._open[axis], self._count[axis] = 0.0, 0.0
         if len(blocks) > NEWEST:
             self._before[axis] = self._fade * self._before[axis] + blocks.popleft()
         enough = len(blocks) == NEWEST and self._before[axis][-1, -1] >= BEFORE * BLOCK
@@ -148,13 +159,34 @@ def parts_of(now: Array, before: Array) -> _Parts | None:
 
 def solved(sums: Array) -> tuple[Array, Array] | None:
     """Least squares (n,) and the inverse (n, n) from sums (n + 2, n + 2); None where terms are collinear."""
+    theta, inverse, is_regular = _solved(sums)
+    return (theta, inverse) if is_regular else None
+
+
+@njit(cache=True, error_model="numpy")
+def _solved(sums: Array) -> tuple[Array, Array, bool]:
+    """``solved``, and whether it could be: by the factor of the matrix of correlations."""
     n = len(sums) - 2
-    scale = np.sqrt(np.diag(sums)[:n])
-    if not np.all(scale > 0.0):
-        return None
-    try:
-        root = np.linalg.cholesky(sums[:n, :n] / np.outer(scale, scale))
-    except np.linalg.LinAlgError:
-        return None
-    half = np.linalg.solve(root, np.diag(1.0 / scale))
-    return half.T @ (half @ sums[:n, n]), half.T @ half
+    scale, correlation = np.empty(n), np.empty((n, n))
+    for i in range(n):
+        scale[i] = np.sqrt(sums[i, i])
+    for i in range(n):
+        for j in range(n):
+            correlation[i, j] = sums[i, j] / (scale[i] * scale[j])
+    factor = cholesky(correlation)
+    half, theta, inverse, y = np.zeros((n, n)), np.zeros(n), np.zeros((n, n)), np.zeros(n)
+    for j in range(n):  # the inverse of the factor, with its columns scaled
+        half[j, j] = 1.0 / scale[j] / factor[j, j]
+        for i in range(j + 1, n):
+            s = 0.0
+            for k in range(j, i):
+                s -= factor[i, k] * half[k, j]
+            half[i, j] = s / factor[i, i]
+    for k in range(n):
+        for j in range(k + 1):
+            y[k] += half[k, j] * sums[j, n]
+        for i in range(k + 1):
+            theta[i] += half[k, i] * y[k]
+            for j in range(k + 1):
+                inverse[i, j] += half[k, i] * half[k, j]
+    return theta, inverse, bool(np.isfinite(factor[n - 1, n - 1])) if n else True

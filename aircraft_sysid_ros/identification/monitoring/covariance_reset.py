@@ -115,7 +115,9 @@ class ChangeDetector:
     def evaluate(self, model: AerodynamicModel, state: RlsState, start: float) -> list[AxisReset]:
         """Axes that have changed, as commands; ``state`` is that of least squares, ``start`` [s] of the flight."""
         self._follow(state)
-        resets = []
+        resets: list[AxisReset] = []
+        if self.monitor.is_quiet():
+            return resets
         for axis in range(len(AXES)):
             if self.monitor.has_changed(axis, partial(self._explained, axis, model, state)):
                 reset = self._reset_of(axis, model, state)

@@ -255,8 +255,7 @@ class IntegrityMonitor:
             return
         new, free = self._history.since(first), known & ~self._held()
         self.monitor.add(new, new[:, CoefficientSample.PREDICTED], free)
-        for axis in np.flatnonzero(free).tolist():
-            self.agreement.add(axis, new)
+        self.agreement.add(free, new)
 
     def _errors(self, axis: int, since: float, most: int, theta: Array | None = None) -> tuple[Array, Array]:
         """Times and squared errors of the newest samples that an axis learnt from, of the newest or of ``theta``."""
@@ -280,6 +279,9 @@ class IntegrityMonitor:
         error_levels(
             self._history.since(0), np.maximum(begin, self._released), self.monitor.summary, self._levels, self._flags
         )
+        if not self._flags.any():
+            self._uneasy_since[asked], self._raised[asked] = np.nan, 0
+            return []
         uneasy, alarming, slight = self._flags.T
         for axis in np.flatnonzero(asked).tolist():
             if not uneasy[axis]:

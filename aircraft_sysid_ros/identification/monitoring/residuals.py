@@ -132,6 +132,22 @@ def excesses(summary: Summary, out: Array) -> None:
         out[axis] = min(now / RATIO**2 - common * mean, now / WORST**2 - common * largest)
 
 
+@njit(cache=True)
+def _follow(
+    samples: Array,
+    predicted: Array,
+    known: npt.NDArray[np.bool_],
+    longest: float,
+    errors: Errors,
+    summary: Summary,
+    excess: Array,
+) -> None:
+    """``add_errors``, and all that follows from them, in one call."""
+    add_errors(samples, predicted, known, errors)
+    summarise(errors, longest, summary)
+    excesses(summary, excess)
+
+
 class ResidualMonitor:
     """Compares the model errors of all axes with what they were."""
 
@@ -152,8 +168,7 @@ class ResidualMonitor:
 
     def add(self, samples: Array, predicted: Array, known: npt.NDArray[np.bool_]) -> None:
         """Take samples (m, …) with predictions (m, 6); only axes (6,) whose parameters are known count."""
-        add_errors(samples, predicted, known, self._errors)
-        self._compare()
+        _follow(samples, predicted, known, self._longest, self._errors, self.summary, self._excess)
 
     def forget(self, axis: int) -> None:
         """The parameters of an axis are others now: what its errors are is still to be seen."""
@@ -187,6 +202,13 @@ class ResidualMonitor:
     def excess(self, axis: int) -> float:
         """Variance in the window that the blocks do not explain, over RATIO^2; negative or NaN: there is no alarm."""
         return float(self._excess[axis])
+
+    def is_quiet(self) -> bool:
+        """Whether no axis can have changed; what was raised is forgotten then."""
+        if (self._excess > 0.0).any():
+            return False
+        self._raised[:] = 0
+        return True
 
     def has_changed(self, axis: int, explained: Callable[[], float]) -> bool:
         """Whether the axis has changed; ``explained`` is a variance over RATIO^2 that has other reasons."""

@@ -203,6 +203,15 @@ def _evaluate(newest: Array, gap: float, memory: Memory, limits: Limits) -> int:
     return _lost(newest, memory) | _at_odds(newest, memory) | _leaps(newest, memory, limits)
 
 
+@njit(cache=True)
+def _widest_gap(times: Array, before: float, widest: float) -> float:
+    """Longest step from ``before`` through the times (n,) [s], at least ``widest``."""
+    for time in times:
+        widest = max(widest, time - before)
+        before = time
+    return widest
+
+
 class SensorFaultDetector:
     """Takes states and evaluates them now and then."""
 
@@ -241,7 +250,7 @@ class SensorFaultDetector:
         else:
             count = self._memory.counts[_LOOKED]
             before = self._memory.looked[count - 1, _TIME] if count else times[0]
-        self._gap = max(self._gap, float(times[0] - before), float(np.max(times[1:] - times[:-1], initial=0.0)))
+        self._gap = _widest_gap(times, before, self._gap)
         self._newest = rows[-1]
 
     def evaluate(self) -> list[str]:
