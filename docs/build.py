@@ -19,6 +19,7 @@ from typing import Any
 
 import calibration_tables
 import certificate_tables
+import check_tables
 import closed_loop_tables
 import diagnosis_tables
 import mavlink_tables
@@ -434,6 +435,11 @@ def nodes(name: str) -> Callable[[], str]:
     return lambda: table(*node_tables.TABLES[name]())
 
 
+def checked(name: str) -> Callable[[], str]:
+    """One of the tables of docs/check.md."""
+    return lambda: table(*check_tables.TABLES[name](load("flight_check")))
+
+
 def trust(name: str) -> Callable[[], str]:
     """A table of docs/trust.md."""
     return lambda: table(*trust_tables.TABLES[name](load("bad_minute")))
@@ -488,6 +494,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **{f"calibration_{name}": calibration(name) for name in calibration_tables.TABLES},
     "workbench": workbench,
     **{f"mavlink_{name}": mavlink(name) for name in mavlink_tables.TABLES},
+    **{f"check_{name}": checked(name) for name in check_tables.TABLES},
     **{f"nodes_{name}": nodes(name) for name in node_tables.TABLES},
     "aircraft_keys": lambda: table(*node_tables.aircraft_keys()),
     **{f"trust_{name}": trust(name) for name in trust_tables.TABLES},

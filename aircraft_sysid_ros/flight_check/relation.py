@@ -20,7 +20,7 @@ from aircraft_sysid_ros.flight_check.grid import Comparison
 Array = npt.NDArray[np.float64]
 
 #: No lag is below this time [s] or within four standard errors, and no scale so near to 1.
-LEAST_LAG, SIGMAS = 0.03, 4.0
+LEAST_LAG, LEAST_SCALE, SIGMAS = 0.03, 0.04, 4.0
 #: What one signal does not explain of the other, such as gusts, may shift it by so much [s].
 _UNEXPLAINED = 0.25
 #: Least correlation for a lag.
@@ -110,7 +110,7 @@ def scale_faults(relations: Sequence[Relation], prior: Mapping[str, float]) -> l
     """Logarithms of the ratios by which the fewest signals are too large."""
     chosen = [r for r in relations if r.scale_tolerance is not None and r.comparison.is_sure]
     middle = [float(0.5 * np.log(r.comparison.low * r.comparison.high)) for r in chosen]
-    return _fewest(chosen, [r.log_ratio for r in chosen], middle, lambda signal: signal, prior)
+    return _fewest(chosen, [r.log_ratio for r in chosen], middle, lambda signal: signal, prior, LEAST_SCALE)
 
 
 def lag_faults(
@@ -119,7 +119,7 @@ def lag_faults(
     """Times [s] by which the fewest streams are late; the signals of a fault are streams."""
     chosen = [r for r in relations if r.has_lag and r.comparison.is_sure]
     chosen = [r for r in chosen if abs(r.comparison.correlation) > _LEAST_FOR_LAG]
-    return _fewest(chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior)
+    return _fewest(chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior, LEAST_LAG)
 
 
 def _fewest(
@@ -128,6 +128,7 @@ def _fewest(
     middle: Sequence[float],
     name: Callable[[str], str],
     prior: Mapping[str, float],
+    least: float,
 ) -> list[Fault]:
     """Faults t with t(first) - t(second) + t(divisor) within each relation's range: the cheapest set of up to three.
 
@@ -162,7 +163,7 @@ def _fewest(
     sizes, _ = _least_deviations(rows[:, best], np.array(middle), np.array(middle), 1.0 / (high - low))
     found = []
     for column, size in zip(best, sizes, strict=True):
-        if abs(size) < LEAST_LAG:  # a contradiction within one stream, such as of height and place
+        if abs(size) < least:  # a contradiction within one stream, such as of height and place
             continue
         evidence = sorted(map(int, np.flatnonzero(rows[:, column])), key=lambda i: (not broken[i], high[i] - low[i]))
         found.append(Fault(nodes[column], float(size), tuple(relations[i] for i in evidence)))

@@ -31,6 +31,7 @@ NOT_RUN = {
     "python3 pip": "test/test_installed_package.py runs what pip installs",
     "rosdep": _ORDINARY,
     "colcon": _ORDINARY,
+    "aircraft-sysid check": "test/flight_check runs it, on simulated and on real recordings",
     "aircraft-sysid import": "test/recordings/test_autopilot_import.py imports a log of every kind",
     "aircraft-sysid calibrate": "test/commands/test_calibrate.py, from the flight to the corrected replay",
     "aircraft-sysid simulate calibration": "test/commands/test_calibrate.py flies it",

@@ -1,0 +1,32 @@
+"""Tables of docs/check.md: faults that were put into clean flights and named, and clean flights with a finding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+Table = tuple[list[str], list[list[str]]]
+
+
+def injections(result: Mapping[str, Any]) -> Table:
+    """One row for each fault."""
+    header = ["fault put in", "kind", "flights", "named", "other warnings and errors"]
+    rows = [
+        [name, f"`{r['kind']}`", str(r["flights"]), str(r["named"]), str(r["others"])]
+        for name, r in result["injections"].items()
+    ]
+    total = [sum(r[key] for r in result["injections"].values()) for key in ("flights", "named", "others")]
+    return header, [*rows, ["all", "", *(str(count) for count in total)]]
+
+
+def clean(result: Mapping[str, Any]) -> Table:
+    """Clean flights by simulator."""
+    header = ["clean flights", "flights", "with a warning or an error"]
+    groups: dict[str, list[bool]] = {}
+    for flight in result["clean"]:
+        simulator = "textbook" if flight["aircraft"] == "textbook" else "JSBSim"
+        groups.setdefault(simulator, []).append(bool(flight["found"]))
+    return header, [[name, str(len(found)), str(sum(found))] for name, found in groups.items()]
+
+
+TABLES: dict[str, Callable[[Mapping[str, Any]], Table]] = {"injections": injections, "clean": clean}
