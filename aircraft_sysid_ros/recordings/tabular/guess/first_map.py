@@ -119,7 +119,11 @@ def _doubled(tables: list[tuple[str | None, Table]]) -> list[str]:
 
 def _apart(parts: list[TablePart]) -> list[str]:
     """That tables were not recorded at the same time, as their clocks have it: nothing is compared between them."""
-    spans = [(part.file, *np.nanpercentile(part.time.seconds, (0, 100))) for part in parts if part.time is not None]
+    spans = [
+        (part.file, *np.nanpercentile(part.time.seconds, (0, 100)))
+        for part in sorted(parts, key=lambda part: -sum(line.active for line in part.lines))
+        if part.time is not None
+    ]
     first = spans[0]
     return [
         f"the clock of {file} does not overlap with that of {first[0]}: set the offset of one"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess import physics
@@ -32,6 +34,12 @@ _SURE_T = 5.0  # t-values that are believed
 
 def resolve(columns: dict[str, Column]) -> Flight:
     """Find unit and sign of columns (by signal) in place; what cannot be told is left without."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)  # of columns that are empty where another is not
+        return _resolved(columns)
+
+
+def _resolved(columns: dict[str, Column]) -> Flight:
     turns = _turns(columns)
     for column in columns.values():
         _take_said(column)

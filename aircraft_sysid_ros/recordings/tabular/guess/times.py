@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -47,13 +47,21 @@ def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess 
     ]
     if not found and columns:
         first = next(iter(columns))
-        unnamed = _candidate(first, columns[first], "")
-        found = [unnamed] if unnamed is not None and first not in named else []
+        unnamed = _candidate(first, columns[first], "") if first not in named else None
+        found = [replace(unnamed, sure=False)] if unnamed is not None and _is_regular(unnamed) else []
     if not found:
         return None
     best = found[0]
     others = tuple(candidate.column for candidate in found[1:])
     return TimeGuess(best.column, best.unit, best.seconds, best.is_unix, best.sure, best.evidence, others)
+
+
+def _is_regular(candidate: TimeGuess) -> bool:
+    """Whether a column without a name of a time rises by equal steps, and is no counter of rows."""
+    steps = np.diff(candidate.seconds[np.isfinite(candidate.seconds)])
+    usual = float(np.median(steps))
+    is_counter = candidate.unit == "s" and bool(np.all(steps == 1.0))
+    return not is_counter and bool(np.ptp(np.percentile(steps, (5, 95))) < 0.2 * usual)
 
 
 def why_no_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> str:
