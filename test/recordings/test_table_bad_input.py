@@ -170,3 +170,11 @@ def test_what_is_no_measurement_is_left_out_and_counted(tmp_path, capsys):
     assert "flight.csv: 1 row without a time left out" in said
     assert "flight.csv: 1 row with the time of the row before left out" in said
     assert "imu/data: without specific_force.x, specific_force.y" in said  # never silently
+
+
+def test_a_table_without_a_map_is_told_the_way(tmp_path, capsys):
+    (tmp_path / "flight.csv").write_text(table(*ROWS))
+    assert main(["import", str(tmp_path / "flight.csv"), "--out", str(tmp_path / "bag")]) == 2
+    assert "begin a map with --guess MAP.yaml, check it, and import with --map" in capsys.readouterr().err
+    assert main(["import", str(tmp_path / "flight.csv")]) == 2
+    assert "say with --out" in capsys.readouterr().err
