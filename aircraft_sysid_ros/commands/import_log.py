@@ -69,10 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         return _import_known_tables(path, args)
     importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(suffix)
     if importer is None:
-        raise InputError(
-            f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; "
-            "tables need --map, which --guess begins"
-        )
+        raise _unknown(path)
     return _import_autopilot(path, importer, args)
 
 
@@ -107,6 +104,14 @@ def _found_lines(found: dict[str, dict[str, Any]]) -> list[str]:
     return [f"{state}: {', '.join(names)}" for state, names in by_state.items()]
 
 
+def _unknown(path: Path, why: str = "") -> InputError:
+    """The error for what says not itself what it is."""
+    return InputError(
+        f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; "
+        f"tables need --map MAP.yaml, which --guess MAP.yaml begins{why}"
+    )
+
+
 def _holds_tables(path: Path) -> bool:
     """Whether a folder is no bag but holds tables, or a file is a table."""
     from aircraft_sysid_ros.recordings.tabular.source import is_table_file
@@ -124,11 +129,12 @@ def _import_known_tables(path: Path, args: argparse.Namespace) -> dict[str, Any]
 
     if args.calibration:
         raise InputError("--calibration is for logs of autopilots: say units and signs in a map")
-    colmap = known_map(path)
+    try:
+        colmap = known_map(path)
+    except InputError as error:
+        raise _unknown(path, f" ({error})") from None
     if colmap is None:
-        raise InputError(
-            f"{path} holds tables of no known kind: begin a map with --guess MAP.yaml, check it, and import with --map"
-        )
+        raise _unknown(path)
     return import_tables(path, colmap, args.out, overwrite=args.overwrite)
 
 

@@ -175,6 +175,6 @@ def test_what_is_no_measurement_is_left_out_and_counted(tmp_path, capsys):
 def test_a_table_without_a_map_is_told_the_way(tmp_path, capsys):
     (tmp_path / "flight.csv").write_text(table(*ROWS))
     assert main(["import", str(tmp_path / "flight.csv"), "--out", str(tmp_path / "bag")]) == 2
-    assert "begin a map with --guess MAP.yaml, check it, and import with --map" in capsys.readouterr().err
+    assert "tables need --map MAP.yaml, which --guess MAP.yaml begins" in capsys.readouterr().err
     assert main(["import", str(tmp_path / "flight.csv")]) == 2
     assert "say with --out" in capsys.readouterr().err
