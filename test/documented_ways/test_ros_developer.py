@@ -48,11 +48,16 @@ STATUS = {Parameter.USE: "USE", Parameter.HOLD: "HOLD", Parameter.REJECT: "REJEC
 
 
 @pytest.fixture
-def workspace(user):
-    """A user whose terminals have sourced the workspace that `make colcon` builds."""
+def built():
+    """The workspace that `make colcon` builds."""
     if not (INSTALL / "setup.bash").exists():
         pytest.skip("no workspace: make colcon builds it, which make test does before the tests")
     lend_kernels()
+
+
+@pytest.fixture
+def workspace(built, user):
+    """A user whose terminals have sourced it."""
     user.source(INSTALL / "setup.bash")
     user.environment["PATH"] = f"{EXECUTABLES}:{user.environment['PATH']}"
     return user
