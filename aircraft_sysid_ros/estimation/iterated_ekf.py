@@ -81,7 +81,7 @@ class Update(NamedTuple):
     ph: Array  # (m, n) (P H')'
     gains: Array  # (m, n) K'
     rest: Array  # (m, n)
-    innovation: Array  # (m, m) H P H' + diag(r), then that without r
+    innovation_covariance: Array  # (m, m) H P H' + diag(r), then that without r
     factor: Array  # (m, m) its Cholesky factor
     delta: Array  # (n,) by how much the state has moved
 
@@ -97,7 +97,7 @@ def new_update(m: int, n: int) -> Update:
 @njit(cache=True)
 def weigh(p: Array, r: Array, update: Update) -> bool:
     """Covariance of the innovation (3.14) and its factor, from p (n, n), H and r (m,); whether it is positive."""
-    h, ph, innovation = update.h, update.ph, update.innovation
+    h, ph, innovation = update.h, update.ph, update.innovation_covariance
     m, n = h.shape
     ph[:] = 0.0
     for j in range(m):
@@ -173,7 +173,7 @@ def move(p: Array, residual: Array, update: Update) -> float:
 @njit(cache=True)
 def settle_covariance(p: Array, r: Array, update: Update) -> None:
     """(I - K H) P (I - K H)' + K diag(r) K', (3.18), over p, with the last gain; symmetric to the last bit."""
-    h, hp, gains, rest, hph = update.h, update.ph, update.gains, update.rest, update.innovation
+    h, hp, gains, rest, hph = update.h, update.ph, update.gains, update.rest, update.innovation_covariance
     m, n = h.shape
     for i in range(m):
         for k in range(m):
