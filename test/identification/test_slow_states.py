@@ -64,7 +64,7 @@ def test_other_estimators_at_ten_hertz(estimator: str, largest: float) -> None:
 @pytest.mark.parametrize("estimator", ["rls", "fourier", "rml"])
 def test_blocks_of_any_size_give_the_same_bits_at_ten_hertz(estimator: str) -> None:
     samples = all_thinned(fast_flight(SEED).samples, 10.0, jitter=0.2, lost=0.1)
-    samples = samples[: len(samples) // 3]
+    samples = samples[: 2 * len(samples) // 3] if estimator == "rml" else samples[: len(samples) // 3]
     first, *others = (flown(samples, estimator, block).parameters for block in (1, 41, 10**6))
     expected = first.estimates()
     assert np.isfinite([p.value for p in expected.parameters]).sum() > 20
