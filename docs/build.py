@@ -268,7 +268,7 @@ def replay_speed() -> str:
     return table(
         ["replay", "asked", "measured"],
         [
-            [f"{speed['duration']:g} s, {speed['messages']} messages, reading and writing included", "≥ 300×",
+            [f"{speed['duration']:g} s, {speed['messages']} messages, reading and writing included", "≥ 600×",
              f"{speed['realtime_factor']:.0f}× real time"],
             ["the whole process, start of Python included", "", f"{speed['realtime_factor_whole_process']:.0f}×"],
         ],
