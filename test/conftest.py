@@ -27,7 +27,7 @@ def claim_domain():
 
 
 # Before any rclpy import: traffic stays on this machine; runs, and workers of one, do not hear each other.
-NUMBER, LOCK = claim_domain()
+NUMBER, *LOCKS = claim_domain()
 os.environ["ROS_DOMAIN_ID"] = str(NUMBER)
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -39,6 +39,7 @@ os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """Tests with nodes share one worker: two at a time would wait for each other's processor time."""
     for item in items:
@@ -50,10 +51,10 @@ def pytest_collection_modifyitems(items):
 def domain():
     """A ROS domain of this module's own for child processes; nodes of other tests do not hear it."""
     number, lock = claim_domain()
+    LOCKS.append(lock)  # what hangs on may still be heard there: nobody else gets the number
     before, os.environ["ROS_DOMAIN_ID"] = os.environ["ROS_DOMAIN_ID"], str(number)
     yield str(number)
     os.environ["ROS_DOMAIN_ID"] = before
-    lock.close()
 
 
 @pytest.fixture(scope="session")
