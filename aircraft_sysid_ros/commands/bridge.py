@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
 
-        from aircraft_sysid_ros.nodes.common import make_executor, spin_until, start, stop_signals
+        from aircraft_sysid_ros.nodes.common import make_executor, spare_the_collector, spin_until, start, stop_signals
         from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
     except ImportError as error:
         raise missing_ros(error) from None
@@ -69,6 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 progress.update(task, description=_state(node.bridge.session))
                 return stop.is_set() or node.failure is not None or (ends is not None and time.monotonic() >= ends)
 
+            spare_the_collector()
             spin_until(make_executor([node]), finished)
         if node.failure is not None:
             raise node.failure

@@ -105,10 +105,14 @@ def make_executor(nodes: Sequence[LifecycleNode]) -> Any:
     return executor
 
 
+def spare_the_collector() -> None:
+    """What is there before the first sample stays to the end of the process: it is not walked through in flight."""
+    gc.collect()
+    gc.freeze()
+
+
 def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
     """Run callbacks until ``finished`` or a shutdown. Not executor.spin(): in the wheels it runs none."""
-    gc.collect()
-    gc.freeze()  # what is there before the first sample stays: the collector must not walk it in flight
     while rclpy.ok() and not finished():
         try:
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
@@ -189,6 +193,7 @@ def run_node(kind: Callable[[], Any], arguments: Sequence[str] | None = None) ->
     try:
         if node.get_parameter("autostart").value and not start(node):
             return 2
+        spare_the_collector()
         with stop_signals() as stop:
             spin_until(make_executor([node]), stop.is_set)
             return _end(node, stop)

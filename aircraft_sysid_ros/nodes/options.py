@@ -122,6 +122,11 @@ class ConfigurableNode(LifecycleNode):
 
     # -- lifecycle -----------------------------------------------------------------------------------------------
 
+    def destroy_node(self) -> None:
+        """End its state machine too, which rclpy leaves: the node would stay in the graph, and its services offered."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Check the parameters and configure; FAILURE with one sentence in the log."""
         try:

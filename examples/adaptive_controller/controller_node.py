@@ -135,6 +135,7 @@ class ControllerNode(Node):
 
 def fly_until_stopped(_node: ControllerNode, executor: Any, stop: threading.Event) -> int:
     """Answer until a signal."""
+    common.spare_the_collector()
     common.spin_until(executor, stop.is_set)
     return 0
 

@@ -9,8 +9,8 @@ import pytest
 
 #: The first start compiles the filter.
 PATIENCE = 300.0
-#: A service that is not found or does not answer is tried so often within that time.
-TRIES = 9
+#: [s] A service that is not found or does not answer is tried again, by another client, after so long.
+TRIES = (1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0, 120.0)
 
 
 class Bench:
@@ -47,6 +47,21 @@ class Bench:
         spin_until(self.executor, lambda: done() or time.monotonic() > deadline)
         assert done(), "nothing came in time"
 
+    def say_until(self, say, done):
+        """Say something again and again, ten times a second, until ``done()``; said faster nobody gets to answer."""
+        next_at = 0.0
+
+        def done_or_said():
+            nonlocal next_at
+            if done():
+                return True
+            if time.monotonic() >= next_at:
+                say()
+                next_at = time.monotonic() + 0.1
+            return False
+
+        self.spin_until(done_or_said)
+
     def listen(self, kind, topic):
         """The list that receives the messages of a topic."""
         from rclpy.qos import QoSProfile
@@ -73,10 +88,10 @@ class Bench:
         """The response to an empty request that changes nothing: asked again by another client until it comes."""
         from aircraft_sysid_ros.nodes.common import spin_until
 
-        for _ in range(TRIES):
+        for patience in TRIES:
             with self._client(kind, name) as client:
                 future = client.call_async(kind.Request())
-                deadline = time.monotonic() + PATIENCE / TRIES
+                deadline = time.monotonic() + patience
                 spin_until(self.executor, lambda: future.done() or time.monotonic() > deadline)  # noqa: B023
                 if future.done():
                     return future.result()
@@ -87,10 +102,10 @@ class Bench:
         """A client of a service that is there; made anew where it does not find it, since the middleware loses some."""
         from aircraft_sysid_ros.nodes.common import spin_until
 
-        for _ in range(TRIES):
+        for patience in TRIES:
             client = self.helper.create_client(kind, name)
             try:
-                deadline = time.monotonic() + PATIENCE / TRIES
+                deadline = time.monotonic() + patience
                 spin_until(self.executor, lambda: client.service_is_ready() or time.monotonic() > deadline)  # noqa: B023
                 if client.service_is_ready():
                     yield client
@@ -128,10 +143,12 @@ class Bench:
         self.spin_until(lambda: sum(node.received.values()) >= wanted)
 
     def close(self):
-        """End of all nodes."""
+        """End of all nodes. The executor goes last and wholly: what it holds on to would stay in the graph."""
         import rclpy
 
         for node in self.nodes:
             self.executor.remove_node(node)
             node.destroy_node()
+        self.executor.shutdown()
+        del self.executor
         rclpy.try_shutdown()

@@ -19,6 +19,7 @@ from rclpy.parameter import Parameter
 from waiting import LONGEST
 
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
+from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 
@@ -138,6 +139,18 @@ def test_shut_down_while_active_it_listens_no_more(bench, kind):
         assert change(bench, node.get_name(), transition)
     assert label(bench, node.get_name()) == "finalized"
     assert not node.inputs
+
+
+@pytest.mark.parametrize("kind", [*KINDS, MavlinkBridgeNode])
+def test_destroyed_it_is_gone_from_the_graph(bench, kind):
+    """One that stays, answers nothing, but is found by those who ask: they wait for ever."""
+    node = kind(parameter_overrides=[Parameter("aircraft_file", value=bench.aircraft_file)], use_global_arguments=False)
+    name = node.get_name()
+    bench.spin_until(lambda: name in bench.helper.get_node_names(), 60.0)
+    assert bench.helper.count_services(f"/{name}/get_state") == 1
+    node.destroy_node()
+    bench.spin_until(lambda: name not in bench.helper.get_node_names(), 60.0)
+    assert bench.helper.count_services(f"/{name}/get_state") == 0
 
 
 def test_a_transition_that_does_not_exist_stops_nothing(bench):

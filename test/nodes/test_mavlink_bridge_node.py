@@ -175,11 +175,11 @@ def test_what_goes_back_changes_in_flight_and_the_link_does_not(bench, flying):
     parameters = bench.publisher(Parameters, "parameter_estimator/parameters")
     known = Parameter(name="Cm_alpha", value=-0.5, standard_deviation=0.1, status=Parameter.USE)
 
-    def heard():
+    def say():
         wind.publish(TwistWithCovarianceStamped())
         parameters.publish(Parameters(parameters=[known]))
-        return {"WIND_COV", "NAMED_VALUE_FLOAT"} <= {m.get_type() for m in flight.simulator.heard}
 
-    bench.spin_until(heard)
+    back = {"WIND_COV", "NAMED_VALUE_FLOAT"}
+    bench.say_until(say, lambda: back <= {m.get_type() for m in flight.simulator.heard})
     assert all(result.successful for result in put(back_wind_rate=0.0, back_parameters=[""]))
     assert not node._heard

@@ -64,11 +64,8 @@ def test_publishers_of_both_kinds_are_heard(bench, default_node):
             publisher = bench.helper.create_publisher(kind, topic, QoSProfile(depth=10, reliability=reliability))
             bench.spin_until(lambda publisher=publisher: publisher.get_subscription_count() == 1, 20.0)
             before = node.received[topic]
-
-            def arrived(publisher=publisher, kind=kind, topic=topic, before=before):
-                publisher.publish(kind())
-                return node.received[topic] > before
-
-            bench.spin_until(arrived, 20.0)
-            assert node.received[topic] > before, topic
+            bench.say_until(
+                lambda publisher=publisher, kind=kind: publisher.publish(kind()),
+                lambda topic=topic, before=before: node.received[topic] > before,
+            )
             bench.helper.destroy_publisher(publisher)
