@@ -19,6 +19,7 @@ from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAF
 HIDDEN = "dihedral_alpha"
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """The page's tests share one worker: they share servers and a browser."""
     for item in items:

@@ -98,7 +98,9 @@ def player(aircraft, tmp_path_factory):
     flight = simulate_samples(aircraft, 11, 122.0, rate=100.0, hidden=[("dihedral_alpha", 1.0)], manoeuvres="standard")
     path = tmp_path_factory.mktemp("live") / "flight"
     write_flight(flight, path)
-    yield Player(read_raw(path))
+    player = Player(read_raw(path))
+    yield player
+    player.node.destroy_node()
     rclpy.try_shutdown()
 
 
