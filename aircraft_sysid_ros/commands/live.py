@@ -120,7 +120,13 @@ def _node_arguments(args: argparse.Namespace, state: StateOptions, parameters: P
 
 def _fly(args: argparse.Namespace, state: Any, parameters: Any, writer: RunWriter | None) -> dict[str, Any]:
     """Listen until it is to end, use what has come by then, and write the run."""
-    from aircraft_sysid_ros.nodes.common import all_have_it, make_executor, spare_the_collector, spin_until, stop_signals
+    from aircraft_sysid_ros.nodes.common import (
+        all_have_it,
+        make_executor,
+        spare_the_collector,
+        spin_until,
+        stop_signals,
+    )
 
     executor = make_executor([state, parameters])
     spare_the_collector()
