@@ -12,7 +12,7 @@ from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, manoeuvres
 
 Array = npt.NDArray[np.float64]
 
@@ -52,7 +52,11 @@ class Pipeline:
 
     def push(self, samples: Samples) -> tuple[Array, Array]:
         """Take samples in the order of arrival; returns new rows of ``StateField`` and of ``CoefficientSample``."""
-        done = [self._push(part) for part in parts_by_clock(samples, self.state.order.clock)]
+        first, *others = manoeuvres(samples)
+        done = [self._push(part) for part in parts_by_clock(first, self.state.order.clock)]
+        for since, manoeuvre in zip(samples.values[samples.kind == Kind.SEAM, 0].tolist(), others, strict=True):
+            done.append(self.begin_anew(since))
+            done += [self._push(part) for part in parts_by_clock(manoeuvre, self.state.order.clock)]
         return np.vstack([rows for rows, _ in done]), np.vstack([points for _, points in done])
 
     def _push(self, samples: Samples) -> tuple[Array, Array]:
@@ -65,6 +69,14 @@ class Pipeline:
             return rows, np.vstack(points)
         self.parameters.push_samples(samples, self.state.epoch, due)
         return rows, self.parameters.push_states(rows, self.state.epoch)
+
+    def begin_anew(self, since: float) -> tuple[Array, Array]:
+        """Another manoeuvre begins, ``since`` [s] after the one before: its motion is found anew, what was learnt
+        stays; returns what was held back.
+        """
+        rows = self.state.begin_anew(since)
+        points = [self.parameters.push_states(rows, self.state.epoch), self.parameters.begin_anew()]
+        return rows, np.vstack(points)
 
     def flush(self) -> tuple[Array, Array]:
         """Process what is held back, at the end of a recording."""

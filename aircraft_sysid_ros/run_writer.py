@@ -2,7 +2,8 @@
 
 estimates.mcap   states, wind, parameters and model error over the flight
 parameters.json  final parameters with standard errors and verdicts
-state.json       final biases and wind, what became of every sample, notes on the recording, duration, speed
+state.json       final biases and wind, what became of every sample, notes on the recording, duration, speed; of
+                 several manoeuvres where each comes from
 points.npz       measured coefficients and regressors, from which models are compared
 samples.npz      every sample as it arrived (stamp, kind, values of samples.Samples): the run needs no recording
 aircraft.yaml    the aircraft file that was used
@@ -93,6 +94,16 @@ class RunWriter:
             self._parameters.append(estimates)
             self._errors.append((estimates.time, errors))
 
+    @property
+    def state_times(self) -> Array:
+        """Times (n,) [s] of the states that are kept."""
+        return np.concatenate([rows[:, StateField.TIME] for rows in self._rows] or [np.empty(0)])
+
+    @property
+    def point_times(self) -> Array:
+        """Times (n,) [s] of the points."""
+        return np.concatenate([points[:, CoefficientSample.TIME] for points in self._points] or [np.empty(0)])
+
     def finish(
         self,
         state: StateEstimator,
@@ -100,13 +111,16 @@ class RunWriter:
         duration: float,
         started: float,
         notes: Sequence[str] = (),
+        manoeuvres: Sequence[dict[str, Any]] = (),
     ) -> dict[str, Any]:
         """Write the folder; returns the content of its JSON files under "state" and "parameters".
 
         ``duration`` of the flight [s], the reading of time.perf_counter() when the work began, and ``notes`` on what
-        could not be read of the recording.
+        could not be read of the recording, and where ``manoeuvres`` that were joined come from.
         """
         result = {"state": {**state_json(state), "notes": list(notes)}, "parameters": parameters_json(parameters)}
+        if manoeuvres:
+            result["state"]["manoeuvres"] = list(manoeuvres)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:

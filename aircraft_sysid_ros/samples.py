@@ -6,8 +6,10 @@ message, replay pushes a second of flight at once, and both meet the same code.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +34,7 @@ class Kind(IntEnum):
     HEIGHT = 10  # above the ground [m]
     MASS = 11  # mass [kg], Ixx, Iyy, Izz, Ixz [kg m^2], centre of gravity (3) [m]
     FIVE_HOLE = 12  # static, dynamic, alpha and beta pressure [Pa]
+    SEAM = 13  # no measurement: another manoeuvre begins, so long [s] after the one before, or NaN
 
 
 #: How many leading values must be finite for a sample of the kind to be of use.
@@ -99,6 +102,74 @@ def concatenate(batches: list[Samples]) -> Samples:
         np.concatenate([b.kind for b in batches]),
         np.concatenate([b.values for b in batches]),
     )
+
+
+#: A manoeuvre of less [s] is of no use: the filter starts after a second of IMU and GPS, and a window needs time.
+SHORTEST = 2.0
+#: Time [s] between the end of a manoeuvre and the begin of the next one, at least: longer than a residual remembers.
+PAUSE = 10.0
+#: Time [s] between manoeuvres within which they are of one flight: the sensors have not been switched off.
+SAME_FLIGHT = 3600.0
+#: Stamps [ns] further from the middle of a recording than this are wrong.
+_LONGEST = 24 * 3600 * 10**9
+_SECOND = 10**9
+
+
+def joined(parts: Sequence[Samples]) -> tuple[Samples, list[int]]:
+    """Manoeuvres in the given order as one stream, a SEAM before each but the first, and what was added to the stamps
+    of each [ns].
+
+    Each begins ``PAUSE`` or up to a second more after the end of the one before, whatever day it was flown on: stamps
+    move by whole seconds, so that what is sampled at multiples of a step is sampled at the same times of a manoeuvre
+    in any order. How long there really was between them the SEAM says; of those that overlap nobody knows, since their
+    clocks are not the same.
+    """
+    spans = [_span(part) for part in parts]
+    batches, shifts, end = [parts[0]], [0], spans[0][1]
+    for part, (first, last), before in zip(parts[1:], spans[1:], spans, strict=False):
+        shift = -((first - end - int(PAUSE * _SECOND)) // _SECOND) * _SECOND
+        since = max(first - before[1], before[0] - last) / _SECOND
+        at = first + shift - int(0.5 * PAUSE * _SECOND)
+        batches += [samples_of(Kind.SEAM, [at], [since if since >= 0.0 else np.nan])]
+        batches += [Samples(part.stamp + shift, part.kind, part.values)]
+        shifts.append(shift)
+        end = last + shift
+    return concatenate(batches), shifts
+
+
+def _span(samples: Samples) -> tuple[int, int]:
+    """First and last stamp [ns] that can be right: of the IMU, which is the clock, where there is one."""
+    of_imu = samples.stamp[samples.kind == Kind.IMU]
+    stamps = of_imu if len(of_imu) else samples.stamp
+    sound = stamps[np.abs(stamps - int(np.median(stamps))) < _LONGEST]
+    return int(sound.min()), int(sound.max())
+
+
+def manoeuvres(samples: Samples) -> list[Samples]:
+    """The samples between seams, in order of arrival: one part where there is no seam."""
+    return _split(samples, np.flatnonzero(samples.kind == Kind.SEAM))
+
+
+def flights(samples: Samples) -> list[Samples]:
+    """The manoeuvres of each flight, with the seams between them: those that follow within ``SAME_FLIGHT``."""
+    return _split(samples, np.flatnonzero((samples.kind == Kind.SEAM) & ~(samples.values[:, 0] <= SAME_FLIGHT)))
+
+
+def _split(samples: Samples, at: npt.NDArray[np.int64]) -> list[Samples]:
+    edges = [-1, *at.tolist(), len(samples)]
+    return [samples[begin + 1 : end] for begin, end in pairwise(edges)] if len(at) else [samples]
+
+
+def fewer_manoeuvres(samples: Samples, longest: float) -> Samples:
+    """Every first, second, third, … manoeuvre with the seams between them: about ``longest`` [s] at most in all."""
+    spans = [_span(part) for part in manoeuvres(samples)]
+    every = max(int(np.ceil(sum(last - first for first, last in spans) / _SECOND / longest)), 1)
+    return samples[np.cumsum(samples.kind == Kind.SEAM) % every == 0]
+
+
+def manoeuvre_at(samples: Samples, stamp: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Number (n,) from 0 of the manoeuvre that each stamp [ns] lies in."""
+    return np.asarray(np.searchsorted(samples.stamp[samples.kind == Kind.SEAM], stamp, side="right"), dtype=np.int64)
 
 
 def is_absurd(samples: Samples) -> npt.NDArray[np.bool_]:

@@ -32,7 +32,6 @@ import numpy.typing as npt
 from scipy.stats import f as fisher
 
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.diagnosis.flight.flight_data import FOLDS
 from aircraft_sysid_ros.diagnosis.search.candidates import candidates_of
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
@@ -127,7 +126,7 @@ def _pool(bench: CandidateEvaluator, axis: str, owners: dict[str, set[Owner]]) -
         z[:, use] / np.sqrt(left[use] / len(y)),
         y / rms,
         base.spread / rms,
-        bench.data.block[base.rows] % FOLDS,
+        bench.data.fold[base.rows],
     )
 
 

@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             opened.samples,
             replicas=args.replicas,
             progress=lambda what, share: progress.update(task, description=what, completed=share),
+            names=opened.manoeuvres,
         ).json
     result = {"model": opened.current.identifier, **result, "file": str(opened.path / DIAGNOSIS)}
     try:

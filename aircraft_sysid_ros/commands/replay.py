@@ -1,4 +1,4 @@
-"""``replay``: the whole pipeline over a recording, as fast as the machine can, with the numbers of live."""
+"""``replay``: the whole pipeline over recordings, as fast as the machine can, with the numbers of live."""
 
 from __future__ import annotations
 
@@ -36,12 +36,13 @@ from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, warm_up
+from aircraft_sysid_ros.recordings.manoeuvres import Body, read_body
 from aircraft_sysid_ros.recordings.message_types import known_types
-from aircraft_sysid_ros.recordings.reader import Recording, read_recording
+from aircraft_sysid_ros.recordings.reader import Recording
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 from aircraft_sysid_ros.run_writer import RunWriter
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, manoeuvre_at, manoeuvres
 
 Array = npt.NDArray[np.float64]
 
@@ -65,9 +66,16 @@ BLOCK = 1000
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "replay", help="the whole pipeline over a recording", description=__doc__
+        "replay", help="the whole pipeline over recordings", description=__doc__
     )
-    parser.add_argument("bag", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
+    parser.add_argument(
+        "bags", nargs="+", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file; several make one body of data"
+    )
+    parser.add_argument(
+        "--segments",
+        metavar="FILE",
+        help="YAML list of {recording, start, stop, name}, in seconds: only these manoeuvres",
+    )
     parser.add_argument("--aircraft", required=True, metavar="FILE", help="aircraft file (YAML)")
     parser.add_argument("--out", required=True, metavar="RUN", help="folder to write")
     parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
@@ -104,18 +112,30 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             warm_up(aircraft, smoother=True)
             pipeline.state.tape = tape
         started = time.perf_counter()
-        recording = read_recording(args.bag)
-        recording.require(NEEDED_WITH_PROBE if correction is not None and correction.uses_probe else NEEDED)
-        if correction is not None:
-            recording = replace(recording, samples=correction.apply(recording.samples))
+        body = read_body(args.bags, args.segments, lambda recording: _prepared(recording, correction))
+        recording = body.recording
         begin = None if args.stage_1 is None else start_by_stage_1(recording.samples, aircraft, args.stage_1)
         feed(pipeline, recording, writer, begin)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
+        unused = manoeuvre_notes(body, pipeline, writer)
         result = writer.finish(
-            pipeline.state, pipeline.parameters, pipeline.state.flight_time, started, recording.notes
+            pipeline.state,
+            pipeline.parameters,
+            pipeline.state.flight_time,
+            started,
+            (*recording.notes, *unused),
+            [manoeuvre.json for manoeuvre in body.manoeuvres],
         )
-    return {"run": str(args.out), "notes": notes(recording, pipeline), **result}
+    return {"run": str(args.out), "notes": [*notes(recording, pipeline), *unused], **result}
+
+
+def _prepared(recording: Recording, correction: Correction | None) -> Recording:
+    """A recording with what is needed in it, corrected. Raises InputError."""
+    recording.require(NEEDED_WITH_PROBE if correction is not None and correction.uses_probe else NEEDED)
+    if correction is None:
+        return recording
+    return replace(recording, samples=correction.apply(recording.samples))
 
 
 def _aircraft(path: str) -> Aircraft:
@@ -133,6 +153,8 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError("--smooth has no place for the errors of --air-data-errors: leave one of them out")
     if args.stage_1 is not None and not args.air_data_errors:
         raise InputError("--stage-1 starts the states of --air-data-errors: give that too")
+    if args.stage_1 is not None and (len(args.bags) > 1 or args.segments):
+        raise InputError("--stage-1 starts one flight, and each manoeuvre begins anew: leave it out")
     if args.stage_1 is not None and not SHORTEST <= args.stage_1 <= LONGEST:
         raise InputError(f"--stage-1 must be between {SHORTEST:g} and {LONGEST:g} s, not {args.stage_1:g}")
 
@@ -148,6 +170,8 @@ def feed(
     writer.add_samples(samples)
     edges = {*range(0, len(samples), BLOCK), len(samples)}
     known_at = len(samples) if begin is None else int(np.searchsorted(np.maximum.accumulate(samples.stamp), begin[1]))
+    seams = np.flatnonzero(samples.kind == Kind.SEAM)
+    edges |= {*seams.tolist(), *(seams + 1).tolist()}  # a seam is a block of its own
     blocks = [samples[i:j] for i, j in itertools.pairwise(sorted(edges | {known_at}))]
     with progress_bar() as progress:
         if pipeline.state.tape is None:
@@ -188,9 +212,12 @@ def smoothed(pipeline: Pipeline, blocks: list[Samples], watched: Iterable[Sample
     state.flush()
     rows, at = state.smooth(), 0
     for block, (count, epoch) in zip(blocks, portions, strict=True):
-        parameters.push_samples(block, epoch)
-        yield rows[at : at + count], parameters.push_states(rows[at : at + count], epoch)
-        at += count
+        new, at = rows[at : at + count], at + count
+        if len(block) and block.kind[0] == Kind.SEAM:
+            yield new, np.vstack([parameters.push_states(new, epoch), parameters.begin_anew()])
+        else:
+            parameters.push_samples(block, epoch)
+            yield new, parameters.push_states(new, epoch)
     points = [parameters.push_states(rows[at:], state.epoch), parameters.flush()]
     yield rows[at:], np.vstack(points)
 
@@ -221,6 +248,27 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
     if pipeline.state.realignments:
         times = pipeline.state.realignments
         found.append(f"the filter aligned anew {times} times after gaps or contradictions")
+    return found
+
+
+def manoeuvre_notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
+    """Manoeuvres of which nothing could be used, each with the reason."""
+    epoch, found = pipeline.state.epoch, []
+    if epoch is None:
+        return []
+    states = manoeuvre_at(body.recording.samples, nanoseconds(writer.state_times, epoch))
+    points = manoeuvre_at(body.recording.samples, nanoseconds(writer.point_times, epoch))
+    for number, manoeuvre in enumerate(body.manoeuvres):
+        unused = f"the manoeuvre '{manoeuvre.segment.name}' gives nothing:"
+        if not np.any(states == number):
+            alone = StateEstimator(pipeline.state.aircraft, pipeline.state.options)
+            alone.push(manoeuvre.samples)
+            alone.flush()
+            found.append(f"{unused} {why_no_start(alone)}")
+        elif "control_surfaces" in body.recording.topics and not np.any(points == number):
+            speed, width = pipeline.state.aircraft.minimum_airspeed, 2.0 * pipeline.parameters.options.half_width
+            needed = f"no {width:g} s in it have states, controls and an airspeed above {speed:.1f} m/s"
+            found.append(f"{unused} {needed}")
     return found
 
 
@@ -268,7 +316,8 @@ def gap_notes(samples: Samples) -> list[str]:
     """Silences by kind of sample."""
     found = []
     for kind in Kind:
-        interval = np.diff(np.sort(samples.stamp[samples.kind == kind])) / NANOSECONDS
+        stamps = [np.sort(part.stamp[part.kind == kind]) for part in manoeuvres(samples)]
+        interval = np.concatenate([np.diff(one) for one in stamps]) / NANOSECONDS
         if len(interval):
             gaps = interval[interval > max(LONGEST_SILENCE, 10.0 * float(np.median(interval)))]
             if len(gaps):

@@ -7,6 +7,7 @@ samples → settings that the first step's likelihood prefers → reconstruction
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,10 +34,11 @@ def diagnose_flight(
     library: Sequence[Effect] = LIBRARY,
     replicas: int = COUNT,
     progress: Callable[[str, float], None] = lambda what, share: None,
+    names: Sequence[str] = (),
 ) -> FlightDiagnosis:
     """Diagnose a flight under the model of an aircraft file. Raises InputError when the flight is too short.
 
-    ``progress`` hears what is being done and its share from 0 to 1.
+    ``progress`` hears what is being done and its share from 0 to 1; ``names`` are those of manoeuvres that were joined.
     """
     progress("reconstruct the flight", 0.0)
     flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
@@ -59,6 +61,7 @@ def diagnose_flight(
         long_enough = f"{THRESHOLDS.least_time:g} s in flight without a gap, with motion about every axis, are"
         raise InputError(f"no stretch of this flight is long enough to be diagnosed: {long_enough}")
     result = diagnose(CandidateEvaluator(data), repeated, others, lambda share: progress("try the library", share))
+    data = replace(data, names=tuple(names))
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
 
 

@@ -26,7 +26,7 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Kind, Samples, fewer_manoeuvres
 
 Array = npt.NDArray[np.float64]
 
@@ -105,7 +105,9 @@ def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> It
 
 
 def stretch_of(flight: Reconstruction) -> Samples:
-    """Samples from shortly before the first point on, LONGEST at most."""
+    """Samples from shortly before the first point on, LONGEST at most; of manoeuvres so many, evenly chosen."""
+    if np.any(flight.samples.kind == Kind.SEAM):
+        return fewer_manoeuvres(flight.samples, LONGEST)
     begin = flight.epoch + int((flight.points[0, 0] - 10.0) * 1e9) if len(flight.points) else 0
     stamp = flight.samples.stamp
     return flight.samples[(stamp >= begin) & (stamp <= begin + int((LONGEST + 10.0) * 1e9))]

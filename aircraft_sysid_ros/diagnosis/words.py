@@ -119,7 +119,10 @@ class FlightDiagnosis:
         inside = np.isin(self.flight.block, finding.blocks)
         judged = np.isfinite(self.flight.measured[:, AXES.index(axis)])
         since = self.flight.begin
-        spans = ", ".join(f"{since + begin:.0f} to {since + end:.0f} s" for begin, end in _spans(finding.blocks))
+        spans = ", ".join(
+            f"{since + begin:.0f} to {since + end:.0f} s{self.flight.at_time(begin)}"
+            for begin, end in _spans(finding.blocks)
+        )
         words = unusual(self.flight, inside, judged)
         return f"{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
 

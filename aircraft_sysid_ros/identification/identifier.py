@@ -84,6 +84,15 @@ class Identifier:
         self._slot = -np.inf
         return samples
 
+    def begin_anew(self) -> Array:
+        """Another manoeuvre begins, by the same clock: what waits is used, what was learnt stays; returns new samples.
+
+        No window reaches across the pause, and nothing looks back across it.
+        """
+        samples = self.flush()
+        self.learning.restart_clock()
+        return samples
+
     # -- what comes in ------------------------------------------------------------------------------------------------
 
     def push_samples(self, samples: Samples, epoch: int | None, due: npt.NDArray[np.int64] | None = None) -> None:

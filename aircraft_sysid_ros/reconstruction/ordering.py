@@ -97,6 +97,10 @@ class TimeOrder:
             self._released_until = max(self._released_until, int(held.stamp[-1]))
             yield Released(held)
 
+    def begin_anew(self) -> None:
+        """Another manoeuvre by another clock, after ``flush``."""
+        self._clock, self._released_until, self._suspect = None, -_NEVER, None
+
     def _valid(self, samples: Samples) -> npt.NDArray[np.bool_]:
         needed = REQUIRED_VALUES[samples.kind]
         present = np.arange(samples.values.shape[1])[None, :] >= needed[:, None]

@@ -45,7 +45,7 @@ from aircraft_sysid_ros.reconstruction.state import (
 )
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.stuck_sensors import StuckSensors
-from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
+from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, concatenate, manoeuvres, samples_of
 
 Array = npt.NDArray[np.float64]
 
@@ -117,8 +117,14 @@ class StateEstimator:
     def push(self, samples: Samples) -> Array:
         """Take n samples in the order of arrival; returns rows (m, StateField.WIDTH), m >= 0.
 
-        Kinds that belong to the second step are passed over.
+        Kinds that belong to the second step are passed over; a SEAM between manoeuvres is ``begin_anew``.
         """
+        if np.any(samples.kind == Kind.SEAM):
+            first, *others = manoeuvres(samples)
+            rows = [self.push(first)]
+            for since, part in zip(samples.values[samples.kind == Kind.SEAM, 0].tolist(), others, strict=True):
+                rows += [self.begin_anew(since), self.push(part)]
+            return np.vstack(rows)
         samples = self._unscaled(self._still.without(samples[_USED[samples.kind]]))
         return self._collect(self.order.push(samples))
 
@@ -147,6 +153,28 @@ class StateEstimator:
     def flush(self) -> Array:
         """Process what is still held, at the end of a recording."""
         return self._collect(self.order.flush())
+
+    def begin_anew(self, since: float) -> Array:
+        """Another manoeuvre begins; returns the rows of what is still held.
+
+        ``since`` [s]: the time since the one before. In the same flight biases and wind are known from there, as well
+        as their random walks allow; after more than ``SAME_FLIGHT``, or NaN, nothing is. Counts, innovations and the
+        tape go on: they are of all manoeuvres.
+        """
+        rows = self.flush()
+        self.order.begin_anew()
+        self._still = StuckSensors(self.aircraft.minimum_airspeed)
+        self._alignment, self._setup, self._held = self._new_alignment(9.80665), None, None
+        self._aligned = False
+        if not since <= SAME_FLIGHT:
+            self._forget_slow_states()
+        elif self._has_biases:
+            self._p = self._p.copy()
+            walks = [self.aircraft.process_noise[name] for name in ("accelerometer_bias", "gyro_bias", "wind")]
+            for first, walk in zip((D_ACCELEROMETER_BIAS, D_GYRO_BIAS, D_AIR_VELOCITY), walks, strict=True):
+                each = np.arange(first, first + 3)
+                self._p[each, each] += walk**2 * since
+        return rows
 
     def smooth(self, with_covariance: bool = True) -> Array:
         """Rows of the whole flight (n, StateField.WIDTH), smoothed; after ``flush``. The newest does not change.

@@ -10,7 +10,6 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
-from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR
 from aircraft_sysid_ros.report.pyplot import pyplot
 
@@ -39,8 +38,9 @@ def comparison_figure(comparison: Comparison, path: str | Path, title: str) -> P
             residual.text(0.5, 0.5, comparison.reasons[name], ha="center", transform=residual.transAxes, fontsize=8)
         for plot in (both, residual):
             plot.grid(alpha=0.3)
-            for begin in flight.begin + np.arange(_SHOWN_FOLD * BLOCK, flight.time[-1], FOLDS * BLOCK):
-                plot.axvspan(begin, min(begin + BLOCK, time[-1]), color="#000000", alpha=0.05, lw=0)
+            for begin, end in flight.held_out_spans(_SHOWN_FOLD):
+                span = flight.begin + begin, min(flight.begin + end, time[-1])
+                plot.axvspan(*span, color="#000000", alpha=0.05, lw=0)
     plots[0, 0].set_title("measured and predicted; shaded: blocks that are held out together", loc="left")
     plots[0, 0].legend(loc="upper right", ncols=2, fontsize=8)
     plots[0, 1].set_title("held-out residual, two sigma of noise (green), worse (orange)", loc="left", fontsize=10)

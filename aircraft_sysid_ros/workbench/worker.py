@@ -119,7 +119,7 @@ class Desk:
         run = open_run(self.path)
         if run.samples is None:
             raise InputError(f"{self.path} holds no samples to diagnose from: replay the recording again")
-        found = diagnose_flight(run.current.aircraft, run.samples, progress=self.progress).json
+        found = diagnose_flight(run.current.aircraft, run.samples, progress=self.progress, names=run.manoeuvres).json
         result = {"model": run.current.identifier, **found, "file": str(run.path / DIAGNOSIS)}
         write_json(run.path / DIAGNOSIS, result)
         return str(found["advice"])

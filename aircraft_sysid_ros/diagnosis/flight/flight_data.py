@@ -21,12 +21,15 @@ from aircraft_sysid_ros.run_reader import UNREADABLE, not_a_run, read_points
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 POINTS, AIRCRAFT = "points.npz", "aircraft.yaml"
 #: Length [s] of the blocks that are held out together, and what is left out at the borders of each.
 BLOCK, GUARD = 5.0, 0.4
 FOLDS = 4
+#: So many manoeuvres are held out one by one, in place of blocks.
+LEAST_MANOEUVRES = 3
 _KEPT = 256
 
 
@@ -43,6 +46,8 @@ class FlightData:
     air_velocity_std: float = np.nan
     smoothed: bool = False  # by later measurements too
     sparse_interval: float = 0.0  # [s] between states where they are sparse (identification.coefficients.pace), else 0
+    manoeuvre: Integers | None = None  # (n,) number from 0 of the manoeuvre of each point; None: it is one flight
+    names: tuple[str, ...] = ()  # of the manoeuvres
     #: Newest columns by text: a search tries the same in several axes.
     _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -59,13 +64,49 @@ class FlightData:
         return float(np.median(known)) if len(known) else 0.0
 
     @cached_property
-    def block(self) -> npt.NDArray[np.int64]:
+    def block(self) -> Integers:
         """Number of the block (n,) that each point lies in."""
         return np.asarray(np.floor(self.time / BLOCK), dtype=np.int64)
 
     @cached_property
+    def by_manoeuvre(self) -> bool:
+        """Manoeuvres are held out one by one: there are enough of them."""
+        return self.manoeuvre is not None and len(np.unique(self.manoeuvre)) >= LEAST_MANOEUVRES
+
+    @cached_property
+    def fold(self) -> Integers:
+        """Number (n,) from 0 of what each point is held out with: its manoeuvre, or every fourth block."""
+        if self.manoeuvre is not None and self.by_manoeuvre:
+            return np.asarray(np.unique(self.manoeuvre, return_inverse=True)[1])
+        return self.block % FOLDS
+
+    @property
+    def folds(self) -> int:
+        """How many parts take turns at being held out."""
+        return int(self.fold.max()) + 1 if self.by_manoeuvre else FOLDS
+
+    def held_out_spans(self, fold: int) -> list[tuple[float, float]]:
+        """Times [s], from and to, of the points that are held out together."""
+        if self.by_manoeuvre:
+            inside = self.time[self.fold == fold]
+            return [(float(inside[0]), float(inside[-1]))]
+        return [(float(t), float(t) + BLOCK) for t in np.arange(fold * BLOCK, self.time[-1], FOLDS * BLOCK)]
+
+    def at_time(self, time: float) -> str:
+        """Words that name the manoeuvre of a time [s], with a space before them; empty for one flight."""
+        if self.manoeuvre is None or not len(self.time):
+            return ""
+        number = int(self.manoeuvre[min(int(np.searchsorted(self.time, time)), len(self.time) - 1)])
+        return f" ({self.names[number] if number < len(self.names) else f'manoeuvre {number + 1}'})"
+
+    @cached_property
     def guarded(self) -> Mask:
-        """Points (n,) near a border of a block: neither fitted nor judged, since residuals are coloured."""
+        """Points (n,) near a border of a block: neither fitted nor judged, since residuals are coloured.
+
+        Between manoeuvres there is a pause, which is longer.
+        """
+        if self.by_manoeuvre:
+            return np.zeros(len(self.time), np.bool_)
         phase = np.mod(self.time, BLOCK)
         return np.asarray((phase < 0.5 * GUARD) | (phase > BLOCK - 0.5 * GUARD))
 

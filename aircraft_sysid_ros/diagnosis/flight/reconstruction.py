@@ -8,6 +8,7 @@ were in the flight, and the wind walks as much as it did (``as_flown``); all els
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,8 +27,8 @@ from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_G
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
+from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, flights, is_absurd, manoeuvre_at
 
 Array = npt.NDArray[np.float64]
 
@@ -64,7 +65,20 @@ class Reconstruction:
     def data(self) -> FlightData:
         """What the fits read."""
         data = flight_data_of(with_sparse_rates(self.aircraft, self.samples), self.points)
-        return replace(data, sparse_interval=sparse_interval(self.samples))
+        several = np.any(self.samples.kind == Kind.SEAM)
+        number = self.manoeuvre_at(self.points[:, CoefficientSample.TIME]) if several else None
+        return replace(data, sparse_interval=sparse_interval(self.samples), manoeuvre=number)
+
+    def manoeuvre_at(self, time: Array) -> npt.NDArray[np.int64]:
+        """Number (n,) from 0 of the manoeuvre at times [s]."""
+        return manoeuvre_at(self.samples, nanoseconds(time, self.epoch))
+
+    @property
+    def rows_of_manoeuvres(self) -> Iterator[tuple[int, npt.NDArray[np.int64]]]:
+        """Number of each manoeuvre that has states, and which rows are of it."""
+        numbers = self.manoeuvre_at(self.rows[:, StateField.TIME])
+        for number in np.unique(numbers).tolist():
+            yield number, np.flatnonzero(numbers == number)
 
 
 def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = True) -> Reconstruction:
@@ -72,9 +86,8 @@ def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = Tr
 
     Without the covariance of the smoother it is faster, and standard deviations are those of the filter.
     """
-    tape = SmootherHistory()
-    state, parameters = StateEstimator(aircraft, tape=tape), Identifier(aircraft)
-    filtered = [rows[:, StateField.AIR_VELOCITY_STD].copy() for rows in (state.push(samples), state.flush())]
+    state, parameters = StateEstimator(aircraft), Identifier(aircraft)
+    filtered = [rows[:, StateField.AIR_VELOCITY_STD].copy() for rows in _filtered_rows(state, samples)]
     if state.epoch is None or not state.has_been_aligned:
         raise InputError("the filter does not start on the samples of this flight: replay says why")
     rows = np.array(state.smooth(with_covariance))
@@ -82,6 +95,25 @@ def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = Tr
     points = [parameters.push_states(rows, state.epoch), parameters.flush()]
     gusts = float(state.memory.wind_walk[0])
     return Reconstruction(aircraft, samples, rows, state.epoch, np.vstack(points), gusts, np.concatenate(filtered))
+
+
+def _filtered_rows(state: StateEstimator, samples: Samples) -> Iterator[Array]:
+    """What the filter makes of all samples, with a tape of it.
+
+    A flight of several manoeuvres is filtered twice, the second time from the biases that its end knows: a manoeuvre
+    of some seconds says little of them, and each would have its own.
+    """
+    tape = SmootherHistory()
+    for number, flight in enumerate(flights(samples)):
+        if number:
+            yield state.begin_anew(np.nan)
+        if np.any(flight.kind == Kind.SEAM):
+            state.tape = None
+            state.push(flight)
+            state.begin_anew(0.0)
+        state.tape = tape
+        yield state.push(flight)
+    yield state.flush()
 
 
 def fit_sensor_noise(aircraft: Aircraft, samples: Samples) -> Aircraft:
@@ -176,17 +208,22 @@ def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:
 
 
 def settled_flight(made: Reconstruction) -> FlightData:
-    """The flight from when the filter has settled, with what is said of its air data.
+    """The flight, or each of its manoeuvres, from when the filter has settled, with what is said of its air data.
 
     It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is.
     """
-    std = made.filter_std
-    settled = made.rows[int(np.argmax(std < THRESHOLDS.settled * float(np.nanmedian(std)))), StateField.TIME]
-    times = made.points[:, CoefficientSample.TIME]
-    keep = times >= settled
-    for begin, end in given_up(made.rows):
-        keep &= (times < begin) | (times > end)
-    data = made.data
+    data, times = made.data, made.points[:, CoefficientSample.TIME]
+    number = np.zeros(len(times), np.int64) if data.manoeuvre is None else data.manoeuvre
+    limit = THRESHOLDS.settled * float(np.nanmedian(made.filter_std))
+    keep = np.zeros(len(times), np.bool_)
+    for each, at in made.rows_of_manoeuvres:
+        known = made.filter_std[at] < limit
+        if not known.any() and data.manoeuvre is not None:
+            continue
+        inside = (number == each) & (times >= made.rows[at[np.argmax(known)], StateField.TIME])
+        for begin, end in given_up(made.rows[at]):
+            inside &= (times < begin) | (times > end)
+        keep |= inside
     return replace(
         data,
         time=data.time[keep],
@@ -194,6 +231,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
         signals=data.signals[keep],
         air_velocity_std=float(np.nanmedian(made.rows[:, StateField.AIR_VELOCITY_STD])),
         smoothed=True,
+        manoeuvre=None if data.manoeuvre is None else data.manoeuvre[keep],
     )
 
 
@@ -205,6 +243,18 @@ def given_up(rows: Array) -> list[tuple[float, float]]:
         if np.ptp(rows[lately, StateField.REJECTED]) > _MOST_REJECTED:
             stretches.append((float(time[last] - THRESHOLDS.wrong_for), float(time[last])))
     return stretches
+
+
+def repeated_rows(made: Reconstruction, longest: float) -> list[Array]:
+    """Rows that stand for the flight, ``longest`` [s] at most: its longest stretch without a gap.
+
+    Of several manoeuvres, that of each, or of every second, third, … of them.
+    """
+    parts = [flying(made.rows[at], made.aircraft.minimum_airspeed) for _, at in made.rows_of_manoeuvres]
+    parts = [rows for rows in parts if len(rows) > 1 and np.ptp(rows[:, StateField.TIME]) > SHORTEST]
+    total = sum(float(np.ptp(rows[:, StateField.TIME])) for rows in parts)
+    parts = parts[:: max(int(np.ceil(total / longest)), 1)]
+    return [rows[rows[:, StateField.TIME] <= rows[0, StateField.TIME] + longest] for rows in parts]
 
 
 def flying(rows: Array, minimum_airspeed: float) -> Array:

@@ -39,7 +39,15 @@ from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.run_data import RunData, load_run, load_run_aircraft
-from aircraft_sysid_ros.run_reader import PARAMETERS, SAMPLES, UNREADABLE, not_a_run, read_parameters, read_points
+from aircraft_sysid_ros.run_reader import (
+    PARAMETERS,
+    SAMPLES,
+    UNREADABLE,
+    not_a_run,
+    read_parameters,
+    read_points,
+    read_state,
+)
 from aircraft_sysid_ros.samples import Samples
 
 MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
@@ -90,6 +98,14 @@ class Run:
     current: Version
     samples: Samples | None
 
+    @property
+    def manoeuvres(self) -> tuple[str, ...]:
+        """Names of the manoeuvres that were joined; none where it is one flight."""
+        try:
+            return tuple(str(each["name"]) for each in read_state(self.path).get("manoeuvres", ()))
+        except UNREADABLE:  # said of that file
+            return ()
+
     def flight(self, aircraft: Aircraft | None = None) -> FlightData:
         """The flight as the sensor settings of an aircraft file see it, by default those of the current version.
 
@@ -110,7 +126,7 @@ class Run:
             check_flight(str(self.path), made.data, self.samples)
             flight, first = settled_flight(made), made.epoch + int(1e9 * made.points[0, CoefficientSample.TIME])
         seen = aircraft if self.samples is None else with_sparse_rates(aircraft, self.samples)
-        return replace(flight, aircraft=seen), first - int(1e9 * flight.begin)
+        return replace(flight, aircraft=seen, names=self.manoeuvres), first - int(1e9 * flight.begin)
 
 
 def open_run(path: str | Path) -> Run:

@@ -1,9 +1,10 @@
-"""Least squares of one axis, judged on blocks of time that the fit did not see.
+"""Least squares of one axis, judged on blocks of time, or on manoeuvres, that the fit did not see.
 
 Model: ``C(k) = x(k)' theta + e(k)``, (4.1) with the estimate (4.6); e is coloured, since windows overlap and the
 state that the regressors are made of is filtered. Blocks of FlightData take turns at being held out: block b is
 predicted by parameters from the blocks of the other folds (b modulo FOLDS). Points near a border of a block are
-neither fitted nor judged, or the colour of e would tell the one side of the other.
+neither fitted nor judged, or the colour of e would tell the one side of the other. Of a body of manoeuvres each is
+held out in turn, whole.
 
 All is done in an orthonormal basis of the regressors (QR of the scaled columns, then singular values): with
 W = [w_1 … w_r], W'W = I, the normal matrix of a training set is I - sum over held-out blocks of W_b'W_b, and one
@@ -20,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.flight.flight_data import FOLDS, FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
 
@@ -103,8 +104,8 @@ class AxisFit:
         self._starts = np.flatnonzero(np.diff(numbers, prepend=-1))
         self.blocks: Integers = numbers[self._starts]
         self.count: Integers = np.diff(np.append(self._starts, len(numbers)))
-        self.fold: Integers = self.blocks % FOLDS
-        self._row_fold = numbers % FOLDS
+        self._row_fold: Integers = flight.fold[self.rows]
+        self.fold: Integers = self._row_fold[self._starts]
         self.spread = float(np.std(self.y))
         self._factor()
 
@@ -117,7 +118,7 @@ class AxisFit:
         if empty.any():
             name = self.names[int(np.argmax(empty))]
             raise InputError(f"{axis} cannot be fitted: {name} reads a signal that this flight does not have")
-        count, folds = int(self.rows.sum()), np.unique(self.flight.block[self.rows] % FOLDS)
+        count, folds = int(self.rows.sum()), np.unique(self.flight.fold[self.rows])
         if count < LEAST_POINTS * self.columns.shape[1] or len(folds) < 2:
             raise InputError(f"{axis} cannot be fitted: it has {count} points, too few for {len(self.names)} terms")
 
@@ -140,7 +141,7 @@ class AxisFit:
         return np.add.reduceat(products, self._starts, axis=0).reshape(len(self._starts), a.shape[1], b.shape[1])
 
     def _by_fold(self, sums: Array) -> Array:
-        out = np.zeros((FOLDS, *sums.shape[1:]))
+        out = np.zeros((self.flight.folds, *sums.shape[1:]))
         np.add.at(out, self.fold, sums)
         return out
 
@@ -149,7 +150,7 @@ class AxisFit:
     def _held_out(
         self, gram: Array, moment: Array, square: Array, full: Array, transform: Array
     ) -> tuple[Array, Array]:
-        """Held-out sums of squares (B,), and the parameters (FOLDS, r) that predicted minus those from all points.
+        """Held-out sums of squares (B,), and the parameters (folds, r) that predicted minus those from all points.
 
         gram (B, r, r), moment (B, r) and square (B,) are sums of products of an orthonormal basis and of the
         residuals from all points, whose moments sum to zero; full (r,) are the parameters from all points, and
@@ -311,8 +312,9 @@ def held_out_error(flight: FlightData, axis: str) -> float:
     """The held-out error of the model of a flight in one axis [-], the one that every command and page shows.
 
     Least squares on the terms of the model, no more and no fewer, on three of the four groups of blocks in turn,
-    judged on the fourth; an NRMSE over all points at which the coefficient and the terms have values. Raises
-    InputError where it has no data. docs/compare.md says what the flight is.
+    judged on the fourth (of a body of manoeuvres, on all but one, judged on that one); an NRMSE over all points at
+    which the coefficient and the terms have values. Raises InputError where it has no data. docs/compare.md says what
+    the flight is.
     """
     return fit_axis(flight, axis).nrmse_held_out
 

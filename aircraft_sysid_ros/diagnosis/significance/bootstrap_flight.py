@@ -28,8 +28,9 @@ from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.signals import fill_signals
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.samples import Kind, Samples
-from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, arrived, generator, measure
+from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate, manoeuvre_at, samples_of
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, arrived, generator, measure, stamps_of
 from aircraft_sysid_ros.sensors.truth import Truth
 
 Array = npt.NDArray[np.float64]
@@ -49,6 +50,7 @@ class FlightConditions:
     truth: Truth
     excess: Array  # (n, 6) C of the motion minus C of the model, at truth.time
     kinds: tuple[int, ...]  # of samples that the flight has
+    spans: tuple[tuple[float, float, float], ...]  # [s] of the world in which it is flown, and since when after another
 
     def samples(self, seed: int) -> Samples:
         """What the sensors of the flight would have sent, with the noise of one seed."""
@@ -62,7 +64,17 @@ class FlightConditions:
         )
         streams, _ = measure(self.sensing, self.truth, seed, options)
         samples = arrived(streams)
-        return samples[np.isin(samples.kind, self.kinds)]
+        samples = samples[np.isin(samples.kind, self.kinds)]
+        return samples if len(self.spans) == 1 else self._in_manoeuvres(samples)
+
+    def _in_manoeuvres(self, samples: Samples) -> Samples:
+        """Samples of the manoeuvres, without what sensors with a delay show of the pauses; a seam before each."""
+        delay, parts = max(sensor.delay for sensor in self.sensing.sensors.values()), []
+        for begin, end, since in self.spans:
+            first, last = stamps_of([begin + delay, end])
+            inside = samples[(samples.stamp >= first) & (samples.stamp <= last)]
+            parts += [samples_of(Kind.SEAM, [first - 1], [since]), inside]
+        return concatenate(parts[1:])
 
     def excess_at(self, times: Array, half_width: float, seen: Array | None = None) -> Array:
         """The excess (m, 6) at times [s] of the world, averaged as measured coefficients are.
@@ -83,7 +95,7 @@ class FlightConditions:
 
 def world_of(
     aircraft: Aircraft,
-    rows: Array,
+    stretches: list[Array],
     samples: Samples,
     epoch: int,
     parameters: Array,
@@ -92,19 +104,16 @@ def world_of(
 ) -> FlightConditions:
     """The world of a flight.
 
-    rows (n, StateField.WIDTH) smoothed states in flight without a gap, samples of the flight and the epoch [ns] of the
-    rows' time, parameters (p,) of the aircraft's model, gusts: random walk of the wind [m/s per sqrt(s)] that the
-    reconstruction found. The seed draws the gusts that it could not follow.
+    stretches, each (n, StateField.WIDTH): smoothed states in flight without a gap, of a manoeuvre each; samples of the
+    flight and the epoch [ns] of the rows' time; parameters (p,) of the aircraft's model; gusts: random walk of the wind
+    [m/s per sqrt(s)] that the reconstruction found. The seed draws the gusts that it could not follow.
     """
-    time = np.arange(rows[0, StateField.TIME], rows[-1, StateField.TIME], 1.0 / RATE)
-    on_grid = _resampled(rows, time)
-    quaternion = on_grid[:, StateField.ATTITUDE]
-    quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    rows = np.vstack(stretches)
     motion_band = min(MOTION_BAND, KNOWN_SHARE / float(np.median(np.diff(rows[:, StateField.TIME]))))
-    rates = low_passed(on_grid[:, StateField.ANGULAR_VELOCITY], motion_band)
-    turning = np.gradient(rates, 1.0 / RATE, axis=0)
+    moved = [_motion(stretch, motion_band) for stretch in stretches]
+    time, on_grid, rates, turning, force = (np.concatenate(parts) for parts in zip(*moved, strict=True))
+    quaternion = on_grid[:, StateField.ATTITUDE]
     arm = aircraft.imu_position
-    force = low_passed(on_grid[:, StateField.SPECIFIC_FORCE], motion_band)
     force = force - np.cross(turning, arm) - np.cross(rates, np.cross(rates, arm))
     sensing = with_recorded_rates(aircraft, samples)
     band = gust_band(sensing, float(np.mean(rows[:, StateField.AIRSPEED])), gusts)
@@ -119,14 +128,17 @@ def world_of(
     world_rows[:, StateField.AIRSPEED : StateField.SIDESLIP + 1] = flow
     controls = _series(samples, Kind.CONTROLS, 7, time, epoch)
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
-    altitude = on_grid[:, StateField.ORIGIN.stop - 1] - on_grid[:, StateField.POSITION.stop - 1]
+    origins = on_grid[:, StateField.ORIGIN.stop - 1]
+    position = on_grid[:, StateField.POSITION].copy()
+    position[:, 2] += origins[0] - origins  # each manoeuvre has its own
+    altitude = origins - on_grid[:, StateField.POSITION.stop - 1]
     height = _series(samples, Kind.HEIGHT, 1, time, epoch)[:, 0]
     ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(np.min(altitude))
     height = np.where(np.isfinite(height), height, altitude - ground)
     coefficients = _coefficients(aircraft, force, rates, turning, flow[:, 0], on_grid[:, StateField.AIR_DENSITY])
     truth = Truth(
         time=time - time[0],
-        position=on_grid[:, StateField.POSITION],
+        position=position,
         velocity=velocity,
         quaternion=quaternion,
         rates=rates,
@@ -146,7 +158,31 @@ def world_of(
     )
     model = _model_coefficients(aircraft, world_rows, controls, height, parameters)
     kinds = tuple(int(kind) for kind in np.unique(samples.kind))
-    return FlightConditions(aircraft, sensing, truth, coefficients - model, kinds)
+    spans = _spans([part[0] for part in moved], samples, epoch)
+    return FlightConditions(aircraft, sensing, truth, coefficients - model, kinds, spans)
+
+
+def _motion(rows: Array, band: float) -> tuple[Array, Array, Array, Array, Array]:
+    """One stretch on the grid of the world: time (n,), rows (n, StateField.WIDTH), angular velocity and acceleration
+    (n, 3), and specific force (n, 3) at the place of the IMU, without what is faster than ``band`` [Hz].
+    """
+    time = np.arange(rows[0, StateField.TIME], rows[-1, StateField.TIME], 1.0 / RATE)
+    on_grid = _resampled(rows, time)
+    quaternion = on_grid[:, StateField.ATTITUDE]
+    on_grid[:, StateField.ATTITUDE] = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    rates = low_passed(on_grid[:, StateField.ANGULAR_VELOCITY], band)
+    turning = np.gradient(rates, 1.0 / RATE, axis=0)
+    return time, on_grid, rates, turning, low_passed(on_grid[:, StateField.SPECIFIC_FORCE], band)
+
+
+def _spans(times: list[Array], samples: Samples, epoch: int) -> tuple[tuple[float, float, float], ...]:
+    """From and to [s] of the world of each stretch, and how long [s] after the one before it was flown, or NaN."""
+    seams = np.concatenate([[np.nan], samples.values[samples.kind == Kind.SEAM, 0]])
+    numbers = manoeuvre_at(samples, nanoseconds(np.array([time[0] for time in times]), epoch))
+    return tuple(
+        (float(time[0] - times[0][0]), float(time[-1] - times[0][0]), float(seams[number]))
+        for time, number in zip(times, numbers, strict=True)
+    )
 
 
 def low_passed(series: Array, band: float) -> Array:

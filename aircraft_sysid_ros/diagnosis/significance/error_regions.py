@@ -60,12 +60,13 @@ class Place:
     excess: float  # rms residual there over the noise
     p_value: float
     is_cell: bool
+    manoeuvre: str = ""  # in brackets, where there are several
 
     @property
     def text(self) -> str:
         """In words, such as "C_Z, 62 to 71 s, alpha above 11 deg"."""
         digits = 0 if self.t_end - self.t_start >= 2.0 else 1
-        time = f"{self.t_start:.{digits}f} to {self.t_end:.{digits}f} s"
+        time = f"{self.t_start:.{digits}f} to {self.t_end:.{digits}f} s{self.manoeuvre}"
         parts = [f"{self.axis[0]}_{self.axis[1]}", *([self.conditions] if self.is_cell else [time, self.conditions])]
         return ", ".join(part for part in parts if part)
 
@@ -94,7 +95,7 @@ def failing_places(flight: FlightData, axis: str, residual: Array, std: Array, s
     if not judged.any():
         return []
     share = independent_share(z, flight.step)
-    stretches, tried = _stretches(flight.time, z)
+    stretches, tried = _stretches(flight.time, z, bridged=flight.manoeuvre is None)
     envelope = list(cells(flight, judged))
     tried += len(envelope)
     found: list[tuple[str, Place]] = []  # with the signal of a cell
@@ -106,7 +107,9 @@ def failing_places(flight: FlightData, axis: str, residual: Array, std: Array, s
             begin, end = (float(t) + flight.begin for t in flight.time[inside][[0, -1]])
             nrmse = float(np.sqrt(np.mean(residual[inside] ** 2))) / spread
             words = words or unusual(flight, inside, judged)
-            found.append((signal, Place(axis, begin, end, words, nrmse, np.sqrt(square), p_value, bool(signal))))
+            name = "" if signal else flight.at_time(float(flight.time[inside][0]))
+            place = Place(axis, begin, end, words, nrmse, np.sqrt(square), p_value, bool(signal), name)
+            found.append((signal, place))
     return _listed(found)
 
 
@@ -122,17 +125,19 @@ def _listed(found: list[tuple[str, Place]]) -> list[Place]:
     return sorted(listed, key=lambda place: -place.nrmse)
 
 
-def _stretches(time: Array, z: Array) -> tuple[list[Mask], int]:
+def _stretches(time: Array, z: Array, bridged: bool) -> tuple[list[Mask], int]:
     """Stretches of time (masks of judged points) that are worse than the flight as a whole, and how many were tried.
 
     The stretch with the largest sum of what exceeds that is found, then those in what is left before and after it
-    (Ruzzo and Tompa 1999).
+    (Ruzzo and Tompa 1999). Unless ``bridged``, no stretch reaches over a piece without points.
     """
     piece = np.asarray(np.floor(time / _PIECE), dtype=np.int64)
     judged = np.isfinite(z)
     usual = max(THRESHOLDS.failing**2, float(np.mean(z[judged] ** 2)))
     excess = np.where(judged, z**2 - usual, 0.0)
     score = np.asarray(np.bincount(piece, excess, minlength=int(piece[-1]) + 1), dtype=np.float64)
+    if not bridged:
+        score[np.bincount(piece, minlength=len(score)) == 0] = -np.inf
     waiting, found = [(0, len(score))], []
     while waiting:
         low, high = waiting.pop()

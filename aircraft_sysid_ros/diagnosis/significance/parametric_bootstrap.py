@@ -11,7 +11,12 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, flying, reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
+    Reconstruction,
+    reconstruct,
+    repeated_rows,
+    settled_flight,
+)
 from aircraft_sysid_ros.diagnosis.processes import worker_pool
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
@@ -26,7 +31,7 @@ from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 
 Array = npt.NDArray[np.float64]
 
-#: Replicas of a flight, and the longest stretch [s] of it that they repeat.
+#: Replicas of a flight, and how much [s] of it they repeat.
 COUNT, LONGEST = 5, 300.0
 
 
@@ -57,13 +62,12 @@ def replicas_of(
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Replica]:
     """``count`` replicas; fewer where the filter does not start on one. Their seeds are 0, 1, …."""
-    rows = flying(flight.rows, flight.aircraft.minimum_airspeed)
-    rows = rows[rows[:, StateField.TIME] <= rows[0, StateField.TIME] + LONGEST] if len(rows) else rows
-    if not len(rows) or np.ptp(rows[:, StateField.TIME]) < THRESHOLDS.least_time:
+    stretches = repeated_rows(flight, LONGEST)
+    if sum(float(np.ptp(rows[:, StateField.TIME])) for rows in stretches) < THRESHOLDS.least_time:
         return []
     results: list[Replica] = []
     parameters = fitted_parameters(settled_flight(flight))
-    arguments = [(flight, rows, parameters, library, seed) for seed in range(count)]
+    arguments = [(flight, stretches, parameters, library, seed) for seed in range(count)]
     workers = min(count, len(os.sched_getaffinity(0)))
     with worker_pool(workers) as pool:
         for number, replica in enumerate(pool.map(_replica, arguments), 1):
@@ -73,10 +77,10 @@ def replicas_of(
     return results
 
 
-def _replica(arguments: tuple[Reconstruction, Array, Array, Sequence[Effect], int]) -> Replica | None:
+def _replica(arguments: tuple[Reconstruction, list[Array], Array, Sequence[Effect], int]) -> Replica | None:
     """One replica, in a process of its own."""
-    flight, rows, parameters, library, seed = arguments
-    world = world_of(flight.aircraft, rows, flight.samples, flight.epoch, parameters, flight.gusts, seed)
+    flight, stretches, parameters, library, seed = arguments
+    world = world_of(flight.aircraft, stretches, flight.samples, flight.epoch, parameters, flight.gusts, seed)
     try:
         again = reconstruct(world.aircraft, world.samples(seed), with_covariance=False)
         bench = CandidateEvaluator(without_excess(world, again))

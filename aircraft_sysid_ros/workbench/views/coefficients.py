@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import AxisComparison, Comparison
-from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS, FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, figure, line, span_of, thinned
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
 
@@ -102,7 +102,7 @@ def coefficient_figure(
         found = comparison.axes[name]
         data += _noise_band(found, time, window, theme)
         data += _model(found, time, window, theme.predicted, theme.residual, "predicted")
-    split, held_out = _RESIDUAL, _held_out(window, comparison.flight.begin)
+    split, held_out = _RESIDUAL, _held_out(comparison.flight)
     return figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
@@ -134,11 +134,9 @@ def _noise_band(found: AxisComparison, time: Array, window: Span, theme: Theme) 
     ]
 
 
-def _held_out(window: Span, start: float) -> list[Span]:
-    """Blocks that are held out together."""
-    period = FOLDS * BLOCK
-    first = start + np.floor((window[0] - start) / period) * period + _SHOWN_FOLD * BLOCK
-    return [(float(begin), float(begin) + BLOCK) for begin in np.arange(first, window[1], period)]
+def _held_out(flight: FlightData) -> list[Span]:
+    """What is held out together."""
+    return [(flight.begin + begin, flight.begin + end) for begin, end in flight.held_out_spans(_SHOWN_FOLD)]
 
 
 def bands(spans: Sequence[Span], window: Span, colour: str) -> list[dict[str, Any]]:
