@@ -12,7 +12,7 @@ from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
-from aircraft_sysid_ros.samples import Kind, Samples, manoeuvres
+from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvres
 
 Array = npt.NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class Pipeline:
         stays; returns what was held back.
         """
         rows = self.state.begin_anew(since)
-        points = [self.parameters.push_states(rows, self.state.epoch), self.parameters.begin_anew()]
+        points = [self.parameters.push_states(rows, self.state.epoch), self.parameters.begin_anew(since <= SAME_FLIGHT)]
         return rows, np.vstack(points)
 
     def flush(self) -> tuple[Array, Array]:

@@ -42,7 +42,7 @@ from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import Recording
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 from aircraft_sysid_ros.run_writer import RunWriter
-from aircraft_sysid_ros.samples import Kind, Samples, manoeuvre_at, manoeuvres
+from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvre_at, manoeuvres
 
 Array = npt.NDArray[np.float64]
 
@@ -214,12 +214,12 @@ def smoothed(pipeline: Pipeline, blocks: list[Samples], watched: Iterable[Sample
     for block, (count, epoch) in zip(blocks, portions, strict=True):
         new, at = rows[at : at + count], at + count
         if len(block) and block.kind[0] == Kind.SEAM:
-            yield new, np.vstack([parameters.push_states(new, epoch), parameters.begin_anew()])
+            points = [parameters.push_states(new, epoch), parameters.begin_anew(block.values[0, 0] <= SAME_FLIGHT)]
+            yield new, np.vstack(points)
         else:
             parameters.push_samples(block, epoch)
             yield new, parameters.push_states(new, epoch)
-    points = [parameters.push_states(rows[at:], state.epoch), parameters.flush()]
-    yield rows[at:], np.vstack(points)
+    yield rows[at:], np.vstack([parameters.push_states(rows[at:], state.epoch), parameters.flush()])
 
 
 def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
@@ -269,6 +269,12 @@ def manoeuvre_notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[s
             speed, width = pipeline.state.aircraft.minimum_airspeed, 2.0 * pipeline.parameters.options.half_width
             needed = f"no {width:g} s in it have states, controls and an airspeed above {speed:.1f} m/s"
             found.append(f"{unused} {needed}")
+    seams = body.recording.samples.values[body.recording.samples.kind == Kind.SEAM, 0]
+    if apart := int(np.sum(~(seams <= SAME_FLIGHT))):
+        found.append(
+            f"{apart} of {len(body.manoeuvres)} manoeuvres begin without the IMU biases that the one before has found, "
+            f"since their stamps overlap or are more than {SAME_FLIGHT / 3600.0:g} h apart: forces are known worse for it"
+        )
     return found
 
 

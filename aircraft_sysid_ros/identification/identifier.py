@@ -84,13 +84,13 @@ class Identifier:
         self._slot = -np.inf
         return samples
 
-    def begin_anew(self) -> Array:
+    def begin_anew(self, same_flight: bool) -> Array:
         """Another manoeuvre begins, by the same clock: what waits is used, what was learnt stays; returns new samples.
 
-        No window reaches across the pause, and nothing looks back across it.
+        No window reaches across the pause, and nothing looks back across it. What errors are usual is of one flight.
         """
         samples = self.flush()
-        self.learning.restart_clock()
+        self.learning.begin_anew(same_flight)
         return samples
 
     # -- what comes in ------------------------------------------------------------------------------------------------

@@ -117,6 +117,18 @@ class Learning:
         self.changes.restart_clock()
         self.integrity.restart()
 
+    def begin_anew(self, same_flight: bool) -> None:
+        """Another manoeuvre begins: what was learnt stays, or what was known before it was held."""
+        if not same_flight:
+            holds = enumerate(self.integrity.holds)
+            self._restore([Restore(axis, hold.good) for axis, hold in holds if hold is not None and hold.good])
+        self.restart_clock()
+        if not same_flight:
+            self.changes.forget()
+            count = self.integrity.count
+            self.integrity.adopt(self.aircraft)
+            self.integrity.count = count
+
     # -- samples in ---------------------------------------------------------------------------------------------------
 
     def learn(self, batch: CoefficientBatch) -> None:

@@ -114,13 +114,17 @@ def _check_twice(given: Sequence[Path]) -> None:
 
 def _joined(recordings: Mapping[Path, Recording], kept: Sequence[Manoeuvre], notes: Sequence[str]) -> Body:
     samples, offsets = joined([m.samples for m in kept])
-    counts: list[Counter[str]] = [Counter(), Counter(), Counter()]
-    for recording in recordings.values():
-        for total, count in zip(counts, (recording.topics, recording.ignored, recording.skipped), strict=True):
-            total.update(count)
-    topics, ignored, skipped = map(dict, counts)
+    topics: Counter[str] = Counter()  # messages in the manoeuvres, by their share of the time
+    ignored: Counter[str] = Counter()
+    skipped: Counter[str] = Counter()
+    for path, recording in recordings.items():
+        time = sum(m.duration for m in kept if m.segment.recording == path)
+        share = min(time / max(_length(recording.samples), 1e-9), 1.0)
+        topics.update({topic: round(share * count) for topic, count in recording.topics.items()})
+        ignored.update(recording.ignored)
+        skipped.update(recording.skipped)
     first = next(iter(recordings.values()))
-    body = Recording(first.path, samples, topics, ignored, skipped, samples.stamp, tuple(notes))
+    body = Recording(first.path, samples, dict(topics), dict(ignored), dict(skipped), samples.stamp, tuple(notes))
     return Body(body, tuple(replace(m, offset=o) for m, o in zip(kept, offsets, strict=True)))
 
 

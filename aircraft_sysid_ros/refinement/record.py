@@ -222,7 +222,6 @@ def _outputs(
     rates = _mean(rows[:, StateField.ANGULAR_VELOCITY] + rows[:, StateField.GYRO_BIAS], first, every)
     y[:, GYRO : GYRO + 3] = sharpened(rates, time, every)
     row_time = rows[:, StateField.TIME]
-    origin = rows[first[0], StateField.ORIGIN].copy()
 
     def put(kind: Kind, at: int, found: Array, reference: Array | None) -> None:
         """Mean of the samples (m, k) at each grid time, carried there along the reference (rows, k)."""
@@ -242,7 +241,9 @@ def _outputs(
         return values[kinds == kind, :width].copy()
 
     geodetic = of(Kind.GPS_POSITION, 3)
-    position = np.array([ned_from_geodetic(g[0], g[1], g[2], origin) for g in geodetic]).reshape(-1, 3)
+    at, _ = _nearest(row_time, times[kinds == Kind.GPS_POSITION], longest_step)
+    origins = rows[at, StateField.ORIGIN]  # a manoeuvre has its own
+    position = np.array([ned_from_geodetic(*g, o) for g, o in zip(geodetic, origins, strict=True)]).reshape(-1, 3)
     put(Kind.GPS_POSITION, GPS_POSITION, position, rows[:, StateField.POSITION])
     put(Kind.GPS_VELOCITY, GPS_VELOCITY, of(Kind.GPS_VELOCITY, 3), rows[:, StateField.VELOCITY])
     for kind, at, column in (

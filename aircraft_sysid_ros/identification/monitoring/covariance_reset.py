@@ -74,6 +74,11 @@ class ChangeDetector:
         self.restart()
         self.since[:] = -np.inf
 
+    def forget(self) -> None:
+        """Another flight: which errors are usual is still to be seen."""
+        for axis in range(len(AXES)):
+            self.monitor.forget(axis)
+
     def alarms(self) -> list[tuple[str, float, int]]:
         """Axes that have changed: when last [s of flight], and how often."""
         known = np.flatnonzero(np.isfinite(self.times))  # not those that have been undone

@@ -362,7 +362,7 @@ class IntegrityMonitor:
         """Whether the record of a surface of the axis stopped when the trouble began, and still stands; notes which."""
         samples = self._history.since(0)
         times = samples[:, _TIME]
-        for surface in SURFACES:
+        for surface in SURFACES if len(samples) else ():  # none yet after a restart
             if surface not in self.model.terms[AXES[axis]]:
                 continue
             record = samples[:, CoefficientSample.SIGNALS.start + SIGNAL_INDEX[surface]]
