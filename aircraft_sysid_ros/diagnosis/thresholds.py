@@ -21,11 +21,13 @@ class Thresholds:
     # -- the flight
     shortest: float = _of(
         20.0,
-        "Flight [s] from which anything is said: a block of 5 s in each of the four groups that take turns.",
+        "Flight [s] from which anything is said, of many manoeuvres in all: a block of 5 s in each of the four groups",
+        "that take turns.",
     )
     least_time: float = _of(
         10.0,
-        "Flight without a gap [s] that replicas can repeat: two blocks, one to fit and one to hold out.",
+        "Flight without a gap [s] that replicas can repeat, of many manoeuvres in all: two blocks, one to fit and one",
+        "to hold out.",
     )
     settled: float = _of(
         1.5,

@@ -233,6 +233,15 @@ class StateEstimator:
             rotation = rotation_matrix(self._x[ATTITUDE])
             self._x, self._p = with_start(self._x, self._p, rotation, start)
 
+    @property
+    def slow_states(self) -> tuple[Array, Array]:
+        """Newest state and covariance, of which biases and wind are known when another manoeuvre begins."""
+        return self._x, self._p
+
+    def take_slow_states(self, known: tuple[Array, Array]) -> None:
+        """Another manoeuvre has begun, from what was known at another time in place of the newest."""
+        self._x, self._p = known
+
     def summary(self) -> dict[str, Any]:
         """The content of state.json without the timing: newest biases and wind, their standard deviations."""
         known = self._aligned or self._has_biases

@@ -241,9 +241,10 @@ def _outputs(
         return values[kinds == kind, :width].copy()
 
     geodetic = of(Kind.GPS_POSITION, 3)
-    at, _ = _nearest(row_time, times[kinds == Kind.GPS_POSITION], longest_step)
-    origins = rows[at, StateField.ORIGIN]  # a manoeuvre has its own
-    position = np.array([ned_from_geodetic(*g, o) for g, o in zip(geodetic, origins, strict=True)]).reshape(-1, 3)
+    row, _ = _nearest(row_time, times[kinds == Kind.GPS_POSITION], longest_step)
+    origins = rows[row, StateField.ORIGIN]  # a manoeuvre has its own
+    ned = [ned_from_geodetic(g[0], g[1], g[2], o) for g, o in zip(geodetic, origins, strict=True)]
+    position = np.array(ned).reshape(-1, 3)
     put(Kind.GPS_POSITION, GPS_POSITION, position, rows[:, StateField.POSITION])
     put(Kind.GPS_VELOCITY, GPS_VELOCITY, of(Kind.GPS_VELOCITY, 3), rows[:, StateField.VELOCITY])
     for kind, at, column in (

@@ -1,13 +1,16 @@
 """The way of a flight-test engineer: a bag replayed, the model compared, what it lacks named, added and reported."""
 
 import json
+import re
 
 import pytest
+from documented_commands import ROOT
 from rosbags.highlevel import AnyReader
 
 WAY = {
     "simulate": ("README.md", "aircraft-sysid simulate --out flight --effect sideslip_drag"),
     "replay": ("README.md", "aircraft-sysid replay flight --aircraft"),
+    "campaign": ("docs/recordings.md", "aircraft-sysid replay flight --aircraft"),
     "compare": ("README.md", "aircraft-sysid compare runs/flight"),
     "diagnose": ("README.md", "aircraft-sysid diagnose runs/flight"),
     "add": ("README.md", "aircraft-sysid add runs/flight sideslip_drag"),
@@ -20,6 +23,7 @@ WAY = {
 def test_from_a_bag_to_a_report(user):
     truth = simulated(user)
     replayed(user, truth)
+    campaigned(user)
     before = compared(user)
     diagnosed(user, before)
     version, after = added(user, before)
@@ -55,6 +59,16 @@ def replayed(user, truth):
     assert read(run / "state.json")["duration"] == pytest.approx(40.0, abs=2.0)
     with AnyReader([run / "estimates.mcap"]) as estimates:
         assert "/parameter_estimator/parameters" in {c.topic for c in estimates.connections}
+
+
+def campaigned(user):
+    """The segments of the page as one body of data."""
+    page = (ROOT / "docs" / "recordings.md").read_text(encoding="utf8")
+    (segments,) = re.findall(r"^```yaml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    (user.folder / "segments.yaml").write_text(segments, encoding="utf8")
+    said = user.ask("campaign")
+    assert [m["name"] for m in said["state"]["manoeuvres"]] == ["elevator", "rudder", "turns"]
+    assert said["state"]["duration"] == pytest.approx(30.0, abs=0.5) and not said["notes"]
 
 
 def compared(user):

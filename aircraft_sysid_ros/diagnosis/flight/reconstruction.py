@@ -28,7 +28,7 @@ from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
-from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, flights, is_absurd, manoeuvre_at
+from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, flights, is_absurd, manoeuvre_at, manoeuvres
 
 Array = npt.NDArray[np.float64]
 
@@ -107,12 +107,17 @@ def _filtered_rows(state: StateEstimator, samples: Samples) -> Iterator[Array]:
     for number, flight in enumerate(flights(samples)):
         if number:
             yield state.begin_anew(np.nan)
-        if np.any(flight.kind == Kind.SEAM):
+        parts = manoeuvres(flight)
+        if len(parts) > 1:
             state.tape = None
             state.push(flight)
             state.begin_anew(0.0)
-        state.tape = tape
-        yield state.push(flight)
+        state.tape, known = tape, state.slow_states
+        for place, part in enumerate(parts):
+            if place:
+                yield state.begin_anew(0.0)
+                state.take_slow_states(known)
+            yield state.push(part)
     yield state.flush()
 
 
