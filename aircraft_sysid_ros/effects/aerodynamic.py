@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from aircraft_sysid_ros.effects.effect import AERODYNAMIC, OF_TIME, Effect, ShapeParameter, Variant
+from aircraft_sysid_ros.effects.effect import AERODYNAMIC, OF_TIME, Domain, Effect, ShapeParameter, Variant
 
 EFFECTS: tuple[Effect, ...] = (
     Effect(
@@ -46,6 +46,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Errors of C_Z, C_X and C_m only in low passes, take-off and landing, the larger the lower.",
         "Low passes at different heights below a span, with small elevator pulses.",
         (ShapeParameter("decay", "m", 0.3, 8.0, 14),),
+        domain=Domain("height", high=2.0, in_spans=True),
     ),
     Effect(
         "alpha_dot",
@@ -167,6 +168,7 @@ EFFECTS: tuple[Effect, ...] = (
         ),
         "The same manoeuvre has larger answers at high Mach number than dynamic pressure explains.",
         "The same elevator inputs at several Mach numbers above 0.3; invisible below.",
+        domain=Domain("mach", low=0.3),
     ),
     Effect(
         "adverse_yaw",

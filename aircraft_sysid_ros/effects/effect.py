@@ -57,6 +57,16 @@ class Variant:
 
 
 @dataclass(frozen=True)
+class Domain:
+    """Where an effect acts at all: a flight that never gets there cannot have it, whatever fits."""
+
+    signal: str
+    low: float = -np.inf
+    high: float = np.inf
+    in_spans: bool = False  # limits are shares of the span
+
+
+@dataclass(frozen=True)
 class Effect:
     """A physical effect in the words of flight dynamics."""
 
@@ -70,6 +80,7 @@ class Effect:
     residuals: str  # what it looks like in the residuals
     manoeuvre: str  # which manoeuvre shows it
     inner: tuple[ShapeParameter, ...] = ()
+    domain: Domain | None = None
 
     @property
     def axes(self) -> tuple[str, ...]:

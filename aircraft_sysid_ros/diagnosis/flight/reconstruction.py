@@ -40,6 +40,8 @@ _LEAST_FOR_NOISE = 200
 _MOST_REJECTED, _REJECTING = 20.0, 5.0
 #: Factor between the random walks of the wind that are tried, and the largest [m/s per sqrt(s)].
 WALK_STEP, LARGEST_WALK = 1.25, 3.0
+#: The same below that of the aircraft file, where a walk matters less, and the smallest.
+CALMER_STEP, SMALLEST_WALK = 2.0, 0.002
 AIR_DATA = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
 _MEASURED_NOISE = {
     Kind.IMU: ("accelerometer", "gyro"),
@@ -198,8 +200,24 @@ def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool
             break
         best, likeliest, walk = likelihood, gustier, WALK_STEP * walk
     if likeliest.process_noise["wind"] <= max(THRESHOLDS.calm, 1.01 * given):
-        return aircraft, True
+        return _in_steady_wind(aircraft, samples, of_file), True
     return likeliest, False
+
+
+def _in_steady_wind(aircraft: Aircraft, samples: Samples, of_file: float) -> Aircraft:
+    """The aircraft with a smaller random walk of the wind where innovations are clearly likelier under it.
+
+    A walk that the wind does not have lets it explain errors of the air data, and it weighs with the airspeed: a scale
+    of the airspeed then stands for a calmer atmosphere.
+    """
+    best, likeliest, walk = of_file + THRESHOLDS.setting_total, aircraft, aircraft.process_noise["wind"] / CALMER_STEP
+    while walk >= SMALLEST_WALK:
+        calmer = with_setting(aircraft, ("process_noise", "wind"), walk)
+        likelihood = log_likelihood(calmer, samples)
+        if likelihood <= best:
+            break
+        best, likeliest, walk = likelihood, calmer, walk / CALMER_STEP
+    return likeliest
 
 
 def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:

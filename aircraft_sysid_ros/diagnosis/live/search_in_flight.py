@@ -35,7 +35,7 @@ from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, parse_
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, explained
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
-from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, errors_of, expressions, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
@@ -224,7 +224,7 @@ def search(flight: LiveFlight, library: Sequence[Effect]) -> list[LiveFinding]:
         bench = CandidateEvaluator(flight.data)
     except InputError:
         return []
-    effects = [effect for effect in library if effect.kind != MEASUREMENT]
+    effects = [effect for effect in library if effect.kind != MEASUREMENT and can_act(effect, flight.data)]
     trials = [trial for effect in effects if (trial := bench.best_of(effect)) is not None]
     trials = [trial for trial in trials if not reads(trial.candidate, FORCES)]
     tried = sum(len(trial.gains) for trial in trials)

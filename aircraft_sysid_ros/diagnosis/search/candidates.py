@@ -66,6 +66,15 @@ def base_texts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dict
     return texts
 
 
+def can_act(effect: Effect, data: FlightData) -> bool:
+    """Whether the flight gets to where an effect acts."""
+    domain = effect.domain
+    if domain is None:
+        return True
+    values = data.signal(domain.signal) / (data.aircraft.span if domain.in_spans else 1.0)
+    return bool(np.any((values >= domain.low) & (values <= domain.high)))
+
+
 def candidates_of(effect: Effect, data: FlightData, base: Mapping[str, str]) -> Iterator[Candidate]:
     """All variants of an effect on the grid of its inner numbers; none where a signal that it reads is missing."""
     for variant in effect.variants:

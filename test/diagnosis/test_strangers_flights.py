@@ -1,0 +1,111 @@
+"""Flights of which the aircraft file knows mass and shape only: what is not in it must not become a fault."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict, load_aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
+    as_flown,
+    fit_sensor_noise,
+    log_likelihood,
+    reconstruct,
+    reconstruct_as_flown,
+)
+from aircraft_sysid_ros.diagnosis.measurement import jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.search.candidates import can_act
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import with_setting
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia")
+SCALES = [BY_ID["airspeed_scale"]]
+
+
+def users(aircraft):
+    """What a new user knows of an aeroplane."""
+    return aircraft_from_dict({key: aircraft.source[key] for key in SHAPE})
+
+
+@pytest.fixture(scope="module")
+def centred(aircraft):
+    """An aeroplane with all sensors at its centre of gravity, where a file that does not place them has them."""
+    places = ("imu_position", "air_data_position", "gps_position")
+    return aircraft_from_dict({**aircraft.source, **{key: [0.0, 0.0, 0.0] for key in places}})
+
+
+def scale_of_airspeed(flight):
+    """The scale of the airspeed that a reconstructed flight asks for."""
+    (job,) = jobs_of(flight, SCALES, calm=True)
+    return try_setting(job)
+
+
+def walk_of(aircraft, samples):
+    flown, calm = as_flown(aircraft, samples)
+    assert calm
+    return flown.process_noise["wind"]
+
+
+@pytest.fixture(scope="module")
+def other_maker(shared_data):
+    """An aircraft file of mass and shape, and two minutes of a flight in steady wind of another maker."""
+    folder = shared_data / "other_maker"
+    samples = read_recording(folder / "clean_1").samples
+    return load_aircraft(folder / "clean_1.yaml"), samples[samples.stamp < samples.stamp[0] + 120 * 10**9]
+
+
+def test_in_steady_wind_no_scale_of_the_airspeed_is_a_calmer_atmosphere(other_maker):
+    flight, calm = reconstruct_as_flown(*other_maker, with_covariance=False)
+    assert calm
+    assert scale_of_airspeed(flight).evidence < 1.0
+    walking = with_setting(flight.aircraft, ("process_noise", "wind"), other_maker[0].process_noise["wind"])
+    believed = scale_of_airspeed(reconstruct(walking, other_maker[1], with_covariance=False))
+    assert believed.evidence > 1.0  # what a walk that the wind does not have makes of the same flight
+
+
+def test_a_scale_that_is_there_is_still_found(other_maker):
+    aircraft, samples = other_maker
+    values = samples.values.copy()
+    airspeed = samples.kind == Kind.AIRSPEED
+    values[airspeed, 0] *= 0.9
+    flight, _ = reconstruct_as_flown(aircraft, replace(samples, values=values), with_covariance=False)
+    found = scale_of_airspeed(flight)
+    assert found.evidence > 1.0
+    assert found.value == pytest.approx(0.9, abs=0.02)
+
+
+@pytest.mark.parametrize("walk", [0.0, 0.03])
+def test_the_walk_of_the_wind_is_the_likeliest_below_that_of_the_file(centred, walk):
+    samples = simulate_samples(centred, 3, 60.0, wind_walk=walk, manoeuvres="standard").samples
+    file = users(centred)
+    found, given = walk_of(file, samples), file.process_noise["wind"]
+    assert found < 0.03 if walk == 0.0 else 0.01 < found < 0.1
+    noisy = fit_sensor_noise(file, samples)
+    walks = (found, given, found / 4.0)  # in a steady wind all small ones are nearly alike
+    likelihoods = [log_likelihood(with_setting(noisy, ("process_noise", "wind"), w), samples) for w in walks]
+    assert likelihoods[0] > max(likelihoods) - 3.0
+    assert likelihoods[0] > likelihoods[1] + 20.0
+
+
+def test_a_file_that_knows_its_wind_is_left_alone(aircraft):
+    samples = simulate_samples(aircraft, 4, 60.0, manoeuvres="standard").samples
+    assert walk_of(aircraft, samples) == aircraft.process_noise["wind"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "signal", "far", "near"),
+    [("compressibility", "mach", 0.15, 0.5), ("ground_effect", "height", 60.0, 0.8)],
+)
+def test_an_effect_is_looked_for_where_it_can_act(aircraft, effect, signal, far, near):
+    signals = np.ones((100, len(SIGNALS)))
+    flight = FlightData(aircraft, np.arange(100.0), np.zeros((100, len(AXES))), signals, 0.04)
+    for value, possible in ((far, False), (near, True), (np.nan, False)):
+        signals[:, SIGNALS.index(signal)] = value
+        assert can_act(BY_ID[effect], flight) is possible
+    assert can_act(BY_ID["stall"], flight)
