@@ -41,10 +41,18 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
-    """Tests with nodes share one worker: two at a time would wait for each other's processor time."""
+    """Which tests share a worker: those of a file, or what they share would be made twice."""
     for item in items:
-        if "nodes" in item.path.parts or "demo" in item.path.name:
-            item.add_marker(pytest.mark.xdist_group("nodes"))
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(group_of(item.path)))
+
+
+def group_of(path):
+    """Two tests with nodes at a time would wait for each other's processor time; those of the page share a server."""
+    page = "workbench" in path.parts
+    if "nodes" in path.parts or "demo" in path.name or (page and "live" in path.name):
+        return "nodes"
+    return "workbench" if page else path.stem
 
 
 @pytest.fixture(scope="module")

@@ -19,15 +19,6 @@ from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAF
 HIDDEN = "dihedral_alpha"
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
-def pytest_collection_modifyitems(items):
-    """The page's tests share one worker: they share servers and a browser."""
-    for item in items:
-        if "workbench" in item.path.parts:
-            group = "nodes" if "live" in item.path.name else "workbench"  # ROS: one test at a time
-            item.add_marker(pytest.mark.xdist_group(group))
-
-
 @pytest.fixture(scope="session")
 def hidden_effect(tmp_path_factory, aircraft_file):
     """The folder of a run whose aeroplane has an effect that its model lacks; tests that change it copy it."""
