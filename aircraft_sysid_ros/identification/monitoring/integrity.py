@@ -5,6 +5,8 @@ At every evaluation each axis is asked whether its parameters may be believed:
 - The model error of the newest second of motion, each sample predicted before it is learnt from, against what it was
   (``residuals``). Where it is ALARM times that, something is wrong: with a sensor or with the aeroplane.
 - The same against the error of what was known LAG seconds ago, over the same samples: learning must not make it worse.
+- The error over the spread of the coefficient (``residuals.unexplained``): a model that explains less than three
+  quarters of its variance lacks something, for which its parameters then stand. The axis goes on learning, with HOLD.
 - ``sensor_faults``: where the first step contradicts its sensors, all axes are held at once. So they are where the wind
   that explains the air data leaps together with a model error.
 
@@ -72,6 +74,8 @@ BEFORE = 4.0
 STILL, STILL_TIME, STILL_SINCE = 1e-6, 2.0, 3.0
 #: Share of its effectiveness below which a surface is taken for stuck.
 STUCK = 0.2
+#: Rms error over the spread of a coefficient from which the model does not explain it.
+MISFIT = 0.5
 SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps"}
 _TIME = CoefficientSample.TIME
 #: Errors above these many times the usual, as of a slight unease.
@@ -185,6 +189,7 @@ class IntegrityMonitor:
         self._first_sign = self._last_sign = -np.inf
         self._sign_words = ""
         self._disagreeing: dict[int, str] = {}
+        self._misfits: dict[int, str] = {}
         for hold in self.holds:
             if hold is not None:
                 hold.since, hold.begun = np.nan, -np.inf
@@ -408,10 +413,13 @@ class IntegrityMonitor:
         return {"holds": self.count, "held": f"{' '.join(held)}: {words}" if held else ""}
 
     def keep(self, kept: ParameterCheckpoint) -> None:
-        """What is known now; whether now and before agree is looked at, too."""
+        """What is known now; whether it explains the coefficients, and agrees with before, is looked at, too."""
         self.checkpoints.keep(kept)
-        self._disagreeing = {}
+        self._disagreeing, self._misfits = {}, {}
         for axis, name in enumerate(AXES):
+            unexplained = self.monitor.unexplained(axis)
+            if unexplained > MISFIT**2:
+                self._misfits[axis] = f"the model explains {max(1.0 - unexplained, 0.0):.0%} of {name}"
             if self.joint or self.holds[axis] or not self.agreement.are_apart(axis):
                 continue
             part = self.model.axis_slice(name)
@@ -426,6 +434,9 @@ class IntegrityMonitor:
         parameters, covariance = list(found.parameters), found.covariance.copy()
         for i, words in self._disagreeing.items():
             parameters[i] = held(parameters[i], words)
+        for axis, words in self._misfits.items():
+            part = self.model.axis_slice(AXES[axis])
+            parameters[part] = [held(p, words) for p in parameters[part]]
         found = replace(found, parameters=())
         for axis in np.flatnonzero(self._held()).tolist():
             hold, part = self.holds[axis], self.model.axis_slice(AXES[axis])

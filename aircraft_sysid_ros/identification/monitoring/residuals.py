@@ -8,6 +8,9 @@ themselves. Gusts that set in, or a noisier sensor, raise the errors of most axe
 some: by what the errors have grown in all but the quietest two axes is not counted. Nor is a window that is spread over
 SPREAD times its length: in cruise an axis learns now and then, from what is not motion.
 
+How much of a coefficient the model explains: the mean square error over the variance of the coefficient, over the
+newest FIT_BLOCKS blocks in which it moves. One in which it has less than STILL of its variance says nothing.
+
 When the change was: with n errors of variance s^2 before it and RATIO^2 s^2 since, the sum of
 
     e^2 / s^2 - ln(RATIO^2) RATIO^2 / (RATIO^2 - 1)
@@ -39,6 +42,8 @@ RATIO, WORST = 5.0, 3.0
 PATIENCE = 2
 
 SPREAD = 2.0
+#: Blocks that say how much the model explains; share of the variance of a coefficient with which it hardly moves.
+FIT_BLOCKS, STILL = 30, 0.1
 #: How many axes are quieter than the one that tells by what the errors of all have grown.
 _QUIETEST = 2
 
@@ -51,9 +56,14 @@ class Errors(NamedTuple):
     newest: Array  # (6, GUARD) newest first
     time: Array  # (6, GUARD) [s] of them
     filled: Integers  # (6,) how many there are
-    block: Array  # (6, 2) sum and count of the block that is being filled
+    measured: Array  # (6, GUARD) the coefficients of them
+    block: Array  # (6, 4) sum of squared errors, count, and sums of the coefficient and its square, of one being filled
     blocks: Array  # (6, MOST_BLOCKS) mean squares, newest first
     block_count: Integers  # (6,)
+    fit_error: Array  # (6, FIT_BLOCKS) mean squares of blocks in which the coefficient moves, newest first
+    fit_mean: Array  # (6, FIT_BLOCKS) means of the coefficient in them
+    fit_square: Array  # (6, FIT_BLOCKS) and of its square
+    fit_count: Integers  # (6,)
 
 
 class Summary(NamedTuple):
@@ -80,22 +90,45 @@ def add_errors(samples: Array, predicted: Array, known: npt.NDArray[np.bool_], e
             if not (known[axis] and samples[i, LEARNT + axis] > 0.0 and np.isfinite(e)):
                 continue
             if errors.filled[axis] == GUARD:
-                _add_to_block(axis, errors.newest[axis, GUARD - 1], errors)
+                _add_to_block(axis, errors.newest[axis, GUARD - 1], errors.measured[axis, GUARD - 1], errors)
             _shift(errors.newest, axis, GUARD)
             _shift(errors.time, axis, GUARD)
+            _shift(errors.measured, axis, GUARD)
             errors.newest[axis, 0], errors.time[axis, 0] = e * e, samples[i, _TIME]
+            errors.measured[axis, 0] = samples[i, MEASURED + axis]
             errors.filled[axis] = min(errors.filled[axis] + 1, GUARD)
 
 
 @njit(cache=True)
-def _add_to_block(axis: int, square: float, errors: Errors) -> None:
+def _add_to_block(axis: int, square: float, measured: float, errors: Errors) -> None:
     errors.block[axis, 0] += square
     errors.block[axis, 1] += 1.0
+    errors.block[axis, 2] += measured
+    errors.block[axis, 3] += measured * measured
     if errors.block[axis, 1] == WINDOW:
+        _add_to_fit(axis, errors)
         _shift(errors.blocks, axis, MOST_BLOCKS)
         errors.blocks[axis, 0] = errors.block[axis, 0] / WINDOW
         errors.block_count[axis] = min(errors.block_count[axis] + 1, MOST_BLOCKS)
         errors.block[axis] = 0.0
+
+
+@njit(cache=True)
+def _add_to_fit(axis: int, errors: Errors) -> None:
+    """Keep a block that is full for ``unexplained``, if the coefficient moves in it."""
+    mean, square = errors.block[axis, 2] / WINDOW, errors.block[axis, 3] / WINDOW
+    count = errors.fit_count[axis]
+    if count >= LEAST_BLOCKS:
+        usual = errors.fit_mean[axis, :count].mean()
+        variance = errors.fit_square[axis, :count].mean() - usual * usual
+        if square - 2.0 * mean * usual + usual * usual < STILL * variance:
+            return
+    _shift(errors.fit_error, axis, FIT_BLOCKS)
+    _shift(errors.fit_mean, axis, FIT_BLOCKS)
+    _shift(errors.fit_square, axis, FIT_BLOCKS)
+    errors.fit_error[axis, 0] = errors.block[axis, 0] / WINDOW
+    errors.fit_mean[axis, 0], errors.fit_square[axis, 0] = mean, square
+    errors.fit_count[axis] = min(count + 1, FIT_BLOCKS)
 
 
 @njit(cache=True)
@@ -158,9 +191,14 @@ class ResidualMonitor:
             newest=np.zeros((6, GUARD)),
             time=np.zeros((6, GUARD)),
             filled=np.zeros(6, np.int64),
-            block=np.zeros((6, 2)),
+            measured=np.zeros((6, GUARD)),
+            block=np.zeros((6, 4)),
             blocks=np.zeros((6, MOST_BLOCKS)),
             block_count=np.zeros(6, np.int64),
+            fit_error=np.zeros((6, FIT_BLOCKS)),
+            fit_mean=np.zeros((6, FIT_BLOCKS)),
+            fit_square=np.zeros((6, FIT_BLOCKS)),
+            fit_count=np.zeros(6, np.int64),
         )
         self.summary = Summary(np.full((6, 3), np.nan), np.full((6, 2), np.nan), np.ones(1))
         self._excess = np.full(6, np.nan)
@@ -198,6 +236,18 @@ class ResidualMonitor:
         """Mean square of the error of an axis in the blocks; 0 without any."""
         count = self._errors.block_count[axis]
         return float(self._errors.blocks[axis, :count].mean()) if count else 0.0
+
+    def unexplained(self, axis: int) -> float:
+        """Share of the variance of a coefficient that the model does not explain; NaN before there are enough blocks.
+
+        Each sample was predicted before it was learnt from.
+        """
+        count = int(self._errors.fit_count[axis])
+        if count < LEAST_BLOCKS:
+            return np.nan
+        mean = self._errors.fit_mean[axis, :count].mean()
+        variance = self._errors.fit_square[axis, :count].mean() - mean * mean
+        return float(self._errors.fit_error[axis, :count].mean() / variance) if variance > 0.0 else np.nan
 
     def excess(self, axis: int) -> float:
         """Variance in the window that the blocks do not explain, over RATIO^2; negative or NaN: there is no alarm."""
