@@ -26,7 +26,7 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
+from aircraft_sysid_ros.aircraft.expression import evaluate_rows
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
@@ -181,9 +181,9 @@ class RunWriter:
             predicted=points[:, CoefficientSample.PREDICTED],
             valid=points[:, CoefficientSample.VALID] > 0.0,
             learnt=points[:, CoefficientSample.LEARNT] > 0.0,
-            signals=points[:, CoefficientSample.SIGNALS],
+            signals=points[:, CoefficientSample.SIGNALS][:, : len(model.signal_names)],
             terms=terms,
-            signal_names=np.array(SIGNALS),
+            signal_names=np.array(model.signal_names),
             parameter_names=np.array(model.parameter_names),
             axes=np.array(AXES),
         )

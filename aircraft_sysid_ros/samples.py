@@ -35,6 +35,7 @@ class Kind(IntEnum):
     MASS = 11  # mass [kg], Ixx, Iyy, Izz, Ixz [kg m^2], centre of gravity (3) [m]
     FIVE_HOLE = 12  # static, dynamic, alpha and beta pressure [Pa]
     SEAM = 13  # no measurement: another manoeuvre begins, so long [s] after the one before, or NaN
+    INPUTS = 14  # the inputs that the aircraft file names, in its order, SI; NaN for one that the message leaves out
 
 
 #: How many leading values must be finite for a sample of the kind to be of use.

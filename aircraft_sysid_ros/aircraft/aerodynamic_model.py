@@ -23,7 +23,6 @@ from aircraft_sysid_ros.aircraft.expression import (
     link,
     one_line,
     parse_expression,
-    signals_read,
 )
 from aircraft_sysid_ros.errors import InputError
 
@@ -53,6 +52,7 @@ class AerodynamicModel:
     """Terms per axis, in the order of AXES. Build it with ``model_from_terms``."""
 
     programs: tuple[tuple[Program, ...], ...]
+    inputs: tuple[str, ...] = ()  # names that the aircraft file gives to further signals
 
     @cached_property
     def terms(self) -> dict[str, tuple[str, ...]]:
@@ -87,9 +87,14 @@ class AerodynamicModel:
 
     @cached_property
     def signals_of_axes(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the signals that the terms of each axis read, in the order of SIGNALS."""
-        read = [sorted({k for program in programs for k in signals_read(program)}) for programs in self.programs]
-        return tuple(tuple(SIGNALS[k] for k in signals) for signals in read)
+        """Names of the signals that the terms of each axis read, in the order of ``signal_names``."""
+        read = [{name for program in programs for name in program.signals} for programs in self.programs]
+        return tuple(tuple(name for name in self.signal_names if name in signals) for signals in read)
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of what a signal row holds: SIGNALS and the inputs of the aircraft."""
+        return (*SIGNALS, *self.inputs)
 
     @cached_property
     def signals_used(self) -> frozenset[str]:
@@ -103,7 +108,7 @@ class AerodynamicModel:
 
     def regressors(self, axis: str, signals: Mapping[str, npt.ArrayLike]) -> npt.NDArray[np.float64]:
         """Regressor matrix of one axis, shape (n, terms), for arrays of signals by name."""
-        return evaluate(self.programs[AXES.index(axis)], dict(signals))
+        return evaluate(self.programs[AXES.index(axis)], signals, self.inputs)
 
     def coefficients(
         self, parameters: Mapping[str, float], signals: Mapping[str, npt.ArrayLike]
@@ -114,8 +119,11 @@ class AerodynamicModel:
         return np.stack(columns, axis=1)
 
 
-def model_from_terms(terms: Mapping[str, Sequence[str | int]]) -> AerodynamicModel:
-    """Model from terms per axis; an axis that is left out has no terms. InputError for bad axes or terms."""
+def model_from_terms(terms: Mapping[str, Sequence[str | int]], inputs: tuple[str, ...] = ()) -> AerodynamicModel:
+    """Model from terms per axis; an axis that is left out has no terms. InputError for bad axes or terms.
+
+    ``inputs``: names of the signals that the aircraft file adds to SIGNALS.
+    """
     unknown = [axis for axis in terms if axis not in AXES]
     if unknown:
         raise InputError(f"the model names the axis '{one_line(str(unknown[0]))}': the axes are {' '.join(AXES)}")
@@ -124,13 +132,13 @@ def model_from_terms(terms: Mapping[str, Sequence[str | int]]) -> AerodynamicMod
         listed = terms.get(axis, ())
         if isinstance(listed, str) or not isinstance(listed, Sequence):
             raise InputError(f"the terms of {axis} must be a list such as [1, alpha, q, de]")
-        parsed = tuple(parse_expression(str(term)) for term in listed)
+        parsed = tuple(parse_expression(str(term), inputs) for term in listed)
         labels = [term_label(program.text) for program in parsed]
         twice = next((p.text for p, name in zip(parsed, labels, strict=True) if labels.count(name) > 1), None)
         if twice is not None:
             raise InputError(f"the model has the term '{twice}' twice in {axis}: remove one")
         programs.append(parsed)
-    return AerodynamicModel(tuple(programs))
+    return AerodynamicModel(tuple(programs), inputs)
 
 
 def textbook_model() -> AerodynamicModel:

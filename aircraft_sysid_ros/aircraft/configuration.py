@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.aircraft.expression import one_line
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name, one_line
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.yaml_file import read_yaml
 
@@ -34,6 +34,24 @@ class Sensor:
     scale: float = 1.0
 
 
+@dataclass(frozen=True)
+class NamedInput:
+    """A further input of the aeroplane, as signal of model terms: one sigma of its noise, and what it can be, SI."""
+
+    name: str
+    factor: float = 1.0  # from the unit of the recording to SI
+    noise: float = 0.002
+    limits: tuple[float, float] = (-1.6, 1.6)  # what is outside is a fault of transmission
+
+
+#: Units of named inputs: factor to SI, and by default one sigma of the noise and the largest magnitude, SI.
+INPUT_UNITS: dict[str, tuple[float, float, float]] = {
+    "rad": (1.0, 0.002, 1.6),
+    "deg": (float(np.pi / 180.0), 0.002, 1.6),
+    "1": (1.0, 0.01, 10.0),
+    "N": (1.0, 1.0, 1e7),
+    "rad/s": (1.0, 1.0, 1e5),
+}
 #: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad,
 #: rad, Pa, Pa, rad, m.
 DEFAULT_SENSORS: dict[str, Sensor] = {
@@ -103,6 +121,12 @@ KEYS = {
         "terms per axis, expressions of the signals; axes that are not named keep theirs, `[]` is none",
         default="the 32 terms of (6.25)",
     ),
+    "inputs": Key(
+        f"further inputs of the recording, by name, as signals of the terms, at most {MOST_INPUTS}: per input `unit` "
+        "of the recording, `noise` (one sigma) and `limits` `[lowest, highest]`, both in that unit",
+        "rad, deg, 1, N, rad/s",
+        "none; rad",
+    ),
     "surface_signs": Key("+1 or -1 by surface, on what the recording holds", default="1"),
     "minimum_airspeed": Key(
         "airspeed below which the aircraft is not flying", "m/s", f"0.8 of a stall speed at C_L {_MAXIMUM_LIFT:g}"
@@ -152,6 +176,7 @@ class Aircraft:
     minimum_airspeed: float = 0.0  # [m/s] below it the aircraft is not flying and air data are not fused
     trim_airspeed: float | None = None  # [m/s] of simulated flights
     parameter_bounds: dict[str, tuple[float, float]] = field(default_factory=dict)  # outside: never to be used
+    inputs: tuple[NamedInput, ...] = ()  # in the order of the file, which is that of their values in samples
     source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
 
 
@@ -174,8 +199,9 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         raise InputError(f"the required key '{missing[0]}' is missing: add it")
     mass, wing_area = _positive(data, "mass"), _positive(data, "wing_area")
     stall = np.sqrt(2.0 * mass * STANDARD_GRAVITY / (1.225 * wing_area * _MAXIMUM_LIFT))
-    terms = _mapping(data, "model", "{CZ: [1, alpha, q, de]}")
-    model = model_from_terms({**TEXTBOOK_TERMS, **terms})  # axes that are not named keep their terms
+    inputs = _inputs(_mapping(data, "inputs", "{trim_tab: {unit: deg}}"))
+    terms = _mapping(data, "model", "{CZ: [1, alpha, q, de]}")  # axes that are not named keep their terms
+    model = model_from_terms({**TEXTBOOK_TERMS, **terms}, tuple(item.name for item in inputs))
     return Aircraft(
         name=_name(data["name"]),
         mass=mass,
@@ -197,6 +223,7 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         minimum_airspeed=_positive(data, "minimum_airspeed", default=0.8 * float(stall)),
         trim_airspeed=_positive(data, "trim_airspeed") if data.get("trim_airspeed") is not None else None,
         parameter_bounds=_bounds(_mapping(data, "parameter_bounds", "{CZ_alpha: [-8, -2]}"), model),
+        inputs=inputs,
         source=dict(data),
     )
 
@@ -390,15 +417,44 @@ def _bounds(data: Mapping[str, Any], model: AerodynamicModel) -> dict[str, tuple
     """Lowest and highest value by parameter name, of the model or of the textbook."""
     textbook = model_from_terms(TEXTBOOK_TERMS).parameter_names
     _check_keys(data, (*model.parameter_names, *textbook), "parameter in parameter_bounds:")
-    bounds = {}
-    for name, value in data.items():
-        if not isinstance(value, (list, tuple)) or len(value) != 2:
-            _reject(f"parameter_bounds {name}", "two numbers [lowest, highest]", value)
-        low, high = (_number(v, f"parameter_bounds {name}") for v in value)
-        if low >= high:
-            raise InputError(f"parameter_bounds {name} must rise, not go from {low:g} to {high:g}")
-        bounds[name] = (low, high)
-    return bounds
+    return {name: _rising(value, f"parameter_bounds {name}") for name, value in data.items()}
+
+
+def _inputs(data: Mapping[str, Any]) -> tuple[NamedInput, ...]:
+    if len(data) > MOST_INPUTS:
+        raise InputError(f"inputs are {len(data)}: at most {MOST_INPUTS} can be named, leave out what no term reads")
+    return tuple(_input(str(name), value) for name, value in data.items())
+
+
+def _input(name: str, value: Any) -> NamedInput:
+    if not is_name(name):
+        raise InputError(f"the input '{_shown(name)}' cannot stand in a term: name it with letters, digits and _")
+    if name in SIGNALS:
+        raise InputError(f"the input '{name}' has the name of a signal that there is already: give it another one")
+    value = {} if value is None else value
+    if not isinstance(value, Mapping):
+        _reject(f"input {name}", "a mapping such as {unit: deg}", value)
+    _check_keys(value, ("unit", "noise", "limits"), f"key of input {name}:")
+    unit = str(value.get("unit", "rad"))
+    if unit not in INPUT_UNITS:
+        raise InputError(f"input {name} has the unit '{_shown(unit)}': use one of {', '.join(INPUT_UNITS)}")
+    factor, noise, largest = INPUT_UNITS[unit]
+    if value.get("noise") is not None:
+        noise = factor * _positive(value, "noise", what=f"the noise of input {name}")
+    limits = value.get("limits")
+    if limits is None:
+        return NamedInput(name, factor, noise, (-largest, largest))
+    low, high = _rising(limits, f"the limits of input {name}")
+    return NamedInput(name, factor, noise, (factor * low, factor * high))
+
+
+def _rising(value: Any, what: str) -> tuple[float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        _reject(what, "two numbers [lowest, highest]", value)
+    low, high = (_number(v, what) for v in value)
+    if low >= high:
+        raise InputError(f"{what} must rise, not go from {low:g} to {high:g}")
+    return low, high
 
 
 def _surface_signs(data: Mapping[str, Any]) -> dict[str, float]:

@@ -7,8 +7,9 @@ sample, so that a model of any terms costs the same in flight and in replay and 
 from __future__ import annotations
 
 import ast
+import keyword
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -24,6 +25,9 @@ SIGNALS: tuple[str, ...] = (
     "V", "qbar", "mach", "height", "alpha_dot", "beta_dot", "time",
 )  # fmt: skip
 SIGNAL_INDEX = {name: i for i, name in enumerate(SIGNALS)}
+#: Signals that an aircraft file may name besides (``inputs:``); they follow SIGNALS in a signal row, in its order.
+MOST_INPUTS = 10
+SIGNAL_COUNT = len(SIGNALS) + MOST_INPUTS
 
 _CONSTANT, _SIGNAL, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _NEGATE, _POWER = range(8)
 _ABS, _SIN, _COS, _EXP, _SQRT, _TANH, _SIGN, _MAX, _MIN = range(8, 17)
@@ -45,15 +49,19 @@ class Program:
 
     text: str
     code: npt.NDArray[np.float64]
+    signals: frozenset[str]  # names of those that it reads
 
 
-def parse_expression(text: str) -> Program:
-    """Compile an expression over SIGNALS; raises InputError that quotes it and says what is allowed."""
-    return _parsed(" ".join(str(text).split()))
+def parse_expression(text: str, inputs: tuple[str, ...] = ()) -> Program:
+    """Compile an expression over SIGNALS and the named ``inputs`` of an aircraft, which follow them in a signal row.
+
+    Raises InputError that quotes it and says what is allowed.
+    """
+    return _parsed(" ".join(str(text).split()), inputs)
 
 
 @lru_cache(maxsize=4096)  # a search tries the same texts on many fits
-def _parsed(text: str) -> Program:
+def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
     if not text.isprintable():
         raise InputError(f"'{one_line(text)}' holds characters that do not print: write it like alpha**2")
     if len(text) > MAXIMUM_LENGTH:
@@ -67,13 +75,20 @@ def _parsed(text: str) -> Program:
         raise InputError(f"'{text}' is not an expression: write it like alpha**2 or beta*dr") from None
     rows: list[tuple[float, float]] = []
     try:
-        _compile(tree, rows, text)
+        _compile(tree, rows, text, inputs)
         canonical = ast.unparse(tree).replace(" ", "")
     except RecursionError:
         raise InputError(f"'{text}' is nested too deeply: simplify it") from None
     if _stack_depth(rows) > STACK_SIZE:
         raise InputError(f"'{text}' is nested too deeply: simplify it")
-    return Program(canonical, np.array(rows))
+    names = (*SIGNALS, *inputs)
+    read = frozenset(names[int(argument)] for operation, argument in rows if operation == _SIGNAL)
+    return Program(canonical, np.array(rows), read)
+
+
+def is_name(text: str) -> bool:
+    """Whether a term can have it as the name of a signal: an identifier that is neither a keyword nor a function."""
+    return text.isascii() and text.isidentifier() and not keyword.iskeyword(text) and text not in _FUNCTIONS
 
 
 def one_line(text: str) -> str:
@@ -81,26 +96,27 @@ def one_line(text: str) -> str:
     return "".join(character for character in " ".join(text.split()) if character.isprintable())
 
 
-def _compile(node: ast.expr, rows: list[tuple[float, float]], text: str) -> None:
+def _compile(node: ast.expr, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...]) -> None:
     if isinstance(node, ast.Constant):
         _compile_constant(node, rows, text)
     elif isinstance(node, ast.Name):
-        if node.id not in SIGNAL_INDEX:
-            raise InputError(f"'{node.id}' in '{text}' is no signal: use one of {' '.join(SIGNALS)}")
-        rows.append((_SIGNAL, SIGNAL_INDEX[node.id]))
+        names = (*SIGNALS, *inputs)
+        if node.id not in names:
+            raise InputError(f"'{node.id}' in '{text}' is no signal: use one of {' '.join(names)}")
+        rows.append((_SIGNAL, names.index(node.id)))
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
-        _compile(node.operand, rows, text)
+        _compile(node.operand, rows, text, inputs)
         if isinstance(node.op, ast.USub):
             rows.append((_NEGATE, 0.0))
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-        _compile(node.left, rows, text)
+        _compile(node.left, rows, text, inputs)
         rows.append((_POWER, _integer_power(node.right, text)))
     elif isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        _compile(node.left, rows, text)
-        _compile(node.right, rows, text)
+        _compile(node.left, rows, text, inputs)
+        _compile(node.right, rows, text, inputs)
         rows.append((_OPERATORS[type(node.op)], 0.0))
     elif isinstance(node, ast.Call):
-        _compile_call(node, rows, text)
+        _compile_call(node, rows, text, inputs)
     else:
         raise InputError(
             f"'{text}' has '{one_line(ast.unparse(node))}', which is not allowed: "
@@ -120,7 +136,7 @@ def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text:
     rows.append((_CONSTANT, value))
 
 
-def _compile_call(node: ast.Call, rows: list[tuple[float, float]], text: str) -> None:
+def _compile_call(node: ast.Call, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...]) -> None:
     name = node.func.id if isinstance(node.func, ast.Name) else one_line(ast.unparse(node.func))
     if name not in _FUNCTIONS or node.keywords:
         raise InputError(f"'{name}(…)' in '{text}' is not allowed: the functions are {' '.join(_FUNCTIONS)}")
@@ -128,7 +144,7 @@ def _compile_call(node: ast.Call, rows: list[tuple[float, float]], text: str) ->
     if len(node.args) != count:
         raise InputError(f"{name} in '{text}' takes {count} argument{'s' * (count > 1)}")
     for argument in node.args:
-        _compile(argument, rows, text)
+        _compile(argument, rows, text, inputs)
     rows.append((operation, 0.0))
 
 
@@ -155,11 +171,6 @@ def link(programs: Sequence[Program]) -> tuple[npt.NDArray[np.float64], npt.NDAr
     offsets = np.cumsum([0, *(len(program.code) for program in programs)]).astype(np.int64)
     code = np.vstack([program.code for program in programs]) if programs else np.empty((0, 2))
     return code, offsets
-
-
-def signals_read(program: Program) -> set[int]:
-    """Indices in SIGNALS of what a program reads."""
-    return {int(signal) for operation, signal in program.code if operation == _SIGNAL}
 
 
 @njit(cache=True)
@@ -255,20 +266,22 @@ def evaluate_rows(
     rows: npt.NDArray[np.float64],
     out: npt.NDArray[np.float64],
 ) -> None:
-    """``evaluate_programs`` on rows of SIGNALS, shape (n, len(SIGNALS)), into ``out`` (n, len(offsets) - 1)."""
+    """``evaluate_programs`` on signal rows, shape (n, SIGNAL_COUNT), into ``out`` (n, len(offsets) - 1)."""
     for i in range(len(rows)):
         evaluate_programs(code, offsets, rows[i], out[i])
 
 
 def evaluate(
-    programs: Sequence[Program], signals: Callable[[str], npt.ArrayLike] | dict[str, npt.ArrayLike]
+    programs: Sequence[Program], signals: Mapping[str, npt.ArrayLike], inputs: tuple[str, ...] = ()
 ) -> npt.NDArray[np.float64]:
-    """Evaluate programs on arrays of signals: result of shape (n, len(programs)); a missing signal is NaN."""
-    columns = signals if isinstance(signals, dict) else {name: signals(name) for name in SIGNALS}
-    size = max((np.size(value) for value in columns.values()), default=1)
-    rows = np.full((size, len(SIGNALS)), np.nan)
-    for name, value in columns.items():
-        rows[:, SIGNAL_INDEX[name]] = value
+    """Evaluate programs on arrays of signals: result of shape (n, len(programs)); a missing signal is NaN.
+
+    ``inputs``: names of the aircraft's own, with which the programs were parsed.
+    """
+    size = max((np.size(value) for value in signals.values()), default=1)
+    rows = np.full((size, SIGNAL_COUNT), np.nan)
+    for name, value in signals.items():
+        rows[:, (*SIGNALS, *inputs).index(name)] = value
     code, offsets = link(programs)
     out = np.empty((size, len(programs)))
     evaluate_rows(code, offsets, rows, out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from typing import Any
 
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
@@ -63,5 +64,5 @@ def render(result: dict[str, Any]) -> str:
 
 
 def percent(value: float) -> str:
-    """A share as a number of %."""
-    return f"{100.0 * value:.1f}"
+    """A share as a number of %; a dash where it is not known."""
+    return "-" if math.isnan(value) else f"{100.0 * value:.1f}"

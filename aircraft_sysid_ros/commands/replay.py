@@ -40,7 +40,7 @@ from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, na
 from aircraft_sysid_ros.recordings.manoeuvres import Body, read_body
 from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import Recording
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvre_at, manoeuvres
 
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             warm_up(aircraft, smoother=True)
             pipeline.state.tape = tape
         started = time.perf_counter()
-        body = read_body(args.bags, args.segments, lambda recording: _prepared(recording, correction))
+        body = read_body(args.bags, args.segments, aircraft.inputs, lambda recording: _prepared(recording, correction))
         recording = body.recording
         begin = None if args.stage_1 is None else start_by_stage_1(recording.samples, aircraft, args.stage_1)
         feed(pipeline, recording, writer, begin)
@@ -225,7 +225,9 @@ def smoothed(pipeline: Pipeline, blocks: list[Samples], watched: Iterable[Sample
 def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
     """What a user should know about the recording and what became of it."""
     found = list(recording.notes)
-    if "control_surfaces" not in recording.topics:
+    aircraft = pipeline.parameters.aircraft
+    found += input_notes(recording, aircraft)
+    if not {"control_surfaces", *([INPUTS_TOPIC] if aircraft.inputs else [])} & recording.topics.keys():
         found.append("no /control_surfaces: state, biases and wind only, no parameters")
     else:
         found += length_notes(pipeline) + rate_notes(pipeline.parameters.stream)
@@ -273,9 +275,20 @@ def manoeuvre_notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[s
     if apart := int(np.sum(~(seams <= SAME_FLIGHT))):
         found.append(
             f"{apart} of {len(body.manoeuvres)} manoeuvres begin without the IMU biases that the one before has found, "
-            f"since their stamps overlap or are more than {SAME_FLIGHT / 3600.0:g} h apart: forces are known worse for it"
+            f"since their stamps overlap or are more than {SAME_FLIGHT / 3600.0:g} h apart: "
+            "forces are known worse for it"
         )
     return found
+
+
+def input_notes(recording: Recording, aircraft: Aircraft) -> list[str]:
+    """Inputs that the aircraft file names and the recording does not hold, which terms then cannot read."""
+    values = recording.samples.values[recording.samples.kind == Kind.INPUTS, : len(aircraft.inputs)]
+    lacking = [item.name for k, item in enumerate(aircraft.inputs) if not np.isfinite(values[:, k]).any()]
+    if not lacking:
+        return []
+    names = ", ".join(lacking)
+    return [f"/{INPUTS_TOPIC} holds no value of {names}, which the aircraft file names: terms that read it say nothing"]
 
 
 def length_notes(pipeline: Pipeline) -> list[str]:

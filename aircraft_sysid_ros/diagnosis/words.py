@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, Diagnosis, Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
@@ -126,6 +125,17 @@ class FlightDiagnosis:
         words = unusual(self.flight, inside, judged)
         return f"{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
 
+    def _outside(self, candidate: Candidate) -> str:
+        """What to do about terms that are no effect of the library."""
+        read = {s for texts in candidate.terms.values() for p in self.flight.parsed(texts) for s in p.signals}
+        unused = [s for s in self.flight.model.inputs if s in read and s not in self.flight.model.signals_used]
+        what = _in_words(candidate)
+        if unused:
+            return f"The model does not use the input {' and '.join(unused)}: {what}; add it as an expression."
+        return (
+            f"Unexplained: {what}, which no effect of the library explains as well; it can be added as an expression."
+        )
+
     def _advice(self) -> Iterator[str]:
         found = self.diagnosis.found
         if not self.settings and not found:
@@ -139,8 +149,7 @@ class FlightDiagnosis:
         for finding in found:
             effect = finding.trial.candidate.effect
             if effect is None:
-                yield f"Unexplained: {_in_words(finding.trial.candidate)}, which no effect of the library explains"
-                yield "as well; it can be added as an expression."
+                yield self._outside(finding.trial.candidate)
                 continue
             yield f"{effect.name} is missing (add {effect.identifier})."
             for other in finding.confounded_with:
@@ -151,7 +160,7 @@ class FlightDiagnosis:
 def _fitted(flight: FlightData, axis: str, texts: Sequence[str]) -> list[float]:
     """Values of terms of an axis; NaN for one that the model of the flight does not have or determine."""
     known = dict(zip(flight.model.terms[axis], fit_axis(flight, axis).fit.parameters.tolist(), strict=True))
-    return [known.get(parse_expression(text).text, np.nan) for text in texts]
+    return [known.get(program.text, np.nan) for program in flight.parsed(texts)]
 
 
 def _about(effect: Effect | None, label: str) -> dict[str, Any]:

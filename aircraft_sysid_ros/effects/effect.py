@@ -21,7 +21,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_GROUPS, Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 
 AERODYNAMIC, CHANGE, MEASUREMENT = "aerodynamic", "change in flight", "measurement"
 KINDS = (AERODYNAMIC, CHANGE, MEASUREMENT)
@@ -139,8 +139,7 @@ def _signals_of(variant: Variant) -> frozenset[str]:
     used: set[str] = set()
     for term in _terms(variant.terms.values()):
         neutral = dict.fromkeys(placeholders(term), 0.5)
-        code = parse_expression(fill(term, neutral)).code
-        used |= {SIGNALS[int(argument)] for operation, argument in code if operation == 1}
+        used |= parse_expression(fill(term, neutral)).signals
     return frozenset(used)
 
 

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import SEA_LEVEL_TEMPERATURE, altitude_at
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, evaluate, signals_read
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, evaluate
 from aircraft_sysid_ros.flight_check.grid import memory_of
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.signals import FORCE, GYRO, SURFACES, Flight, Stream
@@ -64,7 +64,7 @@ def identifiable(motion: Motion, model: AerodynamicModel | None = None) -> list[
     for axis, programs in enumerate(model.programs):
         first = model.offsets[axis]
         names = model.parameter_names[first : first + len(programs)]
-        lacking = [_lacking(motion.flight, axis, [SIGNALS[i] for i in signals_read(p)]) for p in programs]
+        lacking = [_lacking(motion.flight, axis, [s for s in model.signal_names if s in p.signals]) for p in programs]
         there = [j for j, reason in enumerate(lacking) if not reason]
         judged = dict(
             zip(there, _judged(_response(motion, axis), [programs[j] for j in there], values, noise), strict=True)
@@ -77,6 +77,9 @@ def identifiable(motion: Motion, model: AerodynamicModel | None = None) -> list[
 
 def _lacking(flight: Flight, axis: int, signals: list[str]) -> str:
     """What the flight does not measure of a term; empty: nothing."""
+    named = [signal for signal in signals if signal not in SIGNALS]
+    if named:
+        return f"{named[0]} is an input of the aircraft file, which is not looked at here"
     response = FORCE[0] if axis < 3 else GYRO[0]
     needed = [response, "true_airspeed", *(_NEEDS[s] for s in signals if s in _NEEDS)]
     missing = [name for name in needed if flight.column(name) is None]

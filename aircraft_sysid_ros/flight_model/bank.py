@@ -56,7 +56,7 @@ def run_filter(
 ) -> None:
     """One filter over a record from x (16,), p (15, 15) before its first outputs, which change to those at its end.
 
-    times (N,) [s], inputs (N, 15), y (N, 18); innovations and variances (N, 18).
+    times (N,) [s], inputs (N, INPUT_SIZE), y (N, 18); innovations and variances (N, 18).
     """
     for k in range(len(times)):
         before = max(k - 1, 0)

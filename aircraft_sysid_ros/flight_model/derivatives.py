@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.flight_model.dynamics import (
     FLOW_RATE_PASSES,
     MINIMUM_AIRSPEED,
-    SIGNAL_COUNT,
     add_solved,
     air_velocity_of,
     angular_acceleration,

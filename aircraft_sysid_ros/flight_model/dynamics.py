@@ -9,7 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, evaluate_programs
+from aircraft_sysid_ros.aircraft.expression import (
+    MOST_INPUTS,
+    SIGNAL_COUNT,
+    SIGNAL_INDEX,
+    SIGNALS,
+    evaluate_programs,
+)
 from aircraft_sysid_ros.aircraft.frames import quaternion_product, rotation_matrix
 from aircraft_sysid_ros.flight_model.layout import (
     ATTITUDE,
@@ -22,6 +28,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     DENSITY,
     HEIGHT,
     INPUT_SIZE,
+    NAMED,
     SPEED_OF_SOUND,
     STATE_SIZE,
     TIME,
@@ -34,12 +41,12 @@ Array = npt.NDArray[np.float64]
 MINIMUM_AIRSPEED = 0.1  # [m/s]
 #: Flow rates depend on the forces that they cause: so many passes leave nothing of a 5 % coupling.
 FLOW_RATE_PASSES = 5
-SIGNAL_COUNT = len(SIGNALS)
 _ALPHA, _BETA, _P, _Q, _R = (SIGNAL_INDEX[s] for s in ("alpha", "beta", "p", "q", "r"))
 _DE, _DA, _DR, _FLAPS = (SIGNAL_INDEX[s] for s in ("de", "da", "dr", "flaps"))
 _TC, _THROTTLE, _PROPELLER = (SIGNAL_INDEX[s] for s in ("Tc", "throttle", "propeller_speed"))
 _V, _QBAR, _MACH, _HEIGHT = (SIGNAL_INDEX[s] for s in ("V", "qbar", "mach", "height"))
 _ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[s] for s in ("alpha_dot", "beta_dot", "time"))
+_FIRST_INPUT, _NAMED = len(SIGNALS), NAMED.start
 
 
 @njit(cache=True, error_model="numpy")
@@ -67,6 +74,8 @@ def fill_model_signals(u: Array, rates: Array, inputs: Array, geometry: Vector, 
     out[_V], out[_QBAR], out[_MACH] = speed, qbar, speed / inputs[SPEED_OF_SOUND]
     out[_HEIGHT], out[_TIME] = inputs[HEIGHT], inputs[TIME]
     out[_ALPHA_DOT] = out[_BETA_DOT] = 0.0
+    for k in range(MOST_INPUTS):
+        out[_FIRST_INPUT + k] = inputs[_NAMED + k]
     return speed
 
 
@@ -180,7 +189,7 @@ def accelerations(
 
 @njit(cache=True, error_model="numpy")
 def derivative(x: Array, inputs: Array, theta: Array, model: FlightModel, out: Array) -> None:
-    """x' (16,) without noise, for a state x (16,), inputs (15,) and parameters theta: (6.6)."""
+    """x' (16,) without noise, for a state x (16,), inputs (INPUT_SIZE,) and parameters theta: (6.6)."""
     c = rotation_matrix(x[ATTITUDE])
     u, force, acceleration, fall = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     air_velocity_of(x, c, u)
@@ -210,7 +219,8 @@ def propagate_mean(x: Array, inputs0: Array, inputs1: Array, dt: float, theta: A
     """
     middle = 0.5 * (inputs0 + inputs1)
     if len(inputs1) > INPUT_SIZE:
-        middle[:CONTROL_COUNT] = inputs1[INPUT_SIZE:]
+        middle[:CONTROL_COUNT] = inputs1[INPUT_SIZE : INPUT_SIZE + CONTROL_COUNT]
+        middle[_NAMED : _NAMED + MOST_INPUTS] = inputs1[INPUT_SIZE + CONTROL_COUNT :]
     slope, total, stage = np.empty(STATE_SIZE), np.empty(STATE_SIZE), np.empty(STATE_SIZE)
     derivative(x, inputs0, theta, model, total)
     stage[:] = x + 0.5 * dt * total

@@ -123,8 +123,8 @@ def filter_step(
 ) -> None:
     """Predict over dt [s] and fuse the outputs y (18,) at its end; x (16,) and p (15, 15) change in place.
 
-    inputs0, inputs1 (15,) at begin and end, linear between. dt = 0: fuse only. Writes the decorrelated innovation
-    (18,) and its variance (18,), NaN where y is NaN.
+    inputs0, inputs1 (INPUT_SIZE,) at begin and end, linear between. dt = 0: fuse only. Writes the decorrelated
+    innovation (18,) and its variance (18,), NaN where y is NaN.
     """
     if dt > 0.0:
         propagate_mean(x, inputs0, inputs1, dt, theta, model)

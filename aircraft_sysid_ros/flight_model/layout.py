@@ -30,6 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -48,14 +49,16 @@ D_VELOCITY, D_POSITION, D_ATTITUDE, D_RATES, D_WIND = 0, 3, 6, 9, 12
 ERROR_SIZE = 15
 
 # Inputs at one time: controls as in Kind.CONTROLS with the signs of the aircraft file applied, density [kg/m^3],
-# height above ground [m], speed of sound [m/s], time of flight [s], reference attitude (quaternion body to NED).
-# Behind them, where it is known, the controls in the middle of the step that ends at this time: servos move by more
-# than a straight line tells. A row may end before them; then controls are linear within the step.
+# height above ground [m], speed of sound [m/s], time of flight [s], reference attitude (quaternion body to NED), named
+# inputs of the aircraft. Behind them, where it is known, controls and named inputs in the middle of the step that ends
+# at this time: servos move by more than a straight line tells. A row may end before; then they are linear within it.
 CONTROLS = slice(0, 7)
 DENSITY, HEIGHT, SPEED_OF_SOUND, TIME = 7, 8, 9, 10
 REFERENCE = slice(11, 15)
-INPUT_SIZE = 15
+NAMED = slice(15, 15 + MOST_INPUTS)
+INPUT_SIZE = NAMED.stop
 CONTROL_COUNT = 7
+MIDDLE_SIZE = CONTROL_COUNT + MOST_INPUTS
 
 # Outputs; first index of each block.
 FORCE, GYRO, GPS_POSITION, GPS_VELOCITY, ATTITUDE_VECTOR = 0, 3, 6, 9, 12

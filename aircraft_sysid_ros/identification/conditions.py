@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, SIGNALS_OF_SAMPLE
 
 Array = npt.NDArray[np.float64]
@@ -24,7 +24,7 @@ class LearntConditions:
 
     def __init__(self) -> None:
         self.ranges = np.full((len(_RANGED), 2), np.nan)  # lowest and highest
-        self._seen = np.zeros(len(SIGNALS), np.bool_)
+        self._seen = np.zeros(SIGNAL_COUNT, np.bool_)
 
     def add(self, samples: Array) -> None:
         """New samples (m, …) of ``CoefficientSample``."""
@@ -33,7 +33,7 @@ class LearntConditions:
     def signals_of(self, model: AerodynamicModel, axis: int) -> tuple[tuple[str, ...], list[str]]:
         """Signals that an axis needs, and those of them that no sample of the flight had."""
         used = model.signals_of_axes[axis]
-        return used, [name for name in used if not self._seen[SIGNAL_INDEX[name]]]
+        return used, [name for name in used if not self._seen[model.signal_names.index(name)]]
 
 
 @njit(cache=True)

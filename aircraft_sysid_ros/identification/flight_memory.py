@@ -29,7 +29,7 @@ class RememberedSamples(NamedTuple):
     time: Array  # (n,) [s] as in CoefficientSample.TIME
     measured: Array  # (n, 6)
     learnt: Array  # (n, 6) 1 where the axis learnt from the point
-    signals: Array  # (n, len(SIGNALS))
+    signals: Array  # (n, SIGNAL_COUNT)
     bias_std: Array  # (n, 3) one sigma [m/s^2] of the accelerometer bias
     air_velocity_std: Array  # (n,) one sigma [m/s] across the flow
 

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
@@ -73,7 +72,8 @@ def _slope(model: AerodynamicModel, axis: str, theta: Array, signals: Array, ang
     """Derivative of a coefficient by an angle [1/rad] at the signals of a point, by central differences."""
     moved = []
     for step in (_STEP, -_STEP):
-        shifted = dict(zip(SIGNALS, np.nan_to_num(signals)[:, None].copy(), strict=True))
+        known = np.nan_to_num(signals[: len(model.signal_names), None])
+        shifted = dict(zip(model.signal_names, known, strict=True))
         shifted[angle] = shifted[angle] + step
         moved.append(float((model.regressors(axis, shifted) @ theta)[0]))
     return (moved[0] - moved[1]) / (2.0 * _STEP)

@@ -34,7 +34,7 @@ from aircraft_sysid_ros.aircraft.expression import evaluate_programs, evaluate_r
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
 from aircraft_sysid_ros.identification.coefficients.evaluation import term_noise
-from aircraft_sysid_ros.identification.coefficients.signals import signal_noise
+from aircraft_sysid_ros.identification.coefficients.signals import sensor_noise, signal_noise
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import PRIOR_VARIANCE, RlsState
 from aircraft_sysid_ros.identification.flight_memory import RememberedSamples
@@ -265,7 +265,7 @@ def _follow_new_terms(
         learning.term_square[part] = share @ values[known] ** 2
     used = past.learnt[:, axis] > 0.0
     if used.any():
-        sensors = np.array([estimator.aircraft.sensors[name].noise[0] for name in ("gyro", "control_surfaces")])
+        sensors = sensor_noise(estimator.aircraft)
         geometry, std = estimator.stream.controls.body.geometry, past.air_velocity_std[used]
         variance = _noise_variance(code, offsets, past.signals[used], std, sensors, geometry)
         share = _fading(estimator, int(used.sum()))

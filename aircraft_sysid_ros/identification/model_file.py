@@ -48,7 +48,7 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise InputError(f"{path} is not a model of this program: give a file written by save_model")
     try:
-        terms = model_from_terms(content["terms"]).terms
+        terms = model_from_terms(content["terms"], estimator.model.inputs).terms
         learnt = {name: np.array(content["learnt"][name], dtype=np.float64) for name in _LEARNT}
     except (KeyError, TypeError, ValueError):
         raise InputError(f"the model file {path} is damaged: save it again") from None

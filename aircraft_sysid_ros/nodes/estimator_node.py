@@ -18,7 +18,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.inputs import Input, drain, lost_in_words
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When
-from aircraft_sysid_ros.ros_messages.conversion import TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import topics_of
 
 #: Topic that a calibrated probe is heard on.
 PROBE_TOPIC = "five_hole_probe"
@@ -120,8 +120,9 @@ class EstimatorNode(ConfigurableNode):
         """Listen."""
         self._process_times = common.process_times()
         quality = self._input_quality()
+        topics = topics_of(self.estimator.aircraft.inputs)
         for topic in self.received:
-            self.hear(common.message_class(TOPICS[topic]), topic, partial(self._receive, topic), quality)
+            self.hear(common.message_class(topics[topic]), topic, partial(self._receive, topic), quality)
         diagnose = partial(self._survive, self._publish_diagnostics)
         self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, diagnose)
 

@@ -153,8 +153,11 @@ class ModelServices:
         response.model = self._node.estimator.model.identifier
         return response
 
+    def _requested(self, text: str) -> Effect | Terms:
+        return requested(text, self._node.estimator.model.inputs)
+
     def _add(self, text: str) -> str:
-        estimator, parsed = self._node.estimator, requested(text)
+        estimator, parsed = self._node.estimator, self._requested(text)
         if isinstance(parsed, Effect):
             if estimator.stream.pace.is_too_slow:
                 raise InputError(too_slow(estimator.stream.pace.rate))
@@ -164,7 +167,7 @@ class ModelServices:
             merged = {axis: (*before.get(axis, ()), *terms.get(axis, ())) for axis in {**before, **terms}}
         else:
             terms = parsed
-        check_signals(terms, self.memory.newest())
+        check_signals(terms, self.memory.newest(), estimator.model.inputs)
         note = self._change(terms, {})
         if isinstance(parsed, Effect):
             self._added[parsed.identifier] = merged
@@ -172,7 +175,7 @@ class ModelServices:
         return f"added: {' '.join(names)}{note}"
 
     def _remove(self, text: str) -> str:
-        parsed = requested(text)
+        parsed = self._requested(text)
         if isinstance(parsed, Effect):
             if parsed.identifier not in self._added:
                 there = ", ".join(self._added) or "no effect"

@@ -25,7 +25,7 @@ from aircraft_sysid_ros.nodes.model_services import DiagnosisOptions, ModelServi
 from aircraft_sysid_ros.nodes.options import node_options, options_from
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
-from aircraft_sysid_ros.ros_messages.conversion import message_fields, nanoseconds_of, to_samples
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, message_fields, nanoseconds_of, to_samples
 from aircraft_sysid_ros.ros_messages.output_messages import (
     model_error_content,
     parameters_content,
@@ -62,6 +62,8 @@ class ParameterEstimatorNode(EstimatorNode):
         more = MORE_INPUTS.get(options.estimator, ())
         if "air_data" in more and self.correction is not None and self.correction.uses_probe:
             more = (*more, PROBE_TOPIC)
+        if aircraft.inputs:
+            more = (*more, INPUTS_TOPIC)
         self.received = dict.fromkeys(INPUTS + more, 0)
         estimator = Identifier(aircraft, options)
         estimator.warm_up()
@@ -112,10 +114,10 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def take(self, topic: str, message: Any) -> None:
         """One message of controls, height or mass, or of what the chosen estimator hears besides."""
-        for samples in to_samples(topic, *message_fields(topic, message)):
+        for samples in to_samples(topic, *message_fields(topic, message), self.estimator.aircraft.inputs):
             if self.correction is not None:
                 samples = self.correction.apply(samples)
-            if self.on_samples is not None and topic in INPUTS:
+            if self.on_samples is not None and topic in (*INPUTS, INPUTS_TOPIC):
                 self.on_samples(samples)
             self.estimator.push_samples(samples, self._epoch)
 

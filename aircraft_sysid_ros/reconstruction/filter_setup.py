@@ -27,6 +27,7 @@ SENSOR_OF_KIND = {
     Kind.CONTROLS: "control_surfaces",
     Kind.HEIGHT: "height_above_ground",
     Kind.FIVE_HOLE: "five_hole_probe",
+    Kind.INPUTS: "control_surfaces",
 }
 
 

@@ -51,7 +51,7 @@ Array = npt.NDArray[np.float64]
 
 #: Kinds that the first step uses. Any other would split the integration between two IMU samples, so that the
 #: numbers depended on who else listens.
-_USED = np.isin(np.arange(len(Kind)), (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.FIVE_HOLE), invert=True)
+_USED = np.isin(np.arange(len(Kind)), (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.FIVE_HOLE, Kind.INPUTS), invert=True)
 #: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
 _EPOCH_STEP = 2**20 * NANOSECONDS
 #: States that air data have a part in.

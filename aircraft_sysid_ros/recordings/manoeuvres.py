@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from aircraft_sysid_ros.aircraft.configuration import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
@@ -73,18 +74,21 @@ class Body:
 
 
 def read_body(
-    paths: Sequence[str], segments: str | None, prepare: Callable[[Recording], Recording] = lambda recording: recording
+    paths: Sequence[str],
+    segments: str | None,
+    inputs: Sequence[NamedInput] = (),
+    prepare: Callable[[Recording], Recording] = lambda recording: recording,
 ) -> Body:
     """Read recordings and join them, or the segments of a file; ``prepare`` checks and corrects each recording.
 
-    Raises InputError for a recording that is given twice, for segments that are not in their recordings or overlap,
-    and where no manoeuvre is long enough.
+    ``inputs`` are those that the aircraft file names. Raises InputError for a recording that is given twice, for
+    segments that are not in their recordings or overlap, and where no manoeuvre is long enough.
     """
     given = [Path(path) for path in paths]
     _check_twice(given)
     wanted = None if segments is None else read_segments(segments, given)
     used = [path for path in given if wanted is None or any(s.recording == path for s in wanted)]
-    recordings = {path: prepare(read_recording(path)) for path in used}
+    recordings = {path: prepare(read_recording(path, inputs)) for path in used}
     if wanted is None and len(given) == 1:
         return Body(recordings[given[0]])
     whole = [] if wanted is not None else [_whole(path, recordings[path], given) for path in given]

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from aircraft_sysid_ros.aircraft.configuration import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import table_of
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, TOPICS, USED_FIELDS, samples_and_rows
+from aircraft_sysid_ros.ros_messages.conversion import (
+    NANOSECONDS,
+    TOPICS,
+    USED_FIELDS,
+    samples_and_rows,
+    topics_of,
+)
 from aircraft_sysid_ros.samples import Samples, concatenate
 
 #: No message holds more samples than this.
@@ -58,14 +65,14 @@ class Recording:
             )
 
 
-def read_recording(path: str | Path) -> Recording:
+def read_recording(path: str | Path, inputs: Sequence[NamedInput] = ()) -> Recording:
     """Read a rosbag2 folder (MCAP or sqlite3) or a bare .mcap or .db3 file.
 
-    A topic counts with or without a namespace before it: /uav1/imu/data is imu/data. Raises InputError for
-    what is not a recording and for a recording without any of TOPICS.
+    A topic counts with or without a namespace before it: /uav1/imu/data is imu/data. ``inputs`` are those that the
+    aircraft file names. Raises InputError for what is not a recording and for a recording without any of TOPICS.
     """
     raw = read_raw(path)
-    wanted, notes = _wanted_channels(raw)
+    wanted, notes = _wanted_channels(raw, topics_of(inputs))
     topics: dict[str, int] = {}
     skipped: dict[str, int] = {}
     batches: list[Samples] = []
@@ -78,7 +85,7 @@ def read_recording(path: str | Path) -> Recording:
         if not len(table.rows):
             continue
         with np.errstate(invalid="ignore"):  # what a damaged message holds may be no number
-            converted = samples_and_rows(topic, table.stamp, table.fields)
+            converted = samples_and_rows(topic, table.stamp, table.fields, inputs)
         for place, (samples, rows) in enumerate(converted):
             batches.append(samples)
             orders.append(table.rows[rows] * _SAMPLES_PER_MESSAGE + place)
@@ -105,8 +112,11 @@ def _counts(raw: RawMessages, keys: Iterable[int]) -> dict[str, int]:
     return counts
 
 
-def _wanted_channels(raw: RawMessages) -> tuple[dict[int, str], list[str]]:
-    """Relative topic by channel for those that are used, and notes on those that should be but are not."""
+def _wanted_channels(raw: RawMessages, known: Mapping[str, str]) -> tuple[dict[int, str], list[str]]:
+    """Relative topic by channel for those that are used, and notes on those that should be but are not.
+
+    ``known``: types of topics.
+    """
     namespace = _namespace(raw)
     wanted: dict[int, str] = {}
     notes = []
@@ -115,12 +125,12 @@ def _wanted_channels(raw: RawMessages) -> tuple[dict[int, str], list[str]]:
         topic = channel.topic.strip("/").removeprefix(namespace)
         if not len(raw.rows(key)):
             continue
-        if topic not in TOPICS:
+        if topic not in known:
             others.append(channel)
-        elif channel.type == TOPICS[topic]:
+        elif channel.type == known[topic]:
             wanted[key] = topic
         else:
-            notes.append(f"{channel.topic} is ignored: its type is {channel.type}, not {TOPICS[topic]}")
+            notes.append(f"{channel.topic} is ignored: its type is {channel.type}, not {known[topic]}")
     return wanted, notes + _name_notes(others, set(wanted.values()))
 
 

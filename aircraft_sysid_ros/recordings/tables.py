@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings import cdr_layout
+from aircraft_sysid_ros.recordings import cdr_layout, joint_states
 from aircraft_sysid_ros.recordings.message_types import channel_types, flat_fields
 from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, USED_FIELDS
 
+_OF_INPUTS = set(USED_FIELDS[INPUTS_TOPIC])
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
 
 
@@ -62,6 +63,11 @@ def _decoded_at_once(raw: RawMessages, key: int, names: Collection[str] | None) 
     block = raw.block(rows)
     if block is None:
         return None
+    if channel.type == joint_states.TYPE and set(names or ()) == _OF_INPUTS:
+        found = joint_states.decode(block)
+        if found is None:
+            return None
+        return Table(raw.log_time[rows], _stamp(found, found.keys(), raw.log_time[rows]), found, rows)
     structured = cdr_layout.decode(channel_types(channel).fielddefs, channel.type, block)
     if structured is None:
         return None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings import cdr_layout
+from aircraft_sysid_ros.recordings import cdr_layout, joint_states
 from aircraft_sysid_ros.recordings.message_definitions import PACKAGE
 from aircraft_sysid_ros.recordings.message_types import known_types, message_from_dict
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, INPUTS_TYPE, NANOSECONDS
 
 _FRAME = "header.frame_id"
 
@@ -96,6 +96,20 @@ class RecordingWriter:
             table = cdr_layout.encode(known_types().fielddefs, type_name, len(rows), part, missing)
             messages = table.view(np.uint8).reshape(len(rows), -1)
             self._batches.append(_Batch(connection, arrivals[rows], messages))
+
+    def write_inputs(
+        self,
+        stamp: npt.NDArray[np.int64],
+        names: Sequence[str],
+        values: npt.NDArray[np.float64],
+        *,
+        log_time: npt.NDArray[np.int64] | None = None,
+        frame_id: str = "",
+    ) -> None:
+        """n messages of the topic of named inputs: ``stamp`` [ns] (n,) and values (n, k) of k names."""
+        connection = self._connection(INPUTS_TOPIC, INPUTS_TYPE)
+        messages = joint_states.encode(stamp, frame_id, names, values)
+        self._batches.append(_Batch(connection, stamp if log_time is None else log_time, messages))
 
     def write_message(self, topic: str, type_name: str, log_time: int, message: Any) -> None:
         """One message of any type: a mapping of fields (a time is int [ns]) or an object with them."""

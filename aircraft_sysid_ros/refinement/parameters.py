@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
+from aircraft_sysid_ros.aircraft.expression import evaluate_rows
 from aircraft_sysid_ros.flight_model.layout import (
     BIAS_NAMES,
     FORCE,
@@ -71,8 +71,7 @@ def estimable(model: AerodynamicModel, record: FlightRecord) -> Mask:
     active = np.zeros(parameter_count(record.model), np.bool_)
     terms = [program for programs in model.programs for program in programs]
     for i, program in enumerate(terms):
-        read = {SIGNALS[int(row[1])] for row in program.code if row[0] == 1}
-        active[i] = not read & record.missing
+        active[i] = not program.signals & record.missing
     measured = record.measured
     active[bias_slice(record.model)] = np.concatenate([measured[FORCE : FORCE + 3], measured[GYRO : GYRO + 3]])
     return active
@@ -104,7 +103,7 @@ def judged(
     samples = int(record.in_flight.sum())
     for i, name in enumerate(model.parameter_names):
         axis = model.programs[AXES.index(name[:2])]
-        read = {SIGNALS[int(row[1])] for program in axis for row in program.code if row[0] == 1}
+        read = frozenset().union(*(program.signals for program in axis))
         lacking = ", ".join(sorted(read & record.missing))
         missing = f"needs {lacking}, which is not measured" if lacking else ""
         excitation = run_parameters.get(name, {}).get("excitation")

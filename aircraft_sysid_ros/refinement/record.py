@@ -16,7 +16,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity, ned_from_geodetic
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT
 from aircraft_sysid_ros.aircraft.frames import (
     quaternion_conjugate,
     quaternion_exp,
@@ -33,7 +33,6 @@ from aircraft_sysid_ros.flight_model.layout import (
     ATTITUDE_VECTOR,
     BETA,
     CONTROL_COUNT,
-    CONTROLS,
     DENSITY,
     FORCE,
     GPS_POSITION,
@@ -41,6 +40,8 @@ from aircraft_sysid_ros.flight_model.layout import (
     GYRO,
     HEIGHT,
     INPUT_SIZE,
+    MIDDLE_SIZE,
+    NAMED,
     OUTPUT_SIZE,
     REFERENCE,
     SPEED_OF_SOUND,
@@ -49,7 +50,9 @@ from aircraft_sysid_ros.flight_model.layout import (
     FlightModel,
     flight_model_of,
 )
+from aircraft_sysid_ros.identification.coefficients.controls import INPUT_HELD
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
+from aircraft_sysid_ros.identification.coefficients.signals import held
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
@@ -75,7 +78,7 @@ class FlightRecord:
     model: FlightModel
     stamp: npt.NDArray[np.int64]  # (N,) [ns]
     time: Array  # (N,) [s]
-    inputs: Array  # (N, 22), with controls in the middle of each step
+    inputs: Array  # (N, INPUT_SIZE + MIDDLE_SIZE), with controls in the middle of each step
     outputs: Array  # (N, 18), NaN: not measured then
     states: Array  # (N, 16) of the first step, at the centre of gravity
     in_flight: Mask  # (N,) and all inputs there
@@ -89,8 +92,8 @@ class FlightRecord:
         return np.asarray(np.any(np.isfinite(self.outputs[self.in_flight]), axis=0))
 
     def signals(self) -> Array:
-        """Signals (N, len(SIGNALS)) of the reference motion."""
-        out = np.zeros((len(self.time), len(SIGNALS)))
+        """Signals (N, SIGNAL_COUNT) of the reference motion."""
+        out = np.zeros((len(self.time), SIGNAL_COUNT))
         for k, x in enumerate(self.states):
             u = rotation_matrix(x[ATTITUDE]).T @ (x[0:3] - x[13:16])
             fill_model_signals(u, x[10:13], self.inputs[k], self.model.geometry, out[k])
@@ -178,15 +181,18 @@ def _inputs(
     first: npt.NDArray[np.int64],
     every: int,
 ) -> tuple[Array, frozenset[str]]:
-    """Inputs (N, 22) and the signals that are never measured, whose columns are 0."""
-    inputs = np.zeros((len(time), INPUT_SIZE + CONTROL_COUNT))
+    """Inputs (N, INPUT_SIZE + MIDDLE_SIZE) and the signals that are never measured, whose columns are 0."""
+    inputs = np.zeros((len(time), INPUT_SIZE + MIDDLE_SIZE))
     signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
     middle = 0.5 * (time + np.concatenate([time[:1], time[:-1]]))
-    for part, at in ((CONTROLS, time), (slice(INPUT_SIZE, INPUT_SIZE + CONTROL_COUNT), middle)):
+    for first_control, first_named, at in ((0, NAMED.start, time), (INPUT_SIZE, INPUT_SIZE + CONTROL_COUNT, middle)):
         controls = _series(Kind.CONTROLS, CONTROL_COUNT, kinds, times, values, at) * signs
-        never = ~np.any(np.isfinite(controls), axis=0)
-        controls[:, never] = 0.0
-        inputs[:, part] = controls
+        named = _named_inputs(len(aircraft.inputs), kinds, times, values, at)
+        both = np.hstack([controls, named])
+        never = ~np.any(np.isfinite(both), axis=0)
+        both[:, never] = 0.0
+        inputs[:, first_control : first_control + CONTROL_COUNT] = both[:, :CONTROL_COUNT]
+        inputs[:, first_named : first_named + MOST_INPUTS] = both[:, CONTROL_COUNT:]
     inputs[:, DENSITY] = _mean(rows[:, StateField.AIR_DENSITY], first, every)
     altitude = rows[first, StateField.ORIGIN.stop - 1] - states[:, 5]
     ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(altitude.min())
@@ -195,13 +201,26 @@ def _inputs(
     inputs[:, SPEED_OF_SOUND] = [speed_of_sound(h) for h in altitude]
     inputs[:, TIME] = time - time[0]
     inputs[:, REFERENCE] = states[:, ATTITUDE]
-    return inputs, frozenset(name for name, gone in zip(_CONTROL_SIGNALS, never, strict=True) if gone)
+    names = (*_CONTROL_SIGNALS, *aircraft.model.inputs)
+    return inputs, frozenset(name for name, gone in zip(names, never, strict=False) if gone)
 
 
 def _series(kind: Kind, width: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array) -> Array:
     chosen = np.flatnonzero(kinds == kind)
     order = chosen[np.argsort(times[chosen], kind="stable")]
     return cubic(times[order], np.ascontiguousarray(values[order, :width]), at, _SETTLE)
+
+
+def _named_inputs(count: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array) -> Array:
+    """Named inputs (N, MOST_INPUTS), each a series of its own; held where its next sample is far."""
+    out = np.full((len(at), MOST_INPUTS), np.nan)
+    for k in range(count):
+        known = (kinds == Kind.INPUTS) & np.isfinite(values[:, k])
+        order = np.flatnonzero(known)[np.argsort(times[known], kind="stable")]
+        series = times[order], np.ascontiguousarray(values[order, k : k + 1])
+        between = cubic(*series, at, _SETTLE)
+        out[:, k] = np.where(np.isfinite(between), between, held(*series, at, INPUT_HELD))[:, 0]
+    return out
 
 
 def _outputs(

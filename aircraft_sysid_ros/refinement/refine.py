@@ -104,7 +104,7 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     segments = segments_of(record, options.segment, options.held_out)
     fitted = [segment for segment in segments if not segment.held_out]
     total = sum(s.part.stop - s.part.start for s in fitted) * record.step
-    _check(record, total, why_controls_too_slow(run.samples))
+    _check(record, total, why_controls_too_slow(run.samples), run.aircraft.model.inputs)
     levels = _START_LEVELS if method == FILTER_ERROR else (0.0, 0.0, 0.0)
     theta = make_theta(record.model, run.start, run.biases, levels)
     scales = scales_of(run.aircraft.model, record, theta)
@@ -144,14 +144,14 @@ def _with_sampling(run: RunData, found: _Fitted) -> Array:
     return std
 
 
-def _check(record: FlightRecord, total: float, slow: str) -> None:
+def _check(record: FlightRecord, total: float, slow: str, inputs: tuple[str, ...]) -> None:
     """InputError where the model of a whole aircraft has too little flight with inputs and flow, ``total`` [s].
 
-    ``slow`` says it of controls that are too slow; else empty.
+    ``slow`` says it of controls that are too slow; else empty. ``inputs``: those that the aircraft file names.
     """
     if slow and total < SHORTEST:
         raise InputError(f"the run cannot be refined: {slow}")
-    if {"de", "da", "dr"} <= record.missing:
+    if {"de", "da", "dr", *inputs} <= record.missing:
         raise InputError("the run has no control surfaces: the flight cannot be simulated without its controls")
     if not record.in_flight.any():
         raise InputError("the run is never in flight with air data and controls: nothing can be refined")

@@ -8,13 +8,14 @@ covariance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.configuration import NamedInput
 from aircraft_sysid_ros.samples import Kind, Samples, samples_of
 
 Array = npt.NDArray[np.float64]
@@ -34,6 +35,8 @@ TOPICS: dict[str, str] = {
     "height_above_ground": "sensor_msgs/msg/Range",
     "mass_properties": "aircraft_sysid_msgs/msg/MassProperties",
 }
+#: The topic of the inputs that an aircraft file names, and its type. It is read where there are such.
+INPUTS_TOPIC, INPUTS_TYPE = "inputs", "sensor_msgs/msg/JointState"
 #: The fields that are used: their names and, for a nested vector, the names of its components.
 USED_FIELDS: dict[str, dict[str, str]] = {
     "imu/data": {
@@ -67,6 +70,7 @@ USED_FIELDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("mass", "ixx", "iyy", "izz", "ixz"), ""),
         "center_of_gravity": "x y z",
     },
+    INPUTS_TOPIC: {"name": "", "position": ""},
 }
 #: Status of a fix in sensor_msgs/NavSatStatus; UNKNOWN is what a driver leaves that does not set it.
 UNKNOWN_FIX, NO_FIX, FIX, SATELLITE_AUGMENTED_FIX, GROUND_AUGMENTED_FIX = -2, -1, 0, 1, 2
@@ -80,18 +84,27 @@ _DOWN_UP = np.array([1.0, 1.0, -1.0])
 _NORM_TOLERANCE = 0.1
 
 
-def to_samples(topic: str, stamp: Stamps, fields: Fields) -> list[Samples]:
+def topics_of(inputs: Sequence[NamedInput]) -> dict[str, str]:
+    """TOPICS, and that of the inputs where an aircraft file names some."""
+    return {**TOPICS, INPUTS_TOPIC: INPUTS_TYPE} if inputs else TOPICS
+
+
+def to_samples(topic: str, stamp: Stamps, fields: Fields, inputs: Sequence[NamedInput] = ()) -> list[Samples]:
     """Samples of n messages of a topic (relative name) from their stamps [ns] (n,) and flat fields.
 
     A message may hold several samples (orientation, the parts of air data) or none. Values that are there but
     useless (no GPS fix) become NaN and are left to the estimator to count; values that are not measured give
-    none.
+    none. ``inputs`` are those that the aircraft file names.
     """
-    return [samples for samples, _ in samples_and_rows(topic, stamp, fields)]
+    return [samples for samples, _ in samples_and_rows(topic, stamp, fields, inputs)]
 
 
-def samples_and_rows(topic: str, stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
+def samples_and_rows(
+    topic: str, stamp: Stamps, fields: Fields, inputs: Sequence[NamedInput] = ()
+) -> list[tuple[Samples, Rows]]:
     """As to_samples, each batch with the row (m,) of the message that each of its samples came from."""
+    if topic == INPUTS_TOPIC:
+        return _named_inputs(np.atleast_1d(stamp), fields, inputs)
     return _CONVERSIONS[topic](np.atleast_1d(stamp), fields)
 
 
@@ -104,6 +117,11 @@ def message_fields(topic: str, message: Any) -> tuple[Stamps, dict[str, npt.NDAr
     """Stamp [ns] (1,) and flat fields (n = 1) of a live message of a topic."""
     stamp = np.array([nanoseconds_of(message)], dtype=np.int64)
     return stamp, {name: np.array([getter(message)]) for name, getter in _GETTERS[topic].items()}
+
+
+def input_fields(names: Sequence[str], values: Array) -> dict[str, npt.NDArray[Any]]:
+    """Fields of sensor_msgs/JointState of n messages that hold all of some inputs, values (n, k)."""
+    return {"name": np.tile(np.array(names, dtype=object), (len(values), 1)), "position": values}
 
 
 def frd_from_flu(vector: npt.ArrayLike) -> Array:
@@ -285,6 +303,28 @@ def _height(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
     measured = np.isfinite(distance) & (distance >= fields["min_range"])
     measured &= (distance <= highest) | (highest <= 0.0)
     return [_all_rows(samples_of(Kind.HEIGHT, stamp, np.where(measured, distance, np.nan)))]
+
+
+def _named_inputs(stamp: Stamps, fields: Fields, inputs: Sequence[NamedInput]) -> list[tuple[Samples, Rows]]:
+    """Each named input in SI, in the order of the aircraft file; NaN: not in the message, or no value it can have.
+
+    A message with another number of positions than names holds nothing.
+    """
+    column = {item.name: k for k, item in enumerate(inputs)}
+    values = np.full((len(stamp), len(inputs)), np.nan)
+    names, positions = fields["name"], fields["position"]
+    if names.ndim == 2 and names.shape == positions.shape and (names == names[:1]).all():
+        rows: Iterable[Any] = [(values, names[0] if len(names) else (), positions.T)]  # all at once
+    else:
+        rows = zip(values, names, positions, strict=True)
+    for row, listed, numbers in rows:
+        for name, number in zip(listed, numbers, strict=True) if len(listed) == len(numbers) else ():
+            if name in column:
+                row[..., column[name]] = number
+    values *= [item.factor for item in inputs]
+    low, high = np.array([item.limits for item in inputs]).T
+    values[~((values >= low) & (values <= high))] = np.nan
+    return [_some_rows(Kind.INPUTS, stamp, np.isfinite(values).any(axis=1), values)]
 
 
 def _columns(kind: Kind, topic: str) -> Callable[[Stamps, Fields], list[tuple[Samples, Rows]]]:

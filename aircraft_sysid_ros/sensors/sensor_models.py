@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from aircraft_sysid_ros.aircraft import earth
-from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
+from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft, NamedInput
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.ros_messages import conversion as ros_conversion
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, samples_and_rows
@@ -35,12 +35,12 @@ EPOCH = 1_760_000_000 * NANOSECONDS
 #: Sensors do not sample at the same instants: offsets [s] of the first sample.
 _PHASES = {
     "imu/data": 0.0, "imu/mag": 0.0043, "gps/fix": 0.0131, "gps/vel": 0.0131, "air_data": 0.0037,
-    "five_hole_probe": 0.0051, "control_surfaces": 0.0062, "height_above_ground": 0.0079,
+    "five_hole_probe": 0.0051, "control_surfaces": 0.0062, "height_above_ground": 0.0079, "inputs": 0.0062,
 }  # fmt: skip
 #: Mean times [s] from stamp to arrival.
 _TRANSPORT = {
     "imu/data": 0.002, "imu/mag": 0.003, "gps/fix": 0.06, "gps/vel": 0.06, "air_data": 0.005,
-    "five_hole_probe": 0.005, "control_surfaces": 0.004, "height_above_ground": 0.01,
+    "five_hole_probe": 0.005, "control_surfaces": 0.004, "height_above_ground": 0.01, "inputs": 0.004,
 }  # fmt: skip
 #: Horizontal and downward strength of the earth's magnetic field [T] in the middle of North America.
 _FIELD_NORTH, _FIELD_DOWN = 1.7e-5, 5.1e-5
@@ -110,6 +110,7 @@ def measure(aircraft: Aircraft, truth: Truth, seed: int, options: SensorOptions)
         (options.magnetometer, suite.magnetic_field),
         (options.five_hole_probe, suite.pressures),
         (options.height_above_ground, suite.height),
+        (truth.inputs.shape[1] > 0, suite.inputs),
     ]
     return streams + [make() for wanted, make in optional if wanted], biases
 
@@ -253,6 +254,14 @@ class _Suite:
         names = (*SURFACES, "throttle", "thrust", "propeller_speed")
         return self.stream("control_surfaces", time, dict(zip(names, values.T, strict=True)))
 
+    def inputs(self) -> Stream:
+        """The inputs that the aircraft file names, in the units of the recording."""
+        time, named = self.times("inputs", "control_surfaces"), self.aircraft.inputs
+        draws = generator(self.seed, "inputs").standard_normal((len(time), len(named)))
+        noise = self.options.noise_scale * np.array([item.noise for item in named]) * draws
+        shown = (self.seen("control_surfaces", time).inputs + noise) / [item.factor for item in named]
+        return self.stream("inputs", time, ros_conversion.input_fields([item.name for item in named], shown))
+
     def magnetic_field(self) -> Stream:
         """Field in body axes; the file states its noise as that of the heading in level flight."""
         time = self.times("imu/mag", "magnetometer")
@@ -297,12 +306,15 @@ def turned(quaternions: Array, vectors_b: Array) -> Array:
     return np.array([rotation_matrix(q) @ v for q, v in zip(quaternions, vectors, strict=True)])
 
 
-def arrived(streams: Sequence[Stream]) -> Samples:
-    """Samples of all streams in order of arrival; those of one message stay together."""
+def arrived(streams: Sequence[Stream], inputs: Sequence[NamedInput] = ()) -> Samples:
+    """Samples of all streams in order of arrival; those of one message stay together.
+
+    ``inputs`` are those that the aircraft file names.
+    """
     batches: list[Samples] = []
     keys: list[npt.NDArray[np.int64]] = []
     for number, stream in enumerate(streams):
-        for part, (samples, rows) in enumerate(samples_and_rows(stream.topic, stream.stamp, stream.fields)):
+        for part, (samples, rows) in enumerate(samples_and_rows(stream.topic, stream.stamp, stream.fields, inputs)):
             batches.append(samples)
             same = np.ones(len(rows), dtype=np.int64)
             keys.append(np.stack([part * same, rows, number * same, stream.arrival[rows]]))

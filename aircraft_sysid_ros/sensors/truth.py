@@ -32,6 +32,7 @@ class Truth:
     static_pressure: Array  # (n,) [Pa]
     height: Array  # (n,) [m] above the ground
     controls: Array  # (n, 7) actual elevator, aileron, rudder, flaps, throttle, thrust, propeller speed
+    inputs: Array  # (n, k) those that the aircraft file names, in its order, SI
     wind: Array  # (n, 3) [m/s] NED, the direction the air moves to
     coefficients: Array  # (n, 6) C_X C_Y C_Z C_l C_m C_n, moments about the aerodynamic reference point
     origin: Array  # (3,) latitude, longitude [rad], altitude [m]

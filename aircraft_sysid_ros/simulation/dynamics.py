@@ -18,8 +18,14 @@ from numba import njit
 from aircraft_sysid_ros.aircraft import atmosphere, rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, model_from_terms, term_label
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, evaluate_programs, parse_expression
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, NamedInput
+from aircraft_sysid_ros.aircraft.expression import (
+    SIGNAL_COUNT,
+    SIGNAL_INDEX,
+    SIGNALS,
+    evaluate_programs,
+    parse_expression,
+)
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.errors import InputError
 
@@ -38,6 +44,9 @@ _DE, _DA, _DR, _FLAPS = (SIGNAL_INDEX[name] for name in ("de", "da", "dr", "flap
 _TC, _THROTTLE, _PROPELLER = (SIGNAL_INDEX[name] for name in ("Tc", "throttle", "propeller_speed"))
 _V, _QBAR, _MACH, _HEIGHT = (SIGNAL_INDEX[name] for name in ("V", "qbar", "mach", "height"))
 _ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[name] for name in ("alpha_dot", "beta_dot", "time"))
+_INPUTS = len(SIGNALS)
+#: Named inputs swing by so many times their noise, at a rate and at this multiple of it.
+_SWING, _SECOND_RATE = 30.0, 1.618
 #: The flow rates depend on the forces that they cause: so many passes leave nothing of a 5 % coupling.
 _FLOW_RATE_PASSES = 6
 
@@ -69,6 +78,7 @@ class Airframe(NamedTuple):
     pitch_speed: float  # [m/s] airspeed without thrust
     propeller_speed: float  # [rad/s] at full throttle
     actuator_rates: Array  # (4,) [1/s]
+    inputs: Array  # (k, 3) middle, swing [SI] and rate [rad/s] of the two sines that each named input follows
 
 
 class Place(NamedTuple):
@@ -87,7 +97,7 @@ class Motion(NamedTuple):
     specific_force: Array  # (3,) [m/s^2] body
     angular_acceleration: Array  # (3,) [rad/s^2]
     air_velocity: Array  # (3,) [m/s] body
-    signals: Array  # (19,) row of expression.SIGNALS
+    signals: Array  # (SIGNAL_COUNT,) signal row
     thrust: float  # [N]
 
 
@@ -115,7 +125,15 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
         pitch_speed=2.2 * trim_airspeed_of(aircraft),
         propeller_speed=80.0 * trim_airspeed_of(aircraft) / aircraft.span,
         actuator_rates=ACTUATOR_RATES,
+        inputs=np.array([_moved(k, item) for k, item in enumerate(aircraft.inputs)]).reshape(-1, 3),
     )  # fmt: skip
+
+
+def _moved(number: int, item: NamedInput) -> tuple[float, float, float]:
+    """Middle, swing and rate of a named input: about 0 as far as its limits allow, each at a rate of its own."""
+    low, high = item.limits
+    swing = min(_SWING * item.noise, 0.5 * (high - low))
+    return min(max(0.0, low + swing), high - swing), swing, 2.0 * np.pi * 0.23 * 1.25**number
 
 
 def with_effects(
@@ -125,7 +143,7 @@ def with_effects(
     terms = {axis: list(listed) for axis, listed in model.terms.items()}
     values = dict(coefficients)
     for effect in effects:
-        text = parse_expression(effect.expression).text
+        text = parse_expression(effect.expression, model.inputs).text
         if effect.axis not in terms:
             raise InputError(f"the effect names the axis '{effect.axis}': the axes are {' '.join(terms)}")
         name = f"{effect.axis}_{term_label(text)}"
@@ -133,7 +151,7 @@ def with_effects(
             terms[effect.axis].append(text)
             values[name] = 0.0
         values[name] = values.get(name, 0.0) + effect.value
-    return model_from_terms(terms), values
+    return model_from_terms(terms, model.inputs), values
 
 
 @njit(cache=True)
@@ -144,8 +162,8 @@ def thrust_of(airframe: Airframe, throttle: float, airspeed: float) -> float:
 
 @njit(cache=True)
 def signal_row(airframe: Airframe, place: Place, state: Array, air_velocity: Array, time: float) -> tuple[Array, float]:
-    """Row of expression.SIGNALS, shape (19,), without the flow rates, and the thrust [N]."""
-    out = np.zeros(len(SIGNALS))
+    """Signal row, shape (SIGNAL_COUNT,), without the flow rates, and the thrust [N]."""
+    out = np.zeros(SIGNAL_COUNT)
     speed, alpha, beta = air_data_from_velocity(air_velocity)
     altitude = place.altitude - state[POSITION + 2]
     throttle = state[CONTROLS + 3]
@@ -161,6 +179,9 @@ def signal_row(airframe: Airframe, place: Place, state: Array, air_velocity: Arr
     out[_THROTTLE], out[_PROPELLER] = throttle, airframe.propeller_speed * np.sqrt(throttle)
     out[_V], out[_QBAR], out[_MACH] = speed, qbar, speed / atmosphere.speed_of_sound(altitude)
     out[_HEIGHT], out[_TIME] = altitude - place.ground, time
+    for k in range(len(airframe.inputs)):
+        middle, swing, rate = airframe.inputs[k]
+        out[_INPUTS + k] = middle + 0.5 * swing * (np.sin(rate * time) + np.sin(_SECOND_RATE * rate * time))
     return out, thrust
 
 

@@ -11,7 +11,7 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft import atmosphere, earth
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.autopilot import (
@@ -113,7 +113,7 @@ def _run(
 ) -> tuple[Array, ...]:  # fmt: skip
     """States and what acts in them at every step."""
     n = len(wind)
-    states, signals = np.empty((n, STATE_SIZE)), np.empty((n, len(SIGNALS)))
+    states, signals = np.empty((n, STATE_SIZE)), np.empty((n, SIGNAL_COUNT))
     force, acceleration, air_velocity = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     coefficients, thrust = np.empty((n, 6)), np.empty(n)
     state = start
@@ -159,6 +159,7 @@ def _truth(
         static_pressure=np.array([atmosphere.pressure(h) for h in altitude]),
         height=column("height"),
         controls=controls,
+        inputs=signals[:, len(SIGNALS) : len(SIGNALS) + len(setup.airframe.inputs)].copy(),
         wind=wind,
         coefficients=coefficients,
         origin=setup.origin,

@@ -79,10 +79,10 @@ class Hidden:
         terms = {axis: list(listed) for axis, listed in aircraft.model.terms.items()}
         added = [(term.axis, term.expression) for term in self.terms]
         for axis, text in [*added, *self.native, *self._apparent(aircraft, coefficients)]:
-            text = parse_expression(text).text
+            text = parse_expression(text, aircraft.model.inputs).text
             if text not in terms[axis]:
                 terms[axis].append(text)
-        model = model_from_terms(terms)
+        model = model_from_terms(terms, aircraft.model.inputs)
         return aircraft_from_dict({**aircraft.source, "model": {k: list(v) for k, v in model.terms.items()}})
 
     def _apparent(self, aircraft: Aircraft, coefficients: Coefficients) -> list[tuple[str, str]]:

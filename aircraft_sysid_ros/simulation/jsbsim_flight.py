@@ -390,6 +390,7 @@ def truth_of_log(aircraft: Aircraft, time: Array, log: Array) -> Truth:
         static_pressure=part["static_pressure"][:, 0],
         height=part["height"][:, 0],
         controls=part["controls"],
+        inputs=np.empty((len(time), 0)),
         wind=part["wind"],
         coefficients=np.array(coefficients),
         origin=origin,

@@ -82,7 +82,7 @@ class SimulatedFlight:
     @cached_property
     def samples(self) -> Samples:
         """All samples in order of arrival."""
-        return arrived(self.streams)
+        return arrived(self.streams, self.aircraft.inputs)
 
 
 def simulate_samples(

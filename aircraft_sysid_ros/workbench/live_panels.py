@@ -166,6 +166,10 @@ class LiveAddPanel(AddPanel):
             self._shown = self.changes()
             super().update()
 
+    def inputs(self) -> tuple[str, ...]:
+        """None: messages of the node do not say which its aircraft file names."""
+        return ()
+
     def changes(self) -> Sequence[str]:
         """What the node was asked to add."""
         return [item.text for item in self.page.session.flight.added]

@@ -21,7 +21,7 @@ from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.candidates import VERDICTS, Card, cards, evidence_figure
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
 from aircraft_sysid_ros.workbench.views.history import effect_name
-from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS
+from aircraft_sysid_ros.workbench.views.words import quantity_of
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")
@@ -68,7 +68,7 @@ class WherePanel(SidePanel):
         self._list = ui.element("div").classes("list").props("data-testid=places")
         ui.label("What is left over, by two signals").classes("heading").style("margin-top:12px")
         ui.label("Press a cell to see in the time plots when it was flown.").classes("soft small")
-        options = {name: SIGNAL_WORDS[name].words for name in signals}
+        options = {name: quantity_of(name).words for name in signals}
         axes = {name: f"C_{name[1]}" for name in AXES if name in comparison.axes}
         with ui.element("div").classes("pickers"):
             for key, label, choices in (("axis", "axis", axes), ("x", "across", options), ("y", "upwards", options)):
@@ -212,7 +212,7 @@ class AddPanel(SidePanel):
             button = ui.button("Add the term", on_click=self._do_term(ADD))
             self.changing(button.props("unelevated data-testid=add-term"))
             self.more_buttons()
-        Html(markup.term_help(SIGNALS)).classes("soft small").style("margin-bottom:12px")
+        Html(markup.term_help((*SIGNALS, *self.inputs()))).classes("soft small").style("margin-bottom:12px")
         ui.label("An effect of the library").classes("heading")
         options = {effect.identifier: f"{effect.name} ({effect.identifier})" for effect in self.library}
         self._effect = ui.select(options, with_input=True, label="effect").props("outlined dense options-dense")
@@ -238,6 +238,10 @@ class AddPanel(SidePanel):
                     )
                     self.changing(button.props("flat dense" + (" data-testid=undo" if last else "")))
 
+    def inputs(self) -> tuple[str, ...]:
+        """Named inputs of the aircraft file."""
+        return self.page.view.flight.model.inputs
+
     def changes(self) -> Sequence[str]:
         """What was added, in order."""
         return list(self.page.view.changes)
@@ -254,7 +258,7 @@ class AddPanel(SidePanel):
 
     def _complain(self, text: str) -> bool:
         """Say what is wrong with a term; nothing while it is empty."""
-        self._complaint.text = complaint(text) if text.strip() else ""
+        self._complaint.text = complaint(text, self.inputs()) if text.strip() else ""
         return not self._complaint.text
 
     def _do_term(self, kind: str) -> Callable[[], None]:
@@ -273,10 +277,13 @@ class AddPanel(SidePanel):
             self.do(ADD, str(self._effect.value))
 
 
-def complaint(text: str) -> str:
-    """What is wrong with a term, beginning with what to do; empty where nothing is."""
+def complaint(text: str, inputs: tuple[str, ...] = ()) -> str:
+    """What is wrong with a term, beginning with what to do; empty where nothing is.
+
+    ``inputs``: names that the aircraft file gives to further signals.
+    """
     try:
-        parse_request(text)
+        parse_request(text, inputs)
     except InputError as error:
         if ":" in text:
             return str(error)

@@ -278,3 +278,42 @@ def test_gps_noise_is_one_number_or_three_and_aliases_are_known():
 def test_the_inertia_is_that_of_6_19():
     inertia = inertia_matrix(1.0, 2.0, 3.0, 0.4)
     assert inertia[0, 2] == inertia[2, 0] == -0.4 and np.all(np.linalg.eigvalsh(inertia) > 0.0)
+
+
+def test_named_inputs_are_signals_of_terms(tmp_path):
+    text = "inputs: {trim_tab: {unit: deg, noise: 0.1, limits: [-20, 30]}, engine_left: {unit: 1}, spoiler: }\n"
+    aircraft = loaded(tmp_path, MINIMAL + text + "model: {Cm: [1, alpha, q, de, trim_tab], CZ: [1, spoiler*alpha]}\n")
+    tab, engine, spoiler = aircraft.inputs
+    assert (tab.name, engine.name, spoiler.name) == aircraft.model.inputs == ("trim_tab", "engine_left", "spoiler")
+    np.testing.assert_allclose([tab.factor, tab.noise, *tab.limits], np.radians([1.0, 0.1, -20.0, 30.0]))
+    assert engine.factor == spoiler.factor == 1.0 and engine.limits == (-10.0, 10.0)
+    assert "CZ_spoiler*alpha" in aircraft.model.parameter_names
+    assert aircraft.model.signals_of_axes[2] == ("alpha", "spoiler")
+    tilted = aircraft.model.regressors("CZ", {"alpha": [0.1, 0.2], "spoiler": [2.0, np.nan]})
+    np.testing.assert_allclose(tilted, [[1.0, 0.2], [1.0, np.nan]])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("inputs: {alpha: }", "the input 'alpha' has the name of a signal that there is already: give it another one"),
+        ("inputs: {trim-tab: }", "the input 'trim-tab' cannot stand in a term: name it with letters, digits and _"),
+        ("inputs: {max: }", "the input 'max' cannot stand in a term: name it with letters, digits and _"),
+        ("inputs: {if: }", "the input 'if' cannot stand in a term: name it with letters, digits and _"),
+        ("inputs: {1: }", "the input '1' cannot stand in a term: name it with letters, digits and _"),
+        ("inputs: [trim_tab]", "inputs must be a mapping such as {trim_tab: {unit: deg}}, not a list"),
+        ("inputs: {tab: deg}", "input tab must be a mapping such as {unit: deg}, not 'deg'"),
+        ("inputs: {tab: {units: deg}}", "unknown key of input tab: 'units': did you mean 'unit'?"),
+        ("inputs: {tab: {unit: ft}}", "input tab has the unit 'ft': use one of rad, deg, 1, N, rad/s"),
+        ("inputs: {tab: {noise: 0}}", "the noise of input tab must be positive, not 0"),
+        ("inputs: {tab: {limits: 3}}", "the limits of input tab must be two numbers [lowest, highest], not '3'"),
+        ("inputs: {tab: {limits: [1, -1]}}", "the limits of input tab must rise, not go from 1 to -1"),
+        ("inputs: {" + ", ".join(f"x{i}: " for i in range(11)) + "}", "inputs are 11: at most 10 can be named"),
+        ("model: {Cm: [1, trim_tab]}", "'trim_tab' in 'trim_tab' is no signal: use one of alpha beta"),
+        ("inputs: {tab: , tab: }", "'tab'"),
+    ],
+)
+def test_inputs_that_cannot_be_are_one_sentence(tmp_path, text, said):
+    with pytest.raises(InputError) as caught:
+        loaded(tmp_path, MINIMAL + text + "\n")
+    assert said in str(caught.value) and "\n" not in str(caught.value)

@@ -148,7 +148,7 @@ def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, a
     """All surfaces were recorded 80 ms after they moved, which the file does not say."""
     _shift(run, Kind.CONTROLS, 80_000_000)
     effect = Effect(**{**vars(BY_ID["actuator_lag"]), "inner": (ShapeParameter("delay", "s", 0.0, 0.2, 5),)})
-    monkeypatch.setattr(additions, "parse_request", lambda text: effect)
+    monkeypatch.setattr(additions, "parse_request", lambda text, inputs: effect)
     before = open_run(run)
     outcome = add(run, "actuator_lag")
     ((key, value),) = outcome.change.settings
@@ -175,7 +175,7 @@ def test_add_and_diagnose_find_the_same_lag_of_the_air_data(run, monkeypatch) ->
     )
     effect = BY_ID["air_data_lag"]
     effect = Effect(**{**vars(effect), "variants": effect.variants[:1]})
-    monkeypatch.setattr(additions, "parse_request", lambda text: effect)
+    monkeypatch.setattr(additions, "parse_request", lambda text, inputs: effect)
     named = measurement_faults(flight, [effect], True)[0]
     outcome = add(run, "air_data_lag")
     ((key, value),) = outcome.change.settings

@@ -199,6 +199,34 @@ def test_the_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
     assert len(read_recording(tmp_path / "bag").samples) == 16_000
 
 
+@pytest.mark.parametrize("also", [None, "static_pressure", "pressure_altitude", "place"])
+def test_an_altitude_without_a_place_is_a_static_pressure_where_nothing_else_gives_one(tmp_path, also):
+    time, height = np.arange(50) * 0.1, np.linspace(900.0, 1100.0, 50)
+    header = "t,h,Ps,hp,lat,lon"
+    columns = [time, height, np.full(50, 95e3), np.full(50, 500.0), np.full(50, 45.0), np.full(50, 10.0)]
+    np.savetxt(tmp_path / "f.csv", np.stack(columns, axis=1), fmt="%.9g", delimiter=",", header=header, comments="")
+    signals = [("altitude", "h", "m")]
+    more = {
+        "static_pressure": [("static_pressure", "Ps", "Pa")],
+        "pressure_altitude": [("pressure_altitude", "hp", "m")],
+    }
+    more["place"] = [("latitude", "lat", "deg"), ("longitude", "lon", "deg")]
+    text = layouts.map_of((None, "{column: t, unit: s}", signals + more.get(also, [])))
+    report, samples, _ = imported(tmp_path / "f.csv", text, tmp_path)
+    pressure = samples.values[samples.kind == Kind.AIR][:, 1]
+    if also is None:
+        # the standard atmosphere, ICAO Doc 7488: 89874.6 Pa at 1000 m, and 11.1 Pa/m there
+        np.testing.assert_allclose(np.interp(1000.0, height, pressure), 89874.6, rtol=2e-4)
+        assert np.gradient(pressure, height)[25] == pytest.approx(-10.9, abs=0.2)
+        assert "static_pressure is that of the standard atmosphere at altitude" in report["notes"]
+        assert "altitude" not in report["missing"]
+    elif also == "place":
+        assert not len(pressure) and (samples.kind == Kind.GPS_POSITION).sum() == 50
+    else:
+        assert np.ptp(pressure) == 0.0
+        assert report["missing"]["altitude"] == "not carried over: a position needs latitude, longitude and altitude"
+
+
 class TestRealFlights:
     """Recordings of others, against what their notes say and against physics."""
 

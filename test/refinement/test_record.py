@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_model.layout import CONTROLS, INPUT_SIZE
+from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT, CONTROLS, INPUT_SIZE
 from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.refinement.resampling import cubic
 from aircraft_sysid_ros.refinement.segments import Segment, segments_of
@@ -52,7 +52,7 @@ def test_inputs_are_those_of_the_truth_at_both_ends_and_in_the_middle(still_flig
     noise = still_flight.aircraft.sensors["control_surfaces"].noise[0]
     for inputs, real in (
         (record.inputs[:, CONTROLS], truth.controls),
-        (record.inputs[:, INPUT_SIZE:], middle.controls),
+        (record.inputs[:, INPUT_SIZE : INPUT_SIZE + CONTROL_COUNT], middle.controls),
     ):
         error = (inputs - real)[inside, surfaces]
         assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 1.3 * noise)

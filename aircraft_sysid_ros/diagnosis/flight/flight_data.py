@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, Program, evaluate_rows, link
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, Program, evaluate_rows, link, parse_expression
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.pace import why_controls_too_slow, why_too_slow
@@ -40,7 +40,7 @@ class FlightData:
     aircraft: Aircraft
     time: Array  # (n,) [s] from the first point
     measured: Array  # (n, 6) C_X … C_n
-    signals: Array  # (n, len(SIGNALS))
+    signals: Array  # (n, SIGNAL_COUNT)
     step: float  # [s]
     #: One sigma [m/s] of the air-relative velocity across the flow, the median over the flight; NaN: not stated.
     air_velocity_std: float = np.nan
@@ -111,17 +111,26 @@ class FlightData:
         return np.asarray((phase < 0.5 * GUARD) | (phase > BLOCK - 0.5 * GUARD))
 
     def with_signals(self, signals: Array) -> FlightData:
-        """The same flight with other signals (n, len(SIGNALS))."""
+        """The same flight with other signals (n, SIGNAL_COUNT)."""
         return replace(self, signals=signals)
 
     def with_terms(self, terms: Mapping[str, Sequence[str]]) -> FlightData:
         """The same flight under a model with more terms by axis. Raises InputError for those that it has."""
-        model = model_from_terms({axis: [*known, *terms.get(axis, ())] for axis, known in self.model.terms.items()})
+        listed = {axis: [*known, *terms.get(axis, ())] for axis, known in self.model.terms.items()}
+        model = model_from_terms(listed, self.model.inputs)
         return replace(self, aircraft=replace(self.aircraft, model=model))
 
     def signal(self, name: str) -> Array:
         """One signal (n,)."""
-        return np.asarray(self.signals[:, SIGNAL_INDEX[name]])
+        return np.asarray(self.signals[:, self.model.signal_names.index(name)])
+
+    def parsed(self, texts: Iterable[str]) -> list[Program]:
+        """Terms of texts, which may read the named inputs of the aircraft. Raises InputError."""
+        return [parse_expression(text, self.model.inputs) for text in texts]
+
+    def lacks(self, names: Collection[str]) -> list[str]:
+        """Those of some signals that have no value anywhere in the flight."""
+        return [s for s in self.model.signal_names if s in names and not np.isfinite(self.signal(s)).any()]
 
     def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
         """Terms (n, len(programs)) on the signals."""
@@ -149,11 +158,12 @@ def load_flight_data(run: str | Path) -> FlightData:
         raise not_a_run(run) from None
     stamp, measured, signals = points["stamp"], points["measured"], points["signals"]
     names = tuple(str(name) for name in points["signal_names"])
-    if names != SIGNALS or measured.shape != (len(stamp), len(AXES)):
+    if names != aircraft.model.signal_names or measured.shape != (len(stamp), len(AXES)):
         raise InputError(f"{run} was written by another version of this program: replay the recording again")
     time = (stamp - stamp[0]) * 1e-9 if len(stamp) else np.empty(0)
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
-    flight = FlightData(aircraft, time, measured, signals, step)
+    unnamed = np.full((len(stamp), SIGNAL_COUNT - len(names)), np.nan)
+    flight = FlightData(aircraft, time, measured, np.hstack([signals, unnamed]), step)
     check_flight(str(run), flight)
     return flight
 

@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, parse_expression
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, explained
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
@@ -187,7 +187,7 @@ def _finding(flight: LiveFlight, bench: CandidateEvaluator, trial: Score, tried:
     for axis, gain in trial.gains.items():
         if 1.0 - gain.nrmse_after / gain.nrmse_before < THRESHOLDS.live_size:
             continue
-        columns = flight.data.columns([parse_expression(term) for term in trial.candidate.terms[axis]])
+        columns = flight.data.columns(flight.data.parsed(trial.candidate.terms[axis]))
         p_value = tried * float(chi2.sf(*wald(flight, bench.fits[axis], columns)))
         if p_value < THRESHOLDS.live_level:
             passed[axis] = p_value
@@ -226,11 +226,12 @@ def search(flight: LiveFlight, library: Sequence[Effect]) -> list[LiveFinding]:
         return []
     effects = [effect for effect in library if effect.kind != MEASUREMENT and can_act(effect, flight.data)]
     trials = [trial for effect in effects if (trial := bench.best_of(effect)) is not None]
-    trials = [trial for trial in trials if not reads(trial.candidate, FORCES)]
+    named = flight.data.model.inputs
+    trials = [trial for trial in trials if not reads(trial.candidate, FORCES, named)]
     tried = sum(len(trial.gains) for trial in trials)
     tested = [_finding(flight, bench, trial, tried) for trial in trials]
     findings = sorted([f for f in tested if f is not None], key=lambda f: -f.score)
-    outside = [c for c in expressions(flight.data) if not reads(c, FORCES)]
+    outside = [c for c in expressions(flight.data) if not reads(c, FORCES, named)]
     best = max((t for t in map(bench.trial, outside) if t is not None), key=lambda t: t.score, default=None)
     if best is not None:
         found = _finding(flight, bench, best, len(outside))
@@ -249,9 +250,9 @@ def _is_enough(inside: LiveFinding, outside: LiveFinding) -> bool:
     )
 
 
-def reads(candidate: Candidate, signals: Collection[str]) -> bool:
-    """Whether a term of a candidate reads any of some signals."""
-    return bool(model_from_terms(candidate.terms).signals_used & set(signals))
+def reads(candidate: Candidate, signals: Collection[str], inputs: tuple[str, ...] = ()) -> bool:
+    """Whether a term of a candidate, which may read the named ``inputs``, reads any of some signals."""
+    return bool(model_from_terms(candidate.terms, inputs).signals_used & set(signals))
 
 
 def _company(bench: CandidateEvaluator, finding: LiveFinding, others: Sequence[LiveFinding]) -> tuple[str, ...]:
@@ -319,9 +320,12 @@ def _candidate_content(finding: LiveFinding) -> dict[str, Any]:
 # -- what the user asks for ---------------------------------------------------------------------------------------
 
 
-def requested(text: str) -> Effect | Terms:
-    """An effect of the library, or the terms by axis of ``CZ: alpha**3``. Raises InputError for anything else."""
-    parsed = parse_request(text)
+def requested(text: str, inputs: tuple[str, ...] = ()) -> Effect | Terms:
+    """An effect of the library, or the terms by axis of ``CZ: alpha**3``, which may read the named ``inputs``.
+
+    Raises InputError for anything else.
+    """
+    parsed = parse_request(text, inputs)
     if isinstance(parsed, Effect) and parsed.kind == MEASUREMENT:
         raise InputError(
             f"'{parsed.identifier}' is a matter of the sensors, which the model cannot mend in flight: after it, "
@@ -330,10 +334,14 @@ def requested(text: str) -> Effect | Terms:
     return parsed
 
 
-def check_signals(terms: Terms, kept: RememberedSamples) -> None:
-    """Raises InputError where a term reads a signal that the flight does not have: its axis would stop to learn."""
-    used = model_from_terms(terms).signals_used
-    missing = [name for i, name in enumerate(SIGNALS) if name in used and not np.isfinite(kept.signals[:, i]).any()]
+def check_signals(terms: Terms, kept: RememberedSamples, inputs: tuple[str, ...] = ()) -> None:
+    """Raises InputError where a term reads a signal that the flight does not have: its axis would stop to learn.
+
+    ``inputs``: names that the aircraft file gives to further signals.
+    """
+    model = model_from_terms(terms, inputs)
+    used, names = model.signals_used, model.signal_names
+    missing = [name for i, name in enumerate(names) if name in used and not np.isfinite(kept.signals[:, i]).any()]
     if missing and len(kept.time):
         text = "; ".join(f"{axis}: {term}" for axis, listed in terms.items() for term in listed)
         raise InputError(f"'{text}' needs {' and '.join(missing)}, which this flight does not have")
@@ -350,7 +358,7 @@ def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Terms:
             f"'{effect.identifier}' is fitted to the flight: less than {THRESHOLDS.shortest:g} s of it are settled"
         )
     data = flight.data
-    missing = [name for name in SIGNALS if name in effect.signals and not np.isfinite(data.signal(name)).any()]
+    missing = data.lacks(effect.signals)
     trial = None if missing else CandidateEvaluator(data).best_of(effect)
     if trial is None:
         needed = " and ".join(missing) or "signals"

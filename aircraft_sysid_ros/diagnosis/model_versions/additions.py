@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms, term_label
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, one_line, parse_expression
+from aircraft_sysid_ros.aircraft.expression import one_line, parse_expression
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
@@ -73,7 +73,7 @@ def add(path: str | Path, text: str, progress: Progress = lambda share: None) ->
     """
     with changing(path):
         run = open_run(path)
-        parsed, setting = parse_request(text), None
+        parsed, setting = parse_request(text, run.root.model.inputs), None
         flight = run.flight()
         progress(0.2)
         if isinstance(parsed, Effect):
@@ -96,7 +96,7 @@ def remove(path: str | Path, text: str) -> Outcome:
     """Take away what was added under this name, or any term such as ``CZ: de``."""
     with changing(path):
         run = open_run(path)
-        parsed = parse_request(text)
+        parsed = parse_request(text, run.root.model.inputs)
         label = parsed.identifier if isinstance(parsed, Effect) else label_of(parsed)
         changes = dict(run.current.changes)
         if label in changes and (changes[label].terms or changes[label].settings):
@@ -112,8 +112,11 @@ def remove(path: str | Path, text: str) -> Outcome:
 # -- what the user names -------------------------------------------------------------------------------------
 
 
-def parse_request(text: str) -> Effect | dict[str, tuple[str, ...]]:
-    """An effect by its id, or canonical terms by axis from ``CZ: alpha**3`` (more axes after a semicolon)."""
+def parse_request(text: str, inputs: tuple[str, ...] = ()) -> Effect | dict[str, tuple[str, ...]]:
+    """An effect by its id, or canonical terms by axis from ``CZ: alpha**3`` (more axes after a semicolon).
+
+    ``inputs``: names that the aircraft file gives to further signals.
+    """
     text = one_line(text).strip()
     if text in BY_ID:
         return BY_ID[text]
@@ -129,8 +132,8 @@ def parse_request(text: str) -> Effect | dict[str, tuple[str, ...]]:
         axis = {a.lower(): a for a in AXES}.get(axis.strip().replace("_", "").lower(), axis.strip())
         if axis not in AXES:
             raise InputError(f"'{axis[:30]}' is no axis: the axes are {' '.join(AXES)}")
-        terms[axis] = (*terms.get(axis, ()), parse_expression(expression).text)
-    model_from_terms(terms)  # twice the same
+        terms[axis] = (*terms.get(axis, ()), parse_expression(expression, inputs).text)
+    model_from_terms(terms, inputs)  # twice the same
     return terms
 
 
@@ -152,7 +155,7 @@ def _of_terms(flight: FlightData, terms: Mapping[str, tuple[str, ...]]) -> Chang
             missing = missing_signals(flight, text)
             if missing:
                 raise InputError(f"'{axis}: {text}' needs {' and '.join(missing)}, which this flight does not have")
-            if not np.isfinite(flight.columns([parse_expression(text)])).any():
+            if not np.isfinite(flight.columns(flight.parsed([text]))).any():
                 raise InputError(f"'{axis}: {text}' is not finite at any point of this flight: mend the expression")
     for axis, texts in terms.items():
         unknown = undetermined(flight, axis, texts)
@@ -165,12 +168,11 @@ def _of_terms(flight: FlightData, terms: Mapping[str, tuple[str, ...]]) -> Chang
 
 def missing_signals(flight: FlightData, *texts: str) -> list[str]:
     """Signals that terms read and that have no value in the flight."""
-    model = model_from_terms({"CX": list(dict.fromkeys(texts))})
-    return [name for name in SIGNALS if name in model.signals_used and not np.isfinite(flight.signal(name)).any()]
+    return flight.lacks(frozenset().union(*(program.signals for program in flight.parsed(texts))))
 
 
 def _of_effect(flight: FlightData, effect: Effect) -> Change:
-    missing = [name for name in SIGNALS if name in effect.signals and not np.isfinite(flight.signal(name)).any()]
+    missing = flight.lacks(effect.signals)
     trial = None if missing else CandidateEvaluator(flight).best_of(effect)
     if trial is None:
         raise InputError(
@@ -298,27 +300,35 @@ def _finish(
     other = run.flight(version.aircraft) if change.settings else replace(flight, aircraft=version.aircraft)
     before, after = fits_of(flight), fits_of(other)
     touched = list(AXES) if change.settings else [*change.terms, *change.without]
-    pairs = {axis: (before[axis], after[axis]) for axis in AXES if axis in touched and axis in after}
-    axes = {a: {**_errors(*p), "noise_floor": compare_axis(other, p[1]).floor.nrmse} for a, p in pairs.items()}
+    fitted = [axis for axis in AXES if axis in touched and axis in after]
+    axes = {a: _errors(before.get(a), after[a]) for a in fitted}
+    axes = {a: {**errors, "noise_floor": compare_axis(other, after[a]).floor.nrmse} for a, errors in axes.items()}
     if not axes:
         raise InputError(f"no axis that '{label}' enters can be fitted on this flight")
     names = [] if removed else [f"{axis}_{term_label(t)}" for axis, texts in change.terms.items() for t in texts]
     parameters = parameters_of(other, after)
     write_version(run, version, parameters, axes)
     new = [p for p in parameters if p["name"] in names]
+    pairs = {axis: (before[axis], after[axis]) for axis in fitted if axis in before}
     shared = {axis: _errors(*_on_shared_points(*pair)) for axis, pair in pairs.items()}
     falls = [1.0 - e["error_after"] / e["error_before"] for e in shared.values()]
     logs = [np.log(e["error_after"] / e["error_before"]) for e in shared.values()]
-    improved = bool(max(falls) > THRESHOLDS.least_fall and sum(logs) < 0.0)
+    improved = bool(max(falls, default=0.0) > THRESHOLDS.least_fall and sum(logs) < 0.0)
     partly = any(shared[axis] != _errors(*pair) for axis, pair in pairs.items())
-    verdict = _verdict(label, shared, improved, removed, " where both models have values" if partly else "")
+    where = " where both models have values" if partly else ""
+    if shared:
+        verdict = _verdict(label, shared, improved, removed, where)
+    else:  # a term that reads what the flight lacks has gone
+        verdict = f"without '{label}' this flight fits {' and '.join(fitted)}, which it did not before"
     if setting is not None:
-        improved, verdict = setting.evidence > 1.0, _verdict_of(setting, axes)
+        improved = setting.evidence > 1.0
+        verdict = _verdict_of(setting, {axis: errors for axis, errors in axes.items() if axis in before})
     return Outcome(version, label, change, axes, new, improved, verdict)
 
 
-def _errors(before: AxisFit, after: AxisFit) -> dict[str, float]:
-    return {"error_before": before.nrmse_held_out, "error_after": after.nrmse_held_out}
+def _errors(before: AxisFit | None, after: AxisFit) -> dict[str, float]:
+    """NaN before, where the flight could not fit the axis."""
+    return {"error_before": np.nan if before is None else before.nrmse_held_out, "error_after": after.nrmse_held_out}
 
 
 def _on_shared_points(before: AxisFit, after: AxisFit) -> tuple[AxisFit, AxisFit]:

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, fill, placeholders
 from aircraft_sysid_ros.errors import InputError
@@ -116,11 +115,9 @@ def is_measured(variant: Variant, data: FlightData, base: Mapping[str, str]) -> 
         for term in terms:
             neutral = {name: base.get(name, 0.5) for name in placeholders(term)}
             try:
-                code = parse_expression(fill(term, neutral)).code
+                (program,) = data.parsed([fill(term, neutral)])
             except InputError:
                 return False
-            for operation, argument in code:
-                column = data.signals[:, int(argument)] if operation == 1 else None
-                if column is not None and not np.any(np.isfinite(column)):
-                    return False
+            if data.lacks(program.signals):
+                return False
     return True

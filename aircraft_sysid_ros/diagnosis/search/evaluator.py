@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
+from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import (
     Candidate,
@@ -105,7 +105,7 @@ class CandidateEvaluator:
         for axis, terms in candidate.terms.items():
             if axis in self.fits:
                 with contextlib.suppress(InputError):
-                    columns = self.data.columns([parse_expression(term) for term in terms])
+                    columns = self.data.columns(self.data.parsed(terms))
                     gains[axis] = self.fits[axis].gain(columns)
         return Score(candidate, gains) if gains else None
 
@@ -140,7 +140,7 @@ class CandidateEvaluator:
     def contribution(self, trial: Score, axis: str) -> Array:
         """What a candidate explains in an axis beyond the model, (n,), 0 where it has no data."""
         fit, gain = self.fits[axis], trial.gains[axis]
-        columns = self.data.columns([parse_expression(term) for term in trial.candidate.terms[axis]])
+        columns = self.data.columns(self.data.parsed(trial.candidate.terms[axis]))
         values = np.zeros(len(fit.rows))
         rows = fit.rows & np.all(np.isfinite(columns), axis=1)
         z = columns @ np.nan_to_num(gain.parameters)
@@ -174,8 +174,8 @@ def new_terms(flight: FlightData, trial: Score) -> dict[str, tuple[str, ...]]:
     """What a candidate has by axis that the model lacks and the flight determines beside it: what ``add`` adds."""
     found: dict[str, tuple[str, ...]] = {}
     for axis in trial.gains:
-        texts = [parse_expression(text).text for text in trial.candidate.terms[axis]]
-        texts = [text for text in texts if text not in flight.model.terms[axis]]
+        parsed = [program.text for program in flight.parsed(trial.candidate.terms[axis])]
+        texts = [text for text in parsed if text not in flight.model.terms[axis]]
         with contextlib.suppress(InputError):
             unknown = undetermined(flight, axis, texts)
             if len(unknown) < len(texts):
@@ -192,7 +192,7 @@ def undetermined(flight: FlightData, axis: str, texts: Sequence[str]) -> list[st
     """Terms whose parameters the flight does not determine beside those of the model. Raises InputError."""
     if not texts:
         return []
-    columns = flight.columns([parse_expression(text) for text in texts])
+    columns = flight.columns(flight.parsed(texts))
     determined = fit_axis(flight, axis).extended(columns, texts).determined[-len(texts) :]
     return [text for text, known in zip(texts, determined, strict=True) if not known]
 
@@ -205,7 +205,7 @@ def _fits(data: FlightData, axes: Collection[str] = AXES) -> dict[str, AxisFit]:
             fits[axis] = fit_axis(data, axis)
     if "CX" in fits:
         tilt = tilt_terms(data)
-        columns = data.columns([parse_expression(term) for term in tilt])
+        columns = data.columns(data.parsed(tilt))
         with contextlib.suppress(InputError):
             fits["CX"] = fits["CX"].extended(columns, [f"CX_{term}" for term in tilt])
     return fits
@@ -221,18 +221,18 @@ def tilt_terms(data: FlightData) -> list[str]:
     present, model = set(data.model.terms["CX"]), data.model.terms
     tilted = [f"alpha*({term})" for term in model["CZ"] if term not in ("1", "alpha")]
     tilted += [f"beta*({term})" for term in model["CY"] if term not in ("1", "beta")]
-    texts = [parse_expression(term).text for term in tilted if len(term) <= MAXIMUM_LENGTH]
+    texts = [program.text for program in data.parsed(term for term in tilted if len(term) <= MAXIMUM_LENGTH)]
     return [text for text in texts if text not in present]
 
 
-#: Signals whose products the search outside the library tries.
+#: Signals whose products the search outside the library tries, with the named inputs of the aircraft.
 _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "flaps", "Tc", "V", "height", "alpha_dot", "beta_dot")
 _HINGED = ("alpha", "beta", "V", "height")
 
 
 def expressions(data: FlightData) -> Iterator[Candidate]:
     """Generic terms, one per axis each: products, powers, kinks of the signals that this flight has and moves."""
-    moving = [name for name in _SIGNALS if moves(data.signal(name))]
+    moving = [name for name in (*_SIGNALS, *data.model.inputs) if moves(data.signal(name))]
     texts = [*moving, *(f"{name}*abs({name})" for name in moving), *(f"{name}**3" for name in moving)]
     texts += [f"{a}*{b}" for i, a in enumerate(moving) for b in moving[i + 1 :]]
     texts += [f"{name}**2" for name in moving]
@@ -243,10 +243,9 @@ def expressions(data: FlightData) -> Iterator[Candidate]:
             texts += [f"max({name}-({level:.4g}),0)" for level in levels]
     for axis in AXES:
         known = set(data.model.terms[axis]) | (set(tilt_terms(data)) if axis == "CX" else set())
-        for text in texts:
-            canonical = parse_expression(text).text
-            if canonical not in known:
-                yield Candidate(None, "", (), {axis: (canonical,)})
+        for program in data.parsed(texts):
+            if program.text not in known:
+                yield Candidate(None, "", (), {axis: (program.text,)})
 
 
 def moves(column: Array) -> bool:

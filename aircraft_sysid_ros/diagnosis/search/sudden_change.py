@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
+from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, grid
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, moves, refined
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -31,7 +31,7 @@ _MOST_TERMS, _MOST_MOMENTS = 4, 4
 def sudden_change(bench: CandidateEvaluator) -> Score | None:
     """The best change at one moment; None where none gains anything."""
     times = [float(t) for t in grid(_MOMENT, bench.data) if np.isfinite(t)]
-    whole = [(t, trial) for t in times if (trial := bench.trial(_candidate(t, _everything(bench)))) is not None]
+    whole = [(t, trial) for t in times if (trial := bench.trial(_candidate(bench, t, _everything(bench)))) is not None]
     whole.sort(key=lambda item: -_gain(item[1]))
     chosen = [_chosen(bench, t, trial) for t, trial in whole[:_MOST_MOMENTS]]
     best = max((trial for trial in chosen if trial is not None), key=_gain, default=None)
@@ -40,16 +40,17 @@ def sudden_change(bench: CandidateEvaluator) -> Score | None:
 
 def _everything(bench: CandidateEvaluator) -> dict[str, list[str]]:
     """All terms that may change, by axis."""
-    moving = [name for name in _SIGNALS if moves(bench.data.signal(name))]
+    moving = [name for name in (*_SIGNALS, *bench.data.model.inputs) if moves(bench.data.signal(name))]
     terms = {axis: dict.fromkeys(["1", *moving, *bench.data.model.terms[axis]]) for axis in bench.fits}
     return {axis: [term for term in listed if len(term) < _LONGEST] for axis, listed in terms.items()}
 
 
-def _candidate(moment: float, terms: Mapping[str, Sequence[str]]) -> Candidate:
+def _candidate(bench: CandidateEvaluator, moment: float, terms: Mapping[str, Sequence[str]]) -> Candidate:
     step = f"max(sign(time-({moment:.6g})),0)"
     texts = {}
     for axis, names in terms.items():
-        texts[axis] = tuple(parse_expression(step if n == "1" else f"{step}*({n})").text for n in names)
+        parsed = bench.data.parsed(step if n == "1" else f"{step}*({n})" for n in names)
+        texts[axis] = tuple(program.text for program in parsed)
     return Candidate(None, "", (("t0", moment),), texts, changed=terms)
 
 
@@ -66,7 +67,7 @@ def _chosen(bench: CandidateEvaluator, moment: float, whole: Score) -> Score | N
         kept: list[str] = []
         gained = 0.0
         while len(kept) < _MOST_TERMS:
-            trials = {t: bench.trial(_candidate(moment, {axis: [*kept, t]})) for t in terms if t not in kept}
+            trials = {t: bench.trial(_candidate(bench, moment, {axis: [*kept, t]})) for t in terms if t not in kept}
             gains = {term: trial.log_ratios[axis] for term, trial in trials.items() if trial is not None}
             best = max(gains, key=lambda term: gains[term], default=None)
             if best is None or gains[best] < gained + THRESHOLDS.change_gain:
@@ -75,9 +76,9 @@ def _chosen(bench: CandidateEvaluator, moment: float, whole: Score) -> Score | N
             kept.append(best)
         if kept:
             few[axis] = kept
-    return bench.trial(_candidate(moment, few)) if few else None
+    return bench.trial(_candidate(bench, moment, few)) if few else None
 
 
 def _at(bench: CandidateEvaluator, trial: Score, moment: float) -> Score | None:
     """The same change at another moment."""
-    return bench.trial(_candidate(moment, trial.candidate.changed))
+    return bench.trial(_candidate(bench, moment, trial.candidate.changed))

@@ -20,7 +20,7 @@ from scipy.signal import butter, filtfilt, lfilter
 
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_rows
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT, evaluate_rows
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
@@ -63,7 +63,7 @@ class FlightConditions:
             height_above_ground=int(Kind.HEIGHT) in present,
         )
         streams, _ = measure(self.sensing, self.truth, seed, options)
-        samples = arrived(streams)
+        samples = arrived(streams, self.sensing.inputs)
         samples = samples[np.isin(samples.kind, self.kinds)]
         return samples if len(self.spans) == 1 else self._in_manoeuvres(samples)
 
@@ -128,6 +128,7 @@ def world_of(
     world_rows[:, StateField.AIRSPEED : StateField.SIDESLIP + 1] = flow
     controls = _series(samples, Kind.CONTROLS, 7, time, epoch)
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
+    inputs = _series(samples, Kind.INPUTS, MOST_INPUTS, time, epoch)
     origins = on_grid[:, StateField.ORIGIN.stop - 1]
     position = on_grid[:, StateField.POSITION].copy()
     position[:, 2] += origins[0] - origins  # each manoeuvre has its own
@@ -152,11 +153,12 @@ def world_of(
         static_pressure=np.array([atmosphere.pressure(h) for h in altitude]),
         height=height,
         controls=controls,
+        inputs=inputs[:, : len(aircraft.inputs)],
         wind=wind,
         coefficients=coefficients,
         origin=on_grid[0, StateField.ORIGIN],
     )
-    model = _model_coefficients(aircraft, world_rows, controls, height, parameters)
+    model = _model_coefficients(aircraft, world_rows, np.hstack([controls, inputs]), height, parameters)
     kinds = tuple(int(kind) for kind in np.unique(samples.kind))
     spans = _spans([part[0] for part in moved], samples, epoch)
     return FlightConditions(aircraft, sensing, truth, coefficients - model, kinds, spans)
@@ -246,7 +248,7 @@ def _coefficients(
 
 def _model_coefficients(aircraft: Aircraft, rows: Array, controls: Array, height: Array, parameters: Array) -> Array:
     """What the model says of a motion, (n, 6)."""
-    body, signals = body_of(aircraft), np.empty((len(rows), len(SIGNALS)))
+    body, signals = body_of(aircraft), np.empty((len(rows), SIGNAL_COUNT))
     for row, control, h, out in zip(rows, controls, height, signals, strict=True):
         fill_signals(row, control, h, float(rows[0, StateField.TIME]), body.geometry, body.gravity, out)
     code, offsets = aircraft.model.linked

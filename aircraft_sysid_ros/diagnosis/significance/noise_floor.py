@@ -187,14 +187,14 @@ def noise_floor(flight: FlightData, axis: str, fit: Fit) -> NoiseFloor:
 def _condition_sources(flight: FlightData, programs: tuple[Program, ...], index: int, fit: Fit) -> Iterator[Source]:
     """Errors in the signals that the residual answers to, to first order by central differences."""
     theta = np.nan_to_num(fit.parameters)
-    used = {SIGNAL_INDEX[name] for name in flight.model.signals_used}
+    used, names = flight.model.signals_used, flight.model.signal_names
 
     def residual(factor: float, name: str = "", change: Array | float = 0.0) -> Array:
         signals = flight.signals.copy()
         for scaled, power in _WITH_AIRSPEED.items():
             signals[:, SIGNAL_INDEX[scaled]] *= factor**power
         if name:
-            signals[:, SIGNAL_INDEX[name]] += change
+            signals[:, names.index(name)] += change
         predicted = flight.with_signals(signals).columns(programs) @ theta
         return np.asarray(flight.measured[:, index] / factor**2 - predicted)
 
@@ -208,7 +208,7 @@ def _condition_sources(flight: FlightData, programs: tuple[Program, ...], index:
     }
     noisy |= {name: (sigma, rate, 0.0) for name, (sigma, rate) in _white_signals(flight).items()}
     for name, (sigma, rate, kept) in noisy.items():
-        if SIGNAL_INDEX[name] in used:
+        if name in used:
             moved = 0.5 * (residual(1.0, name, sigma) - residual(1.0, name, -sigma))
             yield _source(moved**2, rate, flight.sparse_interval, kept)
 
@@ -233,12 +233,13 @@ def _kept(ratio: float, smoothed: bool) -> float:
 
 
 def _white_signals(flight: FlightData) -> dict[str, tuple[Array | float, float]]:
-    """One sigma and rate [Hz] of signals with white noise: surfaces and rates."""
+    """One sigma and rate [Hz] of signals with white noise: surfaces, named inputs and rates."""
     surface, gyro = flight.aircraft.sensors["control_surfaces"], flight.aircraft.sensors["gyro"]
     per_speed = gyro.noise[0] / flight.signal("V")
     half_span, chord = 0.5 * flight.aircraft.span, flight.aircraft.chord
     rates = {"p": half_span * per_speed, "q": chord * per_speed, "r": half_span * per_speed}
     surfaces = {name: (surface.noise[0], surface.rate) for name in _SURFACES}
+    surfaces |= {item.name: (item.noise, surface.rate) for item in flight.aircraft.inputs}
     return {**surfaces, **{name: (sigma, gyro.rate) for name, sigma in rates.items()}}
 
 

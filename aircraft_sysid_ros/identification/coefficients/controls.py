@@ -9,10 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.identification.coefficients.layout import Body
 from aircraft_sysid_ros.identification.coefficients.pace import SPARSEST_CONTROLS, Pace
-from aircraft_sysid_ros.identification.coefficients.signals import interpolate, interpolate_sparse
+from aircraft_sysid_ros.identification.coefficients.signals import (
+    CONTROL_COUNT,
+    held,
+    interpolate,
+    interpolate_sparse,
+)
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
@@ -24,11 +30,12 @@ Integers = npt.NDArray[np.int64]
 MOST_EARLY = 10_000
 #: Late samples of a kind that are kept, in case the clock began anew and the states have yet to say so.
 _MOST_BEHIND = 1000
-_CONTROL_COUNT = 7
+#: How long [s] the newest value of a named input holds: what stands still need not be sent more often.
+INPUT_HELD = 1.0
 
 
 class ControlHistory:
-    """Series of controls and heights [s after the epoch], and the body that mass properties make."""
+    """Series of controls, named inputs and heights [s after the epoch], and the body that mass properties make."""
 
     def __init__(self, aircraft: Aircraft, settle: float) -> None:
         """``settle`` [s]: how much later than the state a sample may come."""
@@ -47,7 +54,8 @@ class ControlHistory:
         """The clock began anew. Samples by the new clock that were late by the old one are taken now."""
         behind = self._behind
         self._series: dict[Kind, tuple[Array, Array]] = {
-            Kind.CONTROLS: (np.empty(0), np.empty((0, _CONTROL_COUNT))),
+            Kind.CONTROLS: (np.empty(0), np.empty((0, CONTROL_COUNT))),
+            Kind.INPUTS: (np.empty(0), np.empty((0, MOST_INPUTS))),
             Kind.HEIGHT: (np.empty(0), np.empty((0, 1))),
         }
         self._behind = {kind: deque(maxlen=_MOST_BEHIND) for kind in self._series}
@@ -59,14 +67,14 @@ class ControlHistory:
                 self._insert(kind, np.array([time]), values[None])
 
     def add(self, samples: Samples, epoch: int, due: Integers | None = None) -> None:
-        """Take controls, heights and mass properties; other kinds are passed over.
+        """Take controls, named inputs, heights and mass properties; other kinds are passed over.
 
         ``due`` (n,) [ns] is the newest time of states that could have come before each sample, where samples come in
         blocks: what was late by then is late, however large the blocks are.
         """
         times = seconds(samples.stamp - self._delays[samples.kind], epoch)
         values = np.where(is_absurd(samples), np.nan, samples.values)
-        for kind in (Kind.CONTROLS, Kind.HEIGHT):
+        for kind in self._series:
             chosen = samples.kind == kind
             if chosen.any():
                 used = None if due is None else seconds(due[chosen], epoch) - self.settle
@@ -74,6 +82,11 @@ class ControlHistory:
         for i in np.flatnonzero(samples.kind == Kind.MASS):
             self._masses.append((float(times[i]), values[i]))
             self._masses.sort(key=lambda item: item[0])
+
+    @property
+    def _input_reach(self) -> float:
+        """How far back [s] a value of a named input may be used."""
+        return 2.0 * max(INPUT_HELD, self.settle, SPARSEST_CONTROLS)
 
     def _insert(self, kind: Kind, times: Array, values: Array, used: Array | None = None) -> None:
         """Keep a series sorted; what comes after its time was used, or could have been (n,) [s], is late."""
@@ -89,7 +102,9 @@ class ControlHistory:
         self._series[kind] = (all_times[order], all_values[order])
 
     def at(self, rows: Array, sparse: bool) -> tuple[Array, Array]:
-        """Controls (n, 7), with the signs of the aircraft file, and heights above ground (n,) [m] of states (n, …).
+        """Controls (n, 17), with the signs of the aircraft file, and heights above ground (n,) [m] of states (n, …).
+
+        The seven of Kind.CONTROLS, and the named inputs.
 
         ``sparse``: the states are far apart beside the motion.
         """
@@ -100,7 +115,22 @@ class ControlHistory:
         else:
             controls = interpolate(*series, times, self.settle, 2.0 / self._aircraft.sensors["control_surfaces"].rate)
         heights = interpolate(*self._series[Kind.HEIGHT], times, self.settle, self.settle)[:, 0]
-        return controls * self._signs, np.where(np.isfinite(heights), heights, self._height_from_gps(rows))
+        controls = np.hstack([controls * self._signs, self._inputs_at(times, sparse)])
+        return controls, np.where(np.isfinite(heights), heights, self._height_from_gps(rows))
+
+    def _inputs_at(self, at: Array, sparse: bool) -> Array:
+        """Named inputs (n, MOST_INPUTS): each is a series of its own, since a message may hold some of them only."""
+        times, values = self._series[Kind.INPUTS]
+        out = np.full((len(at), MOST_INPUTS), np.nan)
+        for k in range(len(self._aircraft.inputs)):
+            known = np.isfinite(values[:, k])
+            series = times[known], values[known, k : k + 1]
+            if sparse:
+                between = interpolate_sparse(*series, at, SPARSEST_CONTROLS, self.settle)
+            else:
+                between = interpolate(*series, at, self.settle)
+            out[:, k] = np.where(np.isfinite(between), between, held(*series, at, INPUT_HELD))[:, 0]
+        return out
 
     def _height_from_gps(self, rows: Array) -> Array:
         altitude = rows[:, StateField.ORIGIN.stop - 1] - rows[:, StateField.POSITION.stop - 1]
@@ -116,7 +146,8 @@ class ControlHistory:
         self.pace.take(times[(times > self.used_until) & (times <= used_until)])
         self.used_until = used_until
         for kind, (times, values) in self._series.items():
-            keep = max(int(np.searchsorted(times, used_until)) - 2, 0)
+            reach = used_until - self._input_reach if kind == Kind.INPUTS else used_until
+            keep = max(int(np.searchsorted(times, reach)) - 2, 0)
             self._series[kind] = (times[keep:], values[keep:])
 
     def parts_of_one_mass(self, rows: Array) -> Iterator[tuple[Array, Body]]:

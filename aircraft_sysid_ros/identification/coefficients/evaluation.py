@@ -83,7 +83,7 @@ def fill_history(
     start_time: float,
     out: Array,
 ) -> None:
-    """History rows (n, TERM + terms) from states (n, StateField.WIDTH), controls (n, 7) and heights (n,)."""
+    """History rows (n, TERM + terms) from states (n, StateField.WIDTH), controls (n, 17) and heights (n,)."""
     for i in range(len(rows)):
         row, h = rows[i], out[i]
         rate = row[_RATES : _RATES + 3]

@@ -9,11 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
 
 Array = npt.NDArray[np.float64]
-
-SIGNAL_COUNT = len(SIGNALS)
 
 # Columns of a history row, one per reconstructed state; terms follow, each times dynamic pressure.
 TIME, FLYING, QBAR = 0, 1, 2

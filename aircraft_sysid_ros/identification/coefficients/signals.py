@@ -7,7 +7,8 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.reconstruction.state import StateField
 
@@ -18,6 +19,9 @@ _DE, _DA, _DR, _FLAPS = (SIGNAL_INDEX[s] for s in ("de", "da", "dr", "flaps"))
 _TC, _THROTTLE, _PROPELLER = (SIGNAL_INDEX[s] for s in ("Tc", "throttle", "propeller_speed"))
 _V, _QBAR, _MACH, _HEIGHT = (SIGNAL_INDEX[s] for s in ("V", "qbar", "mach", "height"))
 _ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[s] for s in ("alpha_dot", "beta_dot", "time"))
+_INPUTS = len(SIGNALS)
+#: Elevator to propeller speed of ``Kind.CONTROLS``; the named inputs follow them.
+CONTROL_COUNT = 7
 _POSITION_DOWN = StateField.POSITION.stop - 1
 _ORIGIN_ALTITUDE = StateField.ORIGIN.stop - 1
 
@@ -47,8 +51,8 @@ def fill_signals(
 ) -> None:
     """One row of SIGNALS into ``out``.
 
-    row: a row of StateField; controls (7,) as in Kind.CONTROLS with the signs of the aircraft file applied;
-    height above ground [m]; geometry = (wing area, span, chord).
+    row: a row of StateField; controls (17,) as in Kind.CONTROLS with the signs of the aircraft file applied, and the
+    named inputs; height above ground [m]; geometry = (wing area, span, chord).
     """
     speed, density = row[47], row[50]
     area, span, chord = geometry
@@ -68,13 +72,23 @@ def fill_signals(
     out[_ALPHA_DOT] = alpha_dot * chord / speed
     out[_BETA_DOT] = beta_dot * span / (2.0 * speed)
     out[_TIME] = row[0] - start_time
+    for k in range(MOST_INPUTS):
+        out[_INPUTS + k] = controls[CONTROL_COUNT + k]
+
+
+def sensor_noise(aircraft: Aircraft) -> Array:
+    """What ``signal_noise`` needs of the sensors, (2 + MOST_INPUTS,)."""
+    noise = [aircraft.sensors[name].noise[0] for name in ("gyro", "control_surfaces")]
+    noise += [item.noise for item in aircraft.inputs]
+    return np.array(noise + [0.0] * (2 + MOST_INPUTS - len(noise)))
 
 
 @njit(cache=True)
 def signal_noise(signals: Array, row: Array, sensors: Array, geometry: Array, out: Array) -> None:
     """One sigma of the noise in each signal, into ``out``: what a regressor must exceed to say anything.
 
-    ``sensors`` = noise of gyro [rad/s], of surfaces [rad]. alpha and beta: from the filter's own covariance.
+    ``sensors`` = noise of gyro [rad/s], of surfaces [rad], of the named inputs.
+    alpha and beta: from the filter's own covariance.
     """
     _, span, chord = geometry
     speed = signals[_V]
@@ -93,6 +107,8 @@ def signal_noise(signals: Array, row: Array, sensors: Array, geometry: Array, ou
     out[_HEIGHT] = 0.3
     out[_ALPHA_DOT] = flow * chord / speed
     out[_BETA_DOT] = flow * span / speed
+    for k in range(MOST_INPUTS):
+        out[_INPUTS + k] = sensors[2 + k]
 
 
 @njit(cache=True)
@@ -115,6 +131,16 @@ def interpolate(times: Array, values: Array, at: Array, longest: float, held: fl
                 out[i, k] = values[before, k] + weight * (values[after, k] - values[before, k])
         elif has_before and at[i] - times[before] <= held:
             out[i] = values[before]
+    return out
+
+
+def held(times: Array, values: Array, at: Array, longest: float) -> Array:
+    """Series (n, k) at times ``at`` (m,): the newest value, at most ``longest`` [s] old, else NaN."""
+    out = np.full((len(at), values.shape[1]), np.nan)
+    newest = np.searchsorted(times, at, side="right") - 1
+    there = np.flatnonzero(newest >= 0)
+    there = there[at[there] - times[newest[there]] <= longest]
+    out[there] = values[newest[there]]
     return out
 
 

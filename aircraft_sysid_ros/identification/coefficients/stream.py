@@ -25,6 +25,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientSample,
 )
 from aircraft_sysid_ros.identification.coefficients.pace import Pace
+from aircraft_sysid_ros.identification.coefficients.signals import sensor_noise
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.samples import Kind, Samples
@@ -34,7 +35,7 @@ Integers = npt.NDArray[np.int64]
 
 #: Rows this long [s] before the newest window are dropped.
 _MARGIN = 0.5
-_OWN_KINDS = [int(Kind.CONTROLS), int(Kind.HEIGHT), int(Kind.MASS)]
+_OWN_KINDS = [int(kind) for kind in (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.INPUTS)]
 
 
 class CoefficientStream:
@@ -42,7 +43,7 @@ class CoefficientStream:
 
     def __init__(self, aircraft: Aircraft, options: ParameterOptions) -> None:
         self._aircraft = aircraft
-        self._sensor_noise = np.array([aircraft.sensors[name].noise[0] for name in ("gyro", "control_surfaces")])
+        self._sensor_noise = sensor_noise(aircraft)
         self._early: deque[Samples] = deque(maxlen=MOST_EARLY)
         self.controls = ControlHistory(aircraft, options.settle)
         self.pace = Pace()  # of the states

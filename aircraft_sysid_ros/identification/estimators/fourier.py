@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
 from aircraft_sysid_ros.estimation.recursive_fourier import (
     SpectralFit,
     Window,
@@ -307,10 +307,10 @@ def setting_of(aircraft: Aircraft, options: ParameterOptions) -> Setting:
     """Options as the loop needs them."""
     low, high = options.lowest_frequency, options.highest_frequency
     count = int(np.clip(np.ceil((high - low) / _SPACING), 2, _MOST_FREQUENCIES)) + 1
-    in_band = np.ones(len(SIGNALS))
-    for i, name in enumerate(SIGNALS):
-        if name in _WHITE:
-            in_band[i] = np.sqrt(min(2.0 * (high - low) / aircraft.sensors[_WHITE[name]].rate, 1.0))
+    in_band, white = np.ones(SIGNAL_COUNT), _WHITE | dict.fromkeys(aircraft.model.inputs, _WHITE["de"])
+    for i, name in enumerate(aircraft.model.signal_names):
+        if name in white:
+            in_band[i] = np.sqrt(min(2.0 * (high - low) / aircraft.sensors[white[name]].rate, 1.0))
     return Setting(
         frequencies=2.0 * np.pi * np.concatenate([[0.0], np.linspace(low, high, count)]),
         memory=2.0 * options.forgetting_time,  # of the amplitude: squares fade twice as fast

@@ -245,7 +245,7 @@ def _note_learnt(time: float, rows: Array, forgetting: float, recursion: Recursi
 
 @njit(cache=True, error_model="numpy")
 def _interpolate(time: float, end: float, inputs: Array, recursion: Recursion) -> Array:
-    """Inputs (15,) between those of the newest step and those at ``end`` [s]; the reference attitude of the latter."""
+    """Inputs (INPUT_SIZE,) between those of the newest step and of ``end`` [s], the attitude of the latter."""
     span = end - recursion.clock[TIME]
     weight = (time - recursion.clock[TIME]) / span if span > 0.0 else 1.0
     out = recursion.inputs + weight * (inputs - recursion.inputs)

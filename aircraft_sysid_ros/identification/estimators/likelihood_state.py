@@ -32,7 +32,7 @@ class ImuEpochs(NamedTuple):
     end: Array  # (n,) [s] of its last sample
     usable: npt.NDArray[np.bool_]  # (n,) in flight, first step sound, all that the model reads is there
     imu: Array  # (n, 6) specific force and angular rate as measured
-    inputs: Array  # (n, 15) of flight_model.layout
+    inputs: Array  # (n, INPUT_SIZE) of flight_model.layout
     rows: Array  # (n, StateField.WIDTH) mean state
     history: Array  # (n, TERM + terms) mean of ``fill_history``
 
@@ -57,7 +57,7 @@ class Recursion(NamedTuple):
     variances: Array  # (q + 1, 18)
     scores: Scores
     last_learnt: Array  # (q,) [s]
-    inputs: Array  # (15,) at clock[TIME]
+    inputs: Array  # (INPUT_SIZE,) at clock[TIME]
     before: Array  # (2, TERM + terms) history of the newest two knots
     before_time: Array  # (2,)
     clock: Array  # (CLOCK_SIZE,)

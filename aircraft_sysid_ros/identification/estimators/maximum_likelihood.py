@@ -15,7 +15,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity, ned_from_geodetic
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.estimation.recursive_maximum_likelihood import coloured_covariance, new_scores
 from aircraft_sysid_ros.flight_model.layout import (
     AIRSPEED,
@@ -29,6 +29,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     GYRO,
     HEIGHT,
     INPUT_SIZE,
+    NAMED,
     OUTPUT_GROUPS,
     OUTPUT_SIZE,
     PROCESS_GROUPS,
@@ -331,13 +332,16 @@ class MaximumLikelihoodEstimator:
         )
 
     def _inputs(self, rows: Array, history: Array) -> Array:
-        """Inputs of the flight model (n, 15); what the model does not read is a number even if it is not measured."""
+        """Inputs of the flight model (n, INPUT_SIZE); what the model does not read is a number even if not measured."""
         used = self.aircraft.model.signals_used
         inputs = np.zeros((len(rows), INPUT_SIZE))
         controls = inputs[:, CONTROLS]
         for i, signal in enumerate(_CONTROL_SIGNALS):
             if signal in used:
                 controls[:, i] = history[:, _column(signal)]
+        for i, name in enumerate(self.aircraft.model.inputs):
+            if name in used:
+                inputs[:, NAMED.start + i] = history[:, layout.SIGNAL + len(SIGNALS) + i]
         controls[:, 5] *= history[:, layout.QBAR] * self.aircraft.wing_area
         inputs[:, DENSITY] = rows[:, StateField.AIR_DENSITY]
         inputs[:, HEIGHT] = history[:, _column("height")] if "height" in used else 0.0

@@ -14,9 +14,9 @@ from aircraft_sysid_ros.recordings.tabular.joining import windows
 from aircraft_sysid_ros.recordings.tabular.signals import INPUTS
 from aircraft_sysid_ros.recordings.tabular.source import open_source
 from aircraft_sysid_ros.recordings.tabular.streams import ROWS, collect
-from aircraft_sysid_ros.recordings.tabular.topics import INPUTS_TOPIC, Messages, Plan, frame_of, type_of
+from aircraft_sysid_ros.recordings.tabular.topics import Messages, Plan, frame_of, type_of
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS
 
 
 def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
@@ -99,8 +99,4 @@ def _write(writer: RecordingWriter, messages: Messages, plan: Plan) -> None:
         writer.write(messages.topic, type_of(messages.topic), messages.stamp, fields, frame_id=frame_of(messages.topic))
         return
     names = [name.removeprefix(INPUTS) for name in plan.inputs]
-    for stamp, row in zip(messages.stamp.tolist(), messages.fields["position"], strict=True):
-        header = {"stamp": stamp, "frame_id": frame_of(messages.topic)}
-        writer.write_message(
-            INPUTS_TOPIC, type_of(INPUTS_TOPIC), stamp, {"header": header, "name": names, "position": row}
-        )
+    writer.write_inputs(messages.stamp, names, messages.fields["position"], frame_id=frame_of(messages.topic))

@@ -18,6 +18,8 @@ from aircraft_sysid_ros.recordings.tabular.joining import Window, attitude_at, v
 from aircraft_sysid_ros.recordings.tabular.signals import INPUTS, VECTORS
 from aircraft_sysid_ros.recordings.tabular.streams import ROWS, Stream
 from aircraft_sysid_ros.ros_messages.conversion import (
+    INPUTS_TOPIC,
+    INPUTS_TYPE,
     TOPICS,
     gps_fix_fields,
     gps_velocity_fields,
@@ -26,8 +28,6 @@ from aircraft_sysid_ros.ros_messages.conversion import (
 )
 
 Array = npt.NDArray[np.float64]
-#: Inputs beyond those of control_surfaces: names and values in SI.
-INPUTS_TOPIC, INPUTS_TYPE = "inputs", "sensor_msgs/msg/JointState"
 #: Where the first of positions in metres is put on the earth: latitude, longitude [rad], altitude [m].
 REFERENCE = np.array([np.radians(45.0), np.radians(10.0), 0.0])
 _CONTROLS = VECTORS["controls"]
@@ -143,7 +143,9 @@ class Plan:
             self._not_carried(geodetic, "the position is whole")
             self.notes.append("the first position is put at 45° north, 10° east: distances and altitudes are right")
         else:
-            self._not_carried(geodetic, "a position needs latitude, longitude and altitude")
+            self._not_carried(
+                [s for s in geodetic if s != self._height()], "a position needs latitude, longitude and altitude"
+            )
             self._not_carried(position, "a position needs north, east and down")
             self.missing.setdefault("gps/fix", "no whole position is mapped")
         if self._has(*velocity):
@@ -165,6 +167,12 @@ class Plan:
                 return signal
         return None
 
+    def _height(self) -> str | None:
+        """The height whose standard pressure stands for a static pressure that is not measured."""
+        if self._has("static_pressure") or self._has(*VECTORS["geodetic"]):
+            return "pressure_altitude" if self._has("pressure_altitude") else None
+        return next((s for s in ("pressure_altitude", "altitude") if self._has(s)), None)
+
     def _pressure_signal(self) -> str | None:
         return next((s for s in ("static_pressure", "pressure_altitude", "altitude") if self._has(s)), None)
 
@@ -180,14 +188,14 @@ class Plan:
             self._note_speed(str(pressure))
         if self._has("static_pressure", "pressure_altitude"):
             self.missing["pressure_altitude"] = "not carried over: static_pressure is there"
-        elif self._has("pressure_altitude"):
-            self.notes.append("static_pressure is that of the standard atmosphere at pressure_altitude")
+        elif height := self._height():
+            self.notes.append(f"static_pressure is that of the standard atmosphere at {height}")
         needs_temperature = self._speed not in (None, "true_airspeed") or self._makes_density()
         if self._has("air_temperature") and not needs_temperature:
             self.missing["air_temperature"] = "not carried over: nothing is worked out with it"
         if self._makes_density():
             self.notes.append("air_density is worked out from static pressure and air_temperature")
-        used = [s for s in (self._speed, *_AIR) if s and self._has(s) and s not in self.missing]
+        used = [s for s in (self._speed, *_AIR, self._height()) if s and self._has(s) and s not in self.missing]
         if used:
             self._source("air_data", used)
         else:
@@ -200,7 +208,7 @@ class Plan:
             self.notes.append("indicated_airspeed is taken as calibrated: errors of the probe are not corrected")
 
     def _makes_density(self) -> bool:
-        has_pressure = self._has("static_pressure") or self._has("pressure_altitude")
+        has_pressure = self._has("static_pressure") or self._height() is not None
         return has_pressure and self._has("air_temperature") and not self._has("air_density")
 
     def _plan_rest(self) -> None:
@@ -283,8 +291,8 @@ class Plan:
         for name in ("angle_of_attack", "sideslip", "air_density", "static_pressure"):
             if self._has(name):
                 parts[name] = self._measured(window, name)
-        if self._has("pressure_altitude") and not self._has("static_pressure"):
-            stamp, height = self._measured(window, "pressure_altitude")
+        if (signal := self._height()) and not self._has("static_pressure"):
+            stamp, height = self._measured(window, signal)
             parts["static_pressure"] = stamp, standard_pressure(height)
         if self._makes_density():
             stamp, pressure = parts["static_pressure"]

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, parse_expression
+from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
-from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS, Quantity, chance, percent, symbol
+from aircraft_sysid_ros.workbench.views.words import Quantity, chance, percent, quantity_of, symbol
 
 Array = npt.NDArray[np.float64]
 
@@ -115,7 +115,7 @@ def evidence(flight: FlightData, name: str, texts: Sequence[str]) -> Evidence | 
     the one that all terms read, where there is one; else the term itself, or the sum of the terms.
     """
     known = set(flight.model.terms[name])
-    programs = [parse_expression(text) for text in texts if parse_expression(text).text not in known]
+    programs = [program for program in flight.parsed(texts) if program.text not in known]
     if not programs:
         return None
     columns = flight.columns(programs)
@@ -134,10 +134,10 @@ def evidence(flight: FlightData, name: str, texts: Sequence[str]) -> Evidence | 
 def _own_signal(
     flight: FlightData, programs: Sequence[Program], columns: Array, curve: Array
 ) -> tuple[Array, Quantity]:
-    read = {SIGNALS[int(argument)] for program in programs for operation, argument in program.code if operation == 1}
+    read = frozenset().union(*(program.signals for program in programs))
     if len(read) == 1:
-        quantity = SIGNAL_WORDS[read.pop()]
-        name = next(key for key, value in SIGNAL_WORDS.items() if value is quantity)
+        (name,) = read
+        quantity = quantity_of(name)
         return flight.signal(name) * quantity.factor, quantity
     if len(programs) == 1:
         return columns[:, 0], Quantity(programs[0].text if len(programs[0].text) < 40 else "its term", "-")

@@ -8,13 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place, cells
 from aircraft_sysid_ros.workbench.views.coefficients import time_of
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure
-from aircraft_sysid_ros.workbench.views.words import SIGNAL_WORDS
+from aircraft_sysid_ros.workbench.views.words import quantity_of
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -42,7 +41,8 @@ class ResidualMap:
 
 def moving_signals(flight: FlightData) -> list[str]:
     """Signals that this flight has and that move."""
-    return [name for name in SIGNALS if np.isfinite(flight.signal(name)).any() and np.nanstd(flight.signal(name)) > 0.0]
+    there = [name for name in flight.model.signal_names if np.isfinite(flight.signal(name)).any()]
+    return [name for name in there if np.nanstd(flight.signal(name)) > 0.0]
 
 
 def residual_map(comparison: Comparison, name: str, x: str, y: str) -> ResidualMap:
@@ -69,7 +69,7 @@ def _edges(values: Array) -> Array:
 
 def map_figure(found: ResidualMap, theme: Theme, height: int = 330) -> Figure:
     """The map, with a scale that begins at the noise."""
-    words = [SIGNAL_WORDS[name] for name in found.signals]
+    words = [quantity_of(name) for name in found.signals]
     x, y = (0.5 * (e[1:] + e[:-1]) * w.factor for e, w in zip(found.edges, words, strict=True))
     known = found.times_noise[np.isfinite(found.times_noise)]
     scale = [[i / (len(theme.scale) - 1), colour] for i, colour in enumerate(theme.scale)]
@@ -99,7 +99,7 @@ def mask_of_cell(flight: FlightData, found: ResidualMap, x: float, y: float) -> 
     """Points (n,) of the cell that a click at x, y (in the units of the map) meets."""
     inside: Mask = np.ones(len(flight.time), dtype=bool)
     for name, edges, at in zip(found.signals, found.edges, (x, y), strict=True):
-        k = int(np.clip(np.searchsorted(edges, at / SIGNAL_WORDS[name].factor) - 1, 0, CELLS - 1))
+        k = int(np.clip(np.searchsorted(edges, at / quantity_of(name).factor) - 1, 0, CELLS - 1))
         values = flight.signal(name)
         inside &= (values >= edges[k]) & (values < edges[k + 1])
     return inside

@@ -55,6 +55,11 @@ SIGNAL_WORDS = {
 }
 
 
+def quantity_of(name: str) -> Quantity:
+    """A signal, or an input that an aircraft file names, in words."""
+    return SIGNAL_WORDS.get(name) or Quantity(name, "SI")
+
+
 def symbol(axis: str) -> Markup:
     """C with its index, for HTML and plotly."""
     return Markup("C<sub>{}</sub>").format(axis[1])
