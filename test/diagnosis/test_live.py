@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.diagnosis.live import search_in_flight as live
 from aircraft_sysid_ros.diagnosis.live.worker import Answer, LiveWorker, answer_to
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
@@ -178,6 +178,20 @@ def test_terms_that_read_what_is_not_measured_are_refused():
     live.check_signals({"CZ": ("alpha**3",)}, memory.newest())
     with pytest.raises(InputError, match="'CZ: height' needs height, which"):
         live.check_signals({"CZ": ("height",)}, memory.newest())
+
+
+def test_terms_may_read_the_inputs_that_the_aircraft_file_names():
+    inputs, memory = ("tab", "spoiler"), SampleMemory()
+    point = np.zeros((1, CoefficientSample.TERMS))
+    point[0, CoefficientSample.SIGNALS.start + len(SIGNALS) + 1] = np.nan
+    memory.add(point, np.zeros(3), 1.0)
+    terms = live.requested("Cm: tab; CZ: alpha*tab", inputs)
+    assert terms == {"Cm": ("tab",), "CZ": ("alpha*tab",)}
+    live.check_signals(terms, memory.newest(), inputs)
+    with pytest.raises(InputError, match="'CZ: spoiler' needs spoiler, which"):
+        live.check_signals(live.requested("CZ: spoiler", inputs), memory.newest(), inputs)
+    with pytest.raises(InputError, match="'tab' in 'tab' is no signal"):
+        live.requested("Cm: tab")
 
 
 # -- in another process ----------------------------------------------------------------------------------

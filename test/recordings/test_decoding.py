@@ -3,12 +3,17 @@
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.recordings import tables
+from aircraft_sysid_ros.aircraft.configuration import NamedInput
+from aircraft_sysid_ros.recordings import joint_states, tables
 from aircraft_sysid_ros.recordings.cdr_layout import decode
 from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages
-from aircraft_sysid_ros.recordings.tables import table_of
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.recordings.tables import read_table, table_of
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
+from aircraft_sysid_ros.samples import Kind
 
 TYPES = [*sorted(set(TOPICS.values())), "aircraft_sysid_msgs/msg/AircraftState"]
 
@@ -107,3 +112,29 @@ def test_sequences_have_no_layout():
     block = np.zeros((1, 40), np.uint8)
     block[:, 1] = 1
     assert decode(known_types().fielddefs, "aircraft_sysid_msgs/msg/Parameters", block) is None
+
+
+def test_inputs_are_written_and_read_at_once_as_one_by_one(tmp_path):
+    """Messages that all name the same, and then one that names something else: numbers and stamps stay."""
+    stamp = 1_760_000_000_123_456_789 + np.arange(30) * 20_000_001
+    values = np.random.default_rng(2).normal(0.0, 0.3, (30, 2))
+    named = (NamedInput("tab"), NamedInput("spoiler"))
+    for number, others in enumerate(([], [("spoiler",)])):
+        path = tmp_path / str(number)
+        with RecordingWriter(path) as writer:
+            writer.write_inputs(stamp, ("tab", "spoiler"), values, frame_id="base_link")
+            for names in others:
+                writer.write_inputs(stamp[-1:] + 5, names, values[:1, :1])
+        table = read_table(path, "inputs")  # all fields: one by one
+        assert table.stamp.tolist()[:30] == stamp.tolist()
+        assert [list(names) for names in table.fields["name"][:30]] == [["tab", "spoiler"]] * 30
+        assert [list(row) for row in table.fields["position"][:30]] == values.tolist()
+        raw = read_raw(path)
+        (key,) = raw.channels
+        block = raw.block(raw.rows(key))
+        assert (block is None or joint_states.decode(block) is None) == bool(others)
+        samples = read_recording(path, named).samples
+        assert set(samples.kind.tolist()) == {Kind.INPUTS}
+        np.testing.assert_array_equal(samples.values[:30, :2], values)
+        np.testing.assert_array_equal(samples.stamp[:30], stamp)
+        assert len(samples) == 30 + len(others)

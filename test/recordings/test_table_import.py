@@ -184,18 +184,19 @@ def test_the_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
     """Twice the rows, read in pieces of 500: the peak of what Python and NumPy hold stays where it was."""
     monkeypatch.setattr(streams, "ROWS", 500)
     monkeypatch.setattr(table_import, "ROWS", 500)
-    signals = [(f"angular_velocity.{a}", a, "rad/s") for a in "xyz"]
+    signals = [*((f"angular_velocity.{a}", a, "rad/s") for a in "xyz"), ("inputs.tab", "tab", "deg")]
     colmap = parse_column_map(layouts.map_of((None, "{column: t, unit: s}", signals)))
     peaks = []
     for rows in (1000, 8_000, 16_000):  # the first warms up
         time = np.arange(rows) * 0.01
-        columns = np.stack([time, np.sin(time), np.cos(time), time % 3.0], axis=1)
-        np.savetxt(tmp_path / "long.csv", columns, fmt="%.5f", delimiter=",", header="t,x,y,z", comments="")
+        columns = np.stack([time, np.sin(time), np.cos(time), time % 3.0, time % 7.0], axis=1)
+        np.savetxt(tmp_path / "long.csv", columns, fmt="%.5f", delimiter=",", header="t,x,y,z,tab", comments="")
         tracemalloc.start()
         import_tables(tmp_path / "long.csv", colmap, tmp_path / "bag", overwrite=True)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[2] < 1.2 * peaks[1]
+    assert read_recording(tmp_path / "bag").ignored == {"/inputs": 16_000}
     assert len(read_recording(tmp_path / "bag").samples) == 16_000
 
 
