@@ -29,7 +29,7 @@ def comparison_figure(comparison: Comparison, path: str | Path, title: str) -> P
     figure, plots = plt.subplots(6, 2, figsize=(14, 13), sharex=True, width_ratios=(3, 2), layout="constrained")
     flight, time = comparison.flight, _time_of(comparison)
     for (both, residual), name in zip(plots, AXES, strict=True):
-        measured = flight.measured[:, AXES.index(name)]
+        measured = flight.coefficient(name)
         both.plot(time, measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
         both.set_ylabel(f"{_SYMBOLS[name]} [-]")
         if name in comparison.axes:

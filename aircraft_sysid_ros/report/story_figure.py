@@ -45,7 +45,7 @@ def story_figure(before: Comparison, after: Comparison, axis: str, path: str | P
 
 def _plot_model(plot: Any, comparison: Comparison, axis: str, colour: str) -> None:
     flight, fit = comparison.flight, comparison.axes[axis].fit
-    measured = np.where(np.isfinite(fit.held_out), flight.measured[:, AXES.index(axis)], np.nan)
+    measured = np.where(np.isfinite(fit.held_out), flight.coefficient(axis), np.nan)
     plot.plot(flight.time, measured, color=MEASURED_COLOUR, lw=2.4, label="measured")
     plot.plot(flight.time, measured - fit.held_out, color=colour, lw=1.2, label="predicted on held-out flight")
     plot.set_ylabel(f"{_SYMBOLS[axis]} [-]")

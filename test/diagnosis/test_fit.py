@@ -170,3 +170,17 @@ def test_ten_minutes_are_quick(aircraft) -> None:
         base.gain(column)
         times.append(time.perf_counter() - begin)
     assert min(times) < 0.02
+
+
+def test_flights_with_constants_of_their_own_are_fitted_as_with_a_column_for_each(aircraft) -> None:
+    """The same slopes as least squares with a dummy variable per flight (Frisch, Waugh and Lovell)."""
+    flight, flown = flight_of(aircraft), np.repeat(np.arange(10), 300)
+    biased = flight.measured + np.random.default_rng(2).normal(size=10)[flown][:, None]
+    flight = replace(flight, measured=biased, manoeuvre=flown, flown=flown)
+    fit = fit_axis(flight, "CZ")
+    plain = replace(flight, flown=None).columns(flight.model.programs[AXES.index("CZ")])
+    dummies = (flown[:, None] == np.arange(10)).astype(float)
+    expected, *_ = np.linalg.lstsq(np.hstack([plain[:, 1:], dummies]), biased[:, AXES.index("CZ")], rcond=None)
+    assert fit.fit.parameters[1:] == pytest.approx(expected[:3], rel=1e-9)
+    assert fit.fit.parameters[0] == pytest.approx(np.mean(expected[3:]), rel=1e-6)
+    assert fit_axis(replace(flight, flown=None), "CZ").nrmse_fit > 3.0 * fit.nrmse_fit

@@ -48,6 +48,8 @@ class FlightData:
     sparse_interval: float = 0.0  # [s] between states where they are sparse (identification.coefficients.pace), else 0
     manoeuvre: Integers | None = None  # (n,) number from 0 of the manoeuvre of each point; None: it is one flight
     names: tuple[str, ...] = ()  # of the manoeuvres
+    #: (n,) number from 0 of the flight of each point, which has IMU biases of its own; None: it is one.
+    flown: Integers | None = None
     #: Newest columns by text: a search tries the same in several axes.
     _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -110,6 +112,28 @@ class FlightData:
         phase = np.mod(self.time, BLOCK)
         return np.asarray((phase < 0.5 * GUARD) | (phase > BLOCK - 0.5 * GUARD))
 
+    def coefficient(self, axis: str) -> Array:
+        """One measured coefficient (n,), ``within`` flights."""
+        return self.within(self.measured[:, AXES.index(axis)])
+
+    def within(self, values: Array) -> Array:
+        """Values (n,) or (n, k) with their mean in all flights in place of the mean in each flight.
+
+        In some seconds nobody learns what the biases of an IMU are: they stand in the forces as a constant of each
+        flight, which is taken off both sides of a regression (the fixed effects of panel data).
+        """
+        if self.flown is None:
+            return values
+        known = np.isfinite(values)
+        filled, count = np.where(known, values, 0.0), max(int(self.flown.max()) + 1, 1)
+        sums = np.zeros((count, *values.shape[1:]))
+        numbers = np.zeros_like(sums)
+        np.add.at(sums, self.flown, filled)
+        np.add.at(numbers, self.flown, known)
+        means = sums / np.maximum(numbers, 1.0)
+        total = sums.sum(axis=0) / np.maximum(numbers.sum(axis=0), 1.0)
+        return np.asarray(values - means[self.flown] + total)
+
     def with_signals(self, signals: Array) -> FlightData:
         """The same flight with other signals (n, SIGNAL_COUNT)."""
         return replace(self, signals=signals)
@@ -133,13 +157,13 @@ class FlightData:
         return [s for s in self.model.signal_names if s in names and not np.isfinite(self.signal(s)).any()]
 
     def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
-        """Terms (n, len(programs)) on the signals."""
+        """Terms (n, len(programs)) on the signals, ``within`` flights."""
         made, new = self._made, [p for p in programs if p.text not in self._made]
         if new:
             code, offsets = link(new)
             out = np.empty((len(self.time), len(new)))
             evaluate_rows(code, offsets, self.signals, out)
-            made.update(zip((p.text for p in new), out.T.copy(), strict=True))
+            made.update(zip((p.text for p in new), self.within(out).T.copy(), strict=True))
         columns = np.column_stack([made[p.text] for p in programs]) if len(programs) else np.empty((len(self.time), 0))
         while len(made) > _KEPT:
             del made[next(iter(made))]

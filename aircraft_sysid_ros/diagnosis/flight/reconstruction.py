@@ -69,7 +69,9 @@ class Reconstruction:
         data = flight_data_of(with_sparse_rates(self.aircraft, self.samples), self.points)
         several = np.any(self.samples.kind == Kind.SEAM)
         number = self.manoeuvre_at(self.points[:, CoefficientSample.TIME]) if several else None
-        return replace(data, sparse_interval=sparse_interval(self.samples), manoeuvre=number)
+        of_flights = [len(manoeuvres(each)) for each in flights(self.samples)]
+        flown = None if len(of_flights) < 2 else np.repeat(np.arange(len(of_flights)), of_flights)[number]
+        return replace(data, sparse_interval=sparse_interval(self.samples), manoeuvre=number, flown=flown)
 
     def manoeuvre_at(self, time: Array) -> npt.NDArray[np.int64]:
         """Number (n,) from 0 of the manoeuvre at times [s]."""
@@ -255,6 +257,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
         air_velocity_std=float(np.nanmedian(made.rows[:, StateField.AIR_VELOCITY_STD])),
         smoothed=True,
         manoeuvre=None if data.manoeuvre is None else data.manoeuvre[keep],
+        flown=None if data.flown is None else data.flown[keep],
     )
 
 

@@ -95,7 +95,7 @@ class AxisFit:
     ) -> None:
         self.flight, self.axis, self.columns = flight, axis, columns
         self.names = tuple(names) or tuple(f"{axis}_{j}" for j in range(columns.shape[1]))
-        self.measured = flight.measured[:, AXES.index(axis)] if measured is None else measured
+        self.measured = flight.coefficient(axis) if measured is None else measured
         finite = np.isfinite(columns)
         self.rows: Mask = np.isfinite(self.measured) & finite.all(axis=1) & ~flight.guarded
         self._check(finite)

@@ -179,7 +179,7 @@ def noise_floor(flight: FlightData, axis: str, fit: Fit) -> NoiseFloor:
     condition = tuple(_condition_sources(flight, flight.model.programs[index], index, fit))
     used = np.isfinite(fit.residual)
     mean_square = float(np.mean(variance_of((*response, *condition))[used]))
-    spread = float(np.std(flight.measured[used, index]))
+    spread = float(np.std(flight.coefficient(axis)[used]))
     nrmse = np.sqrt(mean_square) / spread if spread > 0.0 else np.nan
     return NoiseFloor(response, condition, float(nrmse), flight.step)
 
@@ -196,7 +196,7 @@ def _condition_sources(flight: FlightData, programs: tuple[Program, ...], index:
         if name:
             signals[:, names.index(name)] += change
         predicted = flight.with_signals(signals).columns(programs) @ theta
-        return np.asarray(flight.measured[:, index] / factor**2 - predicted)
+        return flight.within(flight.measured[:, index] / factor**2) - predicted
 
     vane, airspeed = flight.aircraft.sensors["angle_of_attack"], flight.aircraft.sensors["airspeed"]
     flow, flow_kept, speed, speed_kept = _air_errors(flight)

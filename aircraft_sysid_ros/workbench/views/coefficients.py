@@ -92,7 +92,7 @@ def coefficient_figure(
     ``marks`` are spans of time that were chosen; ``beside`` is the same flight under another version.
     """
     window = window or whole(comparison)
-    time, measured = time_of(comparison.flight), comparison.flight.measured[:, AXES.index(name)]
+    time, measured = time_of(comparison.flight), comparison.flight.coefficient(name)
     data = [line(*thinned(time, measured, window), theme.ink, "measured", width=2.2)]
     if beside is not None and name in beside.axes:
         data += _model(
