@@ -71,6 +71,17 @@ def are_far(a: Array, b: Array, effect: Array) -> npt.NDArray[np.bool_]:
     return np.asarray((apart > SHARE * np.abs(a)) & (apart * effect > NEGLIGIBLE))
 
 
+#: Rms error over the spread of a coefficient from which the model does not explain it.
+MISFIT = 0.5
+
+
+def lack_of_fit(axis: str, unexplained: float) -> str:
+    """What to say of an axis whose model leaves a share of the variance of its coefficient; empty: it explains it."""
+    if not unexplained > MISFIT**2:
+        return ""
+    return f"the model explains {max(1.0 - unexplained, 0.0):.0%} of {axis}"
+
+
 def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
     """The verdict on one parameter."""
     e = evidence

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,19 +98,23 @@ def judged(
     active: Mask,
     scales: Scales,
     run_parameters: dict[str, dict[str, Any]],
+    doubts: Mapping[str, str],
 ) -> list[dict[str, Any]]:
-    """Coefficients with status and reason by the rules of trust, as they stand in a file."""
+    """Coefficients with status and reason by the rules of trust, as they stand in a file.
+
+    ``doubts`` says of an axis why nothing in it is to be used.
+    """
     rules, effect, found = TrustRules(), scales.effect(std[: len(scales.rms)]), []
     samples = int(record.in_flight.sum())
     for i, name in enumerate(model.parameter_names):
         axis = model.programs[AXES.index(name[:2])]
         read = frozenset().union(*(program.signals for program in axis))
         lacking = ", ".join(sorted(read & record.missing))
-        missing = f"needs {lacking}, which is not measured" if lacking else ""
+        missing = f"needs {lacking}, which is not measured" if lacking else doubts.get(name[:2], "")
         excitation = run_parameters.get(name, {}).get("excitation")
         excited = np.inf if excitation is None else float(excitation)
         status, reason = "HOLD", "this flight does not tell it: not moved from its start"
-        if active[i] or missing:
+        if active[i] or lacking:
             evidence = Evidence(name, float(theta[i]), float(std[i]), excited, float(effect[i]), samples, missing)
             verdict = judge(evidence, rules)
             status, reason = verdict.status.name, verdict.reason

@@ -28,6 +28,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
     why_controls_too_slow,
     why_too_slow,
 )
+from aircraft_sysid_ros.identification.trust import lack_of_fit
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.refinement.filter_error import FilterModel, filter_error_fit
 from aircraft_sysid_ros.refinement.output_error import SegmentModel, output_error_fit
@@ -119,7 +120,9 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     errors = errors_not_fitted(run, record, segments, found.theta)
     content = {
         "method": method,
-        "parameters": judged(run.aircraft.model, record, found.theta, std, active, scales, run.parameters),
+        "parameters": judged(
+            run.aircraft.model, record, found.theta, std, active, scales, run.parameters, _doubts(found, errors)
+        ),
         "biases": biases_json(record, found.theta, found.std, active),
         "cost": found.cost,
         "iterations": found.iterations,
@@ -287,6 +290,16 @@ def errors_not_fitted(
             "nrmse_before": float(np.std(before)) / spread,
         }
     return result
+
+
+def _doubts(found: _Fitted, errors: dict[str, dict[str, float]]) -> dict[str, str]:
+    """Axes of which nothing is to be used, with the reason."""
+    if not found.converged:
+        return dict.fromkeys(AXES, f"it did not converge: {found.reason}")
+    doubts = {axis: lack_of_fit(axis, error["nrmse"] ** 2) for axis, error in errors.items()}
+    for axis in worse_axes(errors):
+        doubts[axis] = doubts[axis] or f"where it was not fitted it predicts {axis} worse than the run did"
+    return {axis: words for axis, words in doubts.items() if words}
 
 
 def worse_axes(errors: dict[str, dict[str, float]]) -> list[str]:

@@ -98,6 +98,8 @@ def test_a_parameter_whose_signal_is_not_measured_is_held(still_run):
     assert "Tc, which is not measured" in found["CX_Tc"]["reason"]
     assert found["CX_alpha"]["status"] == "HOLD"  # its axis cannot be trusted either
     assert not content["converged"]
+    assert not any(p["status"] == "USE" for p in content["parameters"])
+    assert any(p["reason"].startswith("it did not converge") for p in content["parameters"])
 
 
 def test_what_the_flight_does_not_tell_is_not_moved(still_run):

@@ -48,7 +48,7 @@ from aircraft_sysid_ros.identification.monitoring.agreement import SplitHalfAgre
 from aircraft_sysid_ros.identification.monitoring.residuals import SPREAD, WINDOW, ResidualMonitor, Summary
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import SensorFaultDetector
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
-from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.identification.trust import Trust, lack_of_fit
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -74,8 +74,6 @@ BEFORE = 4.0
 STILL, STILL_TIME, STILL_SINCE = 1e-6, 2.0, 3.0
 #: Share of its effectiveness below which a surface is taken for stuck.
 STUCK = 0.2
-#: Rms error over the spread of a coefficient from which the model does not explain it.
-MISFIT = 0.5
 SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps"}
 _TIME = CoefficientSample.TIME
 #: Errors above these many times the usual, as of a slight unease.
@@ -417,9 +415,8 @@ class IntegrityMonitor:
         self.checkpoints.keep(kept)
         self._disagreeing, self._misfits = {}, {}
         for axis, name in enumerate(AXES):
-            unexplained = self.monitor.unexplained(axis)
-            if unexplained > MISFIT**2:
-                self._misfits[axis] = f"the model explains {max(1.0 - unexplained, 0.0):.0%} of {name}"
+            if words := lack_of_fit(name, self.monitor.unexplained(axis)):
+                self._misfits[axis] = words
             if self.joint or self.holds[axis] or not self.agreement.are_apart(axis):
                 continue
             part = self.model.axis_slice(name)
