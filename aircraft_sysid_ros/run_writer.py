@@ -34,6 +34,7 @@ from aircraft_sysid_ros.identification.model_file import parameters_json
 from aircraft_sysid_ros.identification.monitoring.error_window import AxisError
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.json_text import json_text
+from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -116,9 +117,11 @@ class RunWriter:
         """Write the folder; returns the content of its JSON files under "state" and "parameters".
 
         ``duration`` of the flight [s], the reading of time.perf_counter() when the work began, and ``notes`` on what
-        could not be read of the recording, and where ``manoeuvres`` that were joined come from.
+        could not be read of the recording, and where ``manoeuvres`` that were joined come from. What the flight does
+        without is noted too.
         """
-        result = {"state": {**state_json(state), "notes": list(notes)}, "parameters": parameters_json(parameters)}
+        told = [*notes, *absences(state)]
+        result = {"state": {**state_json(state), "notes": told}, "parameters": parameters_json(parameters)}
         if manoeuvres:
             result["state"]["manoeuvres"] = list(manoeuvres)
         try:

@@ -64,7 +64,10 @@ def geodetic_from_ned(position: Array, origin: Array) -> Array:
 
 @njit(cache=True)
 def gravity(latitude: float, altitude: float) -> float:
-    """Gravity [m/s^2] at latitude [rad] and altitude [m]: WGS-84 normal gravity with the free-air term."""
-    s2 = np.sin(latitude) ** 2
+    """Gravity [m/s^2] at latitude [rad] and altitude [m]: WGS-84 normal gravity with the free-air term.
+
+    A latitude that is not known, NaN, counts as 45 degrees: right to 0.03 m/s^2.
+    """
+    s2 = 0.5 if np.isnan(latitude) else np.sin(latitude) ** 2
     surface = 9.7803253359 * (1.0 + 0.00193185265241 * s2) / np.sqrt(1.0 - ECCENTRICITY_SQUARED * s2)
     return surface * (1.0 - 2.0 * altitude / SEMI_MAJOR_AXIS)

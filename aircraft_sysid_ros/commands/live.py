@@ -25,6 +25,7 @@ from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import missing_ros
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
+from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
@@ -199,7 +200,11 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
         "states": [state.rows_published, parameters.states_received],
         "late": late,
         "lost": lost,
-        "notes": [*(note for note in told if note), *rate_notes(parameters.estimator.stream)],
+        "notes": [
+            *(note for note in told if note),
+            *rate_notes(parameters.estimator.stream),
+            *absences(state.estimator),
+        ],
     }
     if writer is None:
         from aircraft_sysid_ros.identification.model_file import parameters_json

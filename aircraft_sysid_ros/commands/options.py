@@ -39,7 +39,7 @@ def add_option(parser: argparse.ArgumentParser, name: str, option: Option) -> No
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     """What a flight may want different from the defaults."""
     state, parameters = options_of(StateOptions), options_of(ParameterOptions)
-    for name in ("horizon", "air_data_errors"):
+    for name in ("horizon", "calm_air", "air_data_errors"):
         add_option(parser, name, state[name])
     for name in ("forgetting_time", "estimator", "relearn"):
         add_option(parser, name, parameters[name])
@@ -59,7 +59,7 @@ def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, Parameter
         raise InputError(f"--frequencies is for --estimator fourier, and this is {args.estimator}: leave it out")
     band = {} if args.frequencies is None else dict(zip(_BAND, args.frequencies, strict=True))
     try:
-        state = StateOptions(horizon=args.horizon, air_data_errors=args.air_data_errors)
+        state = StateOptions(horizon=args.horizon, calm_air=args.calm_air, air_data_errors=args.air_data_errors)
         parameters = ParameterOptions(
             forgetting_time=args.forgetting_time, estimator=args.estimator, relearn=args.relearn, **band
         )

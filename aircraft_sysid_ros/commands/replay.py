@@ -33,6 +33,7 @@ from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStr
 from aircraft_sysid_ros.identification.physical_bounds import check_bounds
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
@@ -46,14 +47,12 @@ from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvre_at,
 
 Array = npt.NDArray[np.float64]
 
-NEEDED = ("imu/data", "gps/fix", "gps/vel", "air_data")
-#: With a calibrated probe its pressures take the place of the air data.
-NEEDED_WITH_PROBE = ("imu/data", "gps/fix", "gps/vel", "five_hole_probe")
-#: What the filter starts with, by kind of sample: name, topic, and what is wrong with samples that are invalid.
+#: What the filter can start with beside the IMU, by kind of sample: name, topic, and what is wrong with samples that
+#: are invalid.
 _START_WITH = {
-    "imu": ("IMU", "imu/data", "no usable numbers"),
     "gps_position": ("GPS position", "gps/fix", "no fix (status -1, or latitude and longitude 0) or no usable numbers"),
     "gps_velocity": ("GPS velocity", "gps/vel", "no usable numbers"),
+    "airspeed": ("airspeed", "air_data", "no usable numbers or stand still"),
 }
 #: Time of flight [s] between parameter sets in the run.
 PARAMETERS_PERIOD = 1.0
@@ -132,7 +131,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _prepared(recording: Recording, correction: Correction | None) -> Recording:
     """A recording with what is needed in it, corrected. Raises InputError."""
-    recording.require(NEEDED_WITH_PROBE if correction is not None and correction.uses_probe else NEEDED)
+    require_sensors(recording, correction is not None and correction.uses_probe)
     if correction is None:
         return recording
     return replace(recording, samples=correction.apply(recording.samples))
@@ -146,6 +145,19 @@ def _aircraft(path: str) -> Aircraft:
     except InputError as error:
         raise InputError(f"aircraft file {path}: {error}") from None
     return aircraft
+
+
+def require_sensors(recording: Recording, uses_probe: bool) -> None:
+    """Raises InputError for a recording without the IMU, or with neither GPS nor air data.
+
+    With a calibrated probe its pressures take the place of the air data.
+    """
+    recording.require(["imu/data", *["five_hole_probe"] * uses_probe])
+    if not any(recording.topics.get(topic) for topic in ("gps/fix", "gps/vel", "air_data", "five_hole_probe")):
+        raise InputError(
+            f"the recording {recording.path} has neither GPS nor air data: beside /imu/data one of /gps/fix, /gps/vel "
+            f"and /air_data is needed, and it holds {', '.join('/' + topic for topic in recording.topics)}"
+        )
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -232,6 +244,7 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
     else:
         found += length_notes(pipeline) + rate_notes(pipeline.parameters.stream)
     found += bound_notes(pipeline.parameters.aircraft)
+    found += absences(pipeline.state)
     found += gap_notes(recording.samples) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
@@ -351,7 +364,7 @@ def air_data_notes(recording: Recording) -> list[str]:
     messages, found = probe or recording.topics.get("air_data", 0), []
     for kind in (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP):
         missing = 1.0 - np.sum(recording.samples.kind == kind) / max(messages, 1)
-        if missing > 0.01:
+        if 0.01 < missing < 1.0:  # what is not there at all costs more: ``absences``
             found.append(f"{100 * missing:.0f} % of the air data have no {kind.name.lower()}")
     return found
 
@@ -367,9 +380,12 @@ def control_notes(samples: Samples) -> list[str]:
 def why_no_start(state: StateEstimator) -> str:
     """What the filter lacks to start with: sensors of which nothing can be used, and why; else time or motion."""
     counts = state.counts()
-    useless = [_why_useless(counts[kind], *words) for kind, words in _START_WITH.items()]
-    if any(useless):
-        return "; ".join(reason for reason in useless if reason)
+    if reason := _why_useless(counts["imu"], "IMU", "imu/data", "no usable numbers"):
+        return reason
+    useless = {kind: _why_useless(counts[kind], *words) for kind, words in _START_WITH.items()}
+    told = [reason for kind, reason in useless.items() if counts[kind]["received"] or all(useless.values())]
+    if any(told):
+        return "; ".join(reason for reason in told if reason)
     intervals, seconds = counts["imu"]["received"] - 1, state.flight_time
     if seconds > LARGEST_GAP * intervals:
         rate = f"the IMU comes at {intervals / seconds:.2g} Hz"
@@ -377,7 +393,8 @@ def why_no_start(state: StateEstimator) -> str:
     speed = state.aircraft.minimum_airspeed
     return (
         "it needs a second of IMU and GPS together, and then an attitude, a magnetometer, or motion of more than "
-        f"{0.8 * speed:.1f} m/s (from minimum_airspeed, or from mass and wing_area of the aircraft file)"
+        f"{0.8 * speed:.1f} m/s (from minimum_airspeed, or from mass and wing_area of the aircraft file); without all "
+        "of the GPS, such motion"
     )
 
 

@@ -19,16 +19,10 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
-from aircraft_sysid_ros.reconstruction.state import StateField, Status
+from aircraft_sysid_ros.reconstruction.state import INFERRED, StateField
 
 Array = npt.NDArray[np.float64]
 
-#: Angles that are inferred, by the status of the first step.
-ANGLES_OF_STATUS = {
-    Status.INFERRED_ALPHA: ("alpha",),
-    Status.INFERRED_BETA: ("beta",),
-    Status.INFERRED_ANGLES: ("alpha", "beta"),
-}
 _NAMES = {"alpha": "angle of attack", "beta": "sideslip"}
 _STEP = 1e-4  # [rad] of the derivative
 
@@ -41,12 +35,12 @@ class InferredAngles:
         self.std = np.nan  # [rad]
 
     def note(self, rows: Array) -> None:
-        """Take rows (n, StateField.WIDTH) in order of time; the newest counts that is in the air with GPS."""
+        """Take rows (n, StateField.WIDTH) in order of time; the newest counts that rests on air data."""
         status = rows[:, StateField.STATUS]
-        known = np.flatnonzero(np.isin(status, (Status.OK, *ANGLES_OF_STATUS)))
+        known = np.flatnonzero(np.isin(status, list(INFERRED)))
         if len(known):
             row = rows[known[-1]]
-            self.angles = ANGLES_OF_STATUS.get(int(row[StateField.STATUS]), ())
+            self.angles = INFERRED[int(row[StateField.STATUS])]
             self.std = float(row[StateField.AIR_VELOCITY_STD] / max(row[StateField.AIRSPEED], 1e-3))
 
     def widened(self, estimates: ParameterSet, model: AerodynamicModel, point: Array | None) -> ParameterSet:

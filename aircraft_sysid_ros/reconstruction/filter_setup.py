@@ -8,10 +8,13 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
 from aircraft_sysid_ros.reconstruction.options import StateOptions
-from aircraft_sysid_ros.reconstruction.state import Setup
+from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Setup
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
+
+#: One sigma [m/s] NED of the wind in air that is taken as calm.
+CALM_STD = np.array([0.2, 0.2, 0.2])
 
 #: Which sensor of the aircraft file a kind of sample comes from.
 SENSOR_OF_KIND = {
@@ -58,8 +61,25 @@ def with_options(setup: Setup, options: StateOptions, gate: Array) -> Setup:
     )
 
 
-def new_setup(aircraft: Aircraft, options: StateOptions, gate: Array, origin: Array, imu: Array) -> Setup:
-    """Setup of a flight with the origin (3,) of its positions; the first IMU sample may carry variances."""
+def guide_of(gps: frozenset[int]) -> int:
+    """``Setup.guide`` where these kinds of GPS samples are there."""
+    return int(next((kind for kind in (Kind.GPS_VELOCITY, Kind.GPS_POSITION) if kind in gps), NO_GUIDE))
+
+
+def held_wind(options: StateOptions, guide: int) -> Array:
+    """One sigma NED (3,) [m/s] of a wind that is held about zero; NaN where GPS and air data tell it."""
+    if guide == NO_GUIDE:
+        return GUST_STD
+    return CALM_STD if options.calm_air else np.full(3, np.nan)
+
+
+def new_setup(
+    aircraft: Aircraft, options: StateOptions, gate: Array, origin: Array, imu: Array, guide: int = Kind.GPS_VELOCITY
+) -> Setup:
+    """Setup of a flight with the origin (3,) of its positions; the first IMU sample may carry variances.
+
+    A latitude of NaN: no GPS shows the position, and the height is that of the static pressure.
+    """
     variance, given = np.ones((len(Kind), 3)), np.zeros(len(Kind), np.bool_)
     for kind, name in SENSOR_OF_KIND.items():
         variance[kind] = np.square(aircraft.sensors[name].noise)
@@ -85,6 +105,9 @@ def new_setup(aircraft: Aircraft, options: StateOptions, gate: Array, origin: Ar
         tolerance=float(options.tolerance),
         maximum_gap=float(options.maximum_gap),
         divergence_time=float(options.divergence_time),
+        guide=int(guide),
+        wind_std=held_wind(options, guide),
+        is_calm=bool(options.calm_air and guide != NO_GUIDE),
     )
 
 

@@ -20,16 +20,24 @@ from aircraft_sysid_ros.estimation.iterated_ekf import (
 from aircraft_sysid_ros.reconstruction.air_data_errors import settle
 from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, outputs_of, residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import attitude_of, propagate
-from aircraft_sysid_ros.reconstruction.pseudo_measurements import is_due, lacks_vane, update_by
+from aircraft_sysid_ros.reconstruction.pseudo_measurements import (
+    count_heading_from_now,
+    hold_wind,
+    is_due,
+    is_wind_due,
+    lacks_vane,
+    update_by,
+)
 from aircraft_sysid_ros.reconstruction.smoother_history import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
-from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, D_ATTITUDE, ERROR_SIZE, Memory, Setup
+from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, D_ATTITUDE, ERROR_SIZE, NO_GUIDE, Memory, Setup
 from aircraft_sysid_ros.reconstruction.state_row import write_row
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
 
 _IMU, _AIR, _ATTITUDE = int(Kind.IMU), int(Kind.AIR), int(Kind.ATTITUDE)
+_MAGNETIC_FIELD = int(Kind.MAGNETIC_FIELD)
 _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
 _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 
@@ -213,6 +221,8 @@ def _take(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float
             memory.air[0] = values[0]
         elif values[1] > 0.0:
             memory.air[0] = values[1] / (GAS_CONSTANT * temperature(setup.origin[2] - x[5]))
+        if np.isnan(setup.origin[0]) and values[1] > 0.0:  # nothing else shows the height
+            fuse(kind, values, x, p, rate, time, setup, memory)
         return
     is_air_data = kind == _AIRSPEED or kind == _ALPHA or kind == _BETA
     if is_air_data and not _is_flying(x, rate, values, kind, setup):
@@ -222,31 +232,56 @@ def _take(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float
 
 
 @njit(cache=True)
+def _move(x: Array, p: Array, delta: Array) -> None:
+    """State and covariance after a pseudo-measurement, of which ``delta`` is the error; in place."""
+    turn_attitude_error(p, jacobian_of(delta))
+    moved = retract(x, delta)
+    if len(p) > ERROR_SIZE:
+        settle(three(x[AIR_VELOCITY]), x, delta, moved, p)
+    x[:] = moved
+
+
+@njit(cache=True)
 def _assume_angles(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
     for kind in (_ALPHA, _BETA):
         if is_due(kind, time, setup, x, memory):
-            delta = update_by(kind, x, p)
-            turn_attitude_error(p, jacobian_of(delta))
-            moved = retract(x, delta)
-            if len(p) > ERROR_SIZE:
-                settle(three(x[AIR_VELOCITY]), x, delta, moved, p)
-            x[:] = moved
+            _move(x, p, update_by(kind, x, p))
             memory.assumed[kind] = time
+
+
+@njit(cache=True)
+def _hold_wind(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
+    for axis in range(3):
+        _move(x, p, hold_wind(axis, x, p, setup.wind_std[axis], memory.wind_walk[0]))
+    if setup.guide == NO_GUIDE and memory.fused[_ATTITUDE] == 0 and memory.fused[_MAGNETIC_FIELD] == 0:
+        count_heading_from_now(x, p)
+    memory.assumed[_GPS_VELOCITY] = time
 
 
 @njit(inline="always")  # as _passes_gate
 def _assume(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
-    """Pseudo-measurements in place of vanes that the aircraft does not have, when they are due; x, p in place."""
+    """Pseudo-measurements in place of vanes and GPS that are not there, when they are due; x, p in place."""
     if lacks_vane(memory.fused, memory.rejected, memory.skipped):
         _assume_angles(x, p, time, setup, memory)
+    if is_wind_due(time, setup, x, memory):
+        _hold_wind(x, p, time, setup, memory)
 
 
 @njit(cache=True)
-def _has_diverged(last_fused: Array, last_rejected: Array, longest: float) -> bool:
-    """GPS position and velocity both rejected for ``longest`` [s] without a break: the state is wrong, not they."""
+def _has_diverged(last_fused: Array, last_rejected: Array, setup: Setup) -> bool:
+    """All of the GPS rejected for ``divergence_time`` without a break: the state is wrong, not it.
+
+    In a flight without GPS the same of the airspeed.
+    """
     position = last_rejected[_GPS_POSITION] - last_fused[_GPS_POSITION]
     velocity = last_rejected[_GPS_VELOCITY] - last_fused[_GPS_VELOCITY]
-    return bool(min(position, velocity) > longest)
+    if setup.guide == NO_GUIDE:
+        position = velocity = last_rejected[_AIRSPEED] - last_fused[_AIRSPEED]
+    elif setup.guide == _GPS_POSITION:
+        velocity = position
+    elif np.isnan(setup.origin[0]):
+        position = velocity
+    return bool(min(position, velocity) > setup.divergence_time)
 
 
 @njit(cache=True)
@@ -351,5 +386,5 @@ def run(
             count += 1
             if steps > 0:
                 tape[steps - 1, HAS_ROW] = 1.0
-        if not finite or _has_diverged(memory.last_fused, memory.last_rejected, setup.divergence_time):
+        if not finite or _has_diverged(memory.last_fused, memory.last_rejected, setup):
             return i, count, steps, DIVERGED

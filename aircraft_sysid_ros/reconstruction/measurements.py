@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density, pressure
 from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
 from aircraft_sysid_ros.aircraft.frames import (
     Vector,
@@ -50,6 +51,7 @@ Array = npt.NDArray[np.float64]
 _ATTITUDE, _MAGNETIC_FIELD = int(Kind.ATTITUDE), int(Kind.MAGNETIC_FIELD)
 _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
+_AIR = int(Kind.AIR)
 
 
 @njit(cache=True)
@@ -156,6 +158,16 @@ def _heading(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -
 
 
 @njit(cache=True)
+def _static_pressure(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -> int:
+    """Pressure of the standard atmosphere at the height."""
+    down = POSITION.start + 2
+    altitude = setup.origin[2] - x[down]
+    residual[0] = values[1] - pressure(altitude)
+    h[0, D_POSITION + 2] = air_density(altitude) * STANDARD_GRAVITY
+    return 1
+
+
+@njit(cache=True)
 def outputs_of(kind: int) -> int:
     """How many numbers a kind of measurement has."""
     return 3 if kind == _GPS_POSITION or kind == _GPS_VELOCITY or kind == _ATTITUDE else 1
@@ -181,4 +193,6 @@ def residual_and_jacobian(
         return _attitude(values, x, residual, h)
     if kind == _MAGNETIC_FIELD:
         return _heading(values, x, setup, residual, h)
+    if kind == _AIR:
+        return _static_pressure(values, x, setup, residual, h)
     return 0

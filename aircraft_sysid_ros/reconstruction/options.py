@@ -19,6 +19,11 @@ class StateOptions:
         0.5, "Longest silence of the IMU that is integrated; after more the filter aligns anew.", "s", 0.05, 5.0
     )
     divergence_time: float = option(5.0, "GPS rejected for this long without a break: align anew.", "s", 1.0, 60.0)
+    calm_air: bool = option(
+        False,
+        "The air is taken as calm: without a measured airspeed it is that over ground.",
+        fixed="the state begins with it",
+    )
     air_data_errors: bool = option(
         False,
         "Scales and offsets of airspeed, alpha and beta are states of the filter too, begun by the calibration.",

@@ -44,6 +44,8 @@ from aircraft_sysid_ros.reconstruction.state_row import write_state
 Array = npt.NDArray[np.float64]
 
 _STD, _FLOW_STD = StateField.STANDARD_DEVIATIONS, StateField.AIR_VELOCITY_STD
+_WIND = StateField.WIND
+_WIND_STD = slice(StateField.STANDARD_DEVIATIONS.stop - 3, StateField.STANDARD_DEVIATIONS.stop)
 _ALPHA, _BETA = StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP
 _FORCE, _FORCE_BIAS = StateField.SPECIFIC_FORCE, StateField.ACCELEROMETER_BIAS
 _OMEGA, _RATE_BIAS = StateField.ANGULAR_VELOCITY, StateField.GYRO_BIAS
@@ -131,9 +133,12 @@ def smooth_segment(
 
 @njit(cache=True)
 def _rewrite(row: Array, x: Array, p: Array, setup: Setup, with_covariance: bool) -> None:
-    """The columns of a row that depend on the state; an angle that is not measured stays NaN."""
+    """The columns of a row that depend on the state; an angle or wind that is not known stays NaN."""
+    no_wind = np.isnan(row[_WIND.start])
     alpha, beta, spread, flow_std = row[_ALPHA], row[_BETA], row[_STD].copy(), row[_FLOW_STD]
     write_state(row, x, p, row[_FORCE] + row[_FORCE_BIAS], row[_OMEGA] + row[_RATE_BIAS], setup.imu_position)
+    if no_wind:
+        row[_WIND] = row[_WIND_STD] = np.nan
     if np.isnan(alpha):
         row[_ALPHA] = np.nan
     if np.isnan(beta):

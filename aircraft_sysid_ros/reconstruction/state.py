@@ -71,8 +71,28 @@ class Status:
     INFERRED_ALPHA = 5
     INFERRED_BETA = 6
     INFERRED_ANGLES = 7
+    # in a flight without GPS; with the angles that are inferred
+    WITHOUT_GPS = 8
+    WITHOUT_GPS_ALPHA = 9
+    WITHOUT_GPS_BETA = 10
+    WITHOUT_GPS_ANGLES = 11
+    # the airspeed is that over ground, in air that is taken as calm
+    CALM_AIR = 12
+    CALM_AIR_ALPHA = 13
+    CALM_AIR_BETA = 14
+    CALM_AIR_ANGLES = 15
 
 
+#: Angles that no vane measures, by the status of a state that rests on air data, or on calm air in their place.
+INFERRED: dict[int, tuple[str, ...]] = {
+    status: angles
+    for statuses in (
+        (Status.OK, Status.INFERRED_ALPHA, Status.INFERRED_BETA, Status.INFERRED_ANGLES),
+        range(Status.WITHOUT_GPS, Status.WITHOUT_GPS_ANGLES + 1),
+        range(Status.CALM_AIR, Status.CALM_AIR_ANGLES + 1),
+    )
+    for status, angles in zip(statuses, ((), ("alpha",), ("beta",), ("alpha", "beta")), strict=True)
+}
 STATUS_TEXT = {
     Status.WAITING: "waiting for IMU, GPS and motion",
     Status.OK: "",
@@ -83,6 +103,21 @@ STATUS_TEXT = {
     Status.INFERRED_BETA: "no vane: sideslip from wind and attitude",
     Status.INFERRED_ANGLES: "no vanes: angle of attack and sideslip from wind and attitude",
 }
+_NO_VANE = (
+    "",
+    "; no vane: angle of attack inferred",
+    "; no vane: sideslip inferred",
+    "; no vanes: both angles inferred",
+)
+for _first, _words in (
+    (Status.WITHOUT_GPS, "no GPS in this flight: motion is relative to the air, wind is not estimated"),
+    (Status.CALM_AIR, "no airspeed: the air is taken as calm"),
+):
+    STATUS_TEXT.update({_first + _number: _words + _more for _number, _more in enumerate(_NO_VANE)})
+
+
+#: One sigma [m/s] NED of the wind about the mean of the air in a flight without GPS, from which velocities are counted.
+GUST_STD = np.array([3.0, 3.0, 1.5])
 
 
 class Setup(NamedTuple):
@@ -107,6 +142,35 @@ class Setup(NamedTuple):
     tolerance: float
     maximum_gap: float  # [s] longest step between IMU samples that is still integrated
     divergence_time: float  # [s] of rejected GPS after which the state is given up
+    guide: int  # kind of sample that shows the motion over ground: GPS_VELOCITY, else GPS_POSITION, else NO_GUIDE
+    wind_std: npt.NDArray[np.float64]  # (3,) NED [m/s] of a wind that is held about zero, NaN: it is free
+    is_calm: bool  # and so in place of a measured airspeed
+
+
+_WIND_STD = slice(StateField.STANDARD_DEVIATIONS.stop - 3, StateField.STANDARD_DEVIATIONS.stop)
+
+
+def without_wind(rows: npt.NDArray[np.float64]) -> None:
+    """Take the wind out of rows (n, StateField.WIDTH) in which it is not estimated, in place."""
+    rows[:, StateField.WIND] = rows[:, _WIND_STD] = np.nan
+
+
+def in_moving_air(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Rows (n, StateField.WIDTH) in which a wind that is not estimated is 0: velocities count from the mean of the air.
+
+    Its standard deviation is that of gusts.
+    """
+    unknown = np.isnan(rows[:, StateField.WIND.start])
+    if not unknown.any():
+        return rows
+    rows = rows.copy()
+    rows[unknown, StateField.WIND] = 0.0
+    rows[unknown, _WIND_STD] = GUST_STD
+    return rows
+
+
+#: ``Setup.guide`` of a flight without GPS.
+NO_GUIDE = -1
 
 
 class Memory(NamedTuple):
@@ -128,7 +192,7 @@ class Memory(NamedTuple):
     air_nis: npt.NDArray[np.float64]  # (1,) the same of air data alone, faster
     wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now
     innovation: npt.NDArray[np.float64]  # (kinds, 3) the newest
-    assumed: npt.NDArray[np.float64]  # (kinds,) time [s] of the newest pseudo-measurement in place of a vane
+    assumed: npt.NDArray[np.float64]  # (kinds,) time [s] of the newest pseudo-measurement in place of a sensor
 
 
 #: Random walk of the wind [m/s per sqrt(s)] at the start: that of moderate turbulence.

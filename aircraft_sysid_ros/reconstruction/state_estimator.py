@@ -17,15 +17,18 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import (
     with_start,
     without_errors,
 )
-from aircraft_sysid_ros.reconstruction.alignment import Alignment, keep_biases
+from aircraft_sysid_ros.reconstruction.alignment import GPS, Alignment, keep_biases
 from aircraft_sysid_ros.reconstruction.filter_setup import (
+    CALM_STD,
     SENSOR_OF_KIND,
     gate_thresholds,
+    guide_of,
     new_setup,
     sensor_scales,
     with_options,
 )
 from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run
+from aircraft_sysid_ros.reconstruction.gps_wait import GpsWait
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
@@ -36,18 +39,22 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_GYRO_BIAS,
     ERROR_SIZE,
     GUSTY_START,
+    INFERRED,
+    NO_GUIDE,
     STATE_SIZE,
     Memory,
     Setup,
     StateField,
     Status,
     new_memory,
+    without_wind,
 )
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.stuck_sensors import StuckSensors
-from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, concatenate, manoeuvres, samples_of
+from aircraft_sysid_ros.samples import SAME_FLIGHT, WIDTH, Kind, Samples, concatenate, manoeuvres, samples_of
 
 Array = npt.NDArray[np.float64]
+Batch = tuple[Array, npt.NDArray[np.int64], Array]
 
 #: Kinds that the first step uses. Any other would split the integration between two IMU samples, so that the
 #: numbers depended on who else listens.
@@ -55,7 +62,7 @@ _USED = np.isin(np.arange(len(Kind)), (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Ki
 #: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
 _EPOCH_STEP = 2**20 * NANOSECONDS
 #: States that air data have a part in.
-_AIRBORNE = (Status.OK, Status.NO_GPS, Status.INFERRED_ALPHA, Status.INFERRED_BETA, Status.INFERRED_ANGLES)
+_AIRBORNE = (Status.NO_GPS, *INFERRED)
 
 
 def epoch_of(stamp: int) -> int:
@@ -104,6 +111,8 @@ class StateEstimator:
         self._still = StuckSensors(aircraft.minimum_airspeed)
         self._alignment = self._new_alignment(9.80665)
         self._start = StartValues()
+        self._wait = GpsWait()
+        self._guide = int(Kind.GPS_VELOCITY)  # of the newest start
         self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
         self._setup: Setup | None = None  # known once there is an origin
         self._x = np.zeros(STATE_SIZE)
@@ -111,6 +120,7 @@ class StateEstimator:
         self._aligned = False
         self._has_biases = False
         self.memory: Memory = new_memory(len(Kind), aircraft.process_noise["wind"])
+        self._begin_gusty()
         self.last_row: Array | None = None
         self._last_airborne: Array | None = None  # newest row with air data
 
@@ -142,8 +152,8 @@ class StateEstimator:
 
         Whether errors of the air data are states cannot change.
         """
-        if options.air_data_errors != self.options.air_data_errors:
-            raise ValueError("air_data_errors decides on the states of the filter")
+        if (options.air_data_errors, options.calm_air) != (self.options.air_data_errors, self.options.calm_air):
+            raise ValueError("air_data_errors and calm_air decide on what the filter begins with")
         self.options = options
         self.order.change_horizon(options.horizon)
         self._gate = gate_thresholds(options.gate)
@@ -152,7 +162,8 @@ class StateEstimator:
 
     def flush(self) -> Array:
         """Process what is still held, at the end of a recording."""
-        return self._collect(self.order.flush())
+        rows = self._collect(self.order.flush())
+        return np.vstack([rows, *self._end_of_wait()])
 
     def begin_anew(self, since: float) -> Array:
         """Another manoeuvre begins; returns the rows of what is still held.
@@ -166,6 +177,7 @@ class StateEstimator:
         self._still = StuckSensors(self.aircraft.minimum_airspeed)
         self._alignment, self._setup, self._held = self._new_alignment(9.80665), None, None
         self._aligned = False
+        self._wait.reconsider()
         if not since <= SAME_FLIGHT:
             self._forget_slow_states()
         elif self._has_biases:
@@ -223,6 +235,11 @@ class StateEstimator:
         """Newest value and standard deviation of the errors of the air data by name; empty if they are no states."""
         return error_table(self._x, self._p) if len(self._x) > STATE_SIZE else {}
 
+    @property
+    def gps(self) -> frozenset[int] | None:
+        """Kinds of GPS samples that the flight has, as far as it is known; None before a start."""
+        return self._wait.decided
+
     def take_start(self, start: StartValues) -> None:
         """From now on wind and errors of the air data are those of ``start``; what else is known stays.
 
@@ -256,8 +273,8 @@ class StateEstimator:
         if self.options.air_data_errors:
             result["air_data_errors"] = self.air_data_errors
         for name, (value, std) in values.items():
-            result[name] = [float(v) for v in value] if known else [None] * 3
-            result[name + "_std"] = [float(v) for v in std] if known else [None] * 3
+            for key, numbers in ((name, value), (name + "_std", std)):
+                result[key] = [float(v) if known and np.isfinite(v) else None for v in numbers]
         return result
 
     def innovation_consistency(self) -> dict[str, float]:
@@ -274,8 +291,8 @@ class StateEstimator:
 
     def _known_wind(self) -> tuple[Array, Array]:
         """Newest wind NED (3,) and its standard deviations (3,)."""
-        if not self._has_biases:
-            return self._start.wind, self._start.wind_std
+        if not self._has_biases or self._guide == NO_GUIDE:
+            return self._start.wind, CALM_STD if self.options.calm_air else self._start.wind_std
         jacobian = wind_jacobian(self._x)
         return wind_of(self._x), np.sqrt(np.diag(jacobian @ self._p[:ERROR_SIZE, :ERROR_SIZE] @ jacobian.T))
 
@@ -312,23 +329,24 @@ class StateEstimator:
     def _process(self, times: Array, kinds: npt.NDArray[np.int64], values: Array) -> Iterator[Array]:
         """Samples in time order; those after the last IMU sample wait for the next one."""
         if self._held is not None:
-            times = np.concatenate([self._held[0], times])
-            kinds = np.concatenate([self._held[1], kinds])
-            values = np.concatenate([self._held[2], values])
+            times, kinds, values = _joined(self._held, (times, kinds, values))
             self._held = None
         at = 0
         while np.any(kinds[at:] == Kind.IMU):
             if not self._aligned:
-                at = self._align(times, kinds, values, at)
+                times, kinds, values, at = self._align(times, kinds, values, at)
                 continue
             assert self._setup is not None  # known from the first alignment on
-            rows = np.full((int(np.sum(kinds[at:] == Kind.IMU)), StateField.WIDTH), np.nan)
-            tape = np.empty((0 if self.tape is None else len(times) - at, STEP_WIDTH))
+            end = at + self._before_new_gps(kinds[at:])
+            rows = np.full((int(np.sum(kinds[at:end] == Kind.IMU)), StateField.WIDTH), np.nan)
+            tape = np.empty((0 if self.tape is None else end - at, STEP_WIDTH))
             at, count, steps, state = run(
-                times, kinds, values, at, self._x, self._p, self._setup, self.memory, rows, tape
+                times[:end], kinds[:end], values[:end], at, self._x, self._p, self._setup, self.memory, rows, tape
             )
             if count:
                 rows[:count, StateField.LATE] = self.order.counts.late.sum()
+                if self._setup.guide == NO_GUIDE:
+                    without_wind(rows[:count])
                 self.last_row = rows[count - 1]
                 airborne = np.flatnonzero(np.isin(rows[:count, StateField.STATUS], _AIRBORNE))
                 if len(airborne):
@@ -340,21 +358,55 @@ class StateEstimator:
                 self._lose_alignment()
             if state == DIVERGED:
                 self._forget_slow_states()
+            if state == RUNNING and end < len(times):
+                self._lose_alignment()
+                self._wait.reconsider()
         self._held = (times[at:], kinds[at:], values[at:])
 
-    def _align(self, times: Array, kinds: npt.NDArray[np.int64], values: Array, at: int) -> int:
-        """Feed the alignment until it gives a start; returns the index of the next sample."""
+    def _before_new_gps(self, kinds: npt.NDArray[np.int64]) -> int:
+        """How many samples there are before the first of a kind of GPS that was taken as not there."""
+        decided = self._wait.decided
+        new = np.flatnonzero(np.isin(kinds, [*(GPS - decided)] if decided is not None else []))
+        return int(new[0]) if len(new) else len(kinds)
+
+    def _align(
+        self, times: Array, kinds: npt.NDArray[np.int64], values: Array, at: int
+    ) -> tuple[Array, npt.NDArray[np.int64], Array, int]:
+        """Feed the alignment until it gives a start; returns what follows, and the index of the next sample in it."""
+        alignment, wait = self._alignment, self._wait
         for i in range(at, len(times)):
-            shown = values[i]
+            time, kind, shown = float(times[i]), int(kinds[i]), values[i]
             if self.options.air_data_errors:
-                shown = without_errors(int(kinds[i]), shown, self._known_errors()[0])
-            if not self._alignment.take(float(times[i]), int(kinds[i]), shown):
+                shown = without_errors(kind, shown, self._known_errors()[0])
+            is_imu = alignment.take(time, kind, shown)
+            wait.keep((time, kind, values[i]), alignment.seen)
+            if not is_imu:
                 continue
-            start = self._alignment.start(*self._known_wind())
+            start = self._started()
             if start is not None:
-                self._begin(float(times[i]), values[i], *start)
-                return i + 1
-        return len(times)
+                self._begin(time, values[i], *start)
+                return times, kinds, values, i + 1
+            if wait.is_over(time, alignment.flies()):
+                kept = wait.decide(alignment.seen)
+                alignment.forget()
+                return *_joined(kept, (times[i + 1 :], kinds[i + 1 :], values[i + 1 :])), 0
+        return times, kinds, values, len(times)
+
+    def _started(self) -> tuple[Array, Array] | None:
+        """State and covariance where a start is possible with the GPS that is there, or that is waited for."""
+        gps = self._wait.decided
+        if gps is None or gps == GPS:
+            return self._alignment.start(*self._known_wind())
+        return self._alignment.start_with(gps, *self._known_wind())
+
+    def _end_of_wait(self) -> Iterator[Array]:
+        """Rows of what was kept while GPS was waited for, at the end."""
+        if not self._aligned and self._wait.waits:
+            held = self._held or (np.empty(0), np.empty(0, np.int64), np.empty((0, WIDTH)))
+            self._held = None
+            kept = self._wait.decide(self._alignment.seen)
+            self._alignment.forget()
+            yield from self._process(*_joined(kept, held))
 
     def _begin(self, time: float, imu: Array, x: Array, p: Array) -> None:
         if self._has_biases:
@@ -362,15 +414,20 @@ class StateEstimator:
         if self.options.air_data_errors:
             x, p = extended(x, p, *self._known_errors(), self._alignment.air_data(time))
         self._x, self._p = x, p
-        if self._setup is None:
-            self._setup = self._new_setup(imu)
+        if self._wait.decided is None:
+            self._wait.decided = GPS
+            self._wait.forget()
+        guide = self._guide = guide_of(self._wait.decided)
+        setup = self._setup
+        if setup is None or setup.guide != guide or not np.array_equal(setup.origin, self._origin, equal_nan=True):
+            setup = self._setup = self._new_setup(imu, guide)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
         self.memory.imu_before[:] = -np.inf
         self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak
         self.memory.last_rejected[:] = self.memory.assumed[:] = -np.inf
         self._aligned = self._has_biases = True
         if self.tape is not None:
-            self.tape.begin(self._setup)
+            self.tape.begin(setup)
 
     def _known_errors(self) -> tuple[Array, Array]:
         """Newest errors of the air data (6,) and their covariance (6, 6)."""
@@ -384,20 +441,38 @@ class StateEstimator:
         self._aligned = False
         self._held = None
         self._alignment.forget()
+        self._wait.forget()
 
     def _forget_slow_states(self) -> None:
         """After a divergence wind and biases are not to be trusted either: begin as at the first start."""
         self._has_biases = False
         self._last_airborne = None
         self.memory.recent_nis[:] = self.memory.air_nis[:] = 1.0
-        self.memory.wind_walk[:] = max(self.aircraft.process_noise["wind"], GUSTY_START)
+        self._begin_gusty()
+
+    def _begin_gusty(self) -> None:
+        """The random walk of the wind at a start: air that is taken as calm has no gusts."""
+        least = self.aircraft.process_noise["wind"]
+        self.memory.wind_walk[:] = least if self.options.calm_air else max(least, GUSTY_START)
 
     def _new_alignment(self, gravity_here: float) -> Alignment:
-        return Alignment(gravity_here, self.aircraft.minimum_airspeed, self.aircraft.magnetic_declination)
+        aircraft = self.aircraft
+        ground = aircraft.ground_altitude or 0.0
+        return Alignment(gravity_here, aircraft.minimum_airspeed, aircraft.magnetic_declination, ground)
 
-    def _new_setup(self, imu: Array) -> Setup:
-        assert self._alignment.origin is not None
-        return new_setup(self.aircraft, self.options, self._gate, self._alignment.origin, imu)
+    @property
+    def _origin(self) -> Array:
+        assert self._alignment.origin is not None  # known from the first start on
+        return self._alignment.origin
+
+    def _new_setup(self, imu: Array, guide: int = Kind.GPS_VELOCITY) -> Setup:
+        return new_setup(self.aircraft, self.options, self._gate, self._origin, imu, guide)
+
+
+def _joined(first: Batch, second: Batch) -> Batch:
+    """Times, kinds and values of two batches, one after the other."""
+    times, kinds, values = zip(first, second, strict=True)
+    return np.concatenate(times), np.concatenate(kinds), np.concatenate(values)
 
 
 def warm_up(aircraft: Aircraft, *, smoother: bool = False) -> None:

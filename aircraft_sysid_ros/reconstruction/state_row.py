@@ -29,6 +29,7 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_VELOCITY,
     ERROR_SIZE,
     GYRO_BIAS,
+    NO_GUIDE,
     POSITION,
     VELOCITY,
     Memory,
@@ -64,18 +65,23 @@ _OK, _NO_GPS = Status.OK, Status.NO_GPS
 _NO_AIR_DATA, _INERTIAL_ONLY = Status.NO_AIR_DATA, Status.INERTIAL_ONLY
 _INFERRED_ALPHA, _INFERRED_BETA = Status.INFERRED_ALPHA, Status.INFERRED_BETA
 _INFERRED_ANGLES = Status.INFERRED_ANGLES
+_WITHOUT_GPS, _CALM_AIR = Status.WITHOUT_GPS, Status.CALM_AIR
 
 #: A sensor that has not been fused for this long [s] is counted as lost.
 SENSOR_TIMEOUT = 2.0
 
 
 @njit(cache=True)
-def _status(time: float, last_fused: Array, heard: tuple[Integers, Integers, Integers]) -> int:
+def _status(time: float, last_fused: Array, heard: tuple[Integers, Integers, Integers], setup: Setup) -> int:
     """``heard``: counts (kinds,) of samples that were fused, rejected and skipped."""
     gps = time - max(last_fused[_GPS_POSITION], last_fused[_GPS_VELOCITY]) < SENSOR_TIMEOUT
     air = time - last_fused[_AIRSPEED] < SENSOR_TIMEOUT
+    inferred_alpha, inferred_beta = not has_vane(_ALPHA, *heard), not has_vane(_BETA, *heard)
+    if setup.guide == NO_GUIDE:
+        return _WITHOUT_GPS + inferred_alpha + 2 * inferred_beta if air else _INERTIAL_ONLY
+    if gps and setup.is_calm and not (air and heard[0][_AIRSPEED] > 0):
+        return _CALM_AIR + inferred_alpha + 2 * inferred_beta
     if gps and air:
-        inferred_alpha, inferred_beta = not has_vane(_ALPHA, *heard), not has_vane(_BETA, *heard)
         if inferred_alpha and inferred_beta:
             return _INFERRED_ANGLES
         if inferred_alpha:
@@ -94,15 +100,15 @@ def write_row(
     row[_TIME] = time
     write_state(row, x, p, force, rate, setup.imu_position)
     # once its vane is lost an angle rests on the wind staying as it was: not a measurement, so NaN
-    if not (time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT or is_inferred(_ALPHA, time, x, p, memory)):
+    if not (time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT or is_inferred(_ALPHA, time, x, p, setup, memory)):
         row[_ALPHA_OF_ROW] = np.nan
-    if not (time - memory.last_fused[_BETA] < SENSOR_TIMEOUT or is_inferred(_BETA, time, x, p, memory)):
+    if not (time - memory.last_fused[_BETA] < SENSOR_TIMEOUT or is_inferred(_BETA, time, x, p, setup, memory)):
         row[_BETA_OF_ROW] = np.nan
     density = memory.air[0]
     row[_DENSITY] = density if density > 0.0 else air_density(setup.origin[2] - x[_X_POSITION + 2])
     row[_CONSISTENCY] = memory.recent_nis[0]
     fused, rejected = memory.fused, memory.rejected
-    row[_STATUS] = _status(time, memory.last_fused, (fused, rejected, memory.skipped))
+    row[_STATUS] = _status(time, memory.last_fused, (fused, rejected, memory.skipped), setup)
     row[_FUSED], row[_REJECTED] = np.sum(fused), np.sum(rejected)
     for i in range(3):
         row[_ORIGIN + i] = setup.origin[i]

@@ -55,7 +55,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import held
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
-from aircraft_sysid_ros.reconstruction.state import StateField, Status
+from aircraft_sysid_ros.reconstruction.state import StateField, Status, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, seconds, sensor_delays
 from aircraft_sysid_ros.refinement.resampling import LONGEST_STEP, cubic, dense_rows, sharpened
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
@@ -108,7 +108,7 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float) -> FlightRecord
         estimator.flush()
         if not estimator.has_been_aligned or estimator.epoch is None:
             raise InputError("the samples of the run give no state: replay the recording again")
-        rows = estimator.smooth()
+        rows = in_moving_air(estimator.smooth())
     interval, known = sparse_interval(samples), np.ones(len(rows), np.bool_)
     if interval > 0.0:
         rows, known = dense_rows(rows, interval)

@@ -82,7 +82,7 @@ def wind_fields(rows: Array) -> dict[str, npt.NDArray[Any]]:
     variance = np.square(rows[:, _WIND_STD])[:, [1, 0, 2]]
     covariance = np.zeros((n, 36))
     for i in range(3):
-        covariance[:, 7 * i] = variance[:, i]
+        covariance[:, 7 * i] = np.where(np.isnan(variance[:, i]), -1.0, variance[:, i])
         covariance[:, 21 + 7 * i] = -1.0  # the rotation of the air is not estimated
     return {
         "twist.twist.linear": enu_from_ned(rows[:, StateField.WIND]),

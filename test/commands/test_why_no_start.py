@@ -40,7 +40,9 @@ def said(aircraft):
 
 
 def test_every_sensor_that_is_missing_is_named_with_its_topic(said):
-    assert said(imu(300)) == "no GPS position came on gps/fix; no GPS velocity came on gps/vel"
+    lacking = "no GPS position came on gps/fix; no GPS velocity came on gps/vel; no airspeed came on air_data"
+    assert said(imu(300)) == lacking
+    assert said(*fixes(np.arange(10) * SECOND // 5, 0)) == "no IMU came on imu/data"
 
 
 def test_a_gps_without_a_fix_is_said_with_its_numbers(said):

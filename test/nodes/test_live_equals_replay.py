@@ -88,6 +88,26 @@ def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replay
     played_in_time(playback)
 
 
+def test_a_flight_without_gps_starts_live_where_replay_starts(domain, aircraft, aircraft_file, tmp_path, capsys):
+    """Neither knows beforehand that no GPS will come; both begin with the first sample that they kept."""
+    flight = simulate_samples(aircraft, seed=3, duration=45.0)
+    recording, expected = tmp_path / "flight", tmp_path / "replayed"
+    write_flight(replace(flight, streams=[s for s in flight.streams if not s.topic.startswith("gps")]), recording)
+    arguments = ["--aircraft", aircraft_file, "--out", expected, "--horizon", LONG, "--json"]
+    assert main([*map(str, ["replay", recording, *arguments])]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert notes[0].startswith("no GPS: wind is not estimated")
+
+    def playback(attempt):
+        run = tmp_path / str(attempt) / "run"
+        run.parent.mkdir()
+        with live(run, aircraft_file, "--reliable", "--until-idle", 1.5, "--horizon", LONG) as process:
+            sent = play(recording, 16)
+            assert check_same(process, run, expected, sent["messages"])["notes"] == notes
+
+    played_in_time(playback)
+
+
 @pytest.fixture(scope="module")
 def slow_recording(aircraft, tmp_path_factory):
     """60 s with an IMU of 10 Hz, which the aircraft file does not know."""

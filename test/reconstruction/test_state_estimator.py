@@ -192,8 +192,8 @@ def test_a_sensor_that_lies_is_rejected_by_the_gate(kind: Kind, flight, aircraft
     assert np.abs(rows[during, StateField.AIRSPEED] - truth.airspeed[during]).max() < 1.0
 
 
-def test_without_gps_the_filter_waits_and_says_so(flight, aircraft) -> None:
-    estimator, rows = run(aircraft, without(flight, GPS, -1.0, 1000.0)[:5000])
+def test_without_gps_and_airspeed_the_filter_waits_and_says_so(flight, aircraft) -> None:
+    estimator, rows = run(aircraft, without(flight, (*GPS, Kind.AIRSPEED), -1.0, 1000.0)[:5000])
     assert len(rows) == 0
     assert estimator.status == Status.WAITING
     assert estimator.summary()["wind_ned"] == [None] * 3

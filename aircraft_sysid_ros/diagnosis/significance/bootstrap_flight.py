@@ -27,7 +27,7 @@ from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.signals import fill_signals
-from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, manoeuvre_at, samples_of
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, arrived, generator, measure, stamps_of
@@ -108,6 +108,7 @@ def world_of(
     flight and the epoch [ns] of the rows' time; parameters (p,) of the aircraft's model; gusts: random walk of the wind
     [m/s per sqrt(s)] that the reconstruction found. The seed draws the gusts that it could not follow.
     """
+    stretches = [in_moving_air(stretch) for stretch in stretches]
     rows = np.vstack(stretches)
     motion_band = min(MOTION_BAND, KNOWN_SHARE / float(np.median(np.diff(rows[:, StateField.TIME]))))
     moved = [_motion(stretch, motion_band) for stretch in stretches]

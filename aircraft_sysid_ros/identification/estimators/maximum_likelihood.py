@@ -52,7 +52,7 @@ from aircraft_sysid_ros.identification.estimators.dense_epochs import DenseEpoch
 from aircraft_sysid_ros.identification.estimators.likelihood_recursion import run
 from aircraft_sysid_ros.identification.estimators.likelihood_restore import Past, copied, put_back, take_axis
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
@@ -231,7 +231,7 @@ class MaximumLikelihoodEstimator:
 
     def step(self, batch: CoefficientBatch) -> KnownParameters:
         """See ``Estimator``: coefficients at the end of each block of scores."""
-        epochs = self._close_epochs(batch.rows, batch.history)
+        epochs = self._close_epochs(in_moving_air(batch.rows), batch.history)
         epochs = self._dense.add(epochs, self._tuning.largest_gap if self._pace.is_sparse else 0.0)
         times, known = np.empty(len(epochs.time)), np.empty((len(epochs.time), len(self._names)))
         if not len(epochs.time):
@@ -363,7 +363,7 @@ class MaximumLikelihoodEstimator:
     def _set_body(self, body: Body, row: Array) -> None:
         """Mass properties and gravity of the place into the flight model; a new origin starts the filters anew."""
         origin = row[StateField.ORIGIN]
-        if self._origin is None or not np.array_equal(origin, self._origin):
+        if self._origin is None or not np.array_equal(origin, self._origin, equal_nan=True):
             self._origin = origin.copy()
             self.recursion.clock[loop.RUNNING] = 0.0
             self._body = None

@@ -51,6 +51,7 @@ _BIASES = StateField.ACCELEROMETER_BIAS.start  # of the accelerometer, then of t
 _BIAS_STD = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 _BIAS_COUNT = 6
 _NO_GPS, _NO_AIR_DATA, _INERTIAL_ONLY, _OK = Status.NO_GPS, Status.NO_AIR_DATA, Status.INERTIAL_ONLY, Status.OK
+_WITHOUT_GPS = Status.WITHOUT_GPS
 
 #: What is wrong, in words; the number of each is a bit of what ``evaluate`` returns.
 WORDS = (
@@ -141,7 +142,7 @@ def _lost(row: Array, memory: Memory) -> int:
         signs |= _LOST_GPS
     if status == _NO_AIR_DATA or status == _INERTIAL_ONLY:
         signs |= _LOST_AIRSPEED
-    if status == _OK:
+    if status == _OK or status == _WITHOUT_GPS:
         alpha, beta = np.isfinite(row[_ALPHA]), np.isfinite(row[_BETA])
         if memory.vanes[0] and not alpha:
             signs |= _LOST_ALPHA

@@ -1,0 +1,72 @@
+"""Which GPS there is in a flight: found out from the samples, and without losing any of them.
+
+Recordings and live nodes do not say what will come. While GPS position or velocity have not come, the samples are kept;
+once the aircraft has flown for PATIENCE without them, or the recording ends, they count as not there, and the filter
+begins with the first sample that was kept. It depends on stamps alone, so that live and replay decide alike.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.reconstruction.alignment import GPS, WINDOW
+
+Array = npt.NDArray[np.float64]
+Sample = tuple[float, int, Array]
+
+#: Flight [s] without GPS position or velocity after which they are not waited for.
+PATIENCE = 5.0
+
+
+class GpsWait:
+    """Keeps samples, in order of time, until it is decided."""
+
+    def __init__(self) -> None:
+        #: Kinds of GPS samples that are there, None while it is not decided.
+        self.decided: frozenset[int] | None = None
+        self._kept: deque[Sample] = deque()
+        self._flying_since = np.inf
+
+    def forget(self) -> None:
+        """There was a gap: what was kept is of no use."""
+        self._kept.clear()
+        self._flying_since = np.inf
+
+    def reconsider(self) -> None:
+        """GPS has come that was taken as not there."""
+        self.decided = None
+        self.forget()
+
+    def keep(self, sample: Sample, seen: frozenset[int]) -> None:
+        """Keep a sample, if it may be needed."""
+        if self.decided is not None or seen == GPS:
+            self._kept.clear()
+            return
+        self._kept.append(sample)
+        if np.isinf(self._flying_since):
+            while self._kept[0][0] < sample[0] - 2.0 * WINDOW:
+                self._kept.popleft()
+
+    def is_over(self, time: float, flies: bool) -> bool:
+        """Whether the wait ends at an IMU sample at ``time`` [s]."""
+        if self.decided is not None or not self._kept:
+            return False
+        self._flying_since = min(self._flying_since, time) if flies else np.inf
+        return time - self._flying_since >= PATIENCE
+
+    def decide(self, seen: frozenset[int]) -> tuple[Array, npt.NDArray[np.int64], Array]:
+        """What has come is what there is; returns the times, kinds and values that were kept."""
+        self.decided = seen
+        kept = list(self._kept)
+        self.forget()
+        times = np.array([time for time, _, _ in kept])
+        kinds = np.array([kind for _, kind, _ in kept], dtype=np.int64)
+        return times, kinds, np.array([values for _, _, values in kept])
+
+    @property
+    def waits(self) -> bool:
+        """Whether samples are kept for a decision."""
+        return self.decided is None and len(self._kept) > 0
