@@ -94,7 +94,7 @@ INFERRED: dict[int, tuple[str, ...]] = {
     for status, angles in zip(statuses, ((), ("alpha",), ("beta",), ("alpha", "beta")), strict=True)
 }
 STATUS_TEXT = {
-    Status.WAITING: "waiting for IMU, GPS and motion",
+    Status.WAITING: "waiting for IMU, GPS or air data, and motion",
     Status.OK: "",
     Status.NO_GPS: "no GPS: dead reckoning on air data",
     Status.NO_AIR_DATA: "no air data: wind is held",
