@@ -25,8 +25,8 @@ def _of_gps(state: StateEstimator) -> list[str]:
         if not _has(state, Kind.ATTITUDE):
             heading = "" if _has(state, Kind.MAGNETIC_FIELD) else "the heading is counted from the start, and "
             found.append(
-                f"neither GPS nor attitude: {heading}in gusts tilt, biases and the constants of the model are less "
-                "certain than their standard errors say"
+                f"neither GPS nor attitude: {heading}tilt, biases and the constants of the model are less certain than "
+                "their standard errors say, most of all in gusts"
             )
         return found
     if Kind.GPS_VELOCITY not in gps:

@@ -97,6 +97,17 @@ def test_a_slow_imu_without_gps_and_attitude_shows_the_main_derivatives(replayed
     assert any("heading is counted from the start" in note for note in result["notes"])
 
 
+def test_twenty_short_manoeuvres_at_25_hertz_without_gps(replayed, aircraft, tmp_path):
+    """10 s each: shorter than the wait for GPS and a window of its own would leave of them if it lost samples."""
+    slow = simulate_samples(at_rate(aircraft, 25.0), seed=64, duration=225.0)
+    begin = [3.0 + 11.0 * number for number in range(20)]
+    segments = [{"name": f"m{number}", "start": t, "stop": t + 10.0} for number, t in enumerate(begin)]
+    (tmp_path / "segments.yaml").write_text(json.dumps(segments))
+    result = replayed(without(slow.streams, GPS), "--segments", tmp_path / "segments.yaml")
+    check_derivatives(result, aircraft, MAIN, 0.05)
+    assert len(result["state"]["manoeuvres"]) == 20 and result["state"]["wind_ned"] == [None] * 3
+
+
 def test_without_vanes_and_gps_what_is_used_is_right(replayed, flown, aircraft):
     result = replayed(without(flown.streams, GPS, VANES))
     used = [p for p in result["parameters"]["parameters"] if p["status"] == "USE"]
