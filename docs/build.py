@@ -399,6 +399,12 @@ def diagnosis_slow() -> str:
     return table(*diagnosis_tables.slow(found))
 
 
+def strangers() -> str:
+    """The diagnosis on flights whose file has mass and shape only."""
+    lines = (RESULTS / "strangers.jsonl").read_text(encoding="utf8").splitlines()
+    return table(*diagnosis_tables.strangers([json.loads(line) for line in lines]))
+
+
 def slow_imu() -> str:
     """What a slow IMU costs."""
     header = ["rate of the IMU", "estimator", "inside 1.96 standard errors", "main derivatives with USE"]
@@ -505,6 +511,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "diagnosis_speed": diagnosis_speed,
     "diagnosis_thresholds": lambda: table(*diagnosis_tables.thresholds()),
     "hidden_effects_slow": diagnosis_slow,
+    "strangers": strangers,
     "slow_imu": slow_imu,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},
     "effects": effects,

@@ -8,7 +8,7 @@ from typing import Any
 from scipy.stats import binomtest
 
 from aircraft_sysid_ros.diagnosis.thresholds import listed
-from aircraft_sysid_ros.effects.aliases import ALIASES
+from aircraft_sysid_ros.effects.aliases import ALIASES, aliases_of
 
 Rows = tuple[list[str], list[list[str]]]
 #: Sets of flights, and what stands in the tables for them.
@@ -92,6 +92,23 @@ def slow(by_rate: dict[float, dict[str, Any]]) -> Rows:
                 said = f"a verdict other than none in {counted(r['share'], r['flights'])}"
                 rows.append([f"IMU at {rate:g} Hz, {words}", str(r["flights"]), said])
     return ["clean flights", "number", "what was said"], rows
+
+
+def strangers(flown: list[dict[str, Any]]) -> Rows:
+    """What was said of flights whose file has mass and shape only, by the air."""
+    rows = []
+    airs = {"steady wind": ("steady",), "wind that walks slowly": ("slow",), "light turbulence": ("light",)}
+    for words, kinds in {**airs, "all": sum(airs.values(), ())}.items():
+        of_air = [flight for flight in flown if flight["air"] in kinds and "failed" not in flight]
+        clean = [flight for flight in of_air if not flight["effect"]]
+        hidden = [flight for flight in of_air if flight["effect"]]
+        false = sum(flight["verdict"] != "none" for flight in clean)
+        right = sum(flight["first"] in {flight["effect"], *aliases_of(flight["effect"])} for flight in hidden)
+        rows.append(
+            [words, len(clean), counted(false / max(len(clean), 1), len(clean)), len(hidden),
+             counted(right / max(len(hidden), 1), len(hidden))]
+        )  # fmt: skip
+    return ["air", "clean flights", "given a verdict", "flights with an effect", "named first"], rows
 
 
 def thresholds() -> Rows:
