@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -210,6 +211,28 @@ def test_without_a_common_clock_each_begins_anew(clean, aircraft, aircraft_file,
     found = parameters_of(flight)
     for name in (*MAIN, "CX_alpha2", "CX_Tc"):
         assert abs(found[name][0] / aircraft.coefficients[name] - 1.0) < 0.05, name
+
+
+def test_twenty_manoeuvres_at_25_hz_without_gps(aircraft, aircraft_file, folder):
+    flight, every = simulate_samples(aircraft, 61, 240.0), {"imu/data": 4, "air_data": 2, "control_surfaces": 2}
+    streams = [
+        replace(
+            s,
+            stamp=s.stamp[:: every[s.topic]],
+            arrival=s.arrival[:: every[s.topic]],
+            fields={name: values[:: every[s.topic]] for name, values in s.fields.items()},
+        )
+        for s in flight.streams
+        if s.topic in every
+    ]
+    bag = write_part(replace(flight, streams=streams), folder / "no_gps.mcap", 0.0, 1000.0)
+    file = write_segments(folder / "twenty.yaml", equal_segments(20))
+    said = ask("replay", bag, "--segments", file, "--aircraft", aircraft_file, "--out", folder / "no_gps")
+    assert any(note.startswith("no GPS") for note in said["notes"])
+    found = parameters_of(open_run(folder / "no_gps").flight())
+    for name in MAIN:
+        (value, std), truth = found[name], aircraft.coefficients[name]
+        assert abs(value - truth) < min(0.05 * abs(truth), 3.0 * max(std, 0.004 * abs(truth))), name
 
 
 # -- how little is enough ------------------------------------------------------------------------------------------
