@@ -1,4 +1,4 @@
-"""Parameters of an aircraft without vanes: what an inferred angle takes from their trust.
+"""Parameters of an aircraft without vanes or GPS: what an inferred angle or a free bias takes from their trust.
 
 An angle of attack or sideslip inferred from wind and attitude is right in its changes and off by a slow error, as
 large as the first step says. The slopes hardly feel it. The constant of an axis does: it takes up
@@ -6,6 +6,9 @@ large as the first step says. The slopes hardly feel it. The constant of an axis
     delta(C_0) = dC/d(angle) * delta(angle)
 
 whatever the number of samples, which no residual shows. Its standard error is widened by that.
+
+Without GPS nothing but the attitude, where there is one, tells a bias of the IMU from a constant of an axis, and standard
+errors know too little of it: constants have HOLD.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
-from aircraft_sysid_ros.reconstruction.state import INFERRED, StateField
+from aircraft_sysid_ros.reconstruction.state import INFERRED, WITHOUT_GPS, StateField
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +36,7 @@ class InferredAngles:
     def __init__(self) -> None:
         self.angles: tuple[str, ...] = ()
         self.std = np.nan  # [rad]
+        self.without_gps = False
 
     def note(self, rows: Array) -> None:
         """Take rows (n, StateField.WIDTH) in order of time; the newest counts that rests on air data."""
@@ -40,11 +44,14 @@ class InferredAngles:
         known = np.flatnonzero(np.isin(status, list(INFERRED)))
         if len(known):
             row = rows[known[-1]]
+            self.without_gps = int(row[StateField.STATUS]) in WITHOUT_GPS
             self.angles = INFERRED[int(row[StateField.STATUS])]
             self.std = float(row[StateField.AIR_VELOCITY_STD] / max(row[StateField.AIRSPEED], 1e-3))
 
     def widened(self, estimates: ParameterSet, model: AerodynamicModel, point: Array | None) -> ParameterSet:
-        """The parameters, the standard errors of their constants widened; the same where all angles are measured."""
+        """The parameters with what is doubtful of their constants; the same with GPS where all angles are measured."""
+        if self.without_gps:
+            estimates = replace(estimates, parameters=tuple(_held_constant(p) for p in estimates.parameters))
         if not self.angles or point is None:
             return estimates
         signals = point[CoefficientSample.SIGNALS]
@@ -60,6 +67,13 @@ class InferredAngles:
                 angle = max(of_angle, key=lambda a: abs(of_angle[a]))
                 parameters[i] = _judged(parameters[i], float(np.hypot(parameters[i].std, extra)), angle, self.std)
         return replace(estimates, parameters=tuple(parameters), covariance=covariance)
+
+
+def _held_constant(estimate: ParameterEstimate) -> ParameterEstimate:
+    """A constant that a bias of the IMU may stand in, with HOLD; any other parameter as it is."""
+    if not estimate.name.endswith("_0") or estimate.status != Trust.USE:
+        return estimate
+    return replace(estimate, status=Trust.HOLD, reason="without GPS a bias of the IMU may stand in it")
 
 
 def _slope(model: AerodynamicModel, axis: str, theta: Array, signals: Array, angle: str) -> float:

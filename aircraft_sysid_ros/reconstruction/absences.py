@@ -21,12 +21,15 @@ def _has(state: StateEstimator, kind: Kind) -> bool:
 def _of_gps(state: StateEstimator) -> list[str]:
     gps = GPS if state.gps is None else state.gps
     if not gps:
-        found = ["no GPS: wind is not estimated, velocities are relative to the air and positions drift with it"]
+        found = [
+            "no GPS: wind is not estimated, velocities are relative to the air and positions drift with it, and the "
+            "constants of the model are held"
+        ]
         if not _has(state, Kind.ATTITUDE):
             heading = "" if _has(state, Kind.MAGNETIC_FIELD) else "the heading is counted from the start, and "
             found.append(
-                f"neither GPS nor attitude: {heading}tilt, biases and the constants of the model are less certain than "
-                "their standard errors say, most of all in gusts"
+                f"neither GPS nor attitude: {heading}tilt and biases are less certain than their "
+                "standard errors say, most of all in gusts"
             )
         return found
     if Kind.GPS_VELOCITY not in gps:

@@ -83,12 +83,13 @@ class Status:
     CALM_AIR_ANGLES = 15
 
 
+WITHOUT_GPS = range(Status.WITHOUT_GPS, Status.WITHOUT_GPS_ANGLES + 1)
 #: Angles that no vane measures, by the status of a state that rests on air data, or on calm air in their place.
 INFERRED: dict[int, tuple[str, ...]] = {
     status: angles
     for statuses in (
         (Status.OK, Status.INFERRED_ALPHA, Status.INFERRED_BETA, Status.INFERRED_ANGLES),
-        range(Status.WITHOUT_GPS, Status.WITHOUT_GPS_ANGLES + 1),
+        WITHOUT_GPS,
         range(Status.CALM_AIR, Status.CALM_AIR_ANGLES + 1),
     )
     for status, angles in zip(statuses, ((), ("alpha",), ("beta",), ("alpha", "beta")), strict=True)
