@@ -7,8 +7,8 @@ large as the first step says. The slopes hardly feel it. The constant of an axis
 
 whatever the number of samples, which no residual shows. Its standard error is widened by that.
 
-Without GPS nothing but the attitude, where there is one, tells a bias of the IMU from a constant of an axis, and standard
-errors know too little of it: constants have HOLD.
+Without GPS nothing but the attitude, where there is one, tells a bias of the IMU from a constant of an axis, and
+standard errors know too little of it: constants have HOLD.
 """
 
 from __future__ import annotations
