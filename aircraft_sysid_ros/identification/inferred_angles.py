@@ -8,7 +8,8 @@ large as the first step says. The slopes hardly feel it. The constant of an axis
 whatever the number of samples, which no residual shows. Its standard error is widened by that.
 
 Without GPS nothing but the attitude, where there is one, tells a bias of the IMU from a constant of an axis, and
-standard errors know too little of it: constants have HOLD.
+standard errors know too little of it: constants have HOLD. So they have where several short manoeuvres each begin with
+biases of their own.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class InferredAngles:
     def __init__(self) -> None:
         self.angles: tuple[str, ...] = ()
         self.std = np.nan  # [rad]
-        self.without_gps = False
+        self.without_gps, self.of_manoeuvres = False, False
 
     def note(self, rows: Array) -> None:
         """Take rows (n, StateField.WIDTH) in order of time; the newest counts that rests on air data."""
@@ -48,10 +49,17 @@ class InferredAngles:
             self.angles = INFERRED[int(row[StateField.STATUS])]
             self.std = float(row[StateField.AIR_VELOCITY_STD] / max(row[StateField.AIRSPEED], 1e-3))
 
+    @property
+    def biases(self) -> str:
+        """Why biases of the IMU are not known well enough for a constant; empty: they are."""
+        if self.without_gps:
+            return "without GPS"
+        return "over several manoeuvres" if self.of_manoeuvres else ""
+
     def widened(self, estimates: ParameterSet, model: AerodynamicModel, point: Array | None) -> ParameterSet:
         """The parameters with what is doubtful of their constants; the same with GPS where all angles are measured."""
-        if self.without_gps:
-            estimates = replace(estimates, parameters=tuple(_held_constant(p) for p in estimates.parameters))
+        if why := self.biases:
+            estimates = replace(estimates, parameters=tuple(_held_constant(p, why) for p in estimates.parameters))
         if not self.angles or point is None:
             return estimates
         signals = point[CoefficientSample.SIGNALS]
@@ -69,11 +77,11 @@ class InferredAngles:
         return replace(estimates, parameters=tuple(parameters), covariance=covariance)
 
 
-def _held_constant(estimate: ParameterEstimate) -> ParameterEstimate:
+def _held_constant(estimate: ParameterEstimate, why: str) -> ParameterEstimate:
     """A constant that a bias of the IMU may stand in, with HOLD; any other parameter as it is."""
     if not estimate.name.endswith("_0") or estimate.status != Trust.USE:
         return estimate
-    return replace(estimate, status=Trust.HOLD, reason="without GPS a bias of the IMU may stand in it")
+    return replace(estimate, status=Trust.HOLD, reason=f"{why} a bias of the IMU may stand in it")
 
 
 def _slope(model: AerodynamicModel, axis: str, theta: Array, signals: Array, angle: str) -> float:

@@ -119,6 +119,7 @@ class Learning:
 
     def begin_anew(self, same_flight: bool) -> None:
         """Another manoeuvre begins: what was learnt stays, or what was known before it was held."""
+        self.inferred.of_manoeuvres = True
         if not same_flight:
             holds = enumerate(self.integrity.holds)
             self._restore([Restore(axis, hold.good) for axis, hold in holds if hold is not None and hold.good])
