@@ -301,7 +301,7 @@ def input_notes(recording: Recording, aircraft: Aircraft) -> list[str]:
     if not lacking:
         return []
     names = ", ".join(lacking)
-    return [f"/{INPUTS_TOPIC} holds no value of {names}, which the aircraft file names: terms that read it say nothing"]
+    return [f"/{INPUTS_TOPIC} holds no value of {names} inside its limits: terms that read it say nothing"]
 
 
 def length_notes(pipeline: Pipeline) -> list[str]:

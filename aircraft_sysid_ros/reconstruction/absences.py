@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.alignment import GPS
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.samples import Kind, Samples
 
 
 def absences(state: StateEstimator) -> list[str]:
     """What is said after a flight of the sensors that were not there; nothing of those that it can do without."""
     return [*_of_gps(state), *_of_height(state), *_of_air_data(state)]
+
+
+def require_airspeed(samples: Samples) -> None:
+    """Raises InputError for a flight that no parameter can be learnt from afterwards."""
+    if not np.isfinite(samples.values[samples.kind == Kind.AIRSPEED, 0]).any():
+        raise InputError(
+            "this flight has no airspeed, and nothing can be said of its model without one: replay and live take the "
+            "speed over ground for it with --calm-air, what comes after a flight does not"
+        )
 
 
 def _has(state: StateEstimator, kind: Kind) -> bool:

@@ -89,6 +89,7 @@ def read_body(
     wanted = None if segments is None else read_segments(segments, given)
     used = [path for path in given if wanted is None or any(s.recording == path for s in wanted)]
     recordings = {path: prepare(read_recording(path, inputs)) for path in used}
+    _check_same_flight(recordings)
     if wanted is None and len(given) == 1:
         return Body(recordings[given[0]])
     whole = [] if wanted is not None else [_whole(path, recordings[path], given) for path in given]
@@ -114,6 +115,15 @@ def _check_twice(given: Sequence[Path]) -> None:
     for first, second in combinations(given, 2):
         if first.resolve() == second.resolve():
             raise InputError(f"the recording {second} is given twice: name it once")
+
+
+def _check_same_flight(recordings: Mapping[Path, Recording]) -> None:
+    """Raises InputError where two recordings hold the same IMU samples: what was fitted would be held out."""
+    of_imu = {path: r.samples[r.samples.kind == Kind.IMU] for path, r in recordings.items()}
+    for (first, a), (second, b) in combinations(of_imu.items(), 2):
+        _, i, j = np.intersect1d(a.stamp, b.stamp, return_indices=True)
+        if len(i) and np.array_equal(a.values[i, :6], b.values[j, :6], equal_nan=True):
+            raise InputError(f"the recordings {first} and {second} hold the same IMU samples: give one of them")
 
 
 def _joined(recordings: Mapping[Path, Recording], kept: Sequence[Manoeuvre], notes: Sequence[str]) -> Body:

@@ -29,6 +29,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
     why_too_slow,
 )
 from aircraft_sysid_ros.identification.trust import lack_of_fit
+from aircraft_sysid_ros.reconstruction.absences import require_airspeed
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.refinement.filter_error import FilterModel, filter_error_fit
 from aircraft_sysid_ros.refinement.output_error import SegmentModel, output_error_fit
@@ -99,6 +100,7 @@ class _Fitted:
 def refine(run: RunData, method: str, options: RefineOptions, progress: Progress | None = None) -> Refinement:
     """Refine the parameters of a run; InputError where its flight does not allow it."""
     _check_mass(run)
+    require_airspeed(run.samples)
     if slow := why_too_slow(run.samples):
         raise InputError(f"the run cannot be refined: {slow}")
     record = record_of(run.aircraft, run.samples, options.rate)

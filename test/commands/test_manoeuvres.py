@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import random
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -327,6 +328,8 @@ def test_recordings_are_named_once_and_for_each_segment(recordings, aircraft_fil
     rest = ("--aircraft", aircraft_file, "--out", tmp_path / "run")
     (tmp_path / "again.mcap").symlink_to(first)
     assert "is given twice" in refused(capsys, "replay", first, second, tmp_path / "again.mcap", *rest)
+    copy = shutil.copyfile(first, tmp_path / "copy.mcap")
+    assert "hold the same IMU samples" in refused(capsys, "replay", first, copy, *rest)
     none = write_segments(tmp_path / "none.yaml", [A])
     assert "entry 1 names no recording, and 2 are given" in refused(
         capsys, "replay", first, second, "--segments", none, *rest

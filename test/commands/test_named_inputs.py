@@ -168,7 +168,7 @@ def test_an_input_that_the_flight_lacks_is_named_and_its_term_can_go(aircraft, t
     file = file_of(tmp_path / "aircraft.yaml", source)
     run = call(capsys, "replay", tmp_path / "bag", "--aircraft", file, "--out", tmp_path / "run")
     assert run["notes"] == [
-        "/inputs holds no value of trim_tab, spoiler, which the aircraft file names: terms that read it say nothing"
+        "/inputs holds no value of trim_tab, spoiler inside its limits: terms that read it say nothing"
     ]
     (without,) = [p for p in run["parameters"]["parameters"] if p["name"] == "Cm_trim_tab"]
     assert without["status"] == "HOLD" and "trim_tab" in without["reason"]

@@ -73,6 +73,16 @@ def check_derivatives(result, aircraft, names, share):
 
 
 @pytest.fixture(scope="module")
+def run_without_airspeed(aircraft, aircraft_file, tmp_path_factory):
+    """A run of a flight whose air data lack it."""
+    folder = tmp_path_factory.mktemp("no airspeed")
+    streams = without(simulate_samples(aircraft, seed=44, duration=40.0).streams, (), ("true_airspeed",))
+    recording = write(folder / "bag", streams)
+    assert main(["replay", str(recording), "--aircraft", str(aircraft_file), "--out", str(folder / "run")]) == 0
+    return folder / "run"
+
+
+@pytest.fixture(scope="module")
 def flown(aircraft):
     return simulate_samples(aircraft, seed=41, duration=90.0, sensors=SensorOptions(attitude=True))
 
@@ -131,6 +141,14 @@ def test_without_airspeed_the_air_is_calm_only_on_request(replayed, aircraft):
     result = replayed(streams, "--calm-air", name="calm")
     check_derivatives(result, aircraft, ("Cl_p", "Cl_da", "Cn_dr"), 0.1)
     assert any("the air is taken as calm" in note for note in result["notes"])
+
+
+@pytest.mark.parametrize("command", ["compare", "diagnose", "add", "refine"])
+def test_what_comes_after_a_flight_refuses_one_without_airspeed(run_without_airspeed, capsys, command):
+    """It would find probes out of place and parameters with USE that are seven standard errors off."""
+    more = ["sideslip_drag"] if command == "add" else []
+    assert main([command, str(run_without_airspeed), *more]) == 2
+    assert "this flight has no airspeed" in capsys.readouterr().err
 
 
 def test_all_gps_is_better_than_none(replayed, flown, aircraft):

@@ -24,6 +24,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSam
 from aircraft_sysid_ros.identification.coefficients.pace import interval_of, sparse_interval
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_GAP
+from aircraft_sysid_ros.reconstruction.absences import require_airspeed
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
@@ -181,6 +182,7 @@ def reconstruct_as_flown(
     aircraft: Aircraft, samples: Samples, with_covariance: bool = True
 ) -> tuple[Reconstruction, bool]:
     """The flight with the noise and the gusts that it had, on which all errors count, and whether it is calm."""
+    require_airspeed(samples)
     flown, calm = as_flown(aircraft, samples)
     return reconstruct(flown, samples, with_covariance), calm
 
