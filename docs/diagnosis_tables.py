@@ -105,7 +105,7 @@ def strangers(flown: list[dict[str, Any]]) -> Rows:
         false = sum(flight["verdict"] != "none" for flight in clean)
         right = sum(flight["first"] in {flight["effect"], *aliases_of(flight["effect"])} for flight in hidden)
         rows.append(
-            [words, len(clean), counted(false / max(len(clean), 1), len(clean)), len(hidden),
+            [words, str(len(clean)), counted(false / max(len(clean), 1), len(clean)), str(len(hidden)),
              counted(right / max(len(hidden), 1), len(hidden))]
         )  # fmt: skip
     return ["air", "clean flights", "given a verdict", "flights with an effect", "named first"], rows
