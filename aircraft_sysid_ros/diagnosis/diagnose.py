@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import (
     CandidateEvaluator,
     Score,
@@ -160,6 +161,8 @@ class _Round:
         self.trials: list[Score] = []
         for i, effect in enumerate(library):
             progress(0.7 * i / len(library))
+            if not can_act(effect, bench.data):  # replicas have scored it all the same: that is chance, too
+                continue
             again = changed & {*effect.axes, *effect.reads} or effect.identifier not in tried
             trial = bench.best_of(effect) if again else tried[effect.identifier]
             if trial is not None:

@@ -17,7 +17,6 @@ from aircraft_sysid_ros.diagnosis.diagnose import diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
-from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, replicas_of
@@ -46,7 +45,7 @@ def diagnose_flight(
     data = settled_flight(flight)
     check_flight("the flight", data, samples)
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]
-    others = [effect for effect in library if effect.kind != MEASUREMENT and can_act(effect, data)]
+    others = [effect for effect in library if effect.kind != MEASUREMENT]
     settings: list[MeasurementFinding] = []
     for _ in range(THRESHOLDS.most_settings):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))

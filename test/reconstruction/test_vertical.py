@@ -52,7 +52,7 @@ def looping() -> Truth:
         time=time, position=position, velocity=velocity, quaternion=quaternion, rates=rates,
         angular_acceleration=np.gradient(rates, 1.0 / STEPS, axis=0), specific_force=force, air_velocity=air,
         airspeed=zeros + AIRSPEED, alpha=zeros, beta=zeros, density=zeros + 1.2, static_pressure=zeros + 98000.0,
-        height=150.0 - position[:, 2], controls=np.zeros((n, 7)), wind=np.tile(WIND, (n, 1)),
+        height=150.0 - position[:, 2], controls=np.zeros((n, 7)), inputs=np.zeros((n, 0)), wind=np.tile(WIND, (n, 1)),
         coefficients=np.zeros((n, 6)), origin=origin,
     )  # fmt: skip
 
