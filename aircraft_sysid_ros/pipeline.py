@@ -12,7 +12,7 @@ from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
-from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvres
+from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvres_in_turn
 
 Array = npt.NDArray[np.float64]
 
@@ -52,10 +52,10 @@ class Pipeline:
 
     def push(self, samples: Samples) -> tuple[Array, Array]:
         """Take samples in the order of arrival; returns new rows of ``StateField`` and of ``CoefficientSample``."""
-        first, *others = manoeuvres(samples)
-        done = [self._push(part) for part in parts_by_clock(first, self.state.order.clock)]
-        for since, manoeuvre in zip(samples.values[samples.kind == Kind.SEAM, 0].tolist(), others, strict=True):
-            done.append(self.begin_anew(since))
+        done = []
+        for since, manoeuvre in manoeuvres_in_turn(samples):
+            if since is not None:
+                done.append(self.begin_anew(since))
             done += [self._push(part) for part in parts_by_clock(manoeuvre, self.state.order.clock)]
         return np.vstack([rows for rows, _ in done]), np.vstack([points for _, points in done])
 

@@ -6,7 +6,7 @@ message, replay pushes a second of flight at once, and both meet the same code.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
@@ -149,6 +149,12 @@ def _span(samples: Samples) -> tuple[int, int]:
 def manoeuvres(samples: Samples) -> list[Samples]:
     """The samples between seams, in order of arrival: one part where there is no seam."""
     return _split(samples, np.flatnonzero(samples.kind == Kind.SEAM))
+
+
+def manoeuvres_in_turn(samples: Samples) -> Iterator[tuple[float | None, Samples]]:
+    """Each of the manoeuvres with the time [s] since the one before it, NaN where nobody knows; None for the first."""
+    since = samples.values[samples.kind == Kind.SEAM, 0].tolist()
+    return zip([None, *since], manoeuvres(samples), strict=True)
 
 
 def flights(samples: Samples) -> list[Samples]:

@@ -66,10 +66,20 @@ def drawn(seed: int) -> dict[str, Any]:
     }
 
 
+def centred(known: Aircraft) -> Aircraft:
+    """The aeroplane with all sensors at its centre of gravity, where a file that does not place them has them."""
+    placed = {key: [0.0, 0.0, 0.0] for key in ("imu_position", "air_data_position", "gps_position")}
+    return aircraft_from_dict({**known.source, **placed})
+
+
 def flown(known: Aircraft, setting: dict[str, Any]) -> Aircraft:
     """The aeroplane with the sensors of a flight, all of them at its centre of gravity."""
-    placed = {key: [0.0, 0.0, 0.0] for key in ("imu_position", "air_data_position", "gps_position")}
-    return aircraft_from_dict({**known.source, **placed, "sensors": setting["sensors"]})
+    return aircraft_from_dict({**centred(known).source, "sensors": setting["sensors"]})
+
+
+def users(known: Aircraft) -> Aircraft:
+    """What a new user knows of an aeroplane."""
+    return aircraft_from_dict({key: known.source[key] for key in SHAPE})
 
 
 def fly(job: dict[str, Any]) -> dict[str, Any]:
@@ -86,8 +96,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
             hidden=[(effect, 1.0)] if effect else [], manoeuvres=None if effect else setting["manoeuvres"],
             sensors=SensorOptions(attitude=setting["attitude"], height_above_ground=True),
         )  # fmt: skip
-        users = aircraft_from_dict({key: known.source[key] for key in SHAPE})
-        said = diagnose_flight(users, flight.samples).json
+        said = diagnose_flight(users(known), flight.samples).json
     except InputError as error:
         return {**result, "failed": str(error)}
     names = [c["label"] for c in said["candidates"] if c["found"]]

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, known_theta
-from aircraft_sysid_ros.identification.inferred_angles import InferredAngles
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +27,7 @@ class Description(NamedTuple):
     own: list[AxisEstimate | None]  # of each axis, where another estimator than least squares is published
     missing: list[str]  # what each axis lacks, in words
     changed: list[float]  # [s] of flight of the newest change of each axis
-    inferred: InferredAngles
+    constants: DoubtfulConstants
     ranges: list[tuple[float, float]]  # learnt between these V, alpha, beta
     bounds: Mapping[str, tuple[float, float]]  # of the aircraft file
 
@@ -57,4 +57,4 @@ class Description(NamedTuple):
             covariance[part, part] = block
         airspeed, alpha, beta = self.ranges
         found = ParameterSet(self.time, model.identifier, tuple(estimates), covariance, airspeed, alpha, beta)
-        return self.inferred.widened(found, model, self.newest)
+        return self.constants.doubted(found, model, self.newest)

@@ -119,7 +119,7 @@ class Identifier:
         if len(falls):
             return np.vstack([self.push_states(part, epoch) for part in np.split(rows, falls)])
         before = self.restart_clock() if self.stream.has_passed(times[0]) else self._no_samples()
-        self.learning.inferred.note(rows)
+        self.learning.constants.note(rows)
         samples = self._process_until(self.stream.add_states(rows))
         return np.vstack([before, samples]) if len(before) else samples
 

@@ -13,11 +13,11 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientBat
 from aircraft_sysid_ros.identification.coefficients.pace import LOWEST_RATE, SPARSEST_CONTROLS, Pace, too_slow
 from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions
 from aircraft_sysid_ros.identification.description import Description
+from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.contract import AxisReset, Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RecursiveLeastSquares, RlsState
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
-from aircraft_sysid_ros.identification.inferred_angles import InferredAngles
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor, Restore
 from aircraft_sysid_ros.identification.options import ParameterOptions
@@ -49,7 +49,7 @@ class Learning:
         self._pace, self._pace_of_controls = pace, pace_of_controls
         self.least_squares = RecursiveLeastSquares(aircraft, options)
         self.estimator: Estimator = make_estimator(aircraft, options, self.least_squares)
-        self.inferred = InferredAngles()
+        self.constants = DoubtfulConstants()
         self._begin_monitors()
 
     def _begin_monitors(self) -> None:
@@ -119,7 +119,7 @@ class Learning:
 
     def begin_anew(self, same_flight: bool) -> None:
         """Another manoeuvre begins: what was learnt stays, or what was known before it was held."""
-        self.inferred.of_manoeuvres = True
+        self.constants.of_manoeuvres = True
         if not same_flight:
             holds = enumerate(self.integrity.holds)
             self._restore([Restore(axis, hold.good) for axis, hold in holds if hold is not None and hold.good])
@@ -215,7 +215,7 @@ class Learning:
             own=[None if lent[axis] else estimator.estimate(axis) for axis in axes],
             missing=[self._missing(axis) for axis in axes],
             changed=self.changes.times.tolist(),
-            inferred=copy(self.inferred),
+            constants=copy(self.constants),
             ranges=[(float(low), float(high)) for low, high in self.conditions.ranges],
             bounds=self.aircraft.parameter_bounds,
         )  # fmt: skip

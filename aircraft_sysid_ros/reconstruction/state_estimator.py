@@ -51,7 +51,7 @@ from aircraft_sysid_ros.reconstruction.state import (
 )
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.stuck_sensors import StuckSensors
-from aircraft_sysid_ros.samples import SAME_FLIGHT, WIDTH, Kind, Samples, concatenate, manoeuvres, samples_of
+from aircraft_sysid_ros.samples import SAME_FLIGHT, WIDTH, Kind, Samples, concatenate, manoeuvres_in_turn, samples_of
 
 Array = npt.NDArray[np.float64]
 Batch = tuple[Array, npt.NDArray[np.int64], Array]
@@ -129,14 +129,13 @@ class StateEstimator:
 
         Kinds that belong to the second step are passed over; a SEAM between manoeuvres is ``begin_anew``.
         """
-        if np.any(samples.kind == Kind.SEAM):
-            first, *others = manoeuvres(samples)
-            rows = [self.push(first)]
-            for since, part in zip(samples.values[samples.kind == Kind.SEAM, 0].tolist(), others, strict=True):
-                rows += [self.begin_anew(since), self.push(part)]
-            return np.vstack(rows)
-        samples = self._unscaled(self._still.without(samples[_USED[samples.kind]]))
-        return self._collect(self.order.push(samples))
+        rows = []
+        for since, part in manoeuvres_in_turn(samples):
+            if since is not None:
+                rows.append(self.begin_anew(since))
+            used = self._unscaled(self._still.without(part[_USED[part.kind]]))
+            rows.append(self._collect(self.order.push(used)))
+        return np.vstack(rows) if len(rows) > 1 else rows[0]
 
     def _unscaled(self, samples: Samples) -> Samples:
         """Samples without the scales that the aircraft file gives to its air data sensors."""
@@ -150,7 +149,7 @@ class StateEstimator:
     def change_options(self, options: StateOptions) -> None:
         """Go on with other options: what is fused from now on is fused with them.
 
-        Whether errors of the air data are states cannot change.
+        Whether errors of the air data are states, and the air calm, cannot change.
         """
         if (options.air_data_errors, options.calm_air) != (self.options.air_data_errors, self.options.calm_air):
             raise ValueError("air_data_errors and calm_air decide on what the filter begins with")

@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.recordings.message_types import known_types, message_from_dict
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TYPE
 
 Array = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
 
-TYPE = "sensor_msgs/msg/JointState"
 _STAMP = slice(4, 12)  # seconds and nanoseconds behind the header of CDR
 _BEHIND = 8  # the lengths of velocity and effort
 
@@ -37,7 +37,7 @@ def decode(messages: Bytes) -> dict[str, npt.NDArray[Any]] | None:
     """Flat fields of n messages (n, length): stamps, names (n, k), positions (n, k); None where they are not alike."""
     first = np.ascontiguousarray(messages[0])
     try:
-        known: Any = known_types().deserialize_cdr(first.tobytes(), TYPE)
+        known: Any = known_types().deserialize_cdr(first.tobytes(), INPUTS_TYPE)
     except Exception:  # damaged bytes raise all kinds: they are decoded, and counted, one by one
         return None
     names, changes = list(known.name), np.zeros(len(first), bool)
@@ -59,7 +59,7 @@ def decode(messages: Bytes) -> dict[str, npt.NDArray[Any]] | None:
 
 
 def _serialised(content: dict[str, Any]) -> Bytes:
-    return np.frombuffer(known_types().serialize_cdr(message_from_dict(TYPE, content), TYPE), np.uint8)
+    return np.frombuffer(known_types().serialize_cdr(message_from_dict(INPUTS_TYPE, content), INPUTS_TYPE), np.uint8)
 
 
 def _positions(message: Bytes, count: int) -> slice:

@@ -15,7 +15,7 @@ from aircraft_sysid_ros.recordings import cdr_layout, joint_states
 from aircraft_sysid_ros.recordings.message_types import channel_types, flat_fields
 from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, USED_FIELDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, INPUTS_TYPE, NANOSECONDS, USED_FIELDS
 
 _OF_INPUTS = set(USED_FIELDS[INPUTS_TOPIC])
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
@@ -63,7 +63,7 @@ def _decoded_at_once(raw: RawMessages, key: int, names: Collection[str] | None) 
     block = raw.block(rows)
     if block is None:
         return None
-    if channel.type == joint_states.TYPE and set(names or ()) == _OF_INPUTS:
+    if channel.type == INPUTS_TYPE and set(names or ()) == _OF_INPUTS:
         found = joint_states.decode(block)
         if found is None:
             return None

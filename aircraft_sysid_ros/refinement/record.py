@@ -9,6 +9,7 @@ that they would have changed by until then (10 ms at most) is added. Sensor dela
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -50,9 +51,8 @@ from aircraft_sysid_ros.flight_model.layout import (
     FlightModel,
     flight_model_of,
 )
-from aircraft_sysid_ros.identification.coefficients.controls import INPUT_HELD
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
-from aircraft_sysid_ros.identification.coefficients.signals import held
+from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField, Status, in_moving_air
@@ -187,7 +187,8 @@ def _inputs(
     middle = 0.5 * (time + np.concatenate([time[:1], time[:-1]]))
     for first_control, first_named, at in ((0, NAMED.start, time), (INPUT_SIZE, INPUT_SIZE + CONTROL_COUNT, middle)):
         controls = _series(Kind.CONTROLS, CONTROL_COUNT, kinds, times, values, at) * signs
-        named = _named_inputs(len(aircraft.inputs), kinds, times, values, at)
+        order = _in_order(Kind.INPUTS, kinds, times)
+        named = named_inputs(len(aircraft.inputs), times[order], values[order], at, partial(cubic, longest=_SETTLE))
         both = np.hstack([controls, named])
         never = ~np.any(np.isfinite(both), axis=0)
         both[:, never] = 0.0
@@ -206,21 +207,14 @@ def _inputs(
 
 
 def _series(kind: Kind, width: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array) -> Array:
-    chosen = np.flatnonzero(kinds == kind)
-    order = chosen[np.argsort(times[chosen], kind="stable")]
+    order = _in_order(kind, kinds, times)
     return cubic(times[order], np.ascontiguousarray(values[order, :width]), at, _SETTLE)
 
 
-def _named_inputs(count: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array) -> Array:
-    """Named inputs (N, MOST_INPUTS), each a series of its own; held where its next sample is far."""
-    out = np.full((len(at), MOST_INPUTS), np.nan)
-    for k in range(count):
-        known = (kinds == Kind.INPUTS) & np.isfinite(values[:, k])
-        order = np.flatnonzero(known)[np.argsort(times[known], kind="stable")]
-        series = times[order], np.ascontiguousarray(values[order, k : k + 1])
-        between = cubic(*series, at, _SETTLE)
-        out[:, k] = np.where(np.isfinite(between), between, held(*series, at, INPUT_HELD))[:, 0]
-    return out
+def _in_order(kind: Kind, kinds: npt.NDArray[np.int64], times: Array) -> npt.NDArray[np.int64]:
+    """Which samples are of a kind, in order of time."""
+    chosen = np.flatnonzero(kinds == kind)
+    return chosen[np.argsort(times[chosen], kind="stable")]
 
 
 def _outputs(

@@ -1,12 +1,14 @@
 """Flights of which the aircraft file knows mass and shape only: what is not in it must not become a fault."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict, load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
@@ -24,20 +26,15 @@ from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
-SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia")
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import strangers
+
 SCALES = [BY_ID["airspeed_scale"]]
-
-
-def users(aircraft):
-    """What a new user knows of an aeroplane."""
-    return aircraft_from_dict({key: aircraft.source[key] for key in SHAPE})
 
 
 @pytest.fixture(scope="module")
 def centred(aircraft):
-    """An aeroplane with all sensors at its centre of gravity, where a file that does not place them has them."""
-    places = ("imu_position", "air_data_position", "gps_position")
-    return aircraft_from_dict({**aircraft.source, **{key: [0.0, 0.0, 0.0] for key in places}})
+    return strangers.centred(aircraft)
 
 
 def scale_of_airspeed(flight):
@@ -83,7 +80,7 @@ def test_a_scale_that_is_there_is_still_found(other_maker):
 @pytest.mark.parametrize("walk", [0.0, 0.03])
 def test_the_walk_of_the_wind_is_the_likeliest_below_that_of_the_file(centred, walk):
     samples = simulate_samples(centred, 3, 60.0, wind_walk=walk, manoeuvres="standard").samples
-    file = users(centred)
+    file = strangers.users(centred)
     found, given = walk_of(file, samples), file.process_noise["wind"]
     assert found < 0.03 if walk == 0.0 else 0.01 < found < 0.1
     noisy = fit_sensor_noise(file, samples)

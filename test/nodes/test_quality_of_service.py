@@ -68,4 +68,5 @@ def test_publishers_of_both_kinds_are_heard(bench, default_node):
                 lambda publisher=publisher, kind=kind: publisher.publish(kind()),
                 lambda topic=topic, before=before: node.received[topic] > before,
             )
+            assert node.received[topic] > before, topic
             bench.helper.destroy_publisher(publisher)

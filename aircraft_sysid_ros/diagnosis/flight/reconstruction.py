@@ -8,7 +8,9 @@ were in the flight, and the wind walks as much as it did (``as_flown``); all els
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+import operator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,7 +44,7 @@ _MOST_REJECTED, _REJECTING = 20.0, 5.0
 #: Factor between the random walks of the wind that are tried, and the largest [m/s per sqrt(s)].
 WALK_STEP, LARGEST_WALK = 1.25, 3.0
 #: The same below that of the aircraft file, where a walk matters less, and the smallest.
-CALMER_STEP, SMALLEST_WALK = 2.0, 0.002
+CALMER_STEP, SMALLEST_WALK = 0.5, 0.002
 AIR_DATA = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
 _MEASURED_NOISE = {
     Kind.IMU: ("accelerometer", "gyro"),
@@ -192,36 +194,36 @@ def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool
 
     Calm: no gusts beyond ``Thresholds.calm`` and beyond what the aircraft file says of the wind. The filter in flight
     follows gusts cautiously and from one side; what it takes for noise then stands as an error in the flow angles,
-    larger than any replica would show.
+    larger than any replica would show. In a calm flight a smaller walk than that of the file is taken where it is
+    clearly likelier: one that the wind does not have lets it explain errors of the air data, and it weighs with the
+    airspeed, so that a scale of the airspeed would stand for a calmer atmosphere.
     """
     given = aircraft.process_noise["wind"]
     of_file, gusts = _filtered(aircraft, samples)
-    best, likeliest, walk = -np.inf, aircraft, max(gusts, given)
-    while walk <= LARGEST_WALK:
-        gustier = aircraft if walk == given else with_setting(aircraft, ("process_noise", "wind"), walk)
-        likelihood = of_file if walk == given else log_likelihood(gustier, samples)
-        if likelihood <= best:
-            break
-        best, likeliest, walk = likelihood, gustier, WALK_STEP * walk
-    if likeliest.process_noise["wind"] <= max(THRESHOLDS.calm, 1.01 * given):
-        return _in_steady_wind(aircraft, samples, of_file), True
-    return likeliest, False
+
+    def climbed(walks: Iterable[float], best: float) -> Aircraft:
+        """The aircraft with the last of some walks up to which each is likelier than the one before it."""
+        likeliest = aircraft
+        for walk in walks:
+            other = aircraft if walk == given else with_setting(aircraft, ("process_noise", "wind"), walk)
+            likelihood = of_file if walk == given else log_likelihood(other, samples)
+            if likelihood <= best:
+                break
+            best, likeliest = likelihood, other
+        return likeliest
+
+    gustier = _in_steps(max(gusts, given), WALK_STEP)
+    likeliest = climbed(itertools.takewhile(lambda walk: walk <= LARGEST_WALK, gustier), -np.inf)
+    if likeliest.process_noise["wind"] > max(THRESHOLDS.calm, 1.01 * given):
+        return likeliest, False
+    calmer = _in_steps(CALMER_STEP * given, CALMER_STEP)
+    least = of_file + THRESHOLDS.setting_total
+    return climbed(itertools.takewhile(lambda walk: walk >= SMALLEST_WALK, calmer), least), True
 
 
-def _in_steady_wind(aircraft: Aircraft, samples: Samples, of_file: float) -> Aircraft:
-    """The aircraft with a smaller random walk of the wind where innovations are clearly likelier under it.
-
-    A walk that the wind does not have lets it explain errors of the air data, and it weighs with the airspeed: a scale
-    of the airspeed then stands for a calmer atmosphere.
-    """
-    best, likeliest, walk = of_file + THRESHOLDS.setting_total, aircraft, aircraft.process_noise["wind"] / CALMER_STEP
-    while walk >= SMALLEST_WALK:
-        calmer = with_setting(aircraft, ("process_noise", "wind"), walk)
-        likelihood = log_likelihood(calmer, samples)
-        if likelihood <= best:
-            break
-        best, likeliest, walk = likelihood, calmer, walk / CALMER_STEP
-    return likeliest
+def _in_steps(first: float, factor: float) -> Iterator[float]:
+    """A number, and each the factor times the one before it."""
+    return itertools.accumulate(itertools.repeat(factor), operator.mul, initial=first)
 
 
 def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:

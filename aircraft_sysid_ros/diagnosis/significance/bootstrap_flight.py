@@ -124,19 +124,14 @@ def world_of(
     air_velocity = np.einsum("nij,nj->ni", to_body, velocity - wind)
     flow = np.array([air_data_from_velocity(v) for v in air_velocity])
     world_rows = on_grid.copy()
-    world_rows[:, StateField.ATTITUDE], world_rows[:, StateField.ANGULAR_VELOCITY] = quaternion, rates
+    world_rows[:, StateField.ANGULAR_VELOCITY] = rates
     world_rows[:, StateField.SPECIFIC_FORCE], world_rows[:, StateField.AIR_VELOCITY] = force, air_velocity
     world_rows[:, StateField.AIRSPEED : StateField.SIDESLIP + 1] = flow
-    controls = _series(samples, Kind.CONTROLS, 7, time, epoch)
-    controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
-    inputs = _series(samples, Kind.INPUTS, MOST_INPUTS, time, epoch)
     origins = on_grid[:, StateField.ORIGIN.stop - 1]
     position = on_grid[:, StateField.POSITION].copy()
     position[:, 2] += origins[0] - origins  # each manoeuvre has its own
     altitude = origins - on_grid[:, StateField.POSITION.stop - 1]
-    height = _series(samples, Kind.HEIGHT, 1, time, epoch)[:, 0]
-    ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(np.min(altitude))
-    height = np.where(np.isfinite(height), height, altitude - ground)
+    controls, inputs, height = _recorded(aircraft, samples, time, epoch, altitude)
     coefficients = _coefficients(aircraft, force, rates, turning, flow[:, 0], on_grid[:, StateField.AIR_DENSITY])
     truth = Truth(
         time=time - time[0],
@@ -176,6 +171,21 @@ def _motion(rows: Array, band: float) -> tuple[Array, Array, Array, Array, Array
     rates = low_passed(on_grid[:, StateField.ANGULAR_VELOCITY], band)
     turning = np.gradient(rates, 1.0 / RATE, axis=0)
     return time, on_grid, rates, turning, low_passed(on_grid[:, StateField.SPECIFIC_FORCE], band)
+
+
+def _recorded(
+    aircraft: Aircraft, samples: Samples, time: Array, epoch: int, altitude: Array
+) -> tuple[Array, Array, Array]:
+    """Controls (n, 7) with the signs of the aircraft file, named inputs (n, MOST_INPUTS) and height above ground (n,).
+
+    The height, where it was not recorded, is that of the altitude (n,) [m] over the ground or the lowest point.
+    """
+    controls = _series(samples, Kind.CONTROLS, 7, time, epoch)
+    controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
+    inputs = _series(samples, Kind.INPUTS, MOST_INPUTS, time, epoch)
+    height = _series(samples, Kind.HEIGHT, 1, time, epoch)[:, 0]
+    ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(np.min(altitude))
+    return controls, inputs, np.where(np.isfinite(height), height, altitude - ground)
 
 
 def _spans(times: list[Array], samples: Samples, epoch: int) -> tuple[tuple[float, float, float], ...]:

@@ -10,14 +10,15 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS
+from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.identification.coefficients.layout import Body
 from aircraft_sysid_ros.identification.coefficients.pace import SPARSEST_CONTROLS, Pace
 from aircraft_sysid_ros.identification.coefficients.signals import (
-    CONTROL_COUNT,
-    held,
+    INPUT_HELD,
     interpolate,
     interpolate_sparse,
+    named_inputs,
 )
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
@@ -30,8 +31,6 @@ Integers = npt.NDArray[np.int64]
 MOST_EARLY = 10_000
 #: Late samples of a kind that are kept, in case the clock began anew and the states have yet to say so.
 _MOST_BEHIND = 1000
-#: How long [s] the newest value of a named input holds: what stands still need not be sent more often.
-INPUT_HELD = 1.0
 
 
 class ControlHistory:
@@ -119,18 +118,14 @@ class ControlHistory:
         return controls, np.where(np.isfinite(heights), heights, self._height_from_gps(rows))
 
     def _inputs_at(self, at: Array, sparse: bool) -> Array:
-        """Named inputs (n, MOST_INPUTS): each is a series of its own, since a message may hold some of them only."""
-        times, values = self._series[Kind.INPUTS]
-        out = np.full((len(at), MOST_INPUTS), np.nan)
-        for k in range(len(self._aircraft.inputs)):
-            known = np.isfinite(values[:, k])
-            series = times[known], values[known, k : k + 1]
+        """Named inputs (n, MOST_INPUTS)."""
+
+        def between(times: Array, values: Array, at: Array) -> Array:
             if sparse:
-                between = interpolate_sparse(*series, at, SPARSEST_CONTROLS, self.settle)
-            else:
-                between = interpolate(*series, at, self.settle)
-            out[:, k] = np.where(np.isfinite(between), between, held(*series, at, INPUT_HELD))[:, 0]
-        return out
+                return interpolate_sparse(times, values, at, SPARSEST_CONTROLS, self.settle)
+            return interpolate(times, values, at, self.settle)
+
+        return named_inputs(len(self._aircraft.inputs), *self._series[Kind.INPUTS], at, between)
 
     def _height_from_gps(self, rows: Array) -> Array:
         altitude = rows[:, StateField.ORIGIN.stop - 1] - rows[:, StateField.POSITION.stop - 1]

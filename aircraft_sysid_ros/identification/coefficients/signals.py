@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -10,6 +12,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]
@@ -20,8 +23,8 @@ _TC, _THROTTLE, _PROPELLER = (SIGNAL_INDEX[s] for s in ("Tc", "throttle", "prope
 _V, _QBAR, _MACH, _HEIGHT = (SIGNAL_INDEX[s] for s in ("V", "qbar", "mach", "height"))
 _ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[s] for s in ("alpha_dot", "beta_dot", "time"))
 _INPUTS = len(SIGNALS)
-#: Elevator to propeller speed of ``Kind.CONTROLS``; the named inputs follow them.
-CONTROL_COUNT = 7
+#: How long [s] the newest value of a named input holds: what stands still need not be sent more often.
+INPUT_HELD = 1.0
 _POSITION_DOWN = StateField.POSITION.stop - 1
 _ORIGIN_ALTITUDE = StateField.ORIGIN.stop - 1
 
@@ -131,6 +134,23 @@ def interpolate(times: Array, values: Array, at: Array, longest: float, held: fl
                 out[i, k] = values[before, k] + weight * (values[after, k] - values[before, k])
         elif has_before and at[i] - times[before] <= held:
             out[i] = values[before]
+    return out
+
+
+def named_inputs(
+    count: int, times: Array, values: Array, at: Array, between: Callable[[Array, Array, Array], Array]
+) -> Array:
+    """The first ``count`` named inputs of samples (n, …) at times ``at`` (m,), (m, MOST_INPUTS), NaN for the others.
+
+    Each is a series of its own, since a message may hold some of them only: as ``between`` has it, and held where its
+    next sample is far.
+    """
+    out = np.full((len(at), MOST_INPUTS), np.nan)
+    for k in range(count):
+        known = np.isfinite(values[:, k])
+        series = times[known], np.ascontiguousarray(values[known, k : k + 1])
+        found = between(*series, at)
+        out[:, k] = np.where(np.isfinite(found), found, held(*series, at, INPUT_HELD))[:, 0]
     return out
 
 

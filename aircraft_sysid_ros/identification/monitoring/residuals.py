@@ -9,7 +9,7 @@ some: by what the errors have grown in all but the quietest two axes is not coun
 SPREAD times its length: in cruise an axis learns now and then, from what is not motion.
 
 How much of a coefficient the model explains: the mean square error over the variance of the coefficient, over the
-newest FIT_BLOCKS blocks in which it moves. One in which it has less than STILL of its variance says nothing.
+newest FIT_BLOCKS blocks in which it moves. One in which it has less than LEAST_MOTION of its variance says nothing.
 
 When the change was: with n errors of variance s^2 before it and RATIO^2 s^2 since, the sum of
 
@@ -43,7 +43,7 @@ PATIENCE = 2
 
 SPREAD = 2.0
 #: Blocks that say how much the model explains; share of the variance of a coefficient with which it hardly moves.
-FIT_BLOCKS, STILL = 30, 0.1
+FIT_BLOCKS, LEAST_MOTION = 30, 0.1
 #: How many axes are quieter than the one that tells by what the errors of all have grown.
 _QUIETEST = 2
 
@@ -121,7 +121,7 @@ def _add_to_fit(axis: int, errors: Errors) -> None:
     if count >= LEAST_BLOCKS:
         usual = errors.fit_mean[axis, :count].mean()
         variance = errors.fit_square[axis, :count].mean() - usual * usual
-        if square - 2.0 * mean * usual + usual * usual < STILL * variance:
+        if square - 2.0 * mean * usual + usual * usual < LEAST_MOTION * variance:
             return
     _shift(errors.fit_error, axis, FIT_BLOCKS)
     _shift(errors.fit_mean, axis, FIT_BLOCKS)

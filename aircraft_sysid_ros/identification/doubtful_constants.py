@@ -1,4 +1,4 @@
-"""Parameters of an aircraft without vanes or GPS: what an inferred angle or a free bias takes from their trust.
+"""Constants of an aircraft without vanes or GPS: what an inferred angle or a free bias takes from their trust.
 
 An angle of attack or sideslip inferred from wind and attitude is right in its changes and off by a slow error, as
 large as the first step says. The slopes hardly feel it. The constant of an axis does: it takes up
@@ -31,8 +31,8 @@ _NAMES = {"alpha": "angle of attack", "beta": "sideslip"}
 _STEP = 1e-4  # [rad] of the derivative
 
 
-class InferredAngles:
-    """Which angles have no vane just now, and how well they are known."""
+class DoubtfulConstants:
+    """What leaves a constant in doubt just now: angles without a vane and how well they are known, and free biases."""
 
     def __init__(self) -> None:
         self.angles: tuple[str, ...] = ()
@@ -56,7 +56,7 @@ class InferredAngles:
             return "without GPS"
         return "over several manoeuvres" if self.of_manoeuvres else ""
 
-    def widened(self, estimates: ParameterSet, model: AerodynamicModel, point: Array | None) -> ParameterSet:
+    def doubted(self, estimates: ParameterSet, model: AerodynamicModel, point: Array | None) -> ParameterSet:
         """The parameters with what is doubtful of their constants; the same with GPS where all angles are measured."""
         if why := self.biases:
             estimates = replace(estimates, parameters=tuple(_held_constant(p, why) for p in estimates.parameters))
