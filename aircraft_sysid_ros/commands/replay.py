@@ -28,7 +28,13 @@ from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.identification.coefficients.pace import CHANGE, LOWEST_RATE, SPARSEST_CONTROLS, too_slow
+from aircraft_sysid_ros.identification.coefficients.pace import (
+    CHANGE,
+    LOWEST_RATE,
+    SPARSEST_CONTROLS,
+    too_slow,
+    why_airspeed_too_slow,
+)
 from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream
 from aircraft_sysid_ros.identification.physical_bounds import check_bounds
 from aircraft_sysid_ros.identification.trust import Trust
@@ -243,6 +249,7 @@ def notes(recording: Recording, pipeline: Pipeline) -> list[str]:
         found.append("no /control_surfaces: state, biases and wind only, no parameters")
     else:
         found += length_notes(pipeline) + rate_notes(pipeline.parameters.stream)
+        found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += bound_notes(pipeline.parameters.aircraft)
     found += absences(pipeline.state)
     found += gap_notes(recording.samples) + air_data_notes(recording) + control_notes(recording.samples)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Fit, fit_axis
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Fit, fits_of
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place, failing_places
 from aircraft_sysid_ros.diagnosis.significance.noise_floor import HALF_WIDTH, NoiseFloor, noise_floor, noise_seen
 from aircraft_sysid_ros.diagnosis.significance.whiteness import ORDER, Whiteness, on_grid, whiteness_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.conditions import listed
 
 Array = npt.NDArray[np.float64]
 
@@ -54,8 +55,19 @@ class Comparison:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know about the noise that the aircraft file states, and about a slow IMU."""
+        """What the user should know about the noise that the aircraft file states, a slow IMU, and missing sensors."""
+        inferred = [name for name in self.flight.inferred if not self.flight.lacks([name])]
+        if inferred:  # how well they are known no noise of a sensor says
+            return [*self._between_samples, self._about_inferred(inferred)]
         return [*self._between_samples, *self._odd_noise, *self._not_known]
+
+    @staticmethod
+    def _about_inferred(names: Sequence[str]) -> str:
+        are = "are" if len(names) > 1 else "is"
+        return (
+            f"{listed(names)} {are} not measured but inferred from wind and attitude: the floor is how well the filter "
+            "says that it knows that, and errors beyond it need not be of the model"
+        )
 
     @property
     def _between_samples(self) -> list[str]:
@@ -134,15 +146,10 @@ class Comparison:
 
 def compare(flight: FlightData) -> Comparison:
     """Compare a flight with the model of its aircraft file. Raises InputError where no axis has data."""
-    axes, reasons = {}, {}
-    for axis in AXES:
-        try:
-            axes[axis] = compare_axis(flight, fit_axis(flight, axis))
-        except InputError as error:
-            reasons[axis] = str(error)
-    if not axes:
+    fits, reasons = fits_of(flight)
+    if not fits:
         raise InputError(f"no axis can be compared: {next(iter(reasons.values()))}")
-    return Comparison(flight, axes, reasons)
+    return Comparison(flight, {axis: compare_axis(flight, fit) for axis, fit in fits.items()}, reasons)
 
 
 def compare_axis(flight: FlightData, fit: AxisFit) -> AxisComparison:

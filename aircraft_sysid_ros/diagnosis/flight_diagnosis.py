@@ -56,11 +56,9 @@ def diagnose_flight(
         aircraft, flight, finding = mended
         data = settled_flight(flight)
         settings.append(finding)
+    bench = CandidateEvaluator(data)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
-    if len(repeated) < 2:
-        long_enough = f"{THRESHOLDS.least_time:g} s in flight without a gap, with motion about every axis, are"
-        raise InputError(f"no stretch of this flight is long enough to be diagnosed: {long_enough}")
-    result = diagnose(CandidateEvaluator(data), repeated, others, lambda share: progress("try the library", share))
+    result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
     data = replace(data, names=tuple(names))
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
 

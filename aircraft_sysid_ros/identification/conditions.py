@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -17,6 +19,17 @@ _RANGED = tuple(SIGNALS_OF_SAMPLE + SIGNAL_INDEX[name] for name in ("V", "alpha"
 
 #: Signals that stand in the samples of the controls.
 CONTROL_SIGNALS = frozenset({"de", "da", "dr", "flaps", "Tc", "throttle", "propeller_speed"})
+
+
+def needs(names: Sequence[str]) -> str:
+    """That a model reads signals which were not measured, and what to do about it, in words."""
+    are, them, their = ("are", "them", "their") if len(names) > 1 else ("is", "it", "its")
+    return f"needs {listed(names)}, which {are} not measured: record {them}, or take {their} terms out of the model"
+
+
+def listed(names: Sequence[str]) -> str:
+    """``a, b and c``."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 class LearntConditions:

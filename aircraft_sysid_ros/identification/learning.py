@@ -11,7 +11,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientBatch, CoefficientSample
 from aircraft_sysid_ros.identification.coefficients.pace import LOWEST_RATE, SPARSEST_CONTROLS, Pace, too_slow
-from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions
+from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions, listed, needs
 from aircraft_sysid_ros.identification.description import Description
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
@@ -227,10 +227,23 @@ class Learning:
         if few and self._pace.is_too_slow:
             return too_slow(self._pace.rate)
         needed, unseen = self.conditions.signals_of(self.aircraft.model, axis)
-        controls = ", ".join(name for name in needed if name in CONTROL_SIGNALS)
+        controls = [name for name in needed if name in CONTROL_SIGNALS]
         nothing = self.newest is not None and not updates
         never = (few and self._pace.is_sparse) or (nothing and {*unseen} & CONTROL_SIGNALS)
         if controls and never and controls_pace.interval > SPARSEST_CONTROLS:
             rate = f"{controls_pace.rate:.2g} Hz"
-            return f"needs {controls}, which comes at {rate}: at least {LOWEST_RATE:g} Hz are needed"
-        return f"needs {', '.join(unseen)}, which is not measured" if nothing and unseen else ""
+            come = "come" if len(controls) > 1 else "comes"
+            return f"needs {listed(controls)}, which {come} at {rate}: at least {LOWEST_RATE:g} Hz are needed"
+        if nothing and unseen:
+            return needs(unseen)
+        return self._not_inferred(needed) if few else ""
+
+    def _not_inferred(self, needed: tuple[str, ...]) -> str:
+        """That angles are neither measured nor known just now from wind and attitude; empty: they are."""
+        if self.newest is None:
+            return ""
+        known = dict(zip(self.aircraft.model.signal_names, self.newest[CoefficientSample.SIGNALS], strict=False))
+        angles = [name for name in self.constants.angles if name in needed and np.isnan(known[name])]
+        if not angles:
+            return ""
+        return f"needs {listed(angles)}, which no vane measures, and wind and attitude do not show well enough"

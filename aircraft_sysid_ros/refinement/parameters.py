@@ -23,6 +23,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     parameter_count,
     process_slice,
 )
+from aircraft_sysid_ros.identification.conditions import needs
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.refinement.record import FlightRecord
 
@@ -109,8 +110,8 @@ def judged(
     for i, name in enumerate(model.parameter_names):
         axis = model.programs[AXES.index(name[:2])]
         read = frozenset().union(*(program.signals for program in axis))
-        lacking = ", ".join(sorted(read & record.missing))
-        missing = f"needs {lacking}, which is not measured" if lacking else doubts.get(name[:2], "")
+        lacking = sorted(read & record.missing)
+        missing = needs(lacking) if lacking else doubts.get(name[:2], "")
         excitation = run_parameters.get(name, {}).get("excitation")
         excited = np.inf if excitation is None else float(excitation)
         status, reason = "HOLD", "this flight does not tell it: not moved from its start"

@@ -149,7 +149,9 @@ def test_covariance_is_symmetric_and_positive(aircraft) -> None:
 def test_an_axis_without_data_says_why(aircraft) -> None:
     flight = flight_of(aircraft)
     flight.measured[:, AXES.index("Cl")] = 0.0
-    with pytest.raises(InputError, match="Cl_da reads a signal that this flight does not have"):
+    with pytest.raises(
+        InputError, match="Cl cannot be fitted: it needs da and dr, which are not measured: record them"
+    ):
         fit_axis(flight, "Cl")
     flight.measured[:, AXES.index("CZ")] = np.nan
     with pytest.raises(InputError, match="not measured"):

@@ -115,7 +115,7 @@ def test_controls_that_are_too_slow_are_named(rate: float, controls: float) -> N
     found = flown(thinned(samples[: len(samples) // 2], rate, controls=controls)).parameters.snapshot()
     reasons = {p.name: p.reason for p in found.parameters}
     assert reasons["Cm_q"] == f"needs de, which comes at {controls:g} Hz: at least 10 Hz are needed"
-    assert reasons["Cl_p"] == f"needs da, dr, which comes at {controls:g} Hz: at least 10 Hz are needed"
+    assert reasons["Cl_p"] == f"needs da and dr, which come at {controls:g} Hz: at least 10 Hz are needed"
 
 
 def test_no_motion_is_still_said_of_a_slow_flight_without_motion() -> None:

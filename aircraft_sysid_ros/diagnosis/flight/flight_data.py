@@ -15,8 +15,12 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, Program, evaluate_rows, link, parse_expression
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.identification.coefficients.pace import why_controls_too_slow, why_too_slow
-from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS
+from aircraft_sysid_ros.identification.coefficients.pace import (
+    why_airspeed_too_slow,
+    why_controls_too_slow,
+    why_too_slow,
+)
+from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, listed, needs
 from aircraft_sysid_ros.run_reader import UNREADABLE, not_a_run, read_points
 from aircraft_sysid_ros.samples import Samples
 
@@ -50,6 +54,7 @@ class FlightData:
     names: tuple[str, ...] = ()  # of the manoeuvres
     #: (n,) number from 0 of the flight of each point, which has IMU biases of its own; None: it is one.
     flown: Integers | None = None
+    inferred: tuple[str, ...] = ()  # signals of the air data that no sensor measures
     #: Newest columns by text: a search tries the same in several axes.
     _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -156,6 +161,13 @@ class FlightData:
         """Those of some signals that have no value anywhere in the flight."""
         return [s for s in self.model.signal_names if s in names and not np.isfinite(self.signal(s)).any()]
 
+    def why_unknown(self, axis: str, parameters: Collection[str]) -> str:
+        """Why the terms of some parameters have no value anywhere in the flight."""
+        part = self.model.axis_slice(axis)
+        programs = zip(self.model.parameter_names[part], self.model.programs[AXES.index(axis)], strict=True)
+        lacking = self.lacks({name for parameter, p in programs if parameter in parameters for name in p.signals})
+        return f"it {needs(lacking)}" if lacking else f"{listed(sorted(parameters))} never have a value in this flight"
+
     def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
         """Terms (n, len(programs)) on the signals, ``within`` flights."""
         made, new = self._made, [p for p in programs if p.text not in self._made]
@@ -197,9 +209,11 @@ def check_flight(run: str, flight: FlightData, samples: Samples | None = None) -
     count, controls = len(flight.time), flight.model.signals_used & CONTROL_SIGNALS
     if not count * flight.step >= THRESHOLDS.shortest:
         seconds = 0.0 if count < 2 else count * flight.step
-        slow = "" if samples is None else why_too_slow(samples)
+        slow = "" if samples is None else why_too_slow(samples) or why_airspeed_too_slow(samples)
         short = f"{run} has {seconds:.0f} s in flight with air data: {THRESHOLDS.shortest:g} s are needed"
         raise InputError(f"{run} cannot be judged: {slow}" if slow else short)
     unknown = controls and not any(np.isfinite(flight.signal(name)).any() for name in controls)
-    if unknown and samples is not None and (slow := why_controls_too_slow(samples)):
+    if samples is None:
+        return
+    if slow := why_airspeed_too_slow(samples) or (why_controls_too_slow(samples) if unknown else ""):
         raise InputError(f"{run} cannot be judged: {slow}")

@@ -46,6 +46,7 @@ WALK_STEP, LARGEST_WALK = 1.25, 3.0
 #: The same below that of the aircraft file, where a walk matters less, and the smallest.
 CALMER_STEP, SMALLEST_WALK = 0.5, 0.002
 AIR_DATA = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
+_AIR_SIGNALS = {"V": Kind.AIRSPEED, "alpha": Kind.ANGLE_OF_ATTACK, "beta": Kind.SIDESLIP}
 _MEASURED_NOISE = {
     Kind.IMU: ("accelerometer", "gyro"),
     Kind.AIRSPEED: ("airspeed",),
@@ -74,7 +75,10 @@ class Reconstruction:
         number = self.manoeuvre_at(self.points[:, CoefficientSample.TIME]) if several else None
         of_flights = [len(manoeuvres(each)) for each in flights(self.samples)]
         flown = None if len(of_flights) < 2 else np.repeat(np.arange(len(of_flights)), of_flights)[number]
-        return replace(data, sparse_interval=sparse_interval(self.samples), manoeuvre=number, flown=flown)
+        measured = set(self.samples.kind[np.isfinite(self.samples.values[:, 0])].tolist())
+        inferred = tuple(name for name, kind in _AIR_SIGNALS.items() if kind not in measured)
+        interval = sparse_interval(self.samples)
+        return replace(data, sparse_interval=interval, manoeuvre=number, flown=flown, inferred=inferred)
 
     def manoeuvre_at(self, time: Array) -> npt.NDArray[np.int64]:
         """Number (n,) from 0 of the manoeuvre at times [s]."""

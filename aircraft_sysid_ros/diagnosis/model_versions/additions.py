@@ -41,7 +41,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
 )
 from aircraft_sysid_ros.diagnosis.processes import worker_pool
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms, undetermined
-from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fit_axis
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
@@ -280,17 +280,6 @@ def _without_removal(changes: dict[str, Change], label: str, terms: Mapping[str,
 # -- errors before and after ---------------------------------------------------------------------------------
 
 
-def fits_of(flight: FlightData) -> dict[str, AxisFit]:
-    """The fit of every axis that has data."""
-    fits = {}
-    for axis in AXES:
-        try:
-            fits[axis] = fit_axis(flight, axis)
-        except InputError:
-            continue
-    return fits
-
-
 def _finish(
     run: Run, flight: FlightData, changes: Mapping[str, Change], label: str, change: Change, *,
     setting: Setting | None = None, removed: bool = False,
@@ -298,7 +287,7 @@ def _finish(
     before_version = run.current
     version = version_with(run, changes, (before_version.identifier,))
     other = run.flight(version.aircraft) if change.settings else replace(flight, aircraft=version.aircraft)
-    before, after = fits_of(flight), fits_of(other)
+    (before, _), (after, _) = fits_of(flight), fits_of(other)
     touched = list(AXES) if change.settings else [*change.terms, *change.without]
     fitted = [axis for axis in AXES if axis in touched and axis in after]
     axes = {a: _errors(before.get(a), after[a]) for a in fitted}

@@ -24,7 +24,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     limits,
     with_inner,
 )
-from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, held_out_error
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError
 
@@ -81,10 +81,10 @@ class CandidateEvaluator:
 
     def __init__(self, data: FlightData, fits: Mapping[str, AxisFit] | None = None) -> None:
         self.data = data
-        self.fits = dict(fits) if fits is not None else _fits(data)
-        self._base: dict[str, str] | None = None
+        self.fits = _fits(data) if fits is None else dict(fits)
         if not self.fits:
-            raise InputError("no axis of the model can be fitted on this flight: it lacks air data or controls")
+            raise InputError(f"no axis of the model can be judged: {next(iter(fits_of(data)[1].values()))}")
+        self._base: dict[str, str] | None = None
 
     @property
     def base(self) -> dict[str, str]:
@@ -199,10 +199,7 @@ def undetermined(flight: FlightData, axis: str, texts: Sequence[str]) -> list[st
 
 def _fits(data: FlightData, axes: Collection[str] = AXES) -> dict[str, AxisFit]:
     """The fit of every axis that has data, with the tilt of the lift vector in C_X."""
-    fits = {}
-    for axis in axes:
-        with contextlib.suppress(InputError):
-            fits[axis] = fit_axis(data, axis)
+    fits, _ = fits_of(data, axes)
     if "CX" in fits:
         tilt = tilt_terms(data)
         columns = data.columns(data.parsed(tilt))

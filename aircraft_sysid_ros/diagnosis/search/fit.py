@@ -13,7 +13,7 @@ more column costs its products with the basis and no new factorisation of the re
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -116,8 +116,8 @@ class AxisFit:
         if not np.isfinite(self.measured).any():
             raise InputError(f"{axis} is not measured in this flight")
         if empty.any():
-            name = self.names[int(np.argmax(empty))]
-            raise InputError(f"{axis} cannot be fitted: {name} reads a signal that this flight does not have")
+            unknown = [self.names[j] for j in np.flatnonzero(empty)]
+            raise InputError(f"{axis} cannot be fitted: {self.flight.why_unknown(axis, unknown)}")
         count, folds = int(self.rows.sum()), np.unique(self.flight.fold[self.rows])
         if count < LEAST_POINTS * self.columns.shape[1] or len(folds) < 2:
             raise InputError(f"{axis} cannot be fitted: it has {count} points, too few for {len(self.names)} terms")
@@ -286,7 +286,7 @@ class AxisFit:
         """The same fit on the points of a mask (n,) only. Raises InputError where none are left."""
         measured = np.where(keep, self.measured, np.nan)
         if not np.isfinite(measured).any():
-            raise InputError(f"{self.axis} cannot be fitted: a term reads a signal that this flight does not have")
+            raise InputError(f"{self.axis} cannot be fitted: a new term has no value where {self.axis} is measured")
         return AxisFit(self.flight, self.axis, self.columns, self.names, measured)
 
     def extended(self, extra: Array, names: Sequence[str]) -> AxisFit:
@@ -324,3 +324,14 @@ def fit_axis(flight: FlightData, axis: str) -> AxisFit:
     model = flight.model
     names = model.parameter_names[model.axis_slice(axis)]
     return AxisFit(flight, axis, flight.columns(model.programs[AXES.index(axis)]), names)
+
+
+def fits_of(flight: FlightData, axes: Collection[str] = AXES) -> tuple[dict[str, AxisFit], dict[str, str]]:
+    """The fit of every one of some axes that has data, and of every other one why there is none."""
+    fits, reasons = {}, {}
+    for axis in axes:
+        try:
+            fits[axis] = fit_axis(flight, axis)
+        except InputError as error:
+            reasons[axis] = str(error)
+    return fits, reasons

@@ -61,31 +61,43 @@ def replicas_of(
     count: int = COUNT,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Replica]:
-    """``count`` replicas; fewer where the filter does not start on one. Their seeds are 0, 1, …."""
-    stretches = repeated_rows(flight, LONGEST)
-    if sum(float(np.ptp(rows[:, StateField.TIME])) for rows in stretches) < THRESHOLDS.least_time:
-        return []
+    """``count`` replicas; fewer where the filter does not start on one. Their seeds are 0, 1, ….
+
+    Raises InputError where there are not two, with what is in the way.
+    """
+    stretches, least = repeated_rows(flight, LONGEST), THRESHOLDS.least_time
+    length = sum(float(np.ptp(rows[:, StateField.TIME])) for rows in stretches)
+    if length < least:
+        raise InputError(
+            f"the flight cannot be diagnosed: without a gap in IMU or airspeed it has {length:.0f} s in the air, and "
+            f"{least:g} s are needed"
+        )
     results: list[Replica] = []
+    failures: list[str] = []
     parameters = fitted_parameters(settled_flight(flight))
     arguments = [(flight, stretches, parameters, library, seed) for seed in range(count)]
     workers = min(count, len(os.sched_getaffinity(0)))
     with worker_pool(workers) as pool:
         for number, replica in enumerate(pool.map(_replica, arguments), 1):
             progress(number / count)
-            if replica is not None:
+            if isinstance(replica, Replica):
                 results.append(replica)
+            else:
+                failures.append(replica)
+    if len(results) < 2:
+        raise InputError(f"the flight cannot be diagnosed: flown again by its own model, {failures[0]}")
     return results
 
 
-def _replica(arguments: tuple[Reconstruction, list[Array], Array, Sequence[Effect], int]) -> Replica | None:
-    """One replica, in a process of its own."""
+def _replica(arguments: tuple[Reconstruction, list[Array], Array, Sequence[Effect], int]) -> Replica | str:
+    """One replica, in a process of its own; or why there is none."""
     flight, stretches, parameters, library, seed = arguments
     world = world_of(flight.aircraft, stretches, flight.samples, flight.epoch, parameters, flight.gusts, seed)
     try:
         again = reconstruct(world.aircraft, world.samples(seed), with_covariance=False)
         bench = CandidateEvaluator(without_excess(world, again))
-    except InputError:
-        return None
+    except InputError as error:
+        return str(error)
     trials = {effect.identifier: bench.best_of(effect) for effect in library}
     return Replica(bench.data, {name: trial.score for name, trial in trials.items() if trial is not None})
 

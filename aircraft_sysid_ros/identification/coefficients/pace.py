@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
+from aircraft_sysid_ros.reconstruction.state_row import SENSOR_TIMEOUT
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -69,6 +70,13 @@ def why_controls_too_slow(samples: Samples) -> str:
     interval = interval_of(samples, Kind.CONTROLS)
     slow = f"the controls come at {1.0 / interval:.2g} Hz: at least {LOWEST_RATE:g} Hz are needed"
     return slow if interval > SPARSEST_CONTROLS else ""
+
+
+def why_airspeed_too_slow(samples: Samples) -> str:
+    """The same of the airspeed, which is not known where it is silent for ``SENSOR_TIMEOUT``."""
+    interval = interval_of(samples, Kind.AIRSPEED)
+    slow = f"the airspeed comes at {1.0 / interval:.2g} Hz: at least {1.0 / SENSOR_TIMEOUT:g} Hz is needed"
+    return slow if interval > SENSOR_TIMEOUT else ""
 
 
 class Pace:

@@ -438,7 +438,7 @@ class IntegrityMonitor:
         for axis in np.flatnonzero(self._held()).tolist():
             hold, part = self.holds[axis], self.model.axis_slice(AXES[axis])
             assert hold is not None
-            words = f"{hold.what} since {hold.since - start:.1f} s"
+            words = f"{hold.what} since {max(hold.since - start, 0.0):.1f} s"
             if changed[axis] > hold.since - 1.0 and not (hold.sensor or hold.stuck):
                 parameters[part] = [held(p, words) for p in parameters[part]]
                 continue
