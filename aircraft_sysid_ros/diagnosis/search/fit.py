@@ -99,12 +99,13 @@ class AxisFit:
         finite = np.isfinite(columns)
         self.rows: Mask = np.isfinite(self.measured) & finite.all(axis=1) & ~flight.guarded
         self._check(finite)
-        self.y = self.measured[self.rows]
-        numbers = flight.block[self.rows]
+        self._places = np.flatnonzero(self.rows)
+        self.y = self.measured[self._places]
+        numbers = flight.block[self._places]
         self._starts = np.flatnonzero(np.diff(numbers, prepend=-1))
         self.blocks: Integers = numbers[self._starts]
         self.count: Integers = np.diff(np.append(self._starts, len(numbers)))
-        self._row_fold: Integers = flight.fold[self.rows]
+        self._row_fold: Integers = flight.fold[self._places]
         self.fold: Integers = self._row_fold[self._starts]
         self.spread = float(np.std(self.y))
         self._factor()
@@ -126,23 +127,27 @@ class AxisFit:
 
     def _factor(self) -> None:
         """Basis of the columns, and the sums over blocks on which all else rests."""
-        x = self.columns[self.rows]
+        x = self.columns[self._places]
         size = np.sqrt(np.sum(x**2, axis=0))
         self.basis, self._transform, self.determined = _orthonormal(x, size)
         self._scaled = size[:, None] * self._transform
         self._projected = self.basis.T @ self.y
         self._residual = self.y - self.basis @ self._projected
-        self._gram = self._sums(self.basis, self.basis)
-        self._moment = self._sums(self.basis, self._residual[:, None])[:, :, 0]
+        self._square = np.add.reduceat(self._residual**2, self._starts)
+        self._fitted = float(np.sum(self._residual**2))
+        self._rows_of_basis = self.basis.T.copy()
+        self._gram = self._sums(self._rows_of_basis, self._rows_of_basis)
+        self._moment = self._sums(self._rows_of_basis, self._residual[None])[:, :, 0]
 
     def _sums(self, a: Array, b: Array) -> Array:
-        """a'b by block, (B, columns of a, columns of b)."""
-        products = (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)
-        return np.add.reduceat(products, self._starts, axis=0).reshape(len(self._starts), a.shape[1], b.shape[1])
+        """Sums of products of rows (k, N) and (m, N) by block, (B, k, m)."""
+        sums = np.add.reduceat(a[:, None] * b, self._starts, axis=2)
+        return np.ascontiguousarray(np.moveaxis(sums, 2, 0))
 
     def _by_fold(self, sums: Array) -> Array:
         out = np.zeros((self.flight.folds, *sums.shape[1:]))
-        np.add.at(out, self.fold, sums)
+        for fold, of_block in zip(self.fold.tolist(), sums, strict=True):
+            out[fold] += of_block
         return out
 
     # -- judgement -------------------------------------------------------------------------------------------
@@ -172,16 +177,14 @@ class AxisFit:
 
     @cached_property
     def _judged(self) -> tuple[Array, Array]:
-        square = np.add.reduceat(self._residual**2, self._starts)
-        gram, moment = self._gram, self._moment
-        return self._held_out(gram, moment, square, self._projected, self._scaled)
+        return self._held_out(self._gram, self._moment, self._square, self._projected, self._scaled)
 
     @property
     def held_out_sse(self) -> Array:
         """Held-out sum of squares (B,) of every block."""
         return self._judged[0]
 
-    @property
+    @cached_property
     def nrmse_held_out(self) -> float:
         """Rms of the held-out residuals over the standard deviation of the measured coefficient."""
         return self._nrmse(self.held_out_sse)
@@ -244,30 +247,31 @@ class AxisFit:
 
     def gain(self, extra: Array) -> Gain:
         """What columns ``extra`` (n, m) add, over points where they have values. Raises InputError as above."""
-        present: Mask = np.all(np.isfinite(extra), axis=1)
-        if not present[self.rows].all():
-            return self.on(present).gain(extra)
-        z = extra[self.rows]
+        z = extra[self._places]
+        if not np.isfinite(z).all():
+            return self.on(np.all(np.isfinite(extra), axis=1)).gain(extra)
         size = np.sqrt(np.sum(z**2, axis=0))
         shared = self.basis.T @ z
-        for _ in range(2):  # twice is enough, Parlett (1980)
-            z = z - self.basis @ (self.basis.T @ z)
+        z = z - self.basis @ shared
+        z = z - self.basis @ (self.basis.T @ z)  # twice is enough, Parlett (1980)
         new, transform, determined = _orthonormal(z, size)
         move = new.T @ self._residual
         residual = self._residual - new @ move
-        gram, moment = self._bordered(new, residual, move)
-        square = np.add.reduceat(residual**2, self._starts)
-        scaled = np.block(
-            [[self._scaled, -self._scaled @ shared @ transform],
-             [np.zeros((len(size), len(self._projected))), size[:, None] * transform]]
-        )  # fmt: skip
-        after, _ = self._held_out(gram, moment, square, np.concatenate([self._projected, move]), scaled)
+        squares = residual**2
+        gram, moment = self._bordered(new.T.copy(), residual, move)
+        base, more = self._scaled.shape[1], transform.shape[1]
+        scaled = np.zeros((len(self._scaled) + len(size), base + more))
+        scaled[: len(self._scaled), :base] = self._scaled
+        scaled[: len(self._scaled), base:] = -self._scaled @ shared @ transform
+        scaled[len(self._scaled) :, base:] = size[:, None] * transform
+        full = np.concatenate([self._projected, move])
+        after, _ = self._held_out(gram, moment, np.add.reduceat(squares, self._starts), full, scaled)
         return Gain(
             before=self.held_out_sse,
             after=after,
             count=self.count,
-            fitted_before=float(np.sum(self._residual**2)),
-            fitted_after=float(np.sum(residual**2)),
+            fitted_before=self._fitted,
+            fitted_after=float(np.sum(squares)),
             parameters=np.where(determined, transform @ move, np.nan),
             fit=self,
             nrmse_before=self.nrmse_held_out,
@@ -275,11 +279,13 @@ class AxisFit:
         )
 
     def _bordered(self, new: Array, residual: Array, move: Array) -> tuple[Array, Array]:
-        """Gram matrices and moments by block of the basis with more columns."""
-        cross, own = self._sums(self.basis, new), self._sums(new, new)
-        gram = np.block([[self._gram, cross], [np.swapaxes(cross, 1, 2), own]])
+        """Gram matrices and moments by block of the basis with more rows ``new`` (m, N)."""
+        cross, r = self._sums(self._rows_of_basis, new), len(self._rows_of_basis)
+        gram = np.empty((len(cross), r + len(new), r + len(new)))
+        gram[:, :r, :r], gram[:, :r, r:], gram[:, r:, :r] = self._gram, cross, np.swapaxes(cross, 1, 2)
+        gram[:, r:, r:] = self._sums(new, new)
         of_base = self._moment - np.einsum("bij,j->bi", cross, move)
-        of_new = self._sums(new, residual[:, None])[:, :, 0]
+        of_new = self._sums(new, residual[None])[:, :, 0]
         return gram, np.concatenate([of_base, of_new], axis=1)
 
     def on(self, keep: Mask) -> AxisFit:
