@@ -166,7 +166,7 @@ class AxisFit:
         right = -self._by_fold(moment)
         values, vectors = np.linalg.eigh(training)
         inverse = np.where(values > UNTRAINED, 1.0 / np.maximum(values, UNTRAINED), 0.0)
-        theta = np.einsum("fij,fj,fkj,fk->fi", vectors, inverse, vectors, right)
+        theta = (vectors @ (inverse[:, :, None] * (np.swapaxes(vectors, 1, 2) @ right[:, :, None])))[:, :, 0]
         for fold in np.flatnonzero((values <= UNTRAINED).any(axis=1)):
             unknown = vectors[fold][:, values[fold] <= UNTRAINED]
             along = transform @ unknown
