@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import stdtr
 
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
@@ -75,8 +76,6 @@ class Null:
 
     def test(self, family: str, score: float, tried: int) -> tuple[float, float, float]:
         """Excess, evidence and p-value of a score."""
-        from scipy.stats import t as student
-
         own = self.scores.get(family)
         if own is None or not len(own):
             return score, 0.0, 1.0
@@ -90,7 +89,7 @@ class Null:
         )
         excess = float(score - own.mean())
         evidence = float(excess / deviation)
-        return excess, evidence, float(min(1.0, tried * student.sf(evidence, freedom)))
+        return excess, evidence, float(min(1.0, tried * stdtr(freedom, -evidence)))
 
 
 def diagnose(

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtrc, chdtri
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -82,13 +83,11 @@ def _mended(
 
 def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tried: int) -> MeasurementFinding:
     """The best of some settings, with those that are as good, and the errors without and with it."""
-    from scipy.stats import chi2
-
     best = faults[0]
     near = [f.effect.identifier for f in faults[1:] if f.evidence >= THRESHOLDS.setting_as_good * best.evidence]
     company = tuple(dict.fromkeys(name for name in near if name != best.effect.identifier))
-    level = chi2.isf(THRESHOLDS.false_alarm / tried, 1)  # at evidence 1 the setting is just significant
-    p_value = float(min(1.0, tried * chi2.sf(level * best.evidence, 1)))
+    level = chdtri(1, THRESHOLDS.false_alarm / tried)  # at evidence 1 the setting is just significant
+    p_value = float(min(1.0, tried * chdtrc(1, level * best.evidence)))
     errors = {}
     for axis in AXES:
         try:

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 from aircraft_sysid_ros.aircraft import earth
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft, NamedInput
@@ -281,6 +280,8 @@ class _Suite:
 
 def first_order_lag(time: Array, series: Array, lag: float) -> Array:
     """Columns (n, k) at equal steps of time [s] after lag y' = x - y, exactly for an x held over each step."""
+    from scipy.signal import lfilter  # here: 0.6 s that sensors without a lag do not need
+
     keep = float(np.exp(-(time[1] - time[0]) / lag))
     start = keep * series[:1]
     filtered, _ = lfilter([1.0 - keep], [1.0, -keep], series, axis=0, zi=start)

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 from scipy.linalg import expm, solve_continuous_lyapunov
-from scipy.signal import lfilter
 
 Array = npt.NDArray[np.float64]
 
@@ -93,7 +92,9 @@ def random_walk(rng: np.random.Generator, count: int, step: float, intensity: fl
     increments = intensity * np.sqrt(step) * rng.standard_normal((count, 3))
     increments[0] = 0.0
     walk = np.cumsum(increments, axis=0)
-    walk[:, 2] = lfilter([1.0], [1.0, -np.exp(-step / VERTICAL_RETURN)], increments[:, 2])
+    one, keep = np.ones((1, 1)), np.full((1, 1), np.exp(-step / VERTICAL_RETURN))
+    following = np.append(increments[1:, 2:], [[0.0]], axis=0)
+    walk[:, 2] = _linear_output(keep, one, one[0], increments[0, 2:], following)
     return walk
 
 

@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtrc
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -181,14 +182,13 @@ def wald(flight: LiveFlight, fit: AxisFit, columns: Array) -> tuple[float, int]:
 
 def _finding(flight: LiveFlight, bench: CandidateEvaluator, trial: Score, tried: int) -> LiveFinding | None:
     """The finding where a candidate has size and significance in an axis."""
-    from scipy.stats import chi2
-
     passed: dict[str, float] = {}
     for axis, gain in trial.gains.items():
         if 1.0 - gain.nrmse_after / gain.nrmse_before < THRESHOLDS.live_size:
             continue
         columns = flight.data.columns(flight.data.parsed(trial.candidate.terms[axis]))
-        p_value = tried * float(chi2.sf(*wald(flight, bench.fits[axis], columns)))
+        statistic, freedom = wald(flight, bench.fits[axis], columns)
+        p_value = tried * float(chdtrc(freedom, statistic))
         if p_value < THRESHOLDS.live_level:
             passed[axis] = p_value
     if not passed:

@@ -76,6 +76,8 @@ def replicas_of(
     failures: list[str] = []
     parameters = fitted_parameters(settled_flight(flight))
     arguments = [(flight, stretches, parameters, library, seed) for seed in range(count)]
+    import scipy.signal  # noqa: F401, once and not in each of the processes
+
     workers = min(count, len(os.sched_getaffinity(0)))
     with worker_pool(workers) as pool:
         for number, replica in enumerate(pool.map(_replica, arguments), 1):
