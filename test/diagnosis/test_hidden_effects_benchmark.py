@@ -20,7 +20,7 @@ def flown():
         {"simulator": "c172p", "effect": None, "seed": 2010},
     ]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hidden_effects, "DURATION", 90.0)
+        patch.setattr(hidden_effects, "DURATION", 60.0)
         patch.setattr(hidden_effects, "METHODS_EVERY", 10_000)
         patch.setattr(hidden_effects, "_one_core", lambda: None)
         return [hidden_effects.fly(job) for job in jobs]
