@@ -26,7 +26,7 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import evaluate_rows
+from aircraft_sysid_ros.aircraft.expression import evaluate_rows, with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
@@ -176,7 +176,10 @@ class RunWriter:
                 terms = np.vstack([part[:, CoefficientSample.TERMS :] for part in self._points])
             else:  # the model changed in flight: its terms at the averaged signals of every point
                 terms = np.empty((len(points), len(model.parameter_names)))
-                evaluate_rows(*model.linked, np.ascontiguousarray(points[:, CoefficientSample.SIGNALS]), terms)
+                signals = np.ascontiguousarray(points[:, CoefficientSample.SIGNALS])
+                step = parameters.options.step
+                signals = with_lags(model.lags, points[:, CoefficientSample.TIME], signals, 1.5 * step)
+                evaluate_rows(*model.linked, signals, terms)
         np.savez(
             path,
             stamp=nanoseconds(points[:, CoefficientSample.TIME], epoch),

@@ -107,7 +107,7 @@ def test_a_large_effect_is_named_by_all_methods_but_one():
 def test_alias_sets_are_of_effects_and_are_counted_beside_the_strict_rate():
     for ids, why in ALIASES:
         assert ids <= BY_ID.keys() and len(ids) > 1 and why.endswith(".")
-    assert aliases_of("stuck_control") == {"control_damage"} and not aliases_of("stall")
+    assert aliases_of("stuck_control") == {"control_damage"} and not aliases_of("icing")
     flights = [
         {"effect": "stuck_control", "verdict": "missing", "axis": "Cl", "floor": {"Cl": 0.1},
          "candidates": [{"effect": name, "confounded_with": []}],

@@ -18,8 +18,10 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.expression import (
     SIGNALS,
+    Lag,
     Program,
     evaluate,
+    lags_of,
     link,
     one_line,
     parse_expression,
@@ -74,6 +76,11 @@ class AerodynamicModel:
     def identifier(self) -> str:
         """Id of this version: the same terms have the same id."""
         return hashlib.sha256(repr(self.terms).encode()).hexdigest()[:8]
+
+    @cached_property
+    def lags(self) -> tuple[Lag, ...]:
+        """The ``lag(…)`` that its terms read, in the order of their signals."""
+        return lags_of([p for programs in self.programs for p in programs])
 
     @cached_property
     def linked(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
@@ -138,6 +145,7 @@ def model_from_terms(terms: Mapping[str, Sequence[str | int]], inputs: tuple[str
         if twice is not None:
             raise InputError(f"the model has the term '{twice}' twice in {axis}: remove one")
         programs.append(parsed)
+    lags_of([p for parsed in programs for p in parsed])  # not too many
     return AerodynamicModel(tuple(programs), inputs)
 
 

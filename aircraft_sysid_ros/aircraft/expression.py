@@ -2,6 +2,9 @@
 
 An expression is compiled once to a short postfix program, which one small numba loop evaluates sample by
 sample, so that a model of any terms costs the same in flight and in replay and gives the same bits in both.
+
+``lag(x, tau)`` is the one function with a memory: y with tau y' + y = x, a first-order lag. It is a signal that the
+model makes: ``Memory`` writes it into the signal row, sample by sample, and the program of the term reads it there.
 """
 
 from __future__ import annotations
@@ -27,7 +30,12 @@ SIGNALS: tuple[str, ...] = (
 SIGNAL_INDEX = {name: i for i, name in enumerate(SIGNALS)}
 #: Signals that an aircraft file may name besides (``inputs:``); they follow SIGNALS in a signal row, in its order.
 MOST_INPUTS = 10
-SIGNAL_COUNT = len(SIGNALS) + MOST_INPUTS
+#: And so many different ``lag(…)`` that the terms of a model read; they follow the inputs.
+MOST_LAGS = 4
+FIRST_LAG = len(SIGNALS) + MOST_INPUTS
+SIGNAL_COUNT = FIRST_LAG + MOST_LAGS
+#: Longest time constant of a lag [s]: beyond it a flight does not know where it began.
+LONGEST_LAG = 100.0
 
 _CONSTANT, _SIGNAL, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _NEGATE, _POWER = range(8)
 _ABS, _SIN, _COS, _EXP, _SQRT, _TANH, _SIGN, _MAX, _MIN = range(8, 17)
@@ -35,6 +43,8 @@ _FUNCTIONS = {
     "abs": (_ABS, 1), "sin": (_SIN, 1), "cos": (_COS, 1), "exp": (_EXP, 1), "sqrt": (_SQRT, 1),
     "tanh": (_TANH, 1), "sign": (_SIGN, 1), "max": (_MAX, 2), "min": (_MIN, 2),
 }  # fmt: skip
+_LAG_NAME, _LAG = "lag", 17  # argument: number among the lags of its own program
+_NAMES = (*_FUNCTIONS, _LAG_NAME)
 _OPERATORS: dict[type[ast.operator], int] = {
     ast.Add: _ADD, ast.Sub: _SUBTRACT, ast.Mult: _MULTIPLY, ast.Div: _DIVIDE,
 }  # fmt: skip
@@ -49,7 +59,17 @@ class Program:
 
     text: str
     code: npt.NDArray[np.float64]
-    signals: frozenset[str]  # names of those that it reads
+    signals: frozenset[str]  # names of those that it reads, in its lags as well
+    lags: tuple[Lag, ...] = ()
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A signal with a memory: y of tau y' + y = x. ``program`` gives x, ``tau`` is in s."""
+
+    text: str
+    program: Program
+    tau: float
 
 
 def parse_expression(text: str, inputs: tuple[str, ...] = ()) -> Program:
@@ -74,8 +94,9 @@ def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError(f"'{text}' is not an expression: write it like alpha**2 or beta*dr") from None
     rows: list[tuple[float, float]] = []
+    lags: list[Lag] = []
     try:
-        _compile(tree, rows, text, inputs)
+        _compile(tree, rows, text, inputs, lags)
         canonical = ast.unparse(tree).replace(" ", "")
     except RecursionError:
         raise InputError(f"'{text}' is nested too deeply: simplify it") from None
@@ -83,12 +104,13 @@ def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
         raise InputError(f"'{text}' is nested too deeply: simplify it")
     names = (*SIGNALS, *inputs)
     read = frozenset(names[int(argument)] for operation, argument in rows if operation == _SIGNAL)
-    return Program(canonical, np.array(rows), read)
+    read = read.union(*(lag.program.signals for lag in lags))
+    return Program(canonical, np.array(rows), read, tuple(lags))
 
 
 def is_name(text: str) -> bool:
     """Whether a term can have it as the name of a signal: an identifier that is neither a keyword nor a function."""
-    return text.isascii() and text.isidentifier() and not keyword.iskeyword(text) and text not in _FUNCTIONS
+    return text.isascii() and text.isidentifier() and not keyword.iskeyword(text) and text not in _NAMES
 
 
 def one_line(text: str) -> str:
@@ -96,7 +118,9 @@ def one_line(text: str) -> str:
     return "".join(character for character in " ".join(text.split()) if character.isprintable())
 
 
-def _compile(node: ast.expr, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...]) -> None:
+def _compile(
+    node: ast.expr, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...], lags: list[Lag]
+) -> None:
     if isinstance(node, ast.Constant):
         _compile_constant(node, rows, text)
     elif isinstance(node, ast.Name):
@@ -105,22 +129,22 @@ def _compile(node: ast.expr, rows: list[tuple[float, float]], text: str, inputs:
             raise InputError(f"'{node.id}' in '{text}' is no signal: use one of {' '.join(names)}")
         rows.append((_SIGNAL, names.index(node.id)))
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
-        _compile(node.operand, rows, text, inputs)
+        _compile(node.operand, rows, text, inputs, lags)
         if isinstance(node.op, ast.USub):
             rows.append((_NEGATE, 0.0))
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-        _compile(node.left, rows, text, inputs)
+        _compile(node.left, rows, text, inputs, lags)
         rows.append((_POWER, _integer_power(node.right, text)))
     elif isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        _compile(node.left, rows, text, inputs)
-        _compile(node.right, rows, text, inputs)
+        _compile(node.left, rows, text, inputs, lags)
+        _compile(node.right, rows, text, inputs, lags)
         rows.append((_OPERATORS[type(node.op)], 0.0))
     elif isinstance(node, ast.Call):
-        _compile_call(node, rows, text, inputs)
+        _compile_call(node, rows, text, inputs, lags)
     else:
         raise InputError(
             f"'{text}' has '{one_line(ast.unparse(node))}', which is not allowed: "
-            f"use signals, numbers, + - * / ** and {' '.join(_FUNCTIONS)}"
+            f"use signals, numbers, + - * / ** and {' '.join(_NAMES)}"
         )
 
 
@@ -136,16 +160,38 @@ def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text:
     rows.append((_CONSTANT, value))
 
 
-def _compile_call(node: ast.Call, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...]) -> None:
+def _compile_call(
+    node: ast.Call, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...], lags: list[Lag]
+) -> None:
     name = node.func.id if isinstance(node.func, ast.Name) else one_line(ast.unparse(node.func))
-    if name not in _FUNCTIONS or node.keywords:
-        raise InputError(f"'{name}(…)' in '{text}' is not allowed: the functions are {' '.join(_FUNCTIONS)}")
+    if name not in _NAMES or node.keywords:
+        raise InputError(f"'{name}(…)' in '{text}' is not allowed: the functions are {' '.join(_NAMES)}")
+    if name == _LAG_NAME:
+        lag = _lag_of(node, text, inputs)
+        if lag.text not in [other.text for other in lags]:
+            lags.append(lag)
+        rows.append((_LAG, float([other.text for other in lags].index(lag.text))))
+        return
     operation, count = _FUNCTIONS[name]
     if len(node.args) != count:
         raise InputError(f"{name} in '{text}' takes {count} argument{'s' * (count > 1)}")
     for argument in node.args:
-        _compile(argument, rows, text, inputs)
+        _compile(argument, rows, text, inputs, lags)
     rows.append((operation, 0.0))
+
+
+def _lag_of(node: ast.Call, text: str, inputs: tuple[str, ...]) -> Lag:
+    """``lag(x, tau)``, whose time constant is a number and whose x has no memory itself."""
+    if len(node.args) != 2:
+        raise InputError(f"lag in '{text}' takes an expression and a time constant in s: write it like lag(alpha, 0.2)")
+    inner = _parsed(ast.unparse(node.args[0]), inputs)
+    if inner.lags:
+        raise InputError(f"'{text}' has a lag within a lag: write two terms instead")
+    tau = _parsed(ast.unparse(node.args[1]), inputs)
+    value = float(evaluate_program(tau.code, 0, len(tau.code), np.empty(0), np.empty(STACK_SIZE)))
+    if tau.signals or tau.lags or not 0.0 <= value <= LONGEST_LAG:
+        raise InputError(f"the time constant of lag in '{text}' must be a number from 0 to {LONGEST_LAG:g} s")
+    return Lag(ast.unparse(node).replace(" ", ""), inner, value)
 
 
 def _integer_power(node: ast.expr, text: str) -> float:
@@ -158,7 +204,7 @@ def _integer_power(node: ast.expr, text: str) -> float:
 def _stack_depth(rows: Sequence[tuple[float, float]]) -> int:
     depth = deepest = 0
     for operation, _ in rows:
-        if operation in (_CONSTANT, _SIGNAL):
+        if operation in (_CONSTANT, _SIGNAL, _LAG):
             depth += 1
         elif operation in (_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MAX, _MIN):
             depth -= 1
@@ -166,10 +212,28 @@ def _stack_depth(rows: Sequence[tuple[float, float]]) -> int:
     return deepest
 
 
-def link(programs: Sequence[Program]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Join programs for evaluate_programs: code of shape (n, 2) and the offsets (len(programs) + 1,)."""
+def lags_of(programs: Sequence[Program]) -> tuple[Lag, ...]:
+    """The different lags that programs read, in the order of their signals. Raises InputError beyond MOST_LAGS."""
+    found = {lag.text: lag for program in programs for lag in program.lags}
+    if len(found) > MOST_LAGS:
+        raise InputError(f"the model has {len(found)} different lags: at most {MOST_LAGS} can be followed, remove some")
+    return tuple(found.values())
+
+
+def link(
+    programs: Sequence[Program], lags: Sequence[Lag] | None = None
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Join programs for evaluate_programs: code of shape (n, 2) and the offsets (len(programs) + 1,).
+
+    ``lags``: those that the signal rows hold, where they are not those of these programs alone.
+    """
+    places = {lag.text: FIRST_LAG + k for k, lag in enumerate(lags_of(programs) if lags is None else lags)}
     offsets = np.cumsum([0, *(len(program.code) for program in programs)]).astype(np.int64)
     code = np.vstack([program.code for program in programs]) if programs else np.empty((0, 2))
+    for program, first in zip(programs, offsets, strict=False):
+        for k, lag in enumerate(program.lags):
+            own = code[first : first + len(program.code)]
+            own[(own[:, 0] == _LAG) & (own[:, 1] == k)] = (_SIGNAL, places[lag.text])
     return code, offsets
 
 
@@ -271,17 +335,81 @@ def evaluate_rows(
         evaluate_programs(code, offsets, rows[i], out[i])
 
 
+@njit(cache=True)
+def follow_lags(
+    code: npt.NDArray[np.float64],
+    offsets: npt.NDArray[np.int64],
+    taus: npt.NDArray[np.float64],
+    times: npt.NDArray[np.float64],
+    rows: npt.NDArray[np.float64],
+    longest: float,
+    memory: npt.NDArray[np.float64],
+) -> None:
+    """Write the lags into signal rows (n, SIGNAL_COUNT) at ``times`` (n,) [s], going on from ``memory`` (k, 3).
+
+    The exact solution of tau y' + y = x for an x that is linear between rows. ``memory`` holds time, x and y of each
+    lag; what does not follow on within ``longest`` [s], or was NaN, begins in the steady state y = x.
+    """
+    stack = np.empty(STACK_SIZE)
+    for i in range(len(rows)):
+        for k in range(len(taus)):
+            x = evaluate_program(code, offsets[k], offsets[k + 1], rows[i], stack)
+            past, x0, y = memory[k]
+            step = times[i] - past
+            if not (0.0 < step <= longest and np.isfinite(y)) or taus[k] <= 0.0:
+                y = x
+            else:
+                kept = np.exp(-step / taus[k])
+                mean = (1.0 - kept) * taus[k] / step  # of exp(-t / tau) over the step
+                y = kept * y + (mean - kept) * x0 + (1.0 - mean) * x
+            memory[k, 0], memory[k, 1], memory[k, 2] = times[i], x, y
+            rows[i, FIRST_LAG + k] = y
+
+
+class Memory:
+    """What the lags of a model remember of one stretch of flight, row by row, in batches of any size."""
+
+    def __init__(self, lags: Sequence[Lag]) -> None:
+        self._code, self._offsets = link([lag.program for lag in lags])
+        self._taus = np.array([lag.tau for lag in lags])
+        self.forget()
+
+    def forget(self) -> None:
+        """The next row begins in the steady state."""
+        self._state = np.full((len(self._taus), 3), np.nan)
+
+    def write(self, times: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], longest: float) -> None:
+        """Lags into signal rows, which follow those before: ``follow_lags``."""
+        follow_lags(self._code, self._offsets, self._taus, times, rows, longest, self._state)
+
+
+def with_lags(
+    lags: Sequence[Lag], times: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], longest: float
+) -> npt.NDArray[np.float64]:
+    """Signal rows (n, SIGNAL_COUNT) of a flight in order of time [s] with lags; the rows themselves without any.
+
+    A pause longer than ``longest`` [s] begins anew.
+    """
+    if not lags:
+        return rows
+    out = np.array(rows)
+    Memory(lags).write(np.ascontiguousarray(times), out, longest)
+    return out
+
+
 def evaluate(
     programs: Sequence[Program], signals: Mapping[str, npt.ArrayLike], inputs: tuple[str, ...] = ()
 ) -> npt.NDArray[np.float64]:
     """Evaluate programs on arrays of signals: result of shape (n, len(programs)); a missing signal is NaN.
 
-    ``inputs``: names of the aircraft's own, with which the programs were parsed.
+    ``inputs``: names of the aircraft's own, with which the programs were parsed. Lags follow the signal ``time``;
+    without it every row is in the steady state.
     """
     size = max((np.size(value) for value in signals.values()), default=1)
     rows = np.full((size, SIGNAL_COUNT), np.nan)
     for name, value in signals.items():
         rows[:, (*SIGNALS, *inputs).index(name)] = value
+    rows = with_lags(lags_of(programs), rows[:, SIGNAL_INDEX["time"]], rows, np.inf)
     code, offsets = link(programs)
     out = np.empty((size, len(programs)))
     evaluate_rows(code, offsets, rows, out)

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from aircraft_sysid_ros.effects.effect import AERODYNAMIC, OF_TIME, Domain, Effect, ShapeParameter, Variant
 
+#: Share of the chord over which the flow is attached, in steady flight, and of the lift that separation takes away, by
+#: Kirchhoff: from 0 to 3/4.
+_ATTACHED = "0.5-0.5*tanh((alpha-{onset})/{width})"
+_LIFT_LOST = f"(1-0.25*(1+sqrt({_ATTACHED}))**2)"
+_LIFT_LOST_LATE = f"(1-0.25*(1+sqrt(lag({_ATTACHED},{{lag}})))**2)"
+_LONGITUDINAL = ("CZ", "CX", "Cm")
+
 EFFECTS: tuple[Effect, ...] = (
     Effect(
         "stall",
@@ -14,18 +21,35 @@ EFFECTS: tuple[Effect, ...] = (
         "moment.",
         "J. Roskam, Airplane Flight Dynamics and Automatic Flight Controls; R. Jategaonkar, Flight Vehicle System "
         "Identification (Goman and Khrabrov's point of separation)",
-        "C_Z, C_X, C_m += a (α - α₀)⁺ + b ((α - α₀)⁺)²",
+        "C_Z, C_X, C_m += a (α - α₀)⁺ + b ((α - α₀)⁺)², or (a + b α) (1 - (1 + √x)² / 4), "
+        "x = (1 - tanh((α - α₀) / w)) / 2",
         (
-            Variant(
-                terms={
-                    axis: ("max(alpha-{onset},0)", "max(alpha-{onset},0)**2") for axis in ("CZ", "CX", "Cm")
-                }
-            ),
+            Variant(terms={axis: ("max(alpha-{onset},0)", "max(alpha-{onset},0)**2") for axis in _LONGITUDINAL}),
+            Variant("gradual", {axis: (_LIFT_LOST, f"{_LIFT_LOST}*alpha") for axis in _LONGITUDINAL}),
         ),
         "No error below an angle of attack, above it C_Z, C_X and C_m run away together, on the way down longer than "
         "on the way up.",
         "Slow deceleration to the stall with elevator 3-2-1-1 near the onset; pull-ups.",
-        (ShapeParameter("onset", "rad", 0.4, 0.92, 9, "alpha"),),
+        (ShapeParameter("onset", "rad", 0.4, 0.92, 9, "alpha"), ShapeParameter("width", "rad", 0.015, 0.075, 3)),
+    ),
+    Effect(
+        "dynamic_stall",
+        "Stall with a memory",
+        AERODYNAMIC,
+        "The flow does not leave the wing at once: the point of separation follows the angle of attack with a time of "
+        "its own. Lift is therefore larger while the nose goes up than while it comes down, and drag and pitching "
+        "moment have a loop as well.",
+        "M. Goman and A. Khrabrov, State-Space Representation of Aerodynamic Characteristics of an Aircraft at High "
+        "Angles of Attack, J. Aircraft 31(5), 1994; R. Jategaonkar, Flight Vehicle System Identification",
+        "C_Z, C_X, C_m += (a + b α) (1 - (1 + √x)² / 4), τ x' + x = (1 - tanh((α - α*) / w)) / 2",
+        (Variant(terms={axis: (_LIFT_LOST_LATE, f"{_LIFT_LOST_LATE}*alpha") for axis in _LONGITUDINAL}),),
+        "Errors of C_Z, C_X and C_m above an angle of attack that differ on the way up and on the way down.",
+        "Stalls at several rates of pitch, each with a quick and with a slow recovery.",
+        (
+            ShapeParameter("onset", "rad", 0.45, 1.0, 6, "alpha"),
+            ShapeParameter("width", "rad", 0.015, 0.075, 3),
+            ShapeParameter("lag", "s", 0.1, 1.6, 4),
+        ),
     ),
     Effect(
         "ground_effect",

@@ -29,6 +29,16 @@ ALIASES: tuple[tuple[frozenset[str], str], ...] = (
         "Only C_X and C_Y, which it multiplies too, tell.",
     ),
     (
+        frozenset({"stall", "dynamic_stall"}),
+        "Where the angle of attack changes slowly beside the time of the flow, the flow is where it is in steady "
+        "flight.",
+    ),
+    (
+        frozenset({"stall", "lift_nonlinearity"}),
+        "Of a wing that begins to stall and goes no further, lost lift has the shape of a cubic parabola, and a curved "
+        "lift that of a gradual stall.",
+    ),
+    (
         frozenset({"adverse_yaw", "control_effectiveness_alpha"}),
         "Both have α δ_a in C_n. Only what the ailerons do in C_l tells.",
     ),

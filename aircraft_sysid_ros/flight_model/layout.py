@@ -31,6 +31,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS
+from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -106,8 +107,14 @@ class FlightModel(NamedTuple):
 def flight_model_of(aircraft: Aircraft, gravity: float, imu_samples_per_step: int = 1) -> FlightModel:
     """Model of an aircraft file at a place with ``gravity`` [m/s^2].
 
-    ``imu_samples_per_step`` IMU samples are averaged into one output; their noise falls by its root.
+    ``imu_samples_per_step`` IMU samples are averaged into one output; their noise falls by its root. Raises InputError
+    for a model with lags, whose states it does not have.
     """
+    if aircraft.model.lags:
+        raise InputError(
+            f"'{aircraft.model.lags[0].text}' is a state that the equations of motion here do not have: "
+            "remove the term, or stay with least squares"
+        )
     code, code_offsets = aircraft.model.linked
     inertia = aircraft.inertia
     return FlightModel(

@@ -30,7 +30,7 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.aircraft.expression import evaluate_programs, evaluate_rows, link
+from aircraft_sysid_ros.aircraft.expression import evaluate_programs, evaluate_rows, link, with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
 from aircraft_sysid_ros.identification.coefficients.evaluation import term_noise
@@ -92,6 +92,7 @@ def change_model(estimator: Identifier, aircraft: Aircraft, past: RememberedSamp
     changed, where the new terms cannot be told from those that are there or the learner cannot have the model.
     """
     old, new = estimator.model, aircraft.model
+    past = past._replace(signals=with_lags(new.lags, past.time, past.signals, _pause(estimator)))
     changed = tuple(axis for axis in AXES if old.terms[axis] != new.terms[axis])
     published = estimator.learning.estimator
     if changed:
@@ -101,6 +102,11 @@ def change_model(estimator: Identifier, aircraft: Aircraft, past: RememberedSamp
     estimator.adopt(aircraft, state, published)
     estimator.learning.history.forget_predictions([AXES.index(axis) for axis in changed])
     return ModelChange(new.identifier, changed, restarted)
+
+
+def _pause(estimator: Identifier) -> float:
+    """Time [s] between points beyond which one is missing."""
+    return 1.5 * estimator.options.step
 
 
 def _fading(estimator: Identifier, count: int) -> Array:
@@ -123,7 +129,7 @@ class _Moments:
 def _weighted(estimator: Identifier, model: AerodynamicModel, axis: int, past: RememberedSamples) -> _Moments:
     used = (past.learnt[:, axis] > 0.0) & (past.time >= estimator.learning.changes.since[axis])
     time, signals = past.time[used], past.signals[used]
-    code, offsets = link(model.programs[axis])
+    code, offsets = link(model.programs[axis], model.lags)
     x = np.empty((len(time), len(offsets) - 1))
     evaluate_rows(code, offsets, signals, x)
     known = np.isfinite(x).all(axis=1)
@@ -134,7 +140,7 @@ def _weighted(estimator: Identifier, model: AerodynamicModel, axis: int, past: R
         weight = noise**2 / (noise**2 + doubt**2)
     root = np.sqrt(weight[known])
     rows = root[:, None] * np.column_stack([x, past.measured[used, axis], np.ones(len(time))])[known]
-    gaps = np.diff(time[known], prepend=-np.inf) > 1.5 * estimator.options.step
+    gaps = np.diff(time[known], prepend=-np.inf) > _pause(estimator)
     return _Moments(rows, np.sqrt(_fading(estimator, len(rows))), gaps)
 
 
@@ -249,7 +255,7 @@ def _follow_new_terms(
 ) -> None:
     """How the new terms of an axis have moved lately, and their noise."""
     programs = model.programs[axis][n:]
-    code, offsets = link(programs)
+    code, offsets = link(programs, model.lags)
     part = slice(int(model.offsets[axis]) + n, int(model.offsets[axis + 1]))
     since = past.time > np.max(past.time, initial=0.0) - _MOTION_TIME
     values = np.empty((int(since.sum()), len(programs)))

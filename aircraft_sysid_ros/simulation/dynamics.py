@@ -20,10 +20,14 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, mode
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, NamedInput
 from aircraft_sysid_ros.aircraft.expression import (
+    FIRST_LAG,
     SIGNAL_COUNT,
     SIGNAL_INDEX,
     SIGNALS,
+    STACK_SIZE,
+    evaluate_program,
     evaluate_programs,
+    link,
     parse_expression,
 )
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, quaternion_product, rotation_matrix
@@ -33,7 +37,7 @@ Array = npt.NDArray[np.float64]
 
 # Layout of the state: position, velocity over ground [NED], quaternion, rates, actual controls.
 POSITION, VELOCITY, ATTITUDE, RATES, CONTROLS = 0, 3, 6, 10, 13
-STATE_SIZE = 17
+STATE_SIZE = 17  # and the lags that the aerodynamics has
 # Controls of the state and of commands: elevator, aileron, rudder [rad], throttle 0..1.
 DEFLECTION_LIMIT = np.radians(25.0)
 #: First-order lags of usual servos and of the motor [1/s].
@@ -47,6 +51,8 @@ _ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[name] for name in ("alpha_dot", "be
 _INPUTS = len(SIGNALS)
 #: Named inputs swing by so many times their noise, at a rate and at this multiple of it.
 _SWING, _SECOND_RATE = 30.0, 1.618
+#: Shortest lag [s] that the steps of the simulation follow.
+SHORTEST_LAG = 0.02
 #: The flow rates depend on the forces that they cause: so many passes leave nothing of a 5 % coupling.
 _FLOW_RATE_PASSES = 6
 
@@ -78,6 +84,9 @@ class Airframe(NamedTuple):
     pitch_speed: float  # [m/s] airspeed without thrust
     propeller_speed: float  # [rad/s] at full throttle
     actuator_rates: Array  # (4,) [1/s]
+    lag_code: Array  # what its lags follow, linked
+    lag_offsets: npt.NDArray[np.int64]
+    lag_times: Array  # (lags,) [s]
     inputs: Array  # (k, 3) middle, swing [SI] and rate [rad/s] of the two sines that each named input follows
 
 
@@ -115,7 +124,10 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
         raise InputError(
             f"aircraft '{aircraft.name}' cannot be simulated: its file lacks the coefficients {' '.join(missing)}"
         )
+    if any(lag.tau < SHORTEST_LAG for lag in model.lags):
+        raise InputError(f"the simulator follows lags of {SHORTEST_LAG:g} s and longer: write the static term")
     code, term_offsets = model.linked
+    lag_code, lag_offsets = link([lag.program for lag in model.lags])
     return Airframe(
         aircraft.mass, aircraft.wing_area, aircraft.span, aircraft.chord,
         np.ascontiguousarray(aircraft.inertia), aircraft.aerodynamic_reference.copy(),
@@ -125,6 +137,9 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
         pitch_speed=2.2 * trim_airspeed_of(aircraft),
         propeller_speed=80.0 * trim_airspeed_of(aircraft) / aircraft.span,
         actuator_rates=ACTUATOR_RATES,
+        lag_code=lag_code,
+        lag_offsets=lag_offsets,
+        lag_times=np.array([lag.tau for lag in model.lags]),
         inputs=np.array([_moved(k, item) for k, item in enumerate(aircraft.inputs)]).reshape(-1, 3),
     )  # fmt: skip
 
@@ -182,7 +197,20 @@ def signal_row(airframe: Airframe, place: Place, state: Array, air_velocity: Arr
     for k in range(len(airframe.inputs)):
         middle, swing, rate = airframe.inputs[k]
         out[_INPUTS + k] = middle + 0.5 * swing * (np.sin(rate * time) + np.sin(_SECOND_RATE * rate * time))
+    for k in range(len(state) - STATE_SIZE):
+        out[FIRST_LAG + k] = state[STATE_SIZE + k]
     return out, thrust
+
+
+@njit(cache=True)
+def lagging(airframe: Airframe, signals: Array) -> Array:
+    """What the lags of the aerodynamics follow, (lags,), of one signal row: their values in steady flight."""
+    out, stack = np.empty(len(airframe.lag_times)), np.empty(STACK_SIZE)
+    for k in range(len(out)):
+        out[k] = evaluate_program(
+            airframe.lag_code, airframe.lag_offsets[k], airframe.lag_offsets[k + 1], signals, stack
+        )
+    return out
 
 
 @njit(cache=True)
@@ -202,6 +230,7 @@ def motion(airframe: Airframe, place: Place, state: Array, wind: Array, time: fl
     """What acts in a state, shape (17,), in a wind NED (3,) [m/s]: a Motion.
 
     alpha_dot and beta_dot are those of the motion, (6.16)-(6.18): gusts, whose derivative is noise, are not in them.
+    A state without the lags of the aerodynamics, which follow the 17, is a steady one.
     """
     to_body = rotation_matrix(state[ATTITUDE : ATTITUDE + 4]).T.copy()
     air_velocity = to_body @ (state[VELOCITY : VELOCITY + 3] - wind)
@@ -209,6 +238,8 @@ def motion(airframe: Airframe, place: Place, state: Array, wind: Array, time: fl
     rates = state[RATES : RATES + 3].copy()
     signals, thrust = signal_row(airframe, place, state, air_velocity, time)
     for _ in range(_FLOW_RATE_PASSES if airframe.has_flow_rates else 1):
+        if len(state) == STATE_SIZE and len(airframe.lag_times):
+            signals[FIRST_LAG : FIRST_LAG + len(airframe.lag_times)] = lagging(airframe, signals)
         coefficients = aerodynamic_coefficients(airframe, signals)
         force, moment = rigid_body.forces_and_moments(
             coefficients, signals[_QBAR], airframe.wing_area, airframe.span, airframe.chord
@@ -238,7 +269,7 @@ def flow_rates(velocity: Array, change: Array) -> tuple[float, float]:
 def state_derivative(airframe: Airframe, place: Place, state: Array, command: Array, wind: Array, time: float) -> Array:
     """d/dt of the state, shape (17,), for commanded controls (4,)."""
     acting = motion(airframe, place, state, wind, time)
-    out = np.empty(STATE_SIZE)
+    out = np.empty(len(state))
     out[POSITION : POSITION + 3] = state[VELOCITY : VELOCITY + 3]
     attitude = state[ATTITUDE : ATTITUDE + 4]
     out[VELOCITY : VELOCITY + 3] = rotation_matrix(attitude) @ acting.specific_force
@@ -246,7 +277,8 @@ def state_derivative(airframe: Airframe, place: Place, state: Array, command: Ar
     p, q, r = state[RATES : RATES + 3]
     out[ATTITUDE : ATTITUDE + 4] = 0.5 * quaternion_product(attitude, np.array([0.0, p, q, r]))
     out[RATES : RATES + 3] = acting.angular_acceleration
-    out[CONTROLS:] = airframe.actuator_rates * (limited(command) - state[CONTROLS:])
+    out[CONTROLS:STATE_SIZE] = airframe.actuator_rates * (limited(command) - state[CONTROLS:STATE_SIZE])
+    out[STATE_SIZE:] = (lagging(airframe, acting.signals) - state[STATE_SIZE:]) / airframe.lag_times
     return out
 
 

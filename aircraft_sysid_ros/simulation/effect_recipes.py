@@ -44,6 +44,8 @@ def _loss(surface: str) -> str:
 
 
 _SEPARATED = "(0.5+0.5*tanh(14*(alpha-2*alpha_dot-{onset}-{trim_alpha})))"  # share of the wing; late while alpha grows
+_ATTACHED = "lag(0.5-0.5*tanh(18*(alpha-1.5*alpha_dot-{onset}-{trim_alpha})),{lag})"
+_LOST = f"(0.25*(1+sqrt({_ATTACHED}))**2-1)"  # of the lift, by Kirchhoff: from 0 to -3/4
 _ICED = "(1-exp(-max(time-{t0},0)/{growth}))"
 _LIFT = "(1/sqrt(max(1-mach**2,0.05))-1)"
 _SLIP = ("varied", "sideslips")
@@ -60,6 +62,17 @@ RECIPES: dict[str, Recipe] = {
         },
         ("high_alpha",),
         {"onset": (0.09, 0.13)},
+    ),
+    "dynamic_stall": Recipe(
+        {
+            "": (
+                Term("CZ", f"{_LOST}*(alpha+0.05)", 0.7, "CZ_alpha"),
+                Term("CX", f"{_LOST}*alpha", 0.6),
+                Term("Cm", f"{_LOST}*alpha", 0.35),
+            )
+        },
+        ("high_alpha",),
+        {"onset": (0.09, 0.13), "lag": (0.2, 1.0)},
     ),
     "ground_effect": Recipe(
         {

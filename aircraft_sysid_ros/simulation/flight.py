@@ -25,7 +25,6 @@ from aircraft_sysid_ros.simulation.dynamics import (
     CONTROLS,
     POSITION,
     RATES,
-    STATE_SIZE,
     VELOCITY,
     Airframe,
     Effect,
@@ -113,7 +112,7 @@ def _run(
 ) -> tuple[Array, ...]:  # fmt: skip
     """States and what acts in them at every step."""
     n = len(wind)
-    states, signals = np.empty((n, STATE_SIZE)), np.empty((n, SIGNAL_COUNT))
+    states, signals = np.empty((n, len(start))), np.empty((n, SIGNAL_COUNT))
     force, acceleration, air_velocity = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     coefficients, thrust = np.empty((n, 6)), np.empty(n)
     state = start

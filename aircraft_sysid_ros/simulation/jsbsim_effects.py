@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import shutil
 import tempfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.expression import lags_of, parse_expression
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.dynamics import Effect
@@ -108,6 +110,9 @@ def _function(node: ast.expr) -> str:
     if isinstance(node, ast.BinOp):
         return _call(_OPERATORS[type(node.op)], _function(node.left), _function(node.right))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        if node.func.id == "lag":
+            started = _call("gt", _property("simulation/sim-time-sec"), _value(0.0))  # trimmed in steady flight
+            return _call("ifthen", started, _property(_lag_name(ast.unparse(node))), _function(node.args[0]))
         arguments = [_function(argument) for argument in node.args]
         if node.func.id in _SAME_NAME:
             return _call(node.func.id, *arguments)
@@ -117,6 +122,26 @@ def _function(node: ast.expr) -> str:
             power = _call("exp", _call("product", _value(2.0), arguments[0]))
             return _call("difference", _value(1.0), _call("quotient", _value(2.0), _call("sum", _value(1.0), power)))
     raise InputError(f"'{ast.unparse(node)}' has no counterpart in JSBSim")
+
+
+def _lag_name(text: str) -> str:
+    return f"hidden/lag-{zlib.crc32(text.replace(' ', '').encode()):08x}"
+
+
+#: JSBSim works out the numbers of its filters when it loads an aeroplane, for its own step and not for ours [Hz].
+_FILTER_RATE = 120.0
+
+
+def lag_filters(terms: Sequence[Effect]) -> str:
+    """XML of a system with one filter of JSBSim for each ``lag(…)`` of some terms; it goes before the aerodynamics."""
+    parts = []
+    for lag in lags_of([parse_expression(term.expression) for term in terms]):
+        name, rate = _lag_name(lag.text), _FILTER_RATE / RATE / lag.tau
+        parts.append(
+            f'<fcs_function name="{name}-of"><function>{function_of(lag.program.text)}</function></fcs_function>'
+            f'<lag_filter name="{name}"><input>{name}-of</input><c1>{rate:.12g}</c1></lag_filter>'
+        )
+    return f'<system name="hidden"><channel name="hidden">{"".join(parts)}</channel></system>' if parts else ""
 
 
 def external_reactions(terms: Sequence[Effect], reference: Sequence[float]) -> str:
@@ -147,7 +172,8 @@ def edited_model(executive: Any, name: str, hidden: Sequence[Hidden], folder: Pa
     path = folder / name / f"{name}.xml"
     text = path.read_text(encoding="utf8", errors="replace")
     reference = [executive[f"metrics/aero-rp-{axis}-in"] for axis in "xyz"]
-    reactions = external_reactions([term for effect in hidden for term in effect.terms], reference)
+    terms = [term for effect in hidden for term in effect.terms]
+    reactions = lag_filters(terms) + external_reactions(terms, reference)
     masses = text.count("<pointmass")
     text = text.replace("</fdm_config>", reactions + "</fdm_config>")
     if any(is_of_mass(effect) for effect in hidden):

@@ -92,7 +92,8 @@ SHOWN_BY_FLYING: dict[str, Terms] = {
 }  # fmt: skip
 #: What an aeroplane cannot show: no flaps; too slow for compressibility; no stall within reach of the manoeuvres.
 IMPOSSIBLE: dict[str, tuple[str, ...]] = {
-    "c172p": ("compressibility",), "c182": ("compressibility",), "J3Cub": ("compressibility", "flaps", "stall"),
+    "c172p": ("compressibility",), "c182": ("compressibility",),
+    "J3Cub": ("compressibility", "dynamic_stall", "flaps", "stall"),
 }  # fmt: skip
 
 

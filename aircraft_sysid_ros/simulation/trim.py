@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix, velocity_from_air_data
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.dynamics import (
@@ -39,7 +39,7 @@ class Trim:
     alpha: float  # [rad]
     beta: float  # [rad]
     controls: Array  # (4,) elevator, aileron, rudder [rad], throttle 0..1
-    state: Array  # (17,) in calm air
+    state: Array  # (17 + lags,) in calm air
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,9 @@ def trim_level(airframe: Airframe, place: Place, airspeed: float) -> Trim:
             "change trim_airspeed or the coefficients"
         )
     x = found.x
-    return Trim(airspeed, float(x[0]), float(x[1]), x[2:].copy(), level_state(airspeed, x[0], x[1], x[2:]))
+    level = level_state(airspeed, x[0], x[1], x[2:])
+    lags = motion(airframe, place, level, _CALM, 0.0).signals[FIRST_LAG : FIRST_LAG + len(airframe.lag_times)]
+    return Trim(airspeed, float(x[0]), float(x[1]), x[2:].copy(), np.concatenate([level, lags]))
 
 
 def derivatives_at(airframe: Airframe, place: Place, trim: Trim) -> Derivatives:

@@ -71,6 +71,18 @@ def test_two_effects_are_found_one_after_another(two_effects):
         )
 
 
+def test_a_stall_with_a_memory_is_told_from_one_without(aircraft):
+    """Of what bends lift it alone explains the loop: named first, and with its time the error falls to a fifth."""
+    rivals = [BY_ID[n] for n in ("dynamic_stall", "stall", "lift_nonlinearity", "control_effectiveness_alpha")]
+    flight = simulate_samples(aircraft, 41, 90.0, rate=200.0, hidden=[("dynamic_stall", 1.0)])
+    found = diagnose_flight(aircraft, flight.samples, rivals, replicas=2)
+    best = found.json["candidates"][0]
+    assert found.verdict == "missing" and best["effect"] == "dynamic_stall"
+    assert best["error_after"] < 0.2 * best["error_before"]
+    inner = dict(found.diagnosis.found[0].trial.candidate.inner)
+    assert inner["lag"] == pytest.approx(flight.hidden[0].inner["lag"], rel=0.5)
+
+
 def test_the_size_of_an_effect_is_that_of_the_simulation(two_effects):
     values = {p["term"]: p["value"] for c in two_effects.json["candidates"][:2] for p in c["parameters"]}
     assert values["alpha*beta"] == pytest.approx(-0.8, rel=0.05)

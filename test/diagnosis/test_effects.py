@@ -162,9 +162,74 @@ def test_a_new_effect_is_one_entry():
     np.testing.assert_allclose(evaluate([parse_expression(text)], {"beta": beta})[:, 0], [-0.2, 0.0, 0.0, 0.05])
 
 
+def separated(alpha, step=0.02, **numbers):
+    """Lift lost (n,) of the stall with a memory and of the gradual one without, for angles of attack [rad]."""
+    time = step * np.arange(len(alpha))
+    numbers = {"onset": 0.2, "width": 0.04, "lag": 0.4, **numbers}
+    late, now = effect_of("dynamic_stall").variants[0], effect_of("stall").variants[1]
+    programs = [parse_expression(fill(variant.terms["CZ"][0], numbers)) for variant in (late, now)]
+    return evaluate(programs, {"alpha": alpha, "time": time}).T
+
+
+def test_a_stall_with_a_memory_is_the_static_one_in_steady_flight():
+    """And loses nothing well below the onset, three quarters of the lift well beyond it: Kirchhoff's limits."""
+    for level in (0.05, 0.2, 0.22, 0.5):
+        late, now = separated(np.full(50, level))
+        np.testing.assert_allclose(late, now, rtol=1e-12)
+    np.testing.assert_allclose(separated(np.full(9, 0.6))[0], 0.75, atol=1e-4)
+    np.testing.assert_allclose(separated(np.full(9, -0.1))[0], 0.0, atol=1e-4)
+    half = separated(np.full(9, 0.2))[1]  # x = 1/2
+    np.testing.assert_allclose(half, 1.0 - ((1.0 + np.sqrt(0.5)) / 2.0) ** 2, rtol=1e-12)
+
+
+def test_without_its_time_it_is_the_static_one_in_any_motion():
+    alpha = 0.2 + 0.15 * np.sin(0.02 * np.arange(1500) * 3.0)
+    loops = [np.max(np.abs(np.subtract(*separated(alpha, lag=lag)))) for lag in (0.4, 0.04, 0.004, 0.0)]
+    assert loops == sorted(loops, reverse=True) and loops[0] > 0.1 and loops[2] < 0.02 and loops[3] == 0.0
+
+
+def test_it_loses_less_lift_on_the_way_up_than_on_the_way_down():
+    """The loop of lift over angle of attack is run clockwise: the integral of lost lift over it is negative."""
+    alpha = 0.2 + 0.15 * np.sin(2.0 * np.pi * np.arange(3000) / 300)
+    (late, now), turn = separated(alpha), slice(-601, None)
+    up, down = np.diff(alpha[turn]) > 0.0, np.diff(alpha[turn]) < 0.0
+    same = np.abs(alpha[turn][1:] - 0.22) < 0.01
+    assert late[turn][1:][up & same].mean() < now[turn][1:][same].mean() < late[turn][1:][down & same].mean()
+    area = [float(np.trapezoid(lost[turn], alpha[turn])) for lost in (late, now)]
+    assert area[0] < -0.01 and abs(area[1]) < 1e-3
+
+
+def explained(truth, other, numbers, signals):
+    """Share of the lift that one effect loses, beside a linear model, that the terms of another one explain."""
+    linear = [np.ones_like(signals["alpha"]), signals["alpha"]]
+    (identifier, variant), (rival, form) = truth, other
+    lost = effect_of(identifier).variants[variant].terms["CZ"][-1]
+    texts = effect_of(rival).variants[form].terms["CZ"]
+    columns = evaluate([parse_expression(fill(text, numbers)) for text in (lost, *texts)], signals)
+    model, whole = np.column_stack([*linear, columns[:, 1:]]), columns[:, 0]
+    left, before = (whole - x @ np.linalg.lstsq(x, whole, rcond=None)[0] for x in (model, np.column_stack(linear)))
+    return 1.0 - float(np.sum(left**2) / np.sum(before**2))
+
+
+def test_stated_sets_of_the_stall_follow_from_the_formulas():
+    """In slow motion the memory tells nothing; a stall that has just begun has the shape of a cubic, and a parabola
+    that of a gradual stall at any depth.
+    """
+    slow, quick = (0.15 + 0.12 * np.sin(2.0 * np.pi * 0.02 * np.arange(5000) / period) for period in (40.0, 2.0))
+    numbers, static, late = {"onset": 0.22, "width": 0.05, "lag": 0.3}, ("stall", 1), ("dynamic_stall", 0)
+    for alpha, low, high in ((slow, 0.95, 1.0), (quick, 0.0, 0.8)):
+        signals = {"alpha": alpha, "time": 0.02 * np.arange(5000)}
+        assert low < explained(late, static, numbers, signals) < high
+    for top, low, high in ((0.25, 0.9, 1.0), (0.45, 0.0, 0.7)):
+        signals = {"alpha": np.linspace(0.0, top, 500)}
+        curved = [explained(static, ("lift_nonlinearity", form), numbers, signals) for form in (0, 2)]
+        assert low < max(curved) < high
+        assert explained(("lift_nonlinearity", 0), static, numbers, signals) > 0.9
+
+
 def test_the_physics_of_some_terms():
     """A stall begins at its onset, the ground is felt near it, a change is a step, a mass change keeps proportions."""
-    (stall,) = effect_of("stall").variants
+    stall, _ = effect_of("stall").variants
     column = evaluate([parse_expression(fill(stall.terms["CZ"][0], {"onset": 0.2}))], {"alpha": [0.1, 0.2, 0.25]})
     np.testing.assert_allclose(column[:, 0], [0.0, 0.0, 0.05], atol=1e-15)
     (ground,) = effect_of("ground_effect").variants

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
+from aircraft_sysid_ros.aircraft.expression import evaluate, parse_expression
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.dynamics import (
@@ -103,6 +104,20 @@ def test_terms_in_flow_rates_act_at_once_and_do_not_see_gusts(aircraft, gust):
         part = value * (whole - of_gusts) * length / truth.airspeed
         error = truth.coefficients[:, axis] - plain[:, axis] - part
         assert np.median(np.abs(error)) < (1e-3 if gust == 0.0 else 0.03) * np.median(np.abs(part))
+
+
+def test_a_lag_in_the_aerodynamics_is_a_state_of_the_motion(aircraft):
+    """The simulator integrates it with the rest; along its flight it is the exact solution for the angle of attack."""
+    text, flow = "lag(0.5-0.5*tanh((alpha-alpha_dot)/0.05),0.3)", Effect("Cm", "alpha_dot", -1e-9)
+    _, truth = short_flight(aircraft, effects=[Effect("Cm", text, 0.02), flow])
+    signals = {**signals_of(aircraft, truth), "time": truth.time}
+    signals["alpha_dot"] = np.gradient(truth.alpha, truth.time) * aircraft.chord / truth.airspeed
+    lagged = evaluate([parse_expression(text)], signals)[:, 0]
+    own = truth.coefficients - aircraft.model.coefficients(aircraft.coefficients, signals)
+    np.testing.assert_allclose(own[:, 4], 0.02 * lagged, atol=2e-5)
+    assert np.ptp(lagged) > 0.05
+    with pytest.raises(InputError, match=r"lags of 0\.02 s and longer"):
+        prepare(aircraft, [Effect("Cm", "lag(alpha,0.001)", -0.1)])
 
 
 def test_flow_rates_are_derivatives_of_the_flow_angles():

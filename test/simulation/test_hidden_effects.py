@@ -55,7 +55,8 @@ def test_every_effect_of_the_library_can_be_hidden_but_one():
 def test_the_oracle_knows_what_is_there(name):
     """With its terms the model says the coefficients of the flight to the last digits; without them it does not."""
     flight = hidden_flight(effect=name, seed=1, duration=60.0)
-    assert misfit(flight, flight.oracle.model).max() < 1e-4
+    sampled = 1e-3 if flight.oracle.model.lags else 1e-4  # a lag of every fifth instant
+    assert misfit(flight, flight.oracle.model).max() < sampled
     if name != "lift_tilt":  # too small at its physical size on this aeroplane
         assert misfit(flight, flight.aircraft.model).max() > 0.02
 

@@ -30,6 +30,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight
 NAME = "c172p"
 TERMS = (
     Effect("CZ", "q*2-alpha**3+abs(beta)", -0.3),
+    Effect("CY", "lag(sin(dr)*V/50,0.05)-beta", 0.2),  # with a filter of its own
     Effect("CX", "max(sign(time+19.9),0)*tanh(3*alpha)*exp(-abs(de))", 0.02),
     Effect("Cm", "min(Tc,0.3)*sqrt(V)/10-(1-exp(-height/500))", 0.001),
     Effect("Cn", "p-r*propeller_speed*V/qbar/50", 0.05),

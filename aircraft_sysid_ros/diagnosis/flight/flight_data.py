@@ -12,7 +12,15 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, Program, evaluate_rows, link, parse_expression
+from aircraft_sysid_ros.aircraft.expression import (
+    SIGNAL_COUNT,
+    Program,
+    evaluate_rows,
+    lags_of,
+    link,
+    parse_expression,
+    with_lags,
+)
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.pace import (
@@ -172,9 +180,9 @@ class FlightData:
         """Terms (n, len(programs)) on the signals, ``within`` flights."""
         made, new = self._made, [p for p in programs if p.text not in self._made]
         if new:
-            code, offsets = link(new)
             out = np.empty((len(self.time), len(new)))
-            evaluate_rows(code, offsets, self.signals, out)
+            signals = with_lags(lags_of(new), self.time, self.signals, 1.5 * self.step)
+            evaluate_rows(*link(new), signals, out)
             made.update(zip((p.text for p in new), self.within(out).T.copy(), strict=True))
         columns = np.column_stack([made[p.text] for p in programs]) if len(programs) else np.empty((len(self.time), 0))
         while len(made) > _KEPT:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT, evaluate_rows
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT, evaluate_rows, with_lags
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
@@ -265,6 +265,7 @@ def _model_coefficients(aircraft: Aircraft, rows: Array, controls: Array, height
     body, signals = body_of(aircraft), np.empty((len(rows), SIGNAL_COUNT))
     for row, control, h, out in zip(rows, controls, height, signals, strict=True):
         fill_signals(row, control, h, float(rows[0, StateField.TIME]), body.geometry, body.gravity, out)
+    signals = with_lags(aircraft.model.lags, rows[:, StateField.TIME], signals, 1.5 / RATE)
     code, offsets = aircraft.model.linked
     terms = np.empty((len(rows), len(offsets) - 1))
     evaluate_rows(code, offsets, signals, terms)

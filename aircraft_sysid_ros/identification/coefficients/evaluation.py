@@ -11,7 +11,13 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from aircraft_sysid_ros.aircraft.expression import STACK_SIZE, evaluate_program, evaluate_programs, reads_signal
+from aircraft_sysid_ros.aircraft.expression import (
+    FIRST_LAG,
+    STACK_SIZE,
+    evaluate_program,
+    evaluate_programs,
+    reads_signal,
+)
 from aircraft_sysid_ros.aircraft.rigid_body import coefficients_of, moment_at_reference
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.layout import (
@@ -136,6 +142,16 @@ def term_noise(code: Array, code_offsets: Integers, signals: Array, noise: Array
             moved[k] = signals[k]
     for j in range(len(terms)):
         out[j] = np.sqrt(out[j])
+
+
+@njit(cache=True)
+def fill_lag_noise(code: Array, code_offsets: Integers, history: Array) -> None:
+    """One sigma of each lag into history rows: that of what it follows, since errors of the flow angles are slow."""
+    values, out = np.empty(len(code_offsets) - 1), np.empty(len(code_offsets) - 1)
+    for h in history:
+        evaluate_programs(code, code_offsets, h[SIGNAL:NOISE], values)
+        term_noise(code, code_offsets, h[SIGNAL:NOISE], h[NOISE:TERM], values, out)
+        h[NOISE + FIRST_LAG : NOISE + FIRST_LAG + len(out)] = out
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, MOST_INPUTS, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.reconstruction.state import StateField
@@ -52,7 +52,7 @@ def flow_angle_rates(row: Array, gravity: float) -> tuple[float, float]:
 def fill_signals(
     row: Array, controls: Array, height: float, start_time: float, geometry: Array, gravity: float, out: Array
 ) -> None:
-    """One row of SIGNALS into ``out``.
+    """One row of SIGNALS into ``out``, without lags.
 
     row: a row of StateField; controls (17,) as in Kind.CONTROLS with the signs of the aircraft file applied, and the
     named inputs; height above ground [m]; geometry = (wing area, span, chord).
@@ -77,6 +77,7 @@ def fill_signals(
     out[_TIME] = row[0] - start_time
     for k in range(MOST_INPUTS):
         out[_INPUTS + k] = controls[CONTROL_COUNT + k]
+    out[FIRST_LAG:] = np.nan
 
 
 def sensor_noise(aircraft: Aircraft) -> Array:

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import evaluate_rows
+from aircraft_sysid_ros.aircraft.expression import Memory, evaluate_rows, link
 from aircraft_sysid_ros.identification.coefficients.body import force_noise
 from aircraft_sysid_ros.identification.coefficients.controls import MOST_EARLY, ControlHistory
-from aircraft_sysid_ros.identification.coefficients.evaluation import evaluate_windows, fill_history
+from aircraft_sysid_ros.identification.coefficients.evaluation import evaluate_windows, fill_history, fill_lag_noise
 from aircraft_sysid_ros.identification.coefficients.layout import (
     NOISE,
     QBAR,
@@ -66,15 +66,30 @@ class CoefficientStream:
     def _set_model(self, aircraft: Aircraft) -> None:
         self._model, self._code = aircraft.model, aircraft.model.linked
         self._width = TERM + len(self._model.parameter_names)
+        self._memory = Memory(self._model.lags)
+        self._lag_code = link([lag.program for lag in self._model.lags])
 
     def adopt(self, aircraft: Aircraft) -> None:
         """Go on with another model: the terms of the rows that are kept are worked out anew."""
         self._set_model(aircraft)
-        terms = np.empty((len(self._history), self._width - TERM))
-        evaluate_rows(*self._code, np.ascontiguousarray(self._history[:, SIGNAL:NOISE]), terms)
-        self._history = np.hstack([self._history[:, :TERM], terms * self._history[:, QBAR : QBAR + 1]])
+        history = np.empty((len(self._history), self._width))
+        history[:, :TERM] = self._history[:, :TERM]
+        self._write_terms(history)
+        self._history = history
+
+    def _write_terms(self, history: Array) -> None:
+        """Lags and terms of history rows, which follow those before, from their signals."""
+        signals = np.ascontiguousarray(history[:, SIGNAL:NOISE])
+        if self._model.lags:
+            self._memory.write(np.ascontiguousarray(history[:, TIME]), signals, self._largest_gap)
+            history[:, SIGNAL:NOISE] = signals
+            fill_lag_noise(*self._lag_code, history)
+        terms = np.empty((len(history), self._width - TERM))
+        evaluate_rows(*self._code, signals, terms)
+        history[:, TERM:] = terms * history[:, QBAR : QBAR + 1]
 
     def _restart(self) -> None:
+        self._memory.forget()
         self._waiting: list[Array] = []
         self._history = np.empty((0, self._width))
         self._newest: float | None = None
@@ -134,6 +149,8 @@ class CoefficientStream:
         controls, heights = self.controls.at(rows, self.pace.is_sparse)
         history = np.empty((len(rows), self._width))
         fill_history(rows, controls, heights, body, self._sensor_noise, *self._code, self.start_time, history)
+        if self._model.lags:
+            self._write_terms(history)
         self.controls.forget_before(float(times[-1]))
         return history
 
