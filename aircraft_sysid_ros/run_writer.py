@@ -102,8 +102,9 @@ class RunWriter:
 
     @property
     def point_times(self) -> Array:
-        """Times (n,) [s] of the points."""
-        return np.concatenate([points[:, CoefficientSample.TIME] for points in self._points] or [np.empty(0)])
+        """Times (n,) [s] of the points at which an axis of the model could be evaluated."""
+        valid = [points[(points[:, CoefficientSample.VALID] > 0.0).any(axis=1)] for points in self._points]
+        return np.concatenate([points[:, CoefficientSample.TIME] for points in valid] or [np.empty(0)])
 
     def finish(
         self,
@@ -120,7 +121,7 @@ class RunWriter:
         could not be read of the recording, and where ``manoeuvres`` that were joined come from. What the flight does
         without is noted too.
         """
-        told = [*notes, *absences(state)]
+        told = [*notes, *absences(state, [manoeuvre["name"] for manoeuvre in manoeuvres])]
         result = {"state": {**state_json(state), "notes": told}, "parameters": parameters_json(parameters)}
         if manoeuvres:
             result["state"]["manoeuvres"] = list(manoeuvres)

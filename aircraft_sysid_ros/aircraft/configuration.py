@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name, one_line
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name, is_reserved, one_line
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.yaml_file import read_yaml
 
@@ -427,6 +427,8 @@ def _inputs(data: Mapping[str, Any]) -> tuple[NamedInput, ...]:
 
 
 def _input(name: str, value: Any) -> NamedInput:
+    if is_reserved(name):
+        raise InputError(f"the input '{name}' has a name that expressions use themselves: give it another one")
     if not is_name(name):
         raise InputError(f"the input '{_shown(name)}' cannot stand in a term: name it with letters, digits and _")
     if name in SIGNALS:

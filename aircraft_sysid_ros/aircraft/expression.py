@@ -109,8 +109,13 @@ def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
 
 
 def is_name(text: str) -> bool:
-    """Whether a term can have it as the name of a signal: an identifier that is neither a keyword nor a function."""
-    return text.isascii() and text.isidentifier() and not keyword.iskeyword(text) and text not in _NAMES
+    """Whether a term can have it as the name of a signal."""
+    return text.isascii() and text.isidentifier() and not is_reserved(text)
+
+
+def is_reserved(text: str) -> bool:
+    """Whether it is a function of expressions, or a word that the parser takes for another thing than a name."""
+    return text in _NAMES or keyword.iskeyword(text)
 
 
 def one_line(text: str) -> str:

@@ -19,8 +19,8 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
-from aircraft_sysid_ros.commands.replay import rate_notes, why_no_start
 from aircraft_sysid_ros.commands.replay import render as render_run
+from aircraft_sysid_ros.commands.replay_notes import rate_notes, why_no_start
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import missing_ros

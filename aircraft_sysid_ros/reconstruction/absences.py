@@ -2,17 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.reconstruction.alignment import GPS
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.reconstruction.state_estimator import Sensors, StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 
+#: Manoeuvres that a sentence names.
+_MOST_NAMES = 3
 
-def absences(state: StateEstimator) -> list[str]:
-    """What is said after a flight of the sensors that were not there; nothing of those that it can do without."""
-    return [*_of_gps(state), *_of_height(state), *_of_air_data(state)]
+
+def absences(state: StateEstimator, names: Sequence[str] = ()) -> list[str]:
+    """What is said after a flight of the sensors that were not there; nothing of those that it can do without.
+
+    Of manoeuvres that were joined, of which there are ``names``, with those that it is true of.
+    """
+    return of_manoeuvres([_of_one(sensors, state) for sensors in state.sensors], names)
+
+
+def of_manoeuvres(said: Sequence[Sequence[str]], names: Sequence[str] = ()) -> list[str]:
+    """Sentences on each manoeuvre, each of them once: with the manoeuvres that it is true of where it is not all."""
+    found = []
+    for sentence in dict.fromkeys(text for of_one in said for text in of_one):
+        true_of = [number for number, of_one in enumerate(said) if sentence in of_one]
+        if len(true_of) < len(said):
+            named = [names[k] if k < len(names) else str(k + 1) for k in true_of[:_MOST_NAMES]]
+            more = ", …" if len(true_of) > _MOST_NAMES else ""
+            sentence = f"in {len(true_of)} of {len(said)} manoeuvres ({', '.join(named)}{more}): {sentence}"
+        found.append(sentence)
+    return found
+
+
+def _of_one(sensors: Sensors, state: StateEstimator) -> list[str]:
+    ground, calm_air = state.aircraft.ground_altitude, state.options.calm_air
+    return [*_of_gps(sensors), *_of_height(sensors, ground), *_of_air_data(sensors, calm_air)]
 
 
 def require_airspeed(samples: Samples) -> None:
@@ -24,37 +49,29 @@ def require_airspeed(samples: Samples) -> None:
         )
 
 
-def _has(state: StateEstimator, kind: Kind) -> bool:
-    """Whether there were samples of a kind that could be used."""
-    counts = state.order.counts
-    return bool(counts.received[kind] > counts.invalid[kind])
-
-
-def _of_gps(state: StateEstimator) -> list[str]:
-    gps = GPS if state.gps is None else state.gps
-    if not gps:
+def _of_gps(sensors: Sensors) -> list[str]:
+    if not sensors.gps:
         found = [
             "no GPS: wind is not estimated, velocities are relative to the air and positions drift with it, and the "
             "constants of the model are held"
         ]
-        if not _has(state, Kind.ATTITUDE):
-            heading = "" if _has(state, Kind.MAGNETIC_FIELD) else "the heading is counted from the start, and "
+        if Kind.ATTITUDE not in sensors.usable:
+            heading = "" if Kind.MAGNETIC_FIELD in sensors.usable else "the heading is counted from the start, and "
             found.append(
                 f"neither GPS nor attitude: {heading}tilt and biases are less certain than their "
                 "standard errors say, most of all in gusts"
             )
         return found
-    if Kind.GPS_VELOCITY not in gps:
+    if Kind.GPS_VELOCITY not in sensors.gps:
         return ["no GPS velocity: it follows from the positions, and wind and heading are less certain"]
-    if Kind.GPS_POSITION not in gps:
+    if Kind.GPS_POSITION not in sensors.gps:
         return ["no GPS position: the place is not known, and positions are counted from the start"]
     return []
 
 
-def _of_height(state: StateEstimator) -> list[str]:
-    if _has(state, Kind.GPS_POSITION) or _has(state, Kind.AIR):
+def _of_height(sensors: Sensors, ground: float | None) -> list[str]:
+    if {Kind.GPS_POSITION, Kind.AIR} & sensors.usable:
         return []
-    ground = state.aircraft.ground_altitude
     where = "sea level (or the ground_altitude of the aircraft file)" if ground is None else f"{ground:g} m"
     return [
         f"neither GPS position nor static pressure: the air density is the standard one at {where}, and a per cent "
@@ -62,18 +79,18 @@ def _of_height(state: StateEstimator) -> list[str]:
     ]
 
 
-def _of_air_data(state: StateEstimator) -> list[str]:
-    if not _has(state, Kind.AIRSPEED):
-        if state.options.calm_air:
+def _of_air_data(sensors: Sensors, calm_air: bool) -> list[str]:
+    if Kind.AIRSPEED not in sensors.usable:
+        if calm_air:
             return [
                 "no airspeed: the air is taken as calm, and a per cent by which a wind changed the airspeed is two in "
                 "every coefficient, which no standard error counts"
             ]
         return ["no airspeed: no parameter is learnt; calm_air (--calm-air) takes the speed over ground for it"]
     angles = (("angle of attack", Kind.ANGLE_OF_ATTACK), ("sideslip", Kind.SIDESLIP))
-    lacking = " and no ".join(name for name, kind in angles if not _has(state, kind))
+    lacking = " and no ".join(name for name, kind in angles if kind not in sensors.usable)
     if not lacking:
         return []
-    if state.gps == frozenset() and not _has(state, Kind.ATTITUDE):
+    if not sensors.gps and Kind.ATTITUDE not in sensors.usable:
         return [f"no {lacking}: without GPS and attitude nothing is learnt where it counts, and tilt is a rough guess"]
     return [f"no {lacking} is measured: inferred from wind and attitude, which costs certainty (docs/mavlink.md)"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -88,6 +88,13 @@ def sensor_delays(aircraft: Aircraft) -> Array:
     return delays
 
 
+class Sensors(NamedTuple):
+    """What a manoeuvre has had of its sensors."""
+
+    gps: frozenset[int]  # kinds of GPS samples that it was taken to have; all where it did not start
+    usable: frozenset[int]  # kinds of which a sample was usable
+
+
 class StateEstimator:
     """Iterated extended Kalman filter over (6.24), fed in any order within the horizon.
 
@@ -121,6 +128,8 @@ class StateEstimator:
         self._has_biases = False
         self.memory: Memory = new_memory(len(Kind), aircraft.process_noise["wind"])
         self._begin_gusty()
+        self._flown: list[Sensors] = []  # of the manoeuvres before this one
+        self._usable_before = np.zeros(len(Kind), np.int64)
         self.last_row: Array | None = None
         self._last_airborne: Array | None = None  # newest row with air data
 
@@ -172,6 +181,8 @@ class StateEstimator:
         tape go on: they are of all manoeuvres.
         """
         rows = self.flush()
+        self._flown = self.sensors
+        self._usable_before = self._usable()
         self.order.begin_anew()
         self._still = StuckSensors(self.aircraft.minimum_airspeed)
         self._alignment, self._setup, self._held = self._new_alignment(9.80665), None, None
@@ -235,9 +246,14 @@ class StateEstimator:
         return error_table(self._x, self._p) if len(self._x) > STATE_SIZE else {}
 
     @property
-    def gps(self) -> frozenset[int] | None:
-        """Kinds of GPS samples that the flight has, as far as it is known; None before a start."""
-        return self._wait.decided
+    def sensors(self) -> list[Sensors]:
+        """Of each manoeuvre, the newest last."""
+        decided, usable = self._wait.decided, np.flatnonzero(self._usable() > self._usable_before)
+        return [*self._flown, Sensors(GPS if decided is None else decided, frozenset(usable.tolist()))]
+
+    def _usable(self) -> npt.NDArray[np.int64]:
+        """Samples (kinds,) that have come and were not invalid."""
+        return self.order.counts.received - self.order.counts.invalid
 
     def take_start(self, start: StartValues) -> None:
         """From now on wind and errors of the air data are those of ``start``; what else is known stays.

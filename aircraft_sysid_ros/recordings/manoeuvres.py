@@ -138,7 +138,10 @@ def _joined(recordings: Mapping[Path, Recording], kept: Sequence[Manoeuvre], not
         ignored.update(recording.ignored)
         skipped.update(recording.skipped)
     first = next(iter(recordings.values()))
-    body = Recording(first.path, samples, dict(topics), dict(ignored), dict(skipped), samples.stamp, tuple(notes))
+    unnamed = tuple(dict.fromkeys(name for recording in recordings.values() for name in recording.unnamed))
+    body = Recording(
+        first.path, samples, dict(topics), dict(ignored), dict(skipped), samples.stamp, tuple(notes), unnamed
+    )
     return Body(body, tuple(replace(m, offset=o) for m, o in zip(kept, offsets, strict=True)))
 
 

@@ -11,10 +11,12 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.configuration import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
-from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
+from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages, printable
 from aircraft_sysid_ros.recordings.storage import read_raw
-from aircraft_sysid_ros.recordings.tables import table_of
+from aircraft_sysid_ros.recordings.tables import names_of_inputs, table_of
 from aircraft_sysid_ros.ros_messages.conversion import (
+    INPUTS_TOPIC,
+    INPUTS_TYPE,
     NANOSECONDS,
     TOPICS,
     USED_FIELDS,
@@ -38,6 +40,7 @@ class Recording:
     skipped: dict[str, int]  # messages by topic that could not be decoded
     arrival: Integers  # (n,) [ns] when each sample was received: the log time of its message
     notes: tuple[str, ...] = ()  # what was wrong with it, for the user
+    unnamed: tuple[str, ...] = ()  # inputs that it holds and the aircraft file does not name
 
     @property
     def start(self) -> int:
@@ -96,7 +99,16 @@ def read_recording(path: str | Path, inputs: Sequence[NamedInput] = ()) -> Recor
     ignored = _counts(raw, raw.channels.keys() - wanted.keys())
     order = np.argsort(np.concatenate(orders), kind="stable")
     samples, arrival = _in_order(concatenate(batches), order), np.concatenate(arrivals)[order]
-    return Recording(Path(path), samples, topics, ignored, skipped, arrival, (*raw.notes, *notes))
+    unnamed = _unnamed(raw, inputs)
+    return Recording(Path(path), samples, topics, ignored, skipped, arrival, (*raw.notes, *notes), unnamed)
+
+
+def _unnamed(raw: RawMessages, inputs: Sequence[NamedInput]) -> tuple[str, ...]:
+    """Inputs of a recording that are not among those that the aircraft file names."""
+    named, topic = {item.name for item in inputs}, _namespace(raw) + INPUTS_TOPIC
+    channels = [key for key, c in raw.channels.items() if (c.topic.strip("/"), c.type) == (topic, INPUTS_TYPE)]
+    found = dict.fromkeys(name for key in channels for name in names_of_inputs(raw, key))
+    return tuple(printable(name) for name in found if name not in named)
 
 
 def _in_order(samples: Samples, order: Integers) -> Samples:

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, INPUTS_TYPE, NANOSECONDS, USED_FIELDS
 
 _OF_INPUTS = set(USED_FIELDS[INPUTS_TOPIC])
+_LOOKED_AT = 50
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
 
 
@@ -56,6 +57,19 @@ def table_of(raw: RawMessages, key: int, names: Collection[str] | None = None) -
         channel = raw.channels[key]
         raise InputError(f"the recording has another {channel.type} on {channel.topic}: without {sorted(missing)[0]}")
     return table
+
+
+def names_of_inputs(raw: RawMessages, key: int) -> list[str]:
+    """Names that messages of a channel of inputs hold, in the order in which they come; some messages are looked at."""
+    types, rows = channel_types(raw.channels[key]), raw.rows(key)
+    found: dict[str, None] = {}
+    for row in rows[:: max(len(rows) // _LOOKED_AT, 1)]:
+        try:
+            message: Any = types.deserialize_cdr(raw[row], INPUTS_TYPE)
+        except Exception:  # damaged bytes raise all kinds
+            continue
+        found |= dict.fromkeys(message.name)
+    return list(found)
 
 
 def _decoded_at_once(raw: RawMessages, key: int, names: Collection[str] | None) -> Table | None:

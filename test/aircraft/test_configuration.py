@@ -298,8 +298,10 @@ def test_named_inputs_are_signals_of_terms(tmp_path):
     [
         ("inputs: {alpha: }", "the input 'alpha' has the name of a signal that there is already: give it another one"),
         ("inputs: {trim-tab: }", "the input 'trim-tab' cannot stand in a term: name it with letters, digits and _"),
-        ("inputs: {max: }", "the input 'max' cannot stand in a term: name it with letters, digits and _"),
-        ("inputs: {if: }", "the input 'if' cannot stand in a term: name it with letters, digits and _"),
+        ("inputs: {max: }", "the input 'max' has a name that expressions use themselves: give it another one"),
+        ("inputs: {sin: }", "the input 'sin' has a name that expressions use themselves: give it another one"),
+        ("inputs: {lambda: }", "the input 'lambda' has a name that expressions use themselves: give it another one"),
+        ("inputs: {if: }", "the input 'if' has a name that expressions use themselves: give it another one"),
         ("inputs: {1: }", "the input '1' cannot stand in a term: name it with letters, digits and _"),
         ("inputs: [trim_tab]", "inputs must be a mapping such as {trim_tab: {unit: deg}}, not a list"),
         ("inputs: {tab: deg}", "input tab must be a mapping such as {unit: deg}, not 'deg'"),

@@ -243,7 +243,9 @@ def test_twenty_manoeuvres_at_25_hz_without_gps(aircraft, aircraft_file, folder)
 def test_the_sum_of_short_manoeuvres_is_what_must_be_long_enough(bag, aircraft_file, folder, capsys):
     for count, enough in ((3, False), (6, True)):
         file = write_segments(folder / f"{count}.yaml", equal_segments(count, 6.0))
-        ask("replay", bag, "--segments", file, "--aircraft", aircraft_file, "--out", folder / f"few{count}")
+        said = ask("replay", bag, "--segments", file, "--aircraft", aircraft_file, "--out", folder / f"few{count}")
+        told = [note for note in said["notes"] if "compare, diagnose, add and remove need 20 s in all" in note]
+        assert len(told) == (not enough), said["notes"]
         if enough:
             assert ask("compare", folder / f"few{count}")["axes"]["CZ"]["nrmse_held_out"] < 0.2
         else:
@@ -270,8 +272,54 @@ def test_a_manoeuvre_without_a_start_is_named(clean, recordings, aircraft_file, 
                 fields["status.status"] = np.full(int(inside.sum()), -1)
             writer.write(s.topic, TOPICS[s.topic], s.stamp[inside], fields)
     said = ask("replay", recordings[0], path, recordings[1], "--aircraft", aircraft_file, "--out", folder / "start")
-    (note,) = (note for note in said["notes"] if "no_fix" in note)
+    (note,) = (note for note in said["notes"] if "no_fix" in note and "gives nothing" in note)
     assert note.startswith("the manoeuvre 'no_fix' gives nothing: of 40 samples of the GPS position 40 have no fix")
+
+
+def write_without(clean, path, start, stop, topics=(), fields=()):
+    """A part of the flight without topics, and without fields of its air data."""
+    streams = [
+        replace(s, fields={**s.fields, **{name: np.full(len(s.stamp), np.nan) for name in fields}})
+        if s.topic == "air_data"
+        else s
+        for s in clean.streams
+        if s.topic not in topics
+    ]
+    return write_part(replace(clean, streams=streams), path, start, stop)
+
+
+def test_what_some_manoeuvres_lack_is_said_of_those(clean, recordings, aircraft_file, folder):
+    """The last one flies without GPS, one without an airspeed, one without controls: the others have all."""
+    calm = write_without(clean, folder / "no_speed.mcap", 72.0, 82.0, (), ("true_airspeed",))
+    loose = write_without(clean, folder / "no_controls.mcap", 83.0, 93.0, ("control_surfaces",))
+    last = write_without(clean, folder / "no_place.mcap", 94.0, 104.0, ("gps/fix", "gps/vel"))
+    given = [*recordings[:3], calm, loose, last]
+    said = ask("replay", *given, "--aircraft", aircraft_file, "--out", folder / "some")
+    notes = said["notes"]
+    assert [note for note in notes if note.startswith("in 1 of 6 manoeuvres (no_place): no GPS: ")]
+    assert [note for note in notes if note.startswith("in 1 of 6 manoeuvres (no_speed): no airspeed: ")]
+    assert "the manoeuvre 'no_controls' gives nothing: it has no controls" in notes
+    assert not [note for note in notes if note.startswith("no ") or "of the air data have no" in note]
+    written = json.loads((folder / "some" / "state.json").read_text())["notes"]
+    assert set(written) <= set(notes) and len([note for note in written if note.startswith("in 1 of 6 ")]) == 3
+
+
+def test_a_gap_is_told_with_the_manoeuvre_that_it_is_in(clean, recordings, aircraft_file, folder):
+    begin = min(int(stream.stamp.min()) for stream in clean.streams)
+    streams = [
+        replace(
+            s,
+            stamp=s.stamp[kept],
+            arrival=s.arrival[kept],
+            fields={name: values[kept] for name, values in s.fields.items()},
+        )
+        for s in clean.streams
+        for kept in [(s.topic != "air_data") | (np.abs(s.stamp - begin - 77 * SECOND) > 1.5 * SECOND)]
+    ]
+    path = write_part(replace(clean, streams=streams), folder / "gap.mcap", 72.0, 82.0)
+    said = ask("replay", *recordings[:3], path, "--aircraft", aircraft_file, "--out", folder / "with_gap")
+    gaps = [note for note in said["notes"] if "the airspeed samples have" in note]
+    assert gaps == ["in 1 of 4 manoeuvres (gap): the airspeed samples have 1 gaps of up to 3.0 s"]
 
 
 def test_all_too_short_is_refused(bag, aircraft_file, folder, capsys):

@@ -189,5 +189,7 @@ def test_an_aircraft_that_names_none_is_told_the_same_as_without_the_topic(fligh
     file = file_of(tmp_path / "aircraft.yaml", aircraft.source)
     for name in ("bag", "plain"):
         call(capsys, "replay", tmp_path / name, "--aircraft", file, "--out", tmp_path / f"run_{name}")
+    notes = call(capsys, "replay", tmp_path / "bag", "--aircraft", file, "--out", tmp_path / "again")["notes"]
+    assert [note for note in notes if note.startswith("/inputs holds trim_tab, which the aircraft file does not name")]
     texts = [(tmp_path / f"run_{name}" / "parameters.json").read_text() for name in ("bag", "plain")]
     assert texts[0] == texts[1]

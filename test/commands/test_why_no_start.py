@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.commands.replay import why_no_start
+from aircraft_sysid_ros.commands.replay_notes import why_no_start
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.ros_messages.conversion import NO_FIX, gps_fix_fields, to_samples
 from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
@@ -41,7 +41,9 @@ def said(aircraft):
 
 def test_every_sensor_that_is_missing_is_named_with_its_topic(said):
     lacking = "no GPS position came on gps/fix; no GPS velocity came on gps/vel; no airspeed came on air_data"
-    assert said(imu(300)) == lacking
+    assert said(imu(300)).startswith(
+        f"{lacking}: record the airspeed or GPS; with GPS and no airspeed calm_air (--calm"
+    )
     assert said(*fixes(np.arange(10) * SECOND // 5, 0)) == "no IMU came on imu/data"
 
 

@@ -91,6 +91,9 @@ def test_several_tables_need_a_name(tmp_path, capsys):
 
 BAD_MAPS = [
     ("specific_force.z", "specific_force.w", "line 5: unknown signal 'specific_force.w': did you mean"),
+    ("specific_force.z", "inputs.sin", "line 5: 'inputs.sin' has a name that terms of a model use otherwise"),
+    ("specific_force.z", "inputs.V", "line 5: 'inputs.V' has a name that terms of a model use otherwise"),
+    ("specific_force.z", "inputs.höhe", "line 5: 'inputs.höhe' is no name of an input: write letters, digits and _"),
     ("unit: g", "unit: deg", "line 5: specific_force.z: the unit 'deg' does not fit: this is in m/s^2, or g, ft/s^2"),
     ("unit: g", "unit: gg", "line 5: specific_force.z: 'gg' is no unit"),
     ("unit: deg/s", "unit: Hz", "line 4: angular_velocity.x: the unit 'Hz' does not fit"),

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Iterable
 
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, is_name, is_reserved
 from aircraft_sysid_ros.errors import InputError
 
 #: SI unit by signal, as pint writes it; a signal without a dimension has "1".
@@ -36,7 +36,6 @@ VECTORS: dict[str, tuple[str, ...]] = {
     "controls": ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller_speed"),
 }
 _VECTOR_OF = {signal: vector for vector, signals in VECTORS.items() for signal in signals}
-_NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 def check_signal(name: str) -> None:
@@ -44,7 +43,10 @@ def check_signal(name: str) -> None:
     if name in UNITS:
         return
     if name.startswith(INPUTS):
-        if not _NAME.fullmatch(name.removeprefix(INPUTS)):
+        own = name.removeprefix(INPUTS)
+        if is_reserved(own) or own in SIGNALS:
+            raise InputError(f"'{name}' has a name that terms of a model use otherwise: give the input another one")
+        if not is_name(own):
             raise InputError(f"'{name}' is no name of an input: write letters, digits and _ after '{INPUTS}'")
         return
     raise InputError(f"unknown signal '{name}': {near(name, [*UNITS, INPUTS + 'NAME'])}")

@@ -1,0 +1,248 @@
+"""What ``replay`` says of a flight besides its numbers: what was not there, came too seldom, or was of no use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.identification.coefficients.pace import (
+    CHANGE,
+    LOWEST_RATE,
+    SPARSEST_CONTROLS,
+    too_slow,
+    why_airspeed_too_slow,
+)
+from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream
+from aircraft_sysid_ros.identification.conditions import listed
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.absences import absences, of_manoeuvres
+from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
+from aircraft_sysid_ros.recordings.manoeuvres import Body, Manoeuvre
+from aircraft_sysid_ros.recordings.reader import Recording
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS
+from aircraft_sysid_ros.run_writer import RunWriter
+from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvre_at, manoeuvres
+
+#: What the filter can start with beside the IMU, by kind of sample: name, topic, and what is wrong with samples that
+#: are invalid.
+_START_WITH = {
+    "gps_position": ("GPS position", "gps/fix", "no fix (status -1, or latitude and longitude 0) or no usable numbers"),
+    "gps_velocity": ("GPS velocity", "gps/vel", "no usable numbers"),
+    "airspeed": ("airspeed", "air_data", "no usable numbers or stand still"),
+}
+_WHAT_TO_RECORD = (
+    "record the airspeed or GPS; with GPS and no airspeed calm_air (--calm-air) takes the speed over ground for it"
+)
+#: A silence [s] of a sensor that is worth a note.
+LONGEST_SILENCE = 2.0
+
+
+def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
+    """What a user should know about the recording and what became of it."""
+    recording, aircraft = body.recording, pipeline.parameters.aircraft
+    names = [manoeuvre.segment.name for manoeuvre in body.manoeuvres]
+    found = list(recording.notes)
+    found += input_notes(recording, aircraft)
+    if not {"control_surfaces", *([INPUTS_TOPIC] if aircraft.inputs else [])} & recording.topics.keys():
+        found.append("no /control_surfaces: state, biases and wind only, no parameters")
+    else:
+        found += length_notes(pipeline, writer) + rate_notes(pipeline.parameters.stream)
+        found += filter(None, [why_airspeed_too_slow(recording.samples)])
+    found += bound_notes(pipeline.parameters.aircraft)
+    found += absences(pipeline.state, names)
+    found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
+    for kind, counts in pipeline.state.counts().items():
+        for what in ("rejected", "late", "invalid", "wrong_stamp"):
+            share = counts[what] / max(counts["received"], 1)
+            if share > 0.01:
+                found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
+    if pipeline.state.order.counts.restarts:
+        found.append(f"the clock of the recording leapt {pipeline.state.order.counts.restarts} times")
+    for axis, when, count in pipeline.parameters.learning.changes.alarms():
+        again = f" ({count} times)" * (count > 1)
+        found.append(f"{axis} changed at {when:.1f} s of flight and was learnt anew{again}")
+    holds = pipeline.parameters.learning.integrity.summary()
+    if times := holds["holds"]:
+        newest = f"; at the end {holds['held']}" if holds["held"] else ""
+        found.append(f"parameters of an axis were held {times} time{'s' * (times > 1)}, see docs/trust.md{newest}")
+    if pipeline.state.realignments:
+        times = pipeline.state.realignments
+        found.append(f"the filter aligned anew {times} times after gaps or contradictions")
+    return found
+
+
+def manoeuvre_notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
+    """Manoeuvres of which nothing could be used, each with the reason."""
+    epoch, found = pipeline.state.epoch, []
+    if epoch is None:
+        return []
+    states = manoeuvre_at(body.recording.samples, nanoseconds(writer.state_times, epoch))
+    points = manoeuvre_at(body.recording.samples, nanoseconds(writer.point_times, epoch))
+    for number, manoeuvre in enumerate(body.manoeuvres):
+        unused = f"the manoeuvre '{manoeuvre.segment.name}' gives nothing:"
+        if not np.any(states == number):
+            alone = StateEstimator(pipeline.state.aircraft, pipeline.state.options)
+            alone.push(manoeuvre.samples)
+            alone.flush()
+            found.append(f"{unused} {why_no_start(alone)}")
+        elif "control_surfaces" in body.recording.topics and not np.any(points == number):
+            found.append(f"{unused} {_why_no_points(manoeuvre, pipeline)}")
+    seams = body.recording.samples.values[body.recording.samples.kind == Kind.SEAM, 0]
+    if apart := int(np.sum(~(seams <= SAME_FLIGHT))):
+        found.append(
+            f"{apart} of {len(body.manoeuvres)} manoeuvres begin without the IMU biases that the one before has found, "
+            f"since their stamps overlap or are more than {SAME_FLIGHT / 3600.0:g} h apart: "
+            "forces are known worse for it"
+        )
+    return found
+
+
+def _why_no_points(manoeuvre: Manoeuvre, pipeline: Pipeline) -> str:
+    """Why nothing could be learnt from a manoeuvre that has states."""
+    there = set(manoeuvre.samples.kind.tolist())
+    needed = [("controls", {Kind.CONTROLS, Kind.INPUTS})]
+    needed += [("airspeed", {Kind.AIRSPEED})] * (not pipeline.state.options.calm_air)
+    if lacking := [name for name, kinds in needed if not kinds & there]:
+        return f"it has no {listed(lacking)}"
+    speed, width = pipeline.state.aircraft.minimum_airspeed, 2.0 * pipeline.parameters.options.half_width
+    return f"no {width:g} s in it have states, controls and an airspeed above {speed:.1f} m/s"
+
+
+def input_notes(recording: Recording, aircraft: Aircraft) -> list[str]:
+    """Inputs that the aircraft file names and the recording does not hold, and the other way round."""
+    found = []
+    if unnamed := recording.unnamed:
+        example = ", ".join(f"{name}: {{unit: …}}" for name in unnamed[:2])
+        found.append(
+            f"/{INPUTS_TOPIC} holds {listed(unnamed)}, which the aircraft file does not name, so that no term can read "
+            f"{'them' if len(unnamed) > 1 else 'it'}: add inputs: {{{example}}}"
+        )
+    values = recording.samples.values[recording.samples.kind == Kind.INPUTS, : len(aircraft.inputs)]
+    lacking = [item.name for k, item in enumerate(aircraft.inputs) if not np.isfinite(values[:, k]).any()]
+    if lacking:
+        names = ", ".join(lacking)
+        found.append(f"/{INPUTS_TOPIC} holds no value of {names} inside its limits: terms that read it say nothing")
+    return found
+
+
+def length_notes(pipeline: Pipeline, writer: RunWriter) -> list[str]:
+    """Said of a flight, or of a body of manoeuvres, that is too short for parameters or for what comes after it."""
+    seconds, least, times = pipeline.state.flight_time, THRESHOLDS.shortest, writer.point_times
+    usable = frozenset[int]().union(*(sensors.usable for sensors in pipeline.state.sensors))
+    judged = len(times) * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if judged >= least or Kind.AIRSPEED not in usable:  # without an airspeed it is no length
+        return []
+    if seconds < least and not any(p.status is Trust.USE for p in pipeline.parameters.snapshot().parameters):
+        return [
+            f"{seconds:.0f} s are too short for parameters, none of them is to be used: record at least "
+            f"{least:g} s of flight with motion about every axis"
+        ]
+    return [
+        f"{judged:.0f} s in flight with air data: compare, diagnose, add and remove need {least:g} s in all, so "
+        "record more or replay more manoeuvres together"
+    ]
+
+
+def rate_notes(stream: CoefficientStream) -> list[str]:
+    """Said of an IMU and of controls that are slow beside the motion of an aeroplane, at the end of a flight."""
+    pace, controls = stream.pace, stream.controls.pace
+    if pace.is_too_slow:
+        return [f"{too_slow(pace.rate)}, and no parameter is learnt"]
+    found = []
+    if pace.is_sparse:
+        least = f"standard errors are at least {pace.sampling_error:.1%} of a value for it (docs/parameters.md)"
+        unknown = "what happens between its samples is not known"
+        found.append(f"the IMU comes at {pace.rate:.2g} Hz: {unknown}, and {least}")
+    if controls.interval > CHANGE * pace.interval:
+        needed = f"at least {LOWEST_RATE:g} Hz are needed"
+        unknown = "what happens between their samples is not known, and no standard error counts it"
+        too_few = controls.interval > SPARSEST_CONTROLS
+        found.append(f"the controls come at {controls.rate:.2g} Hz: {needed if too_few else unknown}")
+    return found
+
+
+def bound_notes(aircraft: Aircraft) -> list[str]:
+    """Bounds of the aircraft file that its own coefficients are outside of."""
+    found = []
+    for name, (low, high) in aircraft.parameter_bounds.items():
+        value = aircraft.coefficients.get(name)
+        if value is not None and not low <= value <= high:
+            outside = f"the {value:g} that it is given in the same aircraft file is outside: mend one of them"
+            found.append(f"parameter_bounds {name} go from {low:g} to {high:g}, and {outside}")
+    return found
+
+
+def gap_notes(samples: Samples, names: Sequence[str]) -> list[str]:
+    """Silences by kind of sample, with the manoeuvres that they are in."""
+    found: list[list[str]] = [[] for _ in manoeuvres(samples)]
+    for kind in Kind:
+        stamps = [np.sort(part.stamp[part.kind == kind]) for part in manoeuvres(samples)]
+        intervals = [np.diff(one) / NANOSECONDS for one in stamps]
+        together = np.concatenate(intervals)
+        longest = max(LONGEST_SILENCE, 10.0 * float(np.median(together))) if len(together) else np.inf
+        for number, interval in enumerate(intervals):
+            gaps = interval[interval > longest]
+            if len(gaps):
+                name = kind.name.lower()
+                found[number].append(f"the {name} samples have {len(gaps)} gaps of up to {gaps.max():.1f} s")
+    return of_manoeuvres(found, names)
+
+
+def air_data_notes(recording: Recording) -> list[str]:
+    """Parts of the air data that are measured at times only; ``absences`` say what a manoeuvre never has."""
+    parts = manoeuvres(recording.samples)
+    probe = Kind.FIVE_HOLE not in recording.samples.kind and recording.topics.get("five_hole_probe", 0)
+    messages, found = probe or recording.topics.get("air_data", 0), []
+    for kind in (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP):
+        counts = np.array([(np.sum(part.kind == kind), np.sum(part.kind == Kind.IMU)) for part in parts])
+        share = np.sum(counts[counts[:, 0] > 0, 1]) / max(np.sum(counts[:, 1]), 1)  # of the time that has any
+        missing = 1.0 - np.sum(counts[:, 0]) / max(messages * share, 1.0)
+        if 0.01 < missing < 1.0:
+            found.append(f"{100 * missing:.0f} % of the air data have no {kind.name.lower()}")
+    return found
+
+
+def control_notes(samples: Samples) -> list[str]:
+    """Controls that are measured at times only."""
+    missing = np.isnan(samples.values[samples.kind == Kind.CONTROLS])
+    share = float(np.mean(np.any(missing[:, ~np.all(missing, axis=0)], axis=1))) if len(missing) else 0.0
+    text = f"{100 * share:.0f} % of the control samples lack values that others have"
+    return [text] if share > 0.01 else []
+
+
+def why_no_start(state: StateEstimator) -> str:
+    """What the filter lacks to start with: sensors of which nothing can be used, and why; else time or motion."""
+    counts = state.counts()
+    if reason := _why_useless(counts["imu"], "IMU", "imu/data", "no usable numbers"):
+        return reason
+    useless = {kind: _why_useless(counts[kind], *words) for kind, words in _START_WITH.items()}
+    told = [reason for kind, reason in useless.items() if counts[kind]["received"] or all(useless.values())]
+    if any(told):
+        reasons = "; ".join(reason for reason in told if reason)
+        return f"{reasons}: {_WHAT_TO_RECORD}" if all(useless.values()) else reasons
+    intervals, seconds = counts["imu"]["received"] - 1, state.flight_time
+    if seconds > LARGEST_GAP * intervals:
+        rate = f"the IMU comes at {intervals / seconds:.2g} Hz"
+        return f"{rate}: it needs samples that are at most {LARGEST_GAP:g} s apart"
+    speed = state.aircraft.minimum_airspeed
+    return (
+        "it needs a second of IMU and GPS together, and then an attitude, a magnetometer, or motion of more than "
+        f"{0.8 * speed:.1f} m/s (from minimum_airspeed, or from mass and wing_area of the aircraft file); without all "
+        "of the GPS, such motion"
+    )
+
+
+def _why_useless(count: dict[str, int], name: str, topic: str, invalid: str) -> str:
+    """Why nothing of a sensor can be used, by what became of its samples; empty where something can."""
+    received, misfits = count["received"], count["late"] + count["wrong_stamp"]
+    if not received:
+        return f"no {name} came on {topic}"
+    if received > count["invalid"] + misfits:
+        return ""
+    reasons = ((count["invalid"], invalid), (misfits, "a stamp that does not fit the IMU"))
+    return f"of {received} samples of the {name} " + " and ".join(f"{n} have {why}" for n, why in reasons if n)
