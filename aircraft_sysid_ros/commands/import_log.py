@@ -130,12 +130,14 @@ def _import_known_tables(path: Path, args: argparse.Namespace) -> dict[str, Any]
     if args.calibration:
         raise InputError("--calibration is for logs of autopilots: say units and signs in a map")
     try:
-        colmap = known_map(path)
+        known = known_map(path)
     except InputError as error:
         raise _unknown(path, f" ({error})") from None
-    if colmap is None:
+    if known is None:
         raise _unknown(path)
-    return import_tables(path, colmap, args.out, overwrite=args.overwrite)
+    colmap, left_out = known
+    report = import_tables(path, colmap, args.out, overwrite=args.overwrite)
+    return {**report, "notes": [*left_out, *report["notes"]]}
 
 
 def _guess(path: Path, args: argparse.Namespace) -> dict[str, Any]:

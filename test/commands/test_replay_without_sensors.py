@@ -269,4 +269,6 @@ def test_flights_of_strangers_run_and_say_what_cannot_be_known(shared_data, tmp_
     for text in said:
         assert any(note.startswith(text) for note in result["notes"]), (text, result["notes"])
     assert not [p for p in result["parameters"]["parameters"] if p["status"] == "USE"]
-    assert result["state"]["samples"]["imu"]["received"] > 1000
+    samples = result["state"]["samples"]
+    assert samples["imu"]["received"] > 1000
+    assert samples["gps_velocity"].get("rejected", 0) < 0.15 * samples["gps_velocity"]["received"]

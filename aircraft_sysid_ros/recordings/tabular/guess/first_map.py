@@ -132,12 +132,15 @@ def _apart(parts: list[TablePart]) -> list[str]:
     ]
 
 
-def known_map(path: Path) -> ColumnMap | None:
-    """The MAP of a source of a known kind, whose columns say what they are; None of any other."""
+def known_map(path: Path) -> tuple[ColumnMap, list[str]] | None:
+    """The MAP of a source of a known kind, whose columns say what they are, and what it leaves out; None of others."""
     source = open_source(path)
     tables, notes = _tables(source)
     known = known_lines(source, [table for _, table in tables])
-    return None if known is None else parse_column_map(map_text(_of_known_kind(tables, known, notes), path))
+    if known is None:
+        return None
+    first = _of_known_kind(tables, known, notes)
+    return parse_column_map(map_text(first, path)), first.notes
 
 
 def _tables(source: Source) -> tuple[list[tuple[str | None, Table]], list[str]]:
@@ -239,15 +242,22 @@ def _of_known_kind(
         if not lines:
             continue
         first = lines[0]
-        time = TimeGuess(first.time, first.time_unit, np.empty(0), first.is_unix, True, [first.kind])
+        evidence, offset = [first.kind], first.time_offset
+        time = TimeGuess(first.time, first.time_unit, np.empty(0), first.is_unix, True, evidence, offset=offset)
         clock = "utc" if first.is_unix else clock
         part = TablePart(file, time)
         for line in lines:
+            sure, why = "undecided" if line.doubt else "sure", line.doubt or line.why
             part.lines.append(
-                Line(line.signal, line.column, line.expression, line.unit, line.sign, 0.0, True, "sure", line.why)
+                Line(line.signal, line.column, line.expression, line.unit, line.sign, 0.0, not line.doubt, sure, why)
             )
         parts.append(part)
+        notes = [*notes, *(f"{table.name} is not taken: {doubt}" for doubt in _doubts(lines))]
     return FirstMap(clock, parts, notes)
+
+
+def _doubts(lines: list[KnownLine]) -> list[str]:
+    return list(dict.fromkeys(line.doubt for line in lines if line.doubt))
 
 
 def write_map(first: FirstMap, path: Path, source: Path) -> None:
@@ -309,9 +319,9 @@ def _part_text(part: TablePart) -> list[str]:
         f"; {', '.join(part.time.others)} could be it, too" if part.time.others else ""
     )
     certainty = "sure" if part.time.sure else "likely"
-    lines.append(
-        f"  {dead}  time: {{column: {_scalar(part.time.column)}, unit: {part.time.unit}}}  # {certainty}: {evidence}"
-    )
+    offset = f", offset: {part.time.offset:.15g}" if part.time.offset else ""
+    time = f"{{column: {_scalar(part.time.column)}, unit: {part.time.unit}{offset}}}"
+    lines.append(f"  {dead}  time: {time}  # {certainty}: {evidence}")
     if part.file is None:
         lines = [f"  {dead}- {lines[1].split(dead + '  ', 1)[1] if dead else lines[1].strip()}"]
     lines.append(f"  {dead}  signals:")

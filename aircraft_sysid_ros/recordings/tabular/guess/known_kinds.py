@@ -15,6 +15,8 @@ from aircraft_sysid_ros.recordings.tabular.text_files import MessageTable
 _ULOG, _ROSTOPIC, _MESSAGES = "file of ulog2csv", "file of rostopic echo -p", "message of Paparazzi"
 _VECTOR = "xyz"
 _ROWS = 100_000
+#: Messages do not wait longer [ms]: a log in which they seem to has two clocks.
+_LONGEST_DELAY = 1000.0
 _NED = ("north", "east", "down")
 
 
@@ -33,6 +35,8 @@ class KnownLine:
     is_unix: bool = False
     why: str = ""
     unless_zero: bool = False  # some drivers leave 0 where nothing is measured
+    time_offset: float = 0.0  # in the unit of the time
+    doubt: str = ""  # why it is left to the user
 
 
 def _vector(
@@ -155,7 +159,7 @@ def known_lines(source: Source, tables: Sequence[Table]) -> dict[str, list[Known
     """Lines by table where the source is of a known kind; None where it is not."""
     messages = [table for table in tables if isinstance(table, MessageTable)]
     if messages:
-        return _chosen(messages, _PAPARAZZI, "^({})$", _MESSAGES)
+        return _of_paparazzi({table.name: table for table in messages})
     if not source.is_folder:
         return None
     ulog = [table for table in tables if "timestamp" in table.columns and re.search(r"_\d+\.csv$", table.name)]
@@ -165,6 +169,45 @@ def known_lines(source: Source, tables: Sequence[Table]) -> dict[str, list[Known
     if rostopic and len(rostopic) >= 0.8 * len(tables):
         return _chosen(rostopic, _MAVROS, r"(?:^|[-_])({})\.csv$", _ROSTOPIC)
     return None
+
+
+def _of_paparazzi(messages: dict[str, MessageTable]) -> dict[str, list[KnownLine]]:
+    """The lines of a log of Paparazzi.
+
+    A message is logged when it is sent, and that of the GPS holds a solution that is up to one period older: it counts
+    by the time of the receiver, on the clock of the log by the least delay. Without a magnetometer the yaw follows the
+    course over ground, which no heading does in wind.
+    """
+    found = _chosen(list(messages.values()), _PAPARAZZI, "^({})$", _MESSAGES)
+    if "GPS" in found and (offset := _delay_of_solutions(messages["GPS"])) is not None:
+        told = "the receiver's time of the solution, by the least delay of its messages"
+        found["GPS"] = [
+            replace(line, time=_TOW, time_unit="ms", time_offset=offset, kind=told) for line in found["GPS"]
+        ]
+    if "ATTITUDE" in found and not _has_magnetometer(messages):
+        doubt = "without a magnetometer its yaw follows the course over ground, which in wind is no heading"
+        found["ATTITUDE"] = [replace(line, doubt=doubt) for line in found["ATTITUDE"]]
+    return found
+
+
+#: Column of the receiver's time of week [ms].
+_TOW = "9"
+
+
+def _delay_of_solutions(gps: MessageTable) -> float | None:
+    """Least time [ms] of the log less that of the receiver; None where the latter does not rise with it."""
+    if _TOW not in gps.columns:
+        return None
+    pieces = [np.stack([piece["time"], piece[_TOW]]) for piece in gps.read(["time", _TOW], _ROWS)]
+    logged, receiver = np.concatenate(pieces, axis=1) if pieces else np.empty((2, 0))
+    delay = 1e3 * logged - receiver
+    rises = len(delay) > 1 and np.isfinite(delay).all() and (np.diff(receiver) >= 0.0).all()
+    return round(float(delay.min()), 3) if rises and np.ptp(delay) < _LONGEST_DELAY else None
+
+
+def _has_magnetometer(messages: dict[str, MessageTable]) -> bool:
+    field = messages.get("IMU_MAG")
+    return field is not None and any(np.any(piece["1"] != 0.0) for piece in field.read(["1"], _ROWS))
 
 
 def _chosen(

@@ -31,6 +31,7 @@ class TimeGuess:
     sure: bool
     evidence: list[str] = field(default_factory=list)
     others: tuple[str, ...] = ()  # further columns that could be it
+    offset: float = 0.0  # in its unit, to the clock of the other tables
 
 
 def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess | None:
