@@ -20,7 +20,8 @@ Maclaurin at the ends of a stretch, h^2/12 of the slope there.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,8 @@ ComplexArray = npt.NDArray[np.complex128]
 _AVERAGED = 8.0
 #: Residuals below this share of the response are rounding.
 _ROUNDING = 1e-9
+#: Windows whose sums are kept: those of six axes, with a zero frequency and without.
+_WINDOWS = 12
 
 
 class SpectralFit(NamedTuple):
@@ -58,11 +61,49 @@ class Window(NamedTuple):
         return np.asarray((np.exp(rate * self.length) - 1.0) / rate)
 
     @property
+    def power(self) -> float:
+        """Integral of w(t)^2."""
+        return float(self.energy(0.0).real)
+
+    @property
     def freedom(self) -> float:
         """Independent real numbers in the band: 2 B T with the effective length T = (int w^2)^2 / int w^4."""
-        band = self.frequencies[-1] - self.frequencies[np.searchsorted(self.frequencies, 0.0, side="right")]
-        squares = 0.25 * self.memory * -np.expm1(-4.0 * self.length / self.memory)
-        return float(band / np.pi * self.energy(0.0).real ** 2 / squares)
+        return _freedom(self.frequencies.tobytes(), self.memory, self.length)
+
+    @property
+    def correlations(self) -> tuple[ComplexArray, ComplexArray]:
+        """Energies (m, m) of the differences and of the sums of the frequencies."""
+        w, rate = self.frequencies, 2.0 / self.memory
+        turned = np.exp(1j * w * self.length)
+        faded = np.exp(-rate * self.length) * turned[:, None]
+        differences = (faded * turned.conj() - 1.0) / (1j * (w[:, None] - w) - rate)
+        return differences, (faded * turned - 1.0) / (1j * (w[:, None] + w) - rate)
+
+    @property
+    def neighbours(self) -> tuple[Array, Array]:
+        """Weights (k, k) of the k positive frequencies in an average about each of them, and their sums (k,)."""
+        return _neighbours(self.frequencies.tobytes(), self.memory, self.length)
+
+
+def _window(frequencies: bytes, memory: float, length: float) -> Window:
+    return Window(np.frombuffer(frequencies), memory, length)
+
+
+@lru_cache(_WINDOWS)
+def _freedom(*window: Any) -> float:
+    frequencies, memory, length = seen = _window(*window)
+    band = frequencies[-1] - frequencies[np.searchsorted(frequencies, 0.0, side="right")]
+    squares = 0.25 * memory * -np.expm1(-4.0 * length / memory)
+    return float(band / np.pi * seen.power**2 / squares)
+
+
+@lru_cache(_WINDOWS)
+def _neighbours(*window: Any) -> tuple[Array, Array]:
+    seen = _window(*window)
+    w = seen.frequencies[seen.frequencies > 0.0]
+    reach = _AVERAGED * (w[-1] - w[0]) * 2.0 / max(seen.freedom, 1e-9)
+    kernel = np.maximum(1.0 - np.abs(w[:, None] - w[None, :]) / max(reach, 1e-9), 1e-9)
+    return kernel, kernel.sum(axis=1)
 
 
 @njit(cache=True)
@@ -105,7 +146,7 @@ def spectral_least_squares(regressors: ComplexArray, response: ComplexArray, win
     weights (4.5) and a second solution: differentiated white noise, for one, grows with frequency. The zero
     frequency is one real equation, where the others are two.
     """
-    power = float(window.energy(0.0).real)
+    power = window.power
     smallest = _ROUNDING * np.max(np.abs(response), initial=0.0) + 1e-150
     spectrum = np.ones(len(response))
     for _ in range(2):
@@ -127,12 +168,13 @@ def spectral_covariance(fit: SpectralFit, regressors: ComplexArray, window: Wind
     squared window. The error of theta is M^-1 Re u with u = sum_k W_k x_k* v_k, and Re u has the covariance
     1/2 Re(E[u u^H] + E[u u^T]).
     """
-    n, w, freedom = regressors.shape[1], window.frequencies, window.freedom
+    n, freedom = regressors.shape[1], window.freedom
     if freedom <= n + 1.0:
         return np.full((n, n), np.nan)
     x = (fit.weights * np.sqrt(fit.spectrum))[:, None] * regressors
-    hermitian = x.conj().T @ window.energy(w[:, None] - w[None, :]) @ x
-    symmetric = x.conj().T @ window.energy(w[:, None] + w[None, :]) @ x.conj()
+    of_differences, of_sums = window.correlations
+    hermitian = x.conj().T @ of_differences @ x
+    symmetric = x.conj().T @ of_sums @ x.conj()
     middle = 0.5 * (hermitian + symmetric).real * freedom / (freedom - n)
     return fit.solution.masked(fit.solution.inverse @ middle @ fit.solution.inverse)
 
@@ -143,10 +185,8 @@ def averaged(power: Array, window: Window) -> Array:
     Two residuals are independent about pi / T apart, T the effective length of the window.
     """
     positive = window.frequencies > 0.0
-    w = window.frequencies[positive]
-    reach = _AVERAGED * (w[-1] - w[0]) * 2.0 / max(window.freedom, 1e-9)
-    kernel = np.maximum(1.0 - np.abs(w[:, None] - w[None, :]) / max(reach, 1e-9), 1e-9)
+    weights, sums = window.neighbours
     smooth = np.empty(len(power))
-    smooth[positive] = kernel @ power[positive] / kernel.sum(axis=1)
+    smooth[positive] = weights @ power[positive] / sums
     smooth[~positive] = smooth[positive][0]
     return smooth

@@ -279,7 +279,7 @@ class FourierEstimator:
         """
         band = self._setting.frequencies[self._setting.frequencies > 0.0]
         width = (band[1] - band[0]) * len(band) / np.pi
-        energy = float(self._window(axis).energy(0.0).real)
+        energy = self._window(axis).power
         weight = float(fit.weights[-len(band) :].sum())
         return weight * energy * float(self._bank.dynamic_pressure[axis]) / width
 

@@ -52,7 +52,7 @@ class Before(NamedTuple):
 def information_scale(window: Window) -> float:
     """c of the module: what sums over frequencies are to be multiplied by to be information."""
     positive = float(np.sum(window.frequencies > 0.0))
-    return window.freedom / (2.0 * positive * float(window.energy(0.0).real))
+    return window.freedom / (2.0 * positive * window.power)
 
 
 def newest_before(fits: deque[Before], time: float) -> Before | None:
@@ -78,7 +78,7 @@ def prior_of(before: Before, spread: Array) -> Prior:
 def fit_with_prior(regressors: ComplexArray, response: ComplexArray, window: Window, prior: Prior) -> SpectralFit:
     """The estimate of the module; its solution's inverse is M^-1."""
     root_prior = np.linalg.cholesky(prior.information / information_scale(window)).T
-    power, spectrum = float(window.energy(0.0).real), prior.spectrum
+    power, spectrum = window.power, prior.spectrum
     for _ in range(2):
         weights = np.where(window.frequencies > 0.0, 2.0, 1.0) / spectrum
         root = np.sqrt(weights)
@@ -93,10 +93,10 @@ def fit_with_prior(regressors: ComplexArray, response: ComplexArray, window: Win
 
 def covariance_with_prior(fit: SpectralFit, regressors: ComplexArray, window: Window, prior: Prior) -> Array:
     """Covariance (n, n) of the module."""
-    w = window.frequencies
     x = (fit.weights * np.sqrt(fit.spectrum))[:, None] * regressors
-    hermitian = x.conj().T @ window.energy(w[:, None] - w[None, :]) @ x
-    symmetric = x.conj().T @ window.energy(w[:, None] + w[None, :]) @ x.conj()
+    of_differences, of_sums = window.correlations
+    hermitian = x.conj().T @ of_differences @ x
+    symmetric = x.conj().T @ of_sums @ x.conj()
     middle = 0.5 * (hermitian + symmetric).real + prior.information / information_scale(window) ** 2
     covariance = fit.solution.inverse @ middle @ fit.solution.inverse
     return 0.5 * (covariance + covariance.T)
