@@ -39,9 +39,15 @@ os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
+#: Folders with the groups that take longest: these begin first, so that all workers end together.
+LONGEST_FIRST = ("nodes", "workbench", "documented_ways", "diagnosis", "commands", "refinement", "identification")
+
+
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
-    """Which tests share a worker: those of a file, or what they share would be made twice."""
+    """Which tests share a worker: those of a file, or what they share would be made twice. And in which order."""
+    rank = {name: number for number, name in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: rank.get(item.path.parent.name, len(rank)))
     for item in items:
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(group_of(item.path)))

@@ -184,8 +184,8 @@ def furthest(found, others) -> float:
 
 def test_a_hidden_effect_is_named_and_added(aircraft_file, folder):
     ask("simulate", "--out", folder / "hidden", "--aircraft", aircraft_file, "--effect", "sideslip_drag",
-        "--duration", 170, "--seed", 32)  # fmt: skip
-    file, run = write_segments(folder / "hidden.yaml", equal_segments()), folder / "hidden_run"
+        "--duration", 110, "--seed", 32)  # fmt: skip
+    file, run = write_segments(folder / "hidden.yaml", equal_segments(9)), folder / "hidden_run"
     ask("replay", folder / "hidden", "--segments", file, "--aircraft", aircraft_file, "--out", run)
     before = ask("compare", run)
     assert before["worst"][0]["axis"] == "CX"

@@ -116,7 +116,7 @@ def test_from_columns_to_a_term_whose_derivative_is_the_true_one(flight, tables,
     assert report["topics"]["inputs"]["messages"] == report["topics"]["control_surfaces"]["messages"]
     aircraft = file_of(tmp_path / "aircraft.yaml", flight.aircraft.source, inputs={"trim_tab": None})  # SI
     assert call(capsys, "replay", tmp_path / "bag", "--aircraft", aircraft, "--out", tmp_path / "run")["notes"] == []
-    found = call(capsys, "diagnose", tmp_path / "run")
+    found = call(capsys, "diagnose", tmp_path / "run", "--replicas", 2)
     assert found["candidates"][0]["expression"] == "Cm: trim_tab"
     assert "does not use the input trim_tab" in found["advice"]
     before = call(capsys, "compare", tmp_path / "run")["axes"]["Cm"]["nrmse_held_out"]

@@ -1,8 +1,6 @@
 """``refine`` as users meet it: a run from replay, files, one line for what is wrong."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -53,29 +51,28 @@ def test_refine_writes_file_and_figure(run, capsys):
     assert printed["worse"] == ["Cl"] and "C_l predicted worse" in refine.render(printed)
 
 
-def process(*arguments):
-    """The document that a command prints in a process of its own."""
-    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, arguments), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+def ask(capsys, *arguments):
+    """The document that a command prints."""
+    capsys.readouterr()
+    assert main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
 
 
 def test_what_was_added_is_refined_and_said_to_be(tmp_path, aircraft_file, capsys):
     """Simulate with an effect, replay, add, refine: the current version is refined, another one on request."""
     flight, run = tmp_path / "flight", tmp_path / "run"
-    process("simulate", "--out", flight, "--effect", "CZ: alpha**3 = 60", "--duration", 30, "--seed", 6)
-    first = process("replay", flight, "--aircraft", aircraft_file, "--out", run)["parameters"]["model"]
-    added = process("add", run, "CZ: alpha**3")
+    ask(capsys, "simulate", "--out", flight, "--effect", "CZ: alpha**3 = 60", "--duration", 30, "--seed", 6)
+    first = ask(capsys, "replay", flight, "--aircraft", aircraft_file, "--out", run)["parameters"]["model"]
+    added = ask(capsys, "add", run, "CZ: alpha**3")
     arguments = ("refine", run, "--method", "output-error", "--segment", 8)
-    refined = process(*arguments)
+    refined = ask(capsys, *arguments)
     assert (refined["model"], refined["changes"], refined["is_current"]) == (added["model"], ["CZ: alpha**3"], True)
     (term,) = (p for p in refined["parameters"] if p["name"] == "CZ_alpha3")
     assert abs(term["value"] - 60.0) < 4.0 * term["std"] < 0.4 * 60.0 and term["status"] == "USE"
     (start,) = (p for p in added["parameters"] if p["name"] == "CZ_alpha3")
     assert term["value"] != start["value"]  # it was moved
     assert Path(refined["file"]).parent == run / "models" / added["model"]
-    other = process(*arguments, "--model", first)
+    other = ask(capsys, *arguments, "--model", first)
     assert (other["model"], other["changes"], other["is_current"]) == (first, [], False)
     assert len(other["parameters"]) == 32 and Path(other["file"]).parent == run
     assert other["not_fitted"]["CZ"]["nrmse"] > 2.0 * refined["not_fitted"]["CZ"]["nrmse"]

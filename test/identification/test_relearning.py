@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import cache
 
 import numpy as np
 import pytest
@@ -232,6 +233,12 @@ def fly(flight, block: int = 500, **options) -> tuple[Pipeline, list]:
     return pipeline, [*sets, pipeline.parameters.snapshot()]
 
 
+@pytest.fixture(scope="module")
+def flown(lossy):
+    """The flight with the loss by estimator, flown once for all tests that only look."""
+    return cache(lambda estimator: fly(lossy, estimator=estimator))
+
+
 def bits(parameters: Identifier) -> np.ndarray:
     return np.array([(p.value, p.std, p.status) for p in parameters.snapshot().parameters])
 
@@ -247,8 +254,8 @@ def test_a_change_that_was_undone_is_told_of_no_more():
 
 
 @pytest.mark.parametrize("estimator", ["rls", "fourier", "rml"])
-def test_a_lost_elevator_is_noticed_and_learnt_anew_and_never_wild_in_use(lossy, estimator):
-    pipeline, sets = fly(lossy, estimator=estimator)
+def test_a_lost_elevator_is_noticed_and_learnt_anew_and_never_wild_in_use(lossy, flown, estimator):
+    pipeline, sets = flown(estimator)
     changes, truth = pipeline.parameters.learning.changes, 0.5 * lossy.aircraft.coefficients["Cm_de"]
     assert changes.counts.tolist() == [0, 0, 0, 0, 1, 0]
     assert AT - 1.5 < changes.times[CM] < AT + 0.2  # of a flight that begins when the filter does
@@ -274,8 +281,9 @@ def test_without_relearning_the_old_and_the_new_are_mixed(lossy):
 
 
 @pytest.mark.parametrize("estimator", ["rls", "fourier"])
-def test_a_change_is_the_same_in_blocks_of_any_size(lossy, estimator):
-    runs = [fly(lossy, block, estimator=estimator)[0].parameters for block in (97, 10**6)]
+def test_a_change_is_the_same_in_blocks_of_any_size(lossy, flown, estimator):
+    """Of 97 samples, and of 500 with which it was flown."""
+    runs = [flown(estimator)[0].parameters, fly(lossy, 97, estimator=estimator)[0].parameters]
     assert runs[0].learning.changes.counts.any()
     assert np.array_equal(bits(runs[0]), bits(runs[1]), equal_nan=True)
 

@@ -216,14 +216,14 @@ def last_imu(recording):
     return int(samples.stamp[samples.kind == Kind.IMU].max())
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "termination"])
-def test_each_node_uses_and_publishes_all_that_has_come(short, aircraft_file, listener, number):
+def test_each_node_uses_and_publishes_all_that_has_come(short, aircraft_file, listener):
+    """Ended by one signal or by the other."""
     last = last_imu(short)
     with estimators(aircraft_file) as (state, parameters):
         listener.spin_until(lambda: listener.values.get("state_estimator", {}).get("state_listeners") == "2")
         with slowed(state), slowed(parameters):
             sent = play(short, 4)
-            for process in (state, parameters):
+            for process, number in ((state, signal.SIGTERM), (parameters, signal.SIGINT)):
                 process.send_signal(number)
                 _, errors = finish(process)
                 assert process.returncode == 0, errors
