@@ -14,7 +14,7 @@ from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tables import read_table
-from aircraft_sysid_ros.recordings.tabular import streams, table_import
+from aircraft_sysid_ros.recordings.tabular import streams
 from aircraft_sysid_ros.recordings.tabular.column_map import parse_column_map
 from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
 from aircraft_sysid_ros.samples import Kind
@@ -184,7 +184,6 @@ def test_files_of_one_pattern_continue_each_other(flown, tmp_path):
 def test_the_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
     """Twice the rows, read in pieces of 500: the peak of what Python and NumPy hold stays where it was."""
     monkeypatch.setattr(streams, "ROWS", 500)
-    monkeypatch.setattr(table_import, "ROWS", 500)
     signals = [*((f"angular_velocity.{a}", a, "rad/s") for a in "xyz"), ("inputs.tab", "tab", "deg")]
     colmap = parse_column_map(layouts.map_of((None, "{column: t, unit: s}", signals)))
     peaks = []

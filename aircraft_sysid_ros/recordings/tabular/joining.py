@@ -32,13 +32,10 @@ class Window:
         return slice(int(first), int(last))
 
 
-def windows(streams: Sequence[Stream], rows: int) -> list[Window]:
-    """Windows over all streams, in each of which the densest stream has about ``rows`` rows."""
-    edges: set[int] = set()
-    for stream in streams:
-        edges.update(int(stamp) for stamp in stream.stamp[::rows])
-    chosen = sorted(edges)
-    end = max(int(stream.stamp[-1]) for stream in streams) + 1
+def windows(streams: Sequence[Stream]) -> list[Window]:
+    """Windows over all streams, in none of which a stream has more than ROWS rows."""
+    chosen = sorted({stamp for stream in streams for stamp in stream.marks})
+    end = max(stream.newest for stream in streams) + 1
     return [Window(start, stop) for start, stop in zip(chosen, [*chosen[1:], end], strict=True) if stop > start]
 
 

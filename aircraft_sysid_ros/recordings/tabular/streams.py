@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import mmap
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,10 +39,12 @@ class Stream:
     folder: Path
     count: int = 0
     repeated: int = 0
+    marks: list[int] = field(default_factory=list, repr=False)  # stamp [ns] of every ROWS-th row
+    newest: int = 0  # stamp [ns]
     _number: int = field(default_factory=itertools.count().__next__)
     _steps: dict[int, float] = field(default_factory=dict)
     _last: Array | None = field(default=None, repr=False)
-    _opened: tuple[Stamps, Array] | None = field(default=None, repr=False)
+    _opened: tuple[mmap.mmap, ...] = field(default=(), repr=False)
 
     @property
     def _files(self) -> tuple[Path, Path]:
@@ -57,6 +60,8 @@ class Stream:
         rows = np.concatenate([before, values])
         same = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
         self.repeated += int(same.all(axis=1).sum())
+        self.marks += stamp[-self.count % ROWS :: ROWS].tolist()
+        self.newest = int(stamp[-1])
         self.count += len(stamp)
         self._last = values[-1:]
         for file, content in zip(self._files, (stamp, values), strict=True):
@@ -92,6 +97,17 @@ class Stream:
             self._steps[component] = float(np.median(np.diff(measured))) if len(measured) > 1 else np.inf
         return self._steps[component]
 
+    def is_on_the_stamps_of(self, other: Stream) -> bool:
+        """Whether its rows have the times of those of another one."""
+        if self is other or self.count != other.count:
+            return self is other
+        for first in range(0, self.count, ROWS):
+            if not np.array_equal(self.stamp[first : first + ROWS], other.stamp[first : first + ROWS]):
+                return False
+            self.forget()
+            other.forget()
+        return True
+
     def without_repeats(self) -> Stream:
         """The rows that differ from the one before."""
         new = Stream(self.name, self.signals, self.source, self.folder)
@@ -103,17 +119,25 @@ class Stream:
             last = values[-1:]
             fresh = ~same.all(axis=1)
             new.add(stamp[fresh], values[fresh])
+            self.forget()
         return new
 
+    def forget(self) -> None:
+        """Take what was read out of memory: pages of a mapped file count as this process's until they are given up."""
+        for opened in self._opened:
+            opened.madvise(mmap.MADV_DONTNEED)
+
     def _mapped(self) -> tuple[Stamps, Array]:
-        if self._opened is None:
-            stamps, values = self._files
-            shape = (self.count, len(self.signals))
-            self._opened = (
-                np.memmap(stamps, np.int64, "r", shape=(self.count,)),
-                np.memmap(values, np.float64, "r", shape=shape),
-            )
-        return self._opened
+        if not self._opened:
+            self._opened = tuple(_map(file) for file in self._files)
+        stamps, values = self._opened
+        shape = (self.count, len(self.signals))
+        return np.frombuffer(stamps, np.int64), np.frombuffer(values, np.float64).reshape(shape)
+
+
+def _map(path: Path) -> mmap.mmap:
+    with path.open("rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 @dataclass

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap
 from aircraft_sysid_ros.recordings.tabular.joining import windows
 from aircraft_sysid_ros.recordings.tabular.signals import INPUTS
 from aircraft_sysid_ros.recordings.tabular.source import open_source
-from aircraft_sysid_ros.recordings.tabular.streams import ROWS, collect
+from aircraft_sysid_ros.recordings.tabular.streams import collect
 from aircraft_sysid_ros.recordings.tabular.topics import Messages, Plan, frame_of, type_of
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS
@@ -30,16 +30,18 @@ def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: 
         raise InputError("--out must be another place than the tables")
     with (
         RecordingWriter(out, overwrite=overwrite) as writer,
-        tempfile.TemporaryDirectory(prefix="aircraft-sysid-") as folder,
+        _beside(Path(out)) as folder,
     ):
         collected = collect(source, colmap, Path(folder))
         plan = Plan(collected.streams)
         counts = _Counts()
-        for window in windows(plan.streams, ROWS):
+        for window in windows(plan.streams):
             for messages in plan.messages(window):
                 _write(writer, messages, plan)
                 counts.add(messages)
             writer.release(window.end)
+            for stream in plan.streams:
+                stream.forget()
         if not counts.topics:
             raise InputError(
                 f"nothing in {path} can be carried over: {'; '.join(f'{k}: {v}' for k, v in plan.missing.items())}"
@@ -58,6 +60,15 @@ def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: 
         "missing": plan.missing,
         "notes": notes,
     }
+
+
+def _beside(out: Path) -> tempfile.TemporaryDirectory[str]:
+    """A folder for what waits, on the disk that takes the recording: that of the system may be memory."""
+    place = next(folder for folder in out.absolute().parents if folder.is_dir())
+    try:
+        return tempfile.TemporaryDirectory(dir=place, prefix=f".{out.name}.")
+    except OSError as error:
+        raise InputError(f"cannot write the recording {out}: {error.strerror or error}") from None
 
 
 class _Counts:

@@ -103,8 +103,7 @@ class Plan:
         if base is None:
             return
         for stream in dict.fromkeys(self._where[signal][0] for signal in signals if signal in self._where):
-            same = stream is base or (stream.count == base.count and np.array_equal(stream.stamp, base.stamp))
-            if not same:
+            if not stream.is_on_the_stamps_of(base):
                 self.notes.append(f"{_few(stream.signals)} interpolated to the stamps of {_few(base.signals, of=True)}")
 
     def _plan_imu(self) -> None:
@@ -278,7 +277,8 @@ class Plan:
 
     def _whole(self, window: Window, signals: Sequence[str]) -> tuple[Stamps, Array]:
         """Rows in which all of the signals are known, at the stamps of the first."""
-        stamp = np.array(self._where[signals[0]][0].stamp)[window.rows(self._where[signals[0]][0].stamp)]
+        stamps = self._where[signals[0]][0].stamp
+        stamp = np.array(stamps[window.rows(stamps)])
         values = self._vector_at(signals, stamp)
         whole = np.isfinite(values).all(axis=1)
         return stamp[whole], values[whole]
