@@ -107,7 +107,7 @@ def render(result: dict[str, Any]) -> str:
 def _check(args: argparse.Namespace) -> None:
     """What the node would only log, as one clear line before it starts."""
     try:
-        from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
+        from aircraft_sysid_ros.mavlink.assembler import KNOWN_TOPICS
         from aircraft_sysid_ros.mavlink.requests import Requests
         from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
         from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
@@ -119,8 +119,8 @@ def _check(args: argparse.Namespace) -> None:
     if not 0 <= args.system <= 255:
         raise InputError(f"--system must be from 0 to 255, not {args.system}")
     for topic in args.topics:
-        if topic not in ALL_TOPICS:
-            raise InputError(f"--topics: unknown topic {topic}: known are {', '.join(ALL_TOPICS)}")
+        if topic not in KNOWN_TOPICS:
+            raise InputError(f"--topics: unknown topic {topic}: known are {', '.join(KNOWN_TOPICS)}")
     _check_back(args)
     if address.kind == "udpin":  # a board may start anew when its port is opened: once is enough
         transport = Transport(address)

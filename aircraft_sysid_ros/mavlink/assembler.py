@@ -6,7 +6,7 @@ one quantity needs of another (the pressure of an airspeed, the vertical part of
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +22,8 @@ from aircraft_sysid_ros.mavlink.airspeed import (
 from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Array, Quantity, Reading, Stamps, Table, rank
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.ros_messages.conversion import (
+    INPUTS_TOPIC,
+    INPUTS_TYPE,
     NANOSECONDS,
     NO_FIX,
     TOPICS,
@@ -30,6 +32,7 @@ from aircraft_sysid_ros.ros_messages.conversion import (
     gps_fix_fields,
     gps_velocity_fields,
     imu_fields,
+    input_fields,
     quaternion_enu_flu,
 )
 
@@ -40,6 +43,8 @@ REFERENCE_TOPICS = {
     WIND_TOPIC: "geometry_msgs/msg/TwistWithCovarianceStamped",
 }
 ALL_TOPICS = {**TOPICS, **REFERENCE_TOPICS}
+#: And that of the inputs, where a calibration file names some.
+KNOWN_TOPICS = {**ALL_TOPICS, INPUTS_TOPIC: INPUTS_TYPE}
 #: What a source's airspeed means where the calibration does not say: what the autopilots' documentation says.
 USUAL_MEANING = {
     "VFR_HUD": "indicated", "AIRSPEED": "calibrated", "ARSP": "indicated", "airspeed": "indicated",
@@ -69,7 +74,7 @@ class Output:
     @property
     def type_name(self) -> str:
         """Type of its messages."""
-        return ALL_TOPICS[self.topic]
+        return KNOWN_TOPICS[self.topic]
 
     @property
     def frame_id(self) -> str:
@@ -187,8 +192,8 @@ class Assembler:
         return True
 
     def assemble(self, reading: Reading) -> list[Output]:
-        """Messages (none, or n of one topic) of a reading that counts."""
-        make = {
+        """Messages (none, or n of one topic; of outputs, of the inputs too) of a reading that counts."""
+        makers: dict[Quantity, Callable[[Reading], Output | None]] = {
             Quantity.IMU: self._imu,
             Quantity.MAGNETIC_FIELD: self._magnetic_field,
             Quantity.POSITION: self._position,
@@ -203,9 +208,12 @@ class Assembler:
             Quantity.ATTITUDE: self._attitude,
             Quantity.WIND: self._wind,
             Quantity.NAMED: self._named_angle,
-        }.get(reading.quantity)
-        made = None if make is None else make(reading)
-        return [] if made is None or not len(made.stamp) else [made]
+        }
+        make = makers.get(reading.quantity)
+        made = [] if make is None else [make(reading)]
+        if reading.quantity in (Quantity.PULSES, Quantity.COMMANDS):
+            made.append(self._inputs(reading))
+        return [output for output in made if output is not None and len(output.stamp)]
 
     # -- topics ----------------------------------------------------------------------------------------------
 
@@ -332,7 +340,7 @@ class Assembler:
 
     def _outputs(self, reading: Reading) -> Output | None:
         mapping = self.mapping
-        if not mapping.outputs or mapping.normalised != (reading.quantity is Quantity.COMMANDS):
+        if not self._tells_outputs(reading) or all(not output.surface for output in mapping.outputs.values()):
             return None
         fields: dict[str, Any] = dict(mapping.controls(reading.values))
         rpm = self._held[Quantity.PROPELLER].at(reading.stamp, _PROPELLER_AGE, mapping.engine - 1)
@@ -343,6 +351,19 @@ class Assembler:
         rows = np.any(np.isfinite(np.stack(list(fields.values()))), axis=0)
         fields = {name: value[rows] for name, value in fields.items()}
         return Output("control_surfaces", reading.stamp[rows], fields, reading.source)
+
+    def _tells_outputs(self, reading: Reading) -> bool:
+        """Whether a reading is in what the calibration file gives its points in."""
+        return bool(self.mapping.outputs) and self.mapping.normalised == (reading.quantity is Quantity.COMMANDS)
+
+    def _inputs(self, reading: Reading) -> Output | None:
+        """Outputs that are inputs of their own, in rad or as fraction."""
+        names = self.mapping.inputs
+        if not names or not self._tells_outputs(reading):
+            return None
+        values = self.mapping.input_values(reading.values)
+        rows = np.isfinite(values).any(axis=1)
+        return Output(INPUTS_TOPIC, reading.stamp[rows], dict(input_fields(names, values[rows])), reading.source)
 
     def _attitude(self, reading: Reading) -> Output | None:
         norm = np.linalg.norm(reading.values[:, :4], axis=1)

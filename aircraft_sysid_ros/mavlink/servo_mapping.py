@@ -4,6 +4,7 @@
       1: {surface: left_elevon, us: [1100, 1500, 1900], deg: [-25, 0, 25]}
       2: {surface: right_elevon, us: [1100, 1500, 1900], deg: [-25, 0, 25], reversed: true}
       3: {surface: throttle, us: [1000, 2000], fraction: [0, 1]}
+      4: {input: spoiler, us: [1000, 2000], deg: [0, 60]}
     airspeed: {source: VFR_HUD, meaning: indicated, scale: 1.0, offset: 0.0}
     flow_angles: measured         # AOA_SSA comes from vanes; by default it is the autopilot's own estimate: not used
     air_temperature: standard     # or sensor: the barometer's own
@@ -12,6 +13,8 @@
     propeller: {engine: 1, gear: 1.0}
     named_values: {THRUST: thrust}
     rates: {SERVO_OUTPUT_RAW: 50}
+
+``input`` names an input of its own, on the topic of the inputs, beside a surface or in its place.
 
 A table of points is interpolated and held beyond its ends; ``reversed`` mirrors the deflection. Positive is as in the
 conventions of the textbook aeroplane: trailing edge down for elevator, flaps and every half, aileron = (right - left) /
@@ -30,6 +33,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.expression import SIGNALS, is_name, is_reserved
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.airspeed import MEANINGS
 from aircraft_sysid_ros.yaml_file import read_yaml
@@ -68,10 +72,11 @@ _MOST_OUTPUTS = 32
 class Output:
     """One output: ``points`` in us, or in -1..1 where ``normalised``, and the deflections [rad] or fractions there."""
 
-    surface: str
+    surface: str  # empty: it moves an input alone
     points: Array
     values: Array
     normalised: bool = False
+    input: str = ""  # its own name on the topic of the inputs; empty: none
 
     def value(self, pulses: Array) -> Array:
         """Deflection [rad] or fraction (n,) of pulses (n,); NaN where there is none."""
@@ -113,9 +118,23 @@ class ServoMapping:
         for number, output in self.outputs.items():
             column = pulses[:, number - 1] if number <= pulses.shape[1] else np.full(len(pulses), np.nan)
             value = output.value(column)
-            for control, share in MIXING[output.surface].items():
+            for control, share in MIXING.get(output.surface, {}).items():
                 found[control] = found.get(control, 0.0) + share * value
         return found
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs of their own, in the order of the outputs."""
+        return tuple(output.input for output in self.outputs.values() if output.input)
+
+    def input_values(self, pulses: Array) -> Array:
+        """``inputs`` (n, inputs) in rad or as fraction from outputs (n, k), output 1 first; NaN where there is none."""
+        named = [(number, output) for number, output in self.outputs.items() if output.input]
+        columns = [
+            output.value(pulses[:, number - 1]) if number <= pulses.shape[1] else np.full(len(pulses), np.nan)
+            for number, output in named
+        ]
+        return np.stack(columns, axis=1) if columns else np.empty((len(pulses), 0))
 
 
 def load_servo_mapping(path: str | Path) -> ServoMapping:
@@ -160,7 +179,10 @@ def _outputs(data: Any) -> dict[int, Output]:
         if isinstance(key, bool) or not isinstance(key, int) or not 1 <= key <= _MOST_OUTPUTS:
             raise InputError(f"outputs are numbered 1 to {_MOST_OUTPUTS}, not '{key}'")
         outputs[key] = _output(key, value)
-    _check_surfaces({number: output.surface for number, output in outputs.items()})
+    _check_surfaces({number: output.surface for number, output in outputs.items() if output.surface})
+    names = [output.input for output in outputs.values() if output.input]
+    if len(set(names)) < len(names):
+        raise InputError(f"two outputs are the input {max(names, key=names.count)}: give each a name of its own")
     if len({output.normalised for output in outputs.values()}) > 1:
         raise InputError("give the points of all outputs in us, or of all as command, not some of each")
     return outputs
@@ -168,18 +190,15 @@ def _outputs(data: Any) -> dict[int, Output]:
 
 def _output(number: int, data: Any) -> Output:
     what = f"output {number}"
-    known = ("surface", "us", "command", "rad", "deg", "fraction", "reversed")
+    known = ("surface", "input", "us", "command", "rad", "deg", "fraction", "reversed")
     content = _mapping(data, what, known)
-    surface = content.get("surface")
-    if surface not in MIXING:
-        close = difflib.get_close_matches(str(surface), MIXING, 1)
-        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(MIXING)}"
-        raise InputError(f"{what}: unknown surface '{surface}': {hint}")
+    surface, own_name = _moved(what, content)
     inputs = [name for name in ("us", "command") if name in content]
     units = [name for name in ("rad", "deg", "fraction") if name in content]
-    wanted = ("fraction",) if surface == "throttle" else ("rad", "deg")
+    wanted = ("fraction",) if surface == "throttle" else ("rad", "deg") if surface else ("rad", "deg", "fraction")
     if len(inputs) != 1 or len(units) != 1 or units[0] not in wanted:
-        raise InputError(f"{what}: a {surface} needs its points as us or command, and as {' or '.join(wanted)}")
+        moved = surface or own_name
+        raise InputError(f"{what}: a {moved} needs its points as us or command, and as {' or '.join(wanted)}")
     points, values = _points(content[inputs[0]], what), _points(content[units[0]], what)
     if len(points) != len(values) or len(points) < 2 or np.any(np.diff(points) <= 0.0):
         both = f"{inputs[0]} and {units[0]}"
@@ -195,7 +214,24 @@ def _output(number: int, data: Any) -> Output:
         raise InputError(f"{what}: reversed must be true or false, not '{flip}'")
     if flip:
         values = values.min() + values.max() - values if surface == "throttle" else -values
-    return Output(surface, points, values, normalised=inputs[0] == "command")
+    return Output(surface, points, values, normalised=inputs[0] == "command", input=own_name)
+
+
+def _moved(what: str, content: Mapping[Any, Any]) -> tuple[str, str]:
+    """The surface that an output moves, and the name of the input that it is; one of them may be empty."""
+    surface, own_name = content.get("surface"), content.get("input")
+    if surface not in MIXING and (surface is not None or own_name is None):
+        close = difflib.get_close_matches(str(surface), MIXING, 1)
+        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(MIXING)}, or name it as input"
+        raise InputError(f"{what}: unknown surface '{surface}': {hint}")
+    if own_name is None:
+        return str(surface), ""
+    name = str(own_name)
+    if is_reserved(name) or name in SIGNALS:
+        raise InputError(f"{what}: the input '{name}' has a name that terms use otherwise: give it another one")
+    if not is_name(name):
+        raise InputError(f"{what}: the input '{name[:60]}' cannot stand in a term: name it with letters, digits and _")
+    return str(surface or ""), name
 
 
 def _check_ranges(what: str, unit: str, points: Array, surface: str, values: Array) -> None:

@@ -17,7 +17,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, Output
+from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, KNOWN_TOPICS, Output
 from aircraft_sysid_ros.mavlink.back_channel import BackChannel, Known, Wind
 from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.mavlink.bridge import STEP, Bridge
@@ -27,7 +27,7 @@ from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When, node_options
 from aircraft_sysid_ros.option import options_of
-from aircraft_sysid_ros.ros_messages.conversion import ned_from_enu
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, ned_from_enu
 
 #: Topics that the node hears for the way back.
 WIND, PARAMETERS = "state_estimator/wind", "parameter_estimator/parameters"
@@ -41,8 +41,8 @@ def _listed(values: Sequence[str]) -> list[str]:
 
 
 def _check_topics(topics: Sequence[str]) -> None:
-    for topic in set(_listed(topics)) - ALL_TOPICS.keys():
-        raise InputError(f"the parameter topics names {topic}: known are {', '.join(ALL_TOPICS)}")
+    for topic in set(_listed(topics)) - KNOWN_TOPICS.keys():
+        raise InputError(f"the parameter topics names {topic}: known are {', '.join(KNOWN_TOPICS)}")
 
 
 #: Options of what goes back begin with it.
@@ -95,9 +95,9 @@ class MavlinkBridgeNode(ConfigurableNode):
             self.failure = error  # for who started the node in this process
             raise
         self.bridge = Bridge(transport, session, back, lambda: self.get_clock().now().nanoseconds)
-        self._topics = set(_listed(values["topics"])) or set(ALL_TOPICS)
+        self._topics = set(_listed(values["topics"])) or {*ALL_TOPICS, *([INPUTS_TOPIC] if mapping.inputs else [])}
         for topic in sorted(self._topics):
-            kind = common.message_class(ALL_TOPICS[topic])
+            kind = common.message_class(KNOWN_TOPICS[topic])
             self._made[topic] = self.create_lifecycle_publisher(kind, topic, QoSProfile(depth=_DEPTH))
         self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
 
@@ -253,6 +253,8 @@ def _set(message: Any, name: str, value: Any) -> None:
     if np.ndim(value) == 1 and hasattr(target, "x"):
         for axis, component in zip(_VECTORS[len(value)], value, strict=True):
             setattr(target, axis, float(component))
+    elif np.ndim(value) and not isinstance(target, np.ndarray):  # of any length: a list
+        setattr(message, last, value.tolist())
     else:
         setattr(message, last, value if np.ndim(value) else value.item())
 

@@ -14,7 +14,7 @@ from aircraft_sysid_ros.mavlink.assembler import COMPUTED_ANGLES, Assembler, Out
 from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Table, readings_of
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS
 
 #: Where a log without a date begins: 2000-01-01, Unix time [s].
 NO_DATE = 946_684_800
@@ -123,6 +123,8 @@ def _missing(
     if surfaces is None:
         has_outputs = bool(quantities & {Quantity.PULSES, Quantity.COMMANDS})
         missing["control_surfaces"] = NO_SURFACES if has_outputs else "the log has no servo outputs"
+        if INPUTS_TOPIC in there:
+            missing["control_surfaces"] = "the calibration file names inputs alone, which are on /inputs"
     else:
         for name in ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller_speed"):
             if not np.any(np.isfinite(np.asarray(surfaces.fields.get(name, np.nan)))):

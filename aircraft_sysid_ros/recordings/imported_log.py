@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS
 
 Array = npt.NDArray[np.float64]
 
@@ -60,6 +60,10 @@ def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrit
     """Write the recording and return the report (JSON-able); messages arrive when they are stamped."""
     with RecordingWriter(out, overwrite=overwrite) as writer:
         for topic in log.topics:
+            if topic.topic == INPUTS_TOPIC:
+                names, positions = topic.fields["name"][0].tolist(), topic.fields["position"]
+                writer.write_inputs(topic.stamp, names, positions, frame_id=topic.frame_id)
+                continue
             type_name = topic.type_name or TOPICS[topic.topic]
             writer.write(topic.topic, type_name, topic.stamp, topic.fields, frame_id=topic.frame_id)
     start = min(int(topic.stamp[0]) for topic in log.topics)

@@ -59,6 +59,26 @@ def test_a_v_tail_yaws_as_the_rudder_that_it_counts_as(name, dihedral):
     assert abs(found["rudder"]) == pytest.approx(np.radians(6.0)) and found["elevator"] == pytest.approx(0.0)
 
 
+SPOILER = {"input": "spoiler", "us": [1000, 2000], "deg": [0, 60]}
+
+
+def test_an_output_can_be_an_input_of_its_own_beside_a_surface_or_in_its_place():
+    outputs = {
+        1: {"surface": "left_elevon", "input": "elevon_left", **POINTS},
+        2: {"surface": "right_elevon", **POINTS},
+        4: SPOILER,
+        5: {"input": "door", "us": [1000, 2000], "fraction": [0, 1]},
+    }
+    mapping = servo_mapping_from_dict({"outputs": outputs})
+    pulses = np.array([[1600.0, 1400.0, np.nan, 1500.0, 1250.0], [np.nan, 1400.0, 0.0, 2500.0, np.nan]])
+    assert mapping.inputs == ("elevon_left", "spoiler", "door")
+    right = [[np.radians(6.0), np.radians(30.0), 0.25], [np.nan, np.radians(60.0), np.nan]]
+    np.testing.assert_allclose(mapping.input_values(pulses), right)
+    np.testing.assert_allclose(mapping.input_values(pulses[:, :2])[:, 1:], np.nan)  # fewer outputs than the file says
+    assert set(mapping.controls(pulses)) == {"elevator", "aileron"}
+    assert mapping.controls(pulses)["aileron"][0] == pytest.approx(-np.radians(6.0))
+
+
 def test_halves_share_and_every_mixture_gives_back_what_a_plain_surface_would():
     for name, mixing in MIXING.items():
         side, _, rest = name.partition("_")
@@ -95,6 +115,12 @@ def test_the_file_of_the_simulator_is_one(mapping):
         ({"outputs": {1: {"surface": "elevator", **POINTS, "reversed": "yes"}}}, "true or false"),
         ({"outputs": {1: {"surface": "elevator", "command": [-1, 1], "deg": [-30, 30]},
                       2: {"surface": "rudder", **POINTS}}}, "not some of each"),
+        ({"outputs": {1: {**SPOILER, "input": "sin"}}}, "the input 'sin' has a name that terms use otherwise"),
+        ({"outputs": {1: {**SPOILER, "input": "V"}}}, "the input 'V' has a name that terms use otherwise"),
+        ({"outputs": {1: {**SPOILER, "input": "a-b"}}}, "the input 'a-b' cannot stand in a term"),
+        ({"outputs": {1: SPOILER, 2: SPOILER}}, "two outputs are the input spoiler"),
+        ({"outputs": {1: {**SPOILER, "deg": [0, 600]}}}, "is no deflection"),
+        ({"outputs": {1: {"us": [1000, 2000], "deg": [0, 60]}}}, "unknown surface 'None'"),
         ({"outputs": [1, 2]}, "must be a mapping"),
         ({"output": {}}, "did you mean 'outputs'"),
         ({"airspeed": {"meaning": "calibratd"}}, "must be one of indicated, calibrated"),

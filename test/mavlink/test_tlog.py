@@ -1,7 +1,10 @@
 """A telemetry log, written packet by packet as a ground station does, comes back as the samples that were flown."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from aircraft_sysid_ros.aircraft.configuration import NamedInput
 from aircraft_sysid_ros.mavlink.decoder import Decoder
 from aircraft_sysid_ros.recordings.imported_log import write_log
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -69,6 +72,22 @@ def test_a_telemetry_log_on_the_autopilots_own_time(tmp_path, events, mapping):
     assert report["found"]["HEARTBEAT"]["state"] == "unused"
     controls = samples.values[samples.kind == Kind.CONTROLS]
     assert len(controls) > 350 and np.isfinite(controls[20:, 5]).all()  # thrust comes as a named float
+
+
+def test_outputs_with_a_name_of_their_own_are_inputs_that_terms_can_read(tmp_path, events, mapping):
+    """The elevator of the simulator, by another name: the same deflections on two topics."""
+    first = next(number for number, output in mapping.outputs.items() if output.surface == "elevator")
+    outputs = {**mapping.outputs, first: replace(mapping.outputs[first], input="stabiliser")}
+    report, samples = imported(tmp_path, log_of(events, mapping), replace(mapping, outputs=outputs))
+    assert report["topics"]["inputs"]["source"] == "SERVO_OUTPUT_RAW"
+    assert read_recording(tmp_path / "bag").unnamed == ("stabiliser",)
+    samples = read_recording(tmp_path / "bag", [NamedInput("stabiliser")]).samples
+    named, controls = (samples[samples.kind == kind] for kind in (Kind.INPUTS, Kind.CONTROLS))
+    assert len(named) > 350 and np.array_equal(named.stamp, controls.stamp)
+    assert np.array_equal(named.values[:, 0], controls.values[:, 0]) and np.ptp(named.values[:, 0]) > 0.01
+    alone = replace(mapping, outputs={first: replace(mapping.outputs[first], surface="", input="stabiliser")})
+    report = write_log(import_tlog(tmp_path / "flight.tlog", alone), tmp_path / "flight.tlog", tmp_path / "alone")
+    assert "control_surfaces" not in report["topics"] and "on /inputs" in report["missing"]["control_surfaces"]
 
 
 def test_a_restart_within_a_log(tmp_path, events, mapping):

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from aircraft_sysid_msgs.msg import AirData, ControlSurfaces, Parameter, Parameters
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
 from rcl_interfaces.srv import SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, JointState
 
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
 from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
@@ -117,6 +118,26 @@ def test_an_autopilot_on_our_topics_and_back(bench, flying):
     bench.spin_until(lambda: bool(heard["/diagnostics"]))
     status = next(s for m in heard["/diagnostics"] for s in m.status if s.name.endswith("mavlink_bridge"))
     assert "vehicle" in {v.key for v in status.values}
+
+
+def test_named_inputs_are_published_as_terms_read_them(bench, flying, tmp_path):
+    flight, port = flying
+    content = yaml.safe_load(CALIBRATION.read_text())
+    number = next(n for n, output in content["outputs"].items() if output["surface"] == "elevator")
+    content["outputs"][number]["input"] = "stabiliser"
+    (tmp_path / "servos.yaml").write_text(yaml.safe_dump(content))
+    values = {"connection": f"udp:127.0.0.1:{port}", "calibration_file": str(tmp_path / "servos.yaml")}
+    node = bench.node(MavlinkBridgeNode, **values)
+    named, surfaces = bench.listen(JointState, "inputs"), bench.listen(ControlSurfaces, "control_surfaces")
+    assert common.start(node)
+    flight.thread.start()
+    bench.spin_until(lambda: len(named) > 20 and len(surfaces) > 20)
+    deflections = {(m.header.stamp.sec, m.header.stamp.nanosec): m.elevator for m in surfaces}
+    shared = [m for m in named if (m.header.stamp.sec, m.header.stamp.nanosec) in deflections]
+    assert len(shared) > 10
+    for message in shared:
+        assert list(message.name) == ["stabiliser"]
+        assert message.position[0] == deflections[message.header.stamp.sec, message.header.stamp.nanosec]
 
 
 def test_topics_can_be_left_to_others(bench, flying):

@@ -181,8 +181,10 @@ class Encoder:
     def _pulses(self, event: Event) -> dict[int, int]:
         """Pulses that give the deflections: the mixing of the calibration turned round."""
         outputs = self._calibration.outputs
-        controls = sorted({control for output in outputs.values() for control in MIXING[output.surface]})
-        mixing = np.array([[MIXING[o.surface].get(control, 0.0) for o in outputs.values()] for control in controls])
+        controls = sorted({control for output in outputs.values() for control in MIXING.get(output.surface, {})})
+        mixing = np.array(
+            [[MIXING.get(o.surface, {}).get(control, 0.0) for o in outputs.values()] for control in controls]
+        )
         wanted = np.array([float(event.fields[control][0]) for control in controls])
         values = np.linalg.lstsq(mixing, np.nan_to_num(wanted), rcond=None)[0]
         return {n: round(float(o.pulse(v))) for (n, o), v in zip(outputs.items(), values, strict=True)}
