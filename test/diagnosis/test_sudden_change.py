@@ -40,8 +40,13 @@ def loose_fin(aircraft):
     return diagnose_flight(aircraft, samples, CHANGES, replicas=3)
 
 
-def test_moment_axes_and_terms_are_those_of_the_simulation(aircraft):
-    change = sudden_change(bench_of(aircraft, *LOOSE))
+@pytest.fixture(scope="module")
+def bench_of_loose_fin(aircraft):
+    return bench_of(aircraft, *LOOSE)
+
+
+def test_moment_axes_and_terms_are_those_of_the_simulation(bench_of_loose_fin):
+    change = sudden_change(bench_of_loose_fin)
     assert change is not None
     assert change.candidate.moment == pytest.approx(MOMENT, abs=1.5)  # no better than the inputs about it tell
     found = {(axis, terms[0]) for axis, terms in change.candidate.changed.items()}
@@ -75,9 +80,9 @@ def test_the_command_prints_what_is_to_be_added(loose_fin):
     assert f'to add: "{said["candidates"][0]["expression"]}"' in printed
 
 
-def test_controls_that_are_not_measured_or_do_not_move_are_no_terms(aircraft):
+def test_controls_that_are_not_measured_or_do_not_move_are_no_terms(bench_of_loose_fin):
     """A flying wing has no rudder, and here its ailerons stay where they are."""
-    data = bench_of(aircraft, *LOOSE).data
+    data = bench_of_loose_fin.data
     signals = data.signals.copy()
     signals[:, SIGNAL_INDEX["dr"]], signals[:, SIGNAL_INDEX["da"]] = np.nan, 0.017
     names = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
