@@ -44,7 +44,7 @@ def signals_of(aircraft, truth):
 def short_flight(aircraft, seconds=20.0, wind=None, effects=(), rate=400.0):
     setup = prepare(aircraft, effects)
     time = np.arange(round(seconds * rate) + 1) / rate
-    air = np.tile(CALM, (len(time), 1)) if wind is None else wind
+    air = np.broadcast_to(CALM if wind is None else wind, (len(time), 3)).copy()  # writeable, as every other wind
     return setup, fly(setup, flight_plan(time, setup.excitation), air)
 
 
