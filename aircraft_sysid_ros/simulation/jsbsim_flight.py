@@ -308,7 +308,7 @@ def set_flow_rates(executive: Any, row: Array) -> None:
     """Set FLOW_RATES for the next step, in a steady wind, from a row of the log: (6.16)-(6.18)."""
     wind = rotation_matrix(quaternion_from_euler(*row[_AT["euler"]])).T @ row[_AT["wind"]]
     inertial = FOOT * np.array([executive[f"accelerations/{axis}dot-ft_sec2"] for axis in "uvw"])
-    du, dv, dw = inertial + np.cross(row[_AT["rates"]], wind)
+    du, dv, dw = inertial + rigid_body.cross(row[_AT["rates"]], wind)
     u, v, w = row[_AT["air_velocity"]]
     along = u * u + w * w
     alpha_dot = (u * dw - w * du) / along
