@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.options import StateOptions
@@ -42,7 +43,8 @@ class Pipeline:
         state_options: StateOptions | None = None,
         parameter_options: ParameterOptions | None = None,
     ) -> None:
-        self.state = StateEstimator(aircraft, state_options)
+        self.check = InFlightCheck(aircraft.minimum_airspeed)
+        self.state = StateEstimator(aircraft, state_options, watch=self.check)
         self.parameters = Identifier(aircraft, parameter_options)
 
     def warm_up(self) -> None:

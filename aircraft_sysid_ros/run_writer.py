@@ -35,7 +35,7 @@ from aircraft_sysid_ros.identification.monitoring.error_window import AxisError
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.reconstruction.absences import absences
-from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField
+from aircraft_sysid_ros.reconstruction.state import StateField, status_text
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages import output_messages as out
@@ -152,7 +152,8 @@ class RunWriter:
             if self._rows:
                 rows = np.vstack(self._rows)
                 stamps = nanoseconds(rows[:, StateField.TIME], epoch)
-                texts = np.array([STATUS_TEXT[int(status)] for status in rows[:, StateField.STATUS]])
+                said = rows[:, [StateField.STATUS, StateField.CONTRADICTION]].astype(int)
+                texts = np.array([status_text(*each) for each in said.tolist()])
                 fields = {**out.state_fields(rows), "status_text": texts}
                 writer.write(out.STATE_TOPIC, out.STATE_TYPE, stamps, fields)
                 writer.write(out.WIND_TOPIC, out.WIND_TYPE, stamps, out.wind_fields(rows))

@@ -51,6 +51,11 @@ def with_rate(aircraft: Aircraft, rate: float) -> Aircraft:
 
 def flown(seed: int) -> tuple[Samples, dict[str, Any]]:
     """A clean flight drawn from its seed, and what it is like; every sixth is of JSBSim."""
+    return flown_by(seed)[:2]
+
+
+def flown_by(seed: int) -> tuple[Samples, dict[str, Any], Aircraft]:
+    """The same, with the aircraft."""
     rng = np.random.default_rng([seed, 0xC4EC])
     direction, wind = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, 6.0)
     air, attitude = str(rng.choice(TURBULENCE)), bool(rng.random() < 0.7)
@@ -62,10 +67,11 @@ def flown(seed: int) -> tuple[Samples, dict[str, Any]]:
     if seed % 6 == 5:
         name = str(rng.choice(JSBSIM))
         flight = simulate_jsbsim_samples(name, seed, 90.0, **common)
-        return flight.samples, {"aircraft": name, "air": air, "attitude": attitude, "rate": 100}
+        return flight.samples, {"aircraft": name, "air": air, "attitude": attitude, "rate": 100}, flight.aircraft
     rate, plan = int(rng.choice(RATES)), str(rng.choice(PLANS))
     flight = simulate_samples(with_rate(default_aircraft(), rate), seed, 120.0, **common, manoeuvres=plan)
-    return flight.samples, {"aircraft": "textbook", "air": air, "attitude": attitude, "rate": rate, "plan": plan}
+    what = {"aircraft": "textbook", "air": air, "attitude": attitude, "rate": rate, "plan": plan}
+    return flight.samples, what, flight.aircraft
 
 
 @dataclass(frozen=True)

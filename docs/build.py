@@ -512,6 +512,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "diagnosis_thresholds": lambda: table(*diagnosis_tables.thresholds()),
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
+    "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "slow_imu": slow_imu,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},
     "effects": effects,

@@ -29,4 +29,18 @@ def clean(result: Mapping[str, Any]) -> Table:
     return header, [[name, str(len(found)), str(sum(found))] for name, found in groups.items()]
 
 
+def miswired(result: Mapping[str, Any]) -> Table:
+    """What is said within a minute of flight, and what has USE, with the check in flight and without it."""
+    header = ["in the flight", "flights", "named", "flights with USE at 65 s", "without the check between sensors"]
+    clean = result["clean"]
+
+    def row(name: str, flights: list[dict[str, Any]], named: int) -> list[str]:
+        counts = (len(flights), named, sum(f["use"] > 0 for f in flights), sum(f["use_without"] > 0 for f in flights))
+        return [name, *map(str, counts)]
+
+    rows = [row("nothing", clean, sum(bool(flight["named"]) for flight in clean))]
+    rows += [row(name, flights, sum(f["right"] for f in flights)) for name, flights in result["faults"].items()]
+    return header, rows
+
+
 TABLES: dict[str, Callable[[Mapping[str, Any]], Table]] = {"injections": injections, "clean": clean}

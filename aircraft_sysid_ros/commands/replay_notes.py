@@ -8,6 +8,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.flight_check.signals import NAMES
 from aircraft_sysid_ros.identification.coefficients.pace import (
     CHANGE,
     LOWEST_RATE,
@@ -26,7 +27,7 @@ from aircraft_sysid_ros.recordings.manoeuvres import Body, Manoeuvre
 from aircraft_sysid_ros.recordings.reader import Recording
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS
 from aircraft_sysid_ros.run_writer import RunWriter
-from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvre_at, manoeuvres
+from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, is_absurd, manoeuvre_at, manoeuvres
 
 #: What the filter can start with beside the IMU, by kind of sample: name, topic, and what is wrong with samples that
 #: are invalid.
@@ -54,6 +55,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found += length_notes(pipeline, writer) + rate_notes(pipeline.parameters.stream)
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += bound_notes(pipeline.parameters.aircraft)
+    found += pipeline.check.words
     found += absences(pipeline.state, names)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
@@ -209,10 +211,18 @@ def air_data_notes(recording: Recording) -> list[str]:
 
 def control_notes(samples: Samples) -> list[str]:
     """Controls that are measured at times only."""
-    missing = np.isnan(samples.values[samples.kind == Kind.CONTROLS])
+    controls = samples[samples.kind == Kind.CONTROLS]
+    missing = np.isnan(controls.values)
     share = float(np.mean(np.any(missing[:, ~np.all(missing, axis=0)], axis=1))) if len(missing) else 0.0
     text = f"{100 * share:.0f} % of the control samples lack values that others have"
-    return [text] if share > 0.01 else []
+    absurd = np.mean(is_absurd(controls)[:, : len(NAMES[Kind.CONTROLS])], axis=0) if len(missing) else np.zeros(0)
+    units = [
+        f"{100 * part:.0f} % of the values of {name} are none in SI units, as degrees are none in rad: give its unit "
+        "where the recording is made, or in the map of the import"
+        for name, part in zip(NAMES[Kind.CONTROLS], absurd, strict=False)
+        if part > 0.01
+    ]
+    return units + [text] * (share > 0.01)
 
 
 def why_no_start(state: StateEstimator) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.flight_check.explain import Explanation, delays, scales, signs, units
@@ -33,6 +34,8 @@ from aircraft_sysid_ros.flight_check.signals import Flight, signal_names
 SHORTEST = 5.0
 #: Passes over what contradicts itself, at most.
 _PASSES = 6
+#: Laws between sensors, beside those of the vectors of the IMU and of the GPS.
+KINEMATICS = (turns, flow_angles, airspeed, gravity, pressure)
 
 
 @dataclass(frozen=True)
@@ -56,14 +59,29 @@ def check(
     (default: the 32 of the textbook) the flight shows. ``progress`` is told the share done.
     """
     found = absence.findings(flight) + sampling.findings(flight) + values.findings(flight)
-    rates, repaired = _rates(flight), flight
+    contradicting, relations, motion = contradictions(flight, (*KINEMATICS, surfaces), found, progress)
+    parameters = tuple(identifiable(motion, model))
+    return Checked(tuple(_ordered(found + contradicting)), _rates(flight), tuple(relations), motion, parameters)
+
+
+def contradictions(
+    flight: Flight,
+    laws: Sequence[Any] = KINEMATICS,
+    known: Sequence[Finding] = (),
+    progress: Callable[[float], None] = lambda share: None,
+) -> tuple[list[Finding], list[Relation], Motion]:
+    """Signals that contradict others by kinematics, beside what is ``known``; relations and motion without the faults.
+
+    ``laws``: modules with ``relations``, beside those of vectors.
+    """
+    found, repaired = list[Finding](), flight
     motion, relations = Motion(flight), list[Relation]()
+    cut = {name for f in known if f.kind == "saturated" for name in f.signals}
     for number in range(_PASSES if flight.duration >= SHORTEST else 0):
         progress((number + 1) / (_PASSES + 1))
         motion = Motion(repaired)
-        relations, explained = _explained(motion)
-        said = {(f.signals, f.kind) for f in found}
-        cut = {name for f in found if f.kind == "saturated" for name in f.signals}
+        relations, explained = _explained(motion, laws)
+        said = {(f.signals, f.kind) for f in (*known, *found)}
         explained = [e for e in explained if (e.finding.signals, e.finding.kind) not in said]
         explained = [e for e in explained if e.finding.kind != "scale" or not cut & set(e.finding.signals)]
         found += [explanation.finding for explanation in explained]
@@ -71,11 +89,10 @@ def check(
             repaired = explanation.repair(repaired)
         if not explained:
             break
-    parameters = tuple(identifiable(motion, model))
-    return Checked(tuple(_ordered(found)), rates, tuple(relations), motion, parameters)
+    return found, relations, motion
 
 
-def _explained(motion: Motion) -> tuple[list[Relation], list[Explanation]]:
+def _explained(motion: Motion, laws: Sequence[Any]) -> tuple[list[Relation], list[Explanation]]:
     """Relations of a flight, and the gravest of what they say."""
     triples = [gyro_attitude.triple(motion), position_velocity.triple(motion)]
     triples += [kinematic_force.triple(motion)]
@@ -87,7 +104,7 @@ def _explained(motion: Motion) -> tuple[list[Relation], list[Explanation]]:
     rates, moved, forces = triples
     relations = gyro_attitude.relations(motion, rates) + position_velocity.relations(motion, moved)
     relations += kinematic_force.relations(motion, forces)
-    for law in (turns, flow_angles, airspeed, gravity, pressure, surfaces):
+    for law in laws:
         relations += law.relations(motion)
     simple = [r for r in relations if not r.is_derived]
     gravest = signs(simple) or units(simple) or signs(relations) or units(relations)
@@ -114,5 +131,5 @@ def _ordered(findings: list[Finding]) -> list[Finding]:
         new = tuple(signal for signal in finding.signals if (signal, finding.kind) not in said)
         said |= {(signal, finding.kind) for signal in new}
         if new:
-            kept.append(Finding(new, finding.kind, finding.severity, finding.sentence))
+            kept.append(replace(finding, signals=new))
     return joined(kept)

@@ -173,10 +173,11 @@ def _late(fault: Fault, flight: Flight) -> Finding:
     low, high = relation.lag
     if low <= 0.0 <= high:
         text = f"it keeps time with {other}, which comes {size:.2f} s {way} than it should: {remedy}"
-        return Finding(names, "offset", WARNING, text)
+        return Finding(names, "offset", WARNING, text, fault.size)
     error = max(3.0 * relation.comparison.lag_std, 0.005)
     return Finding(
         names, "offset", WARNING,
         f"it comes {size:.2f} s (± {error:.2f}) {way} than {other or 'the motion'}, by {relation.evidence} "
         f"(correlation {relation.comparison.correlation:.2f}): {remedy}",
+        fault.size,
     )  # fmt: skip

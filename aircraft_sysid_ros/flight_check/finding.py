@@ -18,6 +18,7 @@ class Finding:
     kind: str
     severity: str
     sentence: str
+    late: float = 0.0  # [s] of a stream that comes too late
 
     @property
     def records(self) -> list[dict[str, str]]:

@@ -142,7 +142,8 @@ class Identifier:
                 if slot != self._slot:
                     self._slot = slot
                     time, used_until = float(part.rows[0, StateField.TIME]), self.stream.controls.used_until
-                    self.learning.evaluate(time, self.stream.start_time or 0.0, used_until)
+                    misread = self.stream.controls.misread(time)
+                    self.learning.evaluate(time, self.stream.start_time or 0.0, used_until, misread)
                 self.learning.learn(part)
             found.append(batch.samples)
         return np.vstack(found)

@@ -148,13 +148,16 @@ class Learning:
             self.conditions.add(samples)
             self.newest = samples[-1]
 
-    def evaluate(self, time: float, start: float, used_until: float) -> None:
-        """Do what the monitors command at ``time`` [s]; ``start`` [s] of the flight, states used until a time [s]."""
+    def evaluate(self, time: float, start: float, used_until: float, misread: list[str]) -> None:
+        """Do what the monitors command at ``time`` [s]; ``start`` [s] of the flight, states used until a time [s].
+
+        ``misread``: what is wrong with controls, in words.
+        """
         state = self.least_squares.state
         if self._options.relearn:
             self._reset_axes(self.changes.evaluate(self.aircraft.model, state, start), time)
             self.changes.remember(state)
-        self._restore(self.integrity.evaluate(time, state.updates >= KNOWN))
+        self._restore(self.integrity.evaluate(time, state.updates >= KNOWN, misread))
         if self.newest is not None and self.integrity.checkpoints.is_due(time):
             self.integrity.keep(self._checkpoint(time, used_until))
 

@@ -13,11 +13,12 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
+from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.options import node_options, options_from
 from aircraft_sysid_ros.reconstruction.options import StateOptions
-from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField
+from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField, status_text
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, warm_up
 from aircraft_sysid_ros.ros_messages.conversion import message_fields, to_samples
 from aircraft_sysid_ros.ros_messages.output_messages import state_fields, wind_fields
@@ -49,7 +50,7 @@ class StateEstimatorNode(EstimatorNode):
         self.received = dict.fromkeys(INPUTS + probe, 0)
         self._waiting.clear()
         warm_up(aircraft)
-        return self._started(StateEstimator(aircraft, options_from(StateOptions, values)))
+        return self._started(aircraft, options_from(StateOptions, values))
 
     def use_options(self, values: Mapping[str, Any]) -> None:
         """Fuse with other options from the next sample on; what came before is fused with the old ones."""
@@ -57,8 +58,10 @@ class StateEstimatorNode(EstimatorNode):
             self._survive(self._push)
             self.estimator.change_options(options_from(StateOptions, values))
 
-    def _started(self, estimator: StateEstimator) -> StateEstimator:
-        """The filter, told what the calibration says of the air data."""
+    def _started(self, aircraft: Aircraft, options: StateOptions) -> StateEstimator:
+        """The filter, watched, and told what the calibration says of the air data."""
+        self.check = InFlightCheck(aircraft.minimum_airspeed)
+        estimator = StateEstimator(aircraft, options, watch=self.check)
         if self.correction is not None and estimator.options.air_data_errors:
             estimator.take_start(start_of_calibration(self.correction.calibration))
         return estimator
@@ -91,7 +94,7 @@ class StateEstimatorNode(EstimatorNode):
     def begin_anew(self) -> None:
         """Forget state, biases and wind."""
         self._waiting.clear()
-        self.estimator = self._started(StateEstimator(self.estimator.aircraft, self.estimator.options))
+        self.estimator = self._started(self.estimator.aircraft, self.estimator.options)
 
     def condition(self) -> tuple[str, dict[str, Any]]:
         """What the state rests on, and what became of every sample."""
@@ -102,14 +105,18 @@ class StateEstimatorNode(EstimatorNode):
         values["realignments"] = self.estimator.realignments
         values["restarts"] = self.estimator.order.counts.restarts
         values["state_listeners"] = self._state_publisher.get_subscription_count()
-        return STATUS_TEXT[self.estimator.status], values
+        return "; ".join([*self.check.words, STATUS_TEXT[self.estimator.status]]).removesuffix("; "), values
 
     def _push(self) -> None:
         waiting, self._waiting = concatenate(self._waiting), []
         if len(waiting):
             if self.on_samples is not None:
                 self.on_samples(waiting)
+            known = self.check.findings
             self._publish(self.estimator.push(waiting))
+            if self.check.findings != known:
+                for words in self.check.words:
+                    self.get_logger().warning(words)
 
     def _publish(self, rows: Any) -> None:
         if not len(rows):
@@ -119,10 +126,11 @@ class StateEstimatorNode(EstimatorNode):
             self.on_rows(rows)
         stamps = nanoseconds(rows[:, StateField.TIME], self.estimator.epoch)
         fields, wind = state_fields(rows), wind_fields(rows[-1:])
+        said = rows[:, [StateField.STATUS, StateField.CONTRADICTION]].astype(int)
         for i, stamp in enumerate(stamps):
             content = {name: _plain(values[i]) for name, values in fields.items()}
             message = common.fill(AircraftState(), content)
-            message.status_text = STATUS_TEXT[message.status]
+            message.status_text = status_text(*said[i].tolist())
             self._state_publisher.publish(common.stamp_of(message, int(stamp)))
         self._publish_wind(wind, int(stamps[-1]))
         if self.on_states is not None:

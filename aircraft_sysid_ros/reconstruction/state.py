@@ -56,7 +56,8 @@ class StateField:
     REJECTED = 55
     LATE = 56
     ORIGIN = slice(57, 60)  # latitude, longitude [rad], altitude [m] of POSITION
-    WIDTH = 60
+    CONTRADICTION = 60  # number in CONTRADICTED of the sensor that goes against all others; 0: none is known to
+    WIDTH = 61
 
 
 class Status:
@@ -115,6 +116,28 @@ for _first, _words in (
     (Status.CALM_AIR, "no airspeed: the air is taken as calm"),
 ):
     STATUS_TEXT.update({_first + _number: _words + _more for _number, _more in enumerate(_NO_VANE)})
+
+
+#: Sensors that the motion may contradict, by their numbers in a row: wired, mounted or scaled in another way.
+CONTRADICTED = dict(
+    enumerate(
+        (
+            "accelerometers", "gyros", "attitude", "GPS position", "GPS velocity", "airspeed", "angle of attack",
+            "sideslip", "static pressure",
+        ),
+        start=1,
+    )
+)  # fmt: skip
+
+
+def contradiction_text(code: int) -> str:
+    """Words for a value of ``StateField.CONTRADICTION``; empty for 0."""
+    return f"sign, unit or axes of the {CONTRADICTED[code]} contradict the other sensors" if code else ""
+
+
+def status_text(status: int, contradiction: int = 0) -> str:
+    """Words for values of ``StateField.STATUS`` and ``CONTRADICTION``; empty where nothing is to be said."""
+    return "; ".join(filter(None, (contradiction_text(contradiction), STATUS_TEXT[status])))
 
 
 #: One sigma [m/s] NED of the wind about the mean of the air in a flight without GPS, from which velocities are counted.

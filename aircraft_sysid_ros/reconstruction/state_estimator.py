@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -51,7 +51,16 @@ from aircraft_sysid_ros.reconstruction.state import (
 )
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.stuck_sensors import StuckSensors
-from aircraft_sysid_ros.samples import SAME_FLIGHT, WIDTH, Kind, Samples, concatenate, manoeuvres_in_turn, samples_of
+from aircraft_sysid_ros.samples import (
+    SAME_FLIGHT,
+    WIDTH,
+    Kind,
+    Samples,
+    concatenate,
+    is_absurd,
+    manoeuvres_in_turn,
+    samples_of,
+)
 
 Array = npt.NDArray[np.float64]
 Batch = tuple[Array, npt.NDArray[np.int64], Array]
@@ -95,19 +104,37 @@ class Sensors(NamedTuple):
     usable: frozenset[int]  # kinds of which a sample was usable
 
 
+class Watch(Protocol):
+    """Looks at the samples beside the filter, and marks the rows that it gives."""
+
+    def add(self, samples: Samples) -> None:
+        """Samples, those of the next rows among them."""
+
+    def mark(self, rows: Array, epoch: int) -> None:
+        """Write into rows (n, StateField.WIDTH) by rising time, in seconds after ``epoch`` [ns]."""
+
+    def restart(self) -> None:
+        """The clock began anew."""
+
+
 class StateEstimator:
     """Iterated extended Kalman filter over (6.24), fed in any order within the horizon.
 
     ``push`` takes samples as they arrive and returns rows of ``state.StateField``, one per IMU sample, complete
     up to ``horizon`` plus the longest sensor delay before the newest IMU stamp. With a ``tape`` it records what
-    ``smooth`` needs at the end of the flight; errors of the air data have no place on it.
+    ``smooth`` needs at the end of the flight; errors of the air data have no place on it. A ``watch`` sees the same
+    samples, by the same stamps.
     """
 
     def __init__(
-        self, aircraft: Aircraft, options: StateOptions | None = None, tape: SmootherHistory | None = None
+        self,
+        aircraft: Aircraft,
+        options: StateOptions | None = None,
+        tape: SmootherHistory | None = None,
+        watch: Watch | None = None,
     ) -> None:
         self.aircraft = aircraft
-        self.tape = tape
+        self.tape, self.watch = tape, watch
         self.smoothed = False
         self.options = options or StateOptions()
         self.order = TimeOrder(self.options.horizon, sensor_delays(aircraft))
@@ -143,8 +170,16 @@ class StateEstimator:
             if since is not None:
                 rows.append(self.begin_anew(since))
             used = self._unscaled(self._still.without(part[_USED[part.kind]]))
+            if self.watch is not None:
+                self._show_absurd(used)
             rows.append(self._collect(self.order.push(used)))
         return np.vstack(rows) if len(rows) > 1 else rows[0]
+
+    def _show_absurd(self, samples: Samples) -> None:
+        """Let the watch see what the filter does not: angles in degrees are no angles. Not what comes too late."""
+        absurd = is_absurd(samples).any(axis=1)
+        if absurd.any() and self.watch is not None:
+            self.watch.add(samples[absurd & (samples.stamp >= self.order.newest_due(samples))])
 
     def _unscaled(self, samples: Samples) -> Samples:
         """Samples without the scales that the aircraft file gives to its air data sensors."""
@@ -332,11 +367,15 @@ class StateEstimator:
         for part in released:
             if part.restarted:
                 self._lose_alignment()
+                if self.watch is not None:
+                    self.watch.restart()
                 if not self._has_biases:
                     self.epoch = None  # the first stamps were wrong
             if len(part.samples):
                 if self.epoch is None:
                     self.epoch = epoch_of(int(part.samples.stamp[0]))
+                if self.watch is not None:
+                    self.watch.add(part.samples)
                 times = seconds(part.samples.stamp, self.epoch)
                 blocks.extend(self._process(times, part.samples.kind, part.samples.values))
         return np.vstack(blocks) if blocks else np.empty((0, StateField.WIDTH))
@@ -360,6 +399,10 @@ class StateEstimator:
             )
             if count:
                 rows[:count, StateField.LATE] = self.order.counts.late.sum()
+                rows[:count, StateField.CONTRADICTION] = 0.0
+                if self.watch is not None:
+                    assert self.epoch is not None  # known from the first samples on
+                    self.watch.mark(rows[:count], self.epoch)
                 if self._setup.guide == NO_GUIDE:
                     without_wind(rows[:count])
                 self.last_row = rows[count - 1]

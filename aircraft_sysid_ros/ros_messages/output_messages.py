@@ -10,7 +10,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.frames import euler_angles
 from aircraft_sysid_ros.identification.monitoring.error_window import AxisError
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
-from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField
+from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.ros_messages.conversion import enu_from_ned
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +47,8 @@ _STATE_COLUMNS: dict[str, slice | int] = {
     "innovation_consistency": StateField.CONSISTENCY,
 }
 _COUNT_COLUMNS = {"fused": StateField.FUSED, "rejected": StateField.REJECTED, "late": StateField.LATE}
+#: STATUS_CONTRADICTED of AircraftState: so many times the number of the sensor is added to the status.
+_CONTRADICTED = 16
 _WIND_STD = slice(StateField.STANDARD_DEVIATIONS.stop - 3, StateField.STANDARD_DEVIATIONS.stop)
 
 
@@ -54,7 +56,8 @@ def state_fields(rows: Array) -> dict[str, npt.NDArray[Any]]:
     """Flat fields of AircraftState, each (n,) or (n, k), from rows (n, StateField.WIDTH); without status_text."""
     fields: dict[str, npt.NDArray[Any]] = {name: rows[:, at] for name, at in _STATE_COLUMNS.items()}
     fields.update({name: rows[:, at].astype(np.uint64) for name, at in _COUNT_COLUMNS.items()})
-    fields["status"] = rows[:, StateField.STATUS].astype(np.uint8)
+    contradiction = rows[:, StateField.CONTRADICTION].astype(np.uint8)
+    fields["status"] = rows[:, StateField.STATUS].astype(np.uint8) + _CONTRADICTED * contradiction
     fields["euler"] = euler_angles(np.ascontiguousarray(rows[:, StateField.ATTITUDE]))
     return fields
 
@@ -67,13 +70,8 @@ def row_from_state(message: Any, time: float) -> Array:
         row[0, at] = getattr(message, name)
     for name, at in _COUNT_COLUMNS.items():
         row[0, at] = getattr(message, name)
-    row[0, StateField.STATUS] = message.status
+    row[0, StateField.CONTRADICTION], row[0, StateField.STATUS] = divmod(message.status, _CONTRADICTED)
     return row
-
-
-def status_text(status: int) -> str:
-    """Words for a value of ``Status``."""
-    return STATUS_TEXT[status]
 
 
 def wind_fields(rows: Array) -> dict[str, npt.NDArray[Any]]:

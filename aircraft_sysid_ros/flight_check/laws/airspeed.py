@@ -29,7 +29,7 @@ def relations(motion: Motion) -> list[Relation]:
         return []
     found = _along(motion)
     thin = np.flatnonzero(good)[:: max(1, round(0.5 * width / grid.step))]
-    return found + _fitted(motion, speed, ground, thin)
+    return found + _fitted(motion, speed, ground, thin, float(good.sum() * grid.step))
 
 
 def _along(motion: Motion) -> list[Relation]:
@@ -51,7 +51,7 @@ def _along(motion: Motion) -> list[Relation]:
     return [Relation("true_airspeed", "specific_force.x", along, words, has_sign=False, lag_tolerance=0.06)]
 
 
-def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64]) -> list[Relation]:
+def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64], seconds: float) -> list[Relation]:
     grid = motion.grid
     v, u = speed[thin], ground[thin]
     typical = float(np.median(v) / np.median(np.linalg.norm(u, axis=1)))
@@ -90,7 +90,7 @@ def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.in
             )
     if scale > 0.0:
         low, high = max(scale - 3.0 * std, 1e-6), scale + 3.0 * std
-        comparison = Comparison(1.0, low, high, 0.0, np.inf, 1e3, len(thin) * grid.step)
+        comparison = Comparison(1.0, low, high, 0.0, np.inf, 1e3, seconds)
         words = f"the GPS speed less a wind of {np.hypot(*wind):.1f} m/s" if turned else "the GPS speed"
         found.append(Relation("true_airspeed", "velocity.north", comparison, words, _SCALE, has_lag=False))
     if turned:

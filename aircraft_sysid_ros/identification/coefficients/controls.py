@@ -31,6 +31,9 @@ Integers = npt.NDArray[np.int64]
 MOST_EARLY = 10_000
 #: Late samples of a kind that are kept, in case the clock began anew and the states have yet to say so.
 _MOST_BEHIND = 1000
+#: So many values within so long [s] that no aircraft has are no faults of transmission: the unit is another one.
+_MOST_ABSURD, _ABSURD_TIME = 10, 30.0
+_NAMES = ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller speed")
 
 
 class ControlHistory:
@@ -46,6 +49,7 @@ class ControlHistory:
         self.body = body_of(aircraft)
         self.late = 0
         self.pace = Pace()  # of the controls
+        self._misread: dict[int, float] = {}  # columns of controls whose unit is another one, since when [s]
         self._behind: dict[Kind, deque[tuple[float, Array]]] = {}
         self.restart_clock()
 
@@ -60,6 +64,8 @@ class ControlHistory:
         self._behind = {kind: deque(maxlen=_MOST_BEHIND) for kind in self._series}
         self.used_until = -np.inf
         self.pace.restart()
+        self._absurd: list[list[float]] = [[] for _ in range(CONTROL_COUNT)]  # times [s] of values that none has
+        self._misread = dict.fromkeys(self._misread, -np.inf)
         for kind, samples in behind.items():
             self.late -= len(samples)
             for time, values in samples:
@@ -72,7 +78,11 @@ class ControlHistory:
         blocks: what was late by then is late, however large the blocks are.
         """
         times = seconds(samples.stamp - self._delays[samples.kind], epoch)
-        values = np.where(is_absurd(samples), np.nan, samples.values)
+        absurd = is_absurd(samples)
+        values = np.where(absurd, np.nan, samples.values)
+        if absurd.any():
+            of_controls = samples.kind == Kind.CONTROLS
+            self._note_absurd(times[of_controls], absurd[of_controls, :CONTROL_COUNT])
         for kind in self._series:
             chosen = samples.kind == kind
             if chosen.any():
@@ -81,6 +91,25 @@ class ControlHistory:
         for i in np.flatnonzero(samples.kind == Kind.MASS):
             self._masses.append((float(times[i]), values[i]))
             self._masses.sort(key=lambda item: item[0])
+
+    def _note_absurd(self, times: Array, absurd: npt.NDArray[np.bool_]) -> None:
+        """Values (n, CONTROL_COUNT) that no aircraft has: too many are of another unit, such as degrees."""
+        for column in np.flatnonzero(absurd.any(axis=0)).tolist():
+            seen = self._absurd[column]
+            seen.extend(times[absurd[:, column]].tolist())
+            seen.sort()
+            spans = np.array(seen[_MOST_ABSURD - 1 :]) - seen[: max(len(seen) - _MOST_ABSURD + 1, 0)]
+            if (enough := np.flatnonzero(spans <= _ABSURD_TIME)).size and column not in self._misread:
+                self._misread[column] = seen[int(enough[0]) + _MOST_ABSURD - 1]
+            del seen[: -2 * _MOST_ABSURD]
+
+    def misread(self, time: float) -> list[str]:
+        """Controls that had values at ``time`` [s] which are of another unit, in words."""
+        return [
+            f"values of the {_NAMES[column]} are none in {'rad' if column < len(SURFACES) else 'SI units'}"
+            for column, since in sorted(self._misread.items())
+            if time >= since
+        ]
 
     @property
     def _input_reach(self) -> float:

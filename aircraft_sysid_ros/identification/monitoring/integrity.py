@@ -30,6 +30,7 @@ The monitor changes no estimator: it returns commands (``Restore``), and the fac
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, NamedTuple
@@ -46,7 +47,7 @@ from aircraft_sysid_ros.identification.estimators.recursive_least_squares import
 from aircraft_sysid_ros.identification.history import Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.agreement import SplitHalfAgreement
 from aircraft_sysid_ros.identification.monitoring.residuals import SPREAD, WINDOW, ResidualMonitor, Summary
-from aircraft_sysid_ros.identification.monitoring.sensor_faults import SensorFaultDetector
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, SensorFaultDetector
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust, lack_of_fit
 
@@ -121,6 +122,7 @@ class Hold:
     high: bool  # its error was too large
     stuck: str = ""  # a surface of which nothing is left, or whose record stands still: "de" and so on
     still: float = -np.inf  # [s] when its record was last seen to stand still
+    sure: bool = False  # the words say which sensor it is
     leader: int | None = None  # the axis that found it stuck, whose end is the end of this one
 
     @property
@@ -196,12 +198,12 @@ class IntegrityMonitor:
 
     # -- evaluation -------------------------------------------------------------------------------------------------
 
-    def evaluate(self, now: float, known: Bools) -> list[Restore]:
+    def evaluate(self, now: float, known: Bools, misread: Sequence[str] = ()) -> list[Restore]:
         """Axes that are to go back at ``now`` [s], as commands.
 
-        ``known`` axes (6,) have learnt long enough to have a usual error.
+        ``known`` axes (6,) have learnt long enough to have a usual error; ``misread``: what is wrong with controls.
         """
-        words = self.sensors.evaluate()
+        words = [*self.sensors.evaluate(), *misread]
         self._follow(known)
         high = self._high_axes(now, known | self._held())
         if self.sensors.agitated and high:
@@ -209,7 +211,7 @@ class IntegrityMonitor:
         for axis in high:
             self._hold(axis, now)
         if words:
-            self._distrust(now, words)
+            self._distrust(now, words, sure=bool(misread) or words[-1] in CAUSES)
         elif any(hold is not None and hold.sensor for hold in self.holds) and self.sensors.are_too_quiet():
             self._last_sign = now
         return self._release(now) if any(self.holds) else []
@@ -317,18 +319,20 @@ class IntegrityMonitor:
         elif not words:
             hold.high = True
 
-    def _distrust(self, now: float, words: list[str]) -> None:
-        """Hold all axes: sensors are at odds."""
+    def _distrust(self, now: float, words: list[str], sure: bool) -> None:
+        """Hold all axes: sensors are at odds; ``sure``: the last of the words say which one."""
         if now - self._last_sign > CLEAR:
             self._sign_words, self._first_sign = words[0], now
+        if sure:
+            self._sign_words = words[-1]
         self._last_sign = now
         for axis in range(len(AXES)):
             uneasy = self._uneasy_since[axis]
             since = now - BEFORE if np.isnan(uneasy) else min(uneasy, now - BEFORE)
             self._hold(axis, now, since, self._sign_words)
             hold = self.holds[axis]
-            if hold is not None and not hold.sensor:
-                hold.sensor, hold.words = True, self._sign_words
+            if hold is not None and (not hold.sensor or sure):
+                hold.sensor, hold.words, hold.sure = True, self._sign_words, sure
 
     def _decide(self, axis: int, hold: Hold, now: float) -> Release | None:
         """How the hold of an axis ends, None while it does not."""
@@ -443,6 +447,8 @@ class IntegrityMonitor:
                 parameters[part] = [held(p, words) for p in parameters[part]]
                 continue
             parameters[part] = rolled_back(parameters[part], part, hold.good, found.time, words)
+            if hold.sure:
+                parameters[part] = [replace(p, status=Trust.HOLD, reason=words) for p in parameters[part]]
             covariance[part, part] = np.nan if hold.good is None else hold.good.found.covariance[part, part]
             if hold.sensor and hold.good is not None:
                 was = hold.good.found

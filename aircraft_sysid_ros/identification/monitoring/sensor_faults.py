@@ -20,7 +20,13 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_ACCELEROMETER_BIAS, LARGEST_GYRO_BIAS
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField, Status
+from aircraft_sysid_ros.reconstruction.state import (
+    CONTRADICTED,
+    D_ACCELEROMETER_BIAS,
+    StateField,
+    Status,
+    contradiction_text,
+)
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -46,6 +52,7 @@ _SLACK = 0.05  # [s] by which evaluations may come early or late
 
 _TIME, _STATUS, _CONSISTENCY = StateField.TIME, StateField.STATUS, StateField.CONSISTENCY
 _AIRSPEED, _REJECTED = StateField.AIRSPEED, StateField.REJECTED
+_CONTRADICTED = StateField.CONTRADICTION
 _ALPHA, _BETA, _WIND = StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP, StateField.WIND.start
 _BIASES = StateField.ACCELEROMETER_BIAS.start  # of the accelerometer, then of the gyro
 _BIAS_STD = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
@@ -54,12 +61,14 @@ _NO_GPS, _NO_AIR_DATA, _INERTIAL_ONLY, _OK = Status.NO_GPS, Status.NO_AIR_DATA, 
 _WITHOUT_GPS = Status.WITHOUT_GPS
 
 #: What is wrong, in words; the number of each is a bit of what ``evaluate`` returns.
+#: Those about one sensor, which say most, are the last of them.
+CAUSES = tuple(contradiction_text(code) for code in CONTRADICTED)
 WORDS = (
     "state reconstruction had to begin anew", "no GPS", "no airspeed", "no angle of attack", "no sideslip",
-    "sensors contradict each other", "measurements are rejected", "an IMU bias leaps",
+    "sensors contradict each other", "measurements are rejected", "an IMU bias leaps", *CAUSES,
 )  # fmt: skip
 (
-    _RESTARTED, _LOST_GPS, _LOST_AIRSPEED, _LOST_ALPHA, _LOST_BETA, _CONTRADICTION, _GATED, _LEAPT,
+    _RESTARTED, _LOST_GPS, _LOST_AIRSPEED, _LOST_ALPHA, _LOST_BETA, _CONTRADICTION, _GATED, _LEAPT, _MISWIRED, *_,
 ) = (1 << i for i in range(len(WORDS)))  # fmt: skip
 
 #: Evaluations that fit into the memories: at most one per tenth of a second.
@@ -201,7 +210,8 @@ def _evaluate(newest: Array, gap: float, memory: Memory, limits: Limits) -> int:
     _follow_wind(newest, memory)
     if not newest[_AIRSPEED] >= limits.minimum_airspeed:
         return 0
-    return _lost(newest, memory) | _at_odds(newest, memory) | _leaps(newest, memory, limits)
+    signs = _lost(newest, memory) | _at_odds(newest, memory) | _leaps(newest, memory, limits)
+    return signs | _MISWIRED << (int(newest[_CONTRADICTED]) - 1) if newest[_CONTRADICTED] > 0.0 else signs
 
 
 @njit(cache=True)

@@ -1,0 +1,132 @@
+"""The check between sensors while they come: a reversed vane, degrees for radians, exchanged axes, from stamps alone.
+
+A filter explains a reversed vane by gusts, and knots by wind: its innovations are small, and every parameter that
+follows is wrong. What tells is the motion: the laws of ``check``, over the flight so far, at fixed times of it.
+Mounting and units do not change in flight, so that it is not asked again once every sensor that is there has agreed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.flight_check.check import contradictions
+from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, short_names
+from aircraft_sysid_ros.flight_check.relation import Relation
+from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, flight_of
+from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate
+
+Array = npt.NDArray[np.float64]
+
+#: Times of flight [s] of the first two looks; later ones each after twice the time, over so much flight [s] at most.
+FIRST, SECOND, LONGEST = 30.0, 60.0, 240.0
+#: Rows further apart [s] are no flight in between.
+_STEP = 1.0
+#: A stream that is late by more [s] than this is worth a word: less is for ``check`` and the aircraft file.
+LATE = 0.2
+#: Vectors and sensors of which each must have agreed once.
+_ASKED: dict[Kind, tuple[tuple[str, ...], ...]] = {
+    Kind.IMU: (NAMES[Kind.IMU][:3], NAMES[Kind.IMU][3:]),
+    **{kind: (NAMES[kind],) for kind in (Kind.GPS_VELOCITY, Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)},
+}
+#: Names of sensors by the first part of a signal's.
+_SENSORS = {
+    "specific_force": "accelerometers", "angular_velocity": "gyros", "attitude": "attitude", "latitude": "GPS position",
+    "longitude": "GPS position", "altitude": "GPS position", "velocity": "GPS velocity", "true_airspeed": "airspeed",
+    "angle_of_attack": "angle of attack", "sideslip": "sideslip", "static_pressure": "static pressure",
+}  # fmt: skip
+
+
+class InFlightCheck:
+    """Takes the samples of the first step, and marks its rows from when on a sensor is contradicted."""
+
+    def __init__(self, minimum_airspeed: float) -> None:
+        """Time counts from ``minimum_airspeed`` [m/s] on: what is true of flight is not of taxiing."""
+        self._minimum_airspeed = minimum_airspeed
+        self.findings: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
+        self._code = 0
+        self._restart()
+
+    def _restart(self) -> None:
+        self._waiting: list[Samples] = []
+        self._flown = 0  # [ns] of flight
+        self._due = FIRST  # [s] of flight of the next look
+        self._begin = self._newest = np.nan  # [s] of the first row in flight, of the newest row
+        self._kept_since = -np.inf  # [s]
+        self._over = False
+
+    @property
+    def words(self) -> list[str]:
+        """What was found, one sentence each, the worst first."""
+        return [f"{short_names(f.signals)}: {f.sentence}" for f in self.findings]
+
+    def restart(self) -> None:
+        """The clock began anew: what was found stands, and is asked again."""
+        self._restart()
+
+    def add(self, samples: Samples) -> None:
+        """Samples, those of the next rows among them."""
+        if not self._over:
+            self._waiting.append(samples)
+
+    def mark(self, rows: Array, epoch: int) -> None:
+        """Write into rows (n, StateField.WIDTH) by rising time which sensor is contradicted, looking when it is due."""
+        rows[:, StateField.CONTRADICTION] = self._code
+        times, flies = rows[:, StateField.TIME], rows[:, StateField.AIRSPEED] >= self._minimum_airspeed
+        steps = np.rint(np.diff(times, prepend=self._newest) * NANOSECONDS)
+        counts = flies & (steps > 0.0) & (steps < _STEP * NANOSECONDS)
+        flown = self._flown + np.cumsum(np.where(counts, steps, 0.0).astype(np.int64))  # whole: blocks do not matter
+        self._flown, self._newest = int(flown[-1]), float(times[-1])
+        if np.isnan(self._begin) and flies.any():
+            self._begin = float(times[np.argmax(flies)])
+        while not self._over and self._flown >= self._due * NANOSECONDS:
+            at = int(np.searchsorted(flown, self._due * NANOSECONDS))
+            self._look(float(times[at]), epoch)
+            rows[at:, StateField.CONTRADICTION] = self._code
+            self._due = max(2.0 * self._due, SECOND)
+        if np.isnan(self._begin):
+            self._keep(epoch, times[-1])
+        elif not self._over and times[-1] > max(self._kept_since, self._begin) + 2.0 * LONGEST:
+            self._keep(epoch, times[-1] - LONGEST)
+
+    def _keep(self, epoch: int, since: float) -> Samples:
+        """Forget samples from before a time [s]; returns the others."""
+        samples = concatenate(self._waiting)
+        samples = samples[samples.stamp >= epoch + round(since * NANOSECONDS)]
+        self._waiting, self._kept_since = [samples], since
+        return samples
+
+    def _look(self, now: float, epoch: int) -> None:
+        samples = self._keep(epoch, max(now - LONGEST, self._begin))
+        past = samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
+        flight = flight_of(past, past.stamp)
+        found, relations, _ = contradictions(flight)
+        agreeing = _agreeing(relations)
+        new = [f for f in found if _matters(f)]
+        named = {signal for f in new for signal in f.signals}
+        kept = [f for f in self.findings if not named & {*f.signals} and not agreeing & {*f.signals}]
+        self.findings = (*new, *kept)
+        self._code = next((code for f in self.findings if f.severity == ERROR and (code := code_of(f))), 0)
+        there = {kind for kind in _ASKED if np.any(past.kind == kind)}
+        asked = [set(signals) for kind in there for signals in _ASKED[kind]]
+        if self._due >= SECOND and not self._code and all(signals & agreeing for signals in asked):
+            self._over, self._waiting = True, []
+
+
+def _matters(finding: Finding) -> bool:
+    """Errors, and a stream that is late beyond what delays are."""
+    return finding.severity == ERROR or (
+        finding.severity == WARNING and finding.kind == "offset" and abs(finding.late) > LATE
+    )
+
+
+def _agreeing(relations: list[Relation]) -> set[str]:
+    """Signals that belong to a relation that surely holds; those of a fault are of a flight without it."""
+    return {signal for r in relations if r.comparison.is_sure and r.sign > 0.0 for signal in r.signals}
+
+
+def code_of(finding: Finding) -> int:
+    """Number in ``CONTRADICTED`` of the sensor of a finding; 0 for one that the first step does not use."""
+    sensors = {_SENSORS[signal.partition(".")[0]] for signal in finding.signals if signal.partition(".")[0] in _SENSORS}
+    return min((code for code, sensor in CONTRADICTED.items() if sensor in sensors), default=0)

@@ -1,0 +1,117 @@
+"""A sensor that is wired wrongly is named in flight, and nothing that follows from it is USE."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, contradiction_text
+from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from flight_check import scaled
+from miswired import FAULTS
+
+NUMBER = {name: code for code, name in CONTRADICTED.items()}
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """65 s in light turbulence and wind, without an attitude."""
+    return simulate_samples(default_aircraft(), 63, 65.0, turbulence="light").samples
+
+
+def flown(samples, block=1000):
+    pipeline, rows = Pipeline(default_aircraft()), []
+    for i in range(0, len(samples), block):
+        rows.append(pipeline.push(samples[i : i + block])[0])
+    rows.append(pipeline.flush()[0])
+    return pipeline, np.vstack(rows)
+
+
+def used(pipeline):
+    return [p.name for p in pipeline.parameters.snapshot().parameters if p.status is Trust.USE]
+
+
+def test_a_clean_flight_is_not_contradicted_and_not_asked_again(clean):
+    pipeline, rows = flown(clean)
+    assert pipeline.check.findings == ()
+    assert np.all(rows[:, StateField.CONTRADICTION] == 0.0)
+    assert used(pipeline)
+    assert not pipeline.check._waiting
+
+
+@pytest.mark.parametrize(
+    ("fault", "sensor"),
+    [
+        ("angle of attack upside down", "angle of attack"), ("sideslip upside down", "sideslip"),
+        ("angle of attack in degrees", "angle of attack"), ("gyros in deg/s", "gyros"),
+    ],
+)  # fmt: skip
+def test_what_is_wired_wrongly_is_named_within_a_minute_and_nothing_is_used(clean, fault, sensor):
+    pipeline, rows = flown(FAULTS[fault][0](clean))
+    contradicted = rows[rows[:, StateField.CONTRADICTION] == NUMBER[sensor], StateField.TIME]
+    assert contradicted[0] - rows[0, StateField.TIME] <= 60.0
+    assert rows[-1, StateField.CONTRADICTION] == NUMBER[sensor]
+    assert used(pipeline) == []
+    assert any("reverse it" in words or "divide it by 57.2958" in words for words in pipeline.check.words)
+
+
+def test_the_reason_of_a_parameter_names_the_sensor(clean):
+    pipeline, _ = flown(FAULTS["sideslip upside down"][0](clean))
+    reasons = {p.reason for p in pipeline.parameters.snapshot().parameters}
+    assert any(contradiction_text(NUMBER["sideslip"]) in reason for reason in reasons)
+
+
+@pytest.mark.parametrize("signal", ["elevator", "throttle"])
+def test_controls_of_another_unit_are_not_learnt_from(clean, signal):
+    pipeline, _ = flown(scaled(signal, 100.0)(clean))
+    assert used(pipeline) == []
+    assert any(f"values of the {signal} are none in" in p.reason for p in pipeline.parameters.snapshot().parameters)
+
+
+def test_a_control_that_was_garbled_now_and_then_is_no_other_unit(clean):
+    values, chosen = clean.values.copy(), np.flatnonzero(clean.kind == Kind.CONTROLS)
+    values[chosen[::400], 0] = 90.0  # one in eight seconds
+    pipeline, _ = flown(Samples(clean.stamp, clean.kind, values))
+    assert used(pipeline)
+
+
+def test_what_is_found_does_not_depend_on_how_samples_come_together(clean):
+    samples = FAULTS["angle of attack in degrees"][0](clean)
+    samples = samples[samples.stamp < samples.stamp[0] + 35 * 10**9]
+    together, one_by_one = flown(samples, 3000)[1], flown(samples, 61)[1]
+    assert together[-1, StateField.CONTRADICTION] > 0.0
+    assert np.array_equal(together, one_by_one, equal_nan=True)
+
+
+def test_the_check_survives_a_clock_that_begins_anew(clean):
+    samples = FAULTS["sideslip upside down"][0](clean)
+    half = samples.stamp[0] + 33 * 10**9
+    again = Samples(samples.stamp - np.where(samples.stamp > half, 10**12, 0), samples.kind, samples.values)
+    pipeline, rows = flown(again)
+    assert rows[-1, StateField.CONTRADICTION] == NUMBER["sideslip"]
+    assert used(pipeline) == []
+
+
+def test_what_stands_on_the_ground_is_not_judged():
+    check, epoch = InFlightCheck(10.0), 0
+    rows = np.zeros((100, StateField.WIDTH))
+    rows[:, StateField.AIRSPEED] = 2.0
+    imu = np.tile([0.0, 0.0, -9.8, 0.0, 0.0, 0.0], (100, 1))
+    for second in range(90):
+        rows[:, StateField.TIME] = second + 0.01 * np.arange(100)
+        stamps = np.rint(1e9 * rows[:, StateField.TIME])
+        check.add(samples_of(Kind.IMU, stamps, imu))
+        check.add(samples_of(Kind.AIRSPEED, stamps, np.full(100, 2.0)))
+        check.add(samples_of(Kind.GPS_VELOCITY, stamps, np.full((100, 3), 0.05)))
+        check.mark(rows, epoch)
+    assert check.findings == ()
+    assert sum(len(samples) for samples in check._waiting) < 1000  # nothing is kept for a flight that may never come
