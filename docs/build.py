@@ -347,8 +347,9 @@ def effect_terms() -> str:
         for variant in effect.variants:
             terms = [f"{axis}: `{', '.join(texts)}`" for axis, texts in variant.terms.items()]
             what = "; ".join(terms) or f"file: `{'.'.join(variant.setting)}`"
-            rows.append([f"`{effect.identifier}`", variant.name, what.replace("|", "\\|")])
-    return table(["id", "variant", "terms, or key of the aircraft file"], rows)
+            numbers = str(variant.numbers) if variant.terms else "1"
+            rows.append([f"`{effect.identifier}`", variant.name, what.replace("|", "\\|"), numbers])
+    return table(["id", "variant", "terms, or key of the aircraft file", "numbers"], rows)
 
 
 def story() -> str:

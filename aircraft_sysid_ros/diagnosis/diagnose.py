@@ -118,7 +118,7 @@ def diagnose(
         significant = one.findings(found)
         known = {f.trial.candidate.family for f in listed}
         listed += [f for f in significant if f.trial.candidate.family not in known]
-        best = next((f for f in significant if f.size >= THRESHOLDS.size), None)
+        best = next((f for f in significant if f.size >= THRESHOLDS.size and f.excess > f.trial.price), None)
         if best is None:
             break
         found.append(best)
@@ -178,7 +178,7 @@ class _Round:
         done = {f.trial.candidate.family for f in before}
         tested = [self._test(t) for t in self.trials if t.candidate.family not in done]
         significant = [f for f in tested if f.p_value < THRESHOLDS.false_alarm]
-        significant.sort(key=lambda f: -f.excess)
+        significant.sort(key=lambda f: f.trial.price - f.excess)
         if significant:
             near = [f for f in significant if f.excess >= THRESHOLDS.nearly * significant[0].excess]
             best = min(near, key=_columns)
@@ -238,7 +238,9 @@ class _Round:
 
 def explains_more(outside: Score, inside: Score) -> bool:
     """An expression explains clearly more than an effect: in some axis where it has size, and in all."""
-    if outside.score <= inside.score + max(THRESHOLDS.preference, THRESHOLDS.preference_share * inside.score):
+    if outside.score - outside.price <= inside.score - inside.price + max(
+        THRESHOLDS.preference, THRESHOLDS.preference_share * inside.score
+    ):
         return False
     return any(_clearly_more(gain, inside.gains.get(axis)) for axis, gain in outside.gains.items())
 
@@ -256,8 +258,7 @@ def _clearly_more(gain: Gain, other: Gain | None) -> bool:
 
 def _columns(finding: Finding) -> int:
     """Numbers that a candidate fits."""
-    candidate = finding.trial.candidate
-    return sum(len(terms) for terms in candidate.terms.values()) + len(candidate.inner)
+    return finding.trial.candidate.numbers
 
 
 def explained(gain: Gain) -> float:

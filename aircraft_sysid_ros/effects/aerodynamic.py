@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from aircraft_sysid_ros.effects.effect import AERODYNAMIC, OF_TIME, Domain, Effect, ShapeParameter, Variant
+from aircraft_sysid_ros.effects.effect import (
+    AERODYNAMIC,
+    OF_TIME,
+    Domain,
+    Effect,
+    ShapeParameter,
+    Tie,
+    Variant,
+    surface,
+)
 
 #: Share of the chord over which the flow is attached, in steady flight, and of the lift that separation takes away, by
 #: Kirchhoff: from 0 to 3/4.
@@ -160,8 +169,13 @@ EFFECTS: tuple[Effect, ...] = (
         "coupled in proportion to the propeller speed.",
         "B. Etkin and L. Reid, Dynamics of Flight (spinning rotors); B. Stevens, F. Lewis and E. Johnson, Aircraft "
         "Control and Simulation",
-        "C_m += -a Ω r V / q̄, C_n += b Ω q V / q̄ (r, q normalised; b / a = b² / 2c² of the geometry)",
-        (Variant(terms={"Cm": ("propeller_speed*r*V/qbar",), "Cn": ("propeller_speed*q*V/qbar",)}),),
+        "C_m += -2 a Ω r V / q̄, C_n += a Ω q V / q̄, with r = r b/2V, q = q c/V and a in proportion to h / Ω",
+        (
+            Variant(
+                terms={"Cm": ("propeller_speed*r*V/qbar",), "Cn": ("propeller_speed*q*V/qbar",)},
+                ties={"Cm": (Tie(0, -2.0),), "Cn": (Tie(0),)},
+            ),
+        ),
         "Error of C_m in phase with the yaw rate and of C_n in phase with the pitch rate, the larger the slower the "
         "flight.",
         "Pitch and yaw doublets at low speed and high power.",
@@ -258,14 +272,14 @@ EFFECTS: tuple[Effect, ...] = (
         "At large deflections the flow leaves the control surface and its effect grows less than in proportion. Slots "
         "and horns can do the opposite around zero.",
         "J. Roskam, Airplane Design, part VI (plain flaps at large deflections); S. Hoerner, Fluid-Dynamic Lift",
-        "C += a δ³ or a δ |δ|, in the axes of the surface",
+        "C += a C_δ δ³ or a C_δ δ |δ|, with one a in the axes of the surface",
         (
-            Variant("elevator, cubic", {"Cm": ("de**3",), "CZ": ("de**3",)}),
-            Variant("elevator, quadratic", {"Cm": ("de*abs(de)",), "CZ": ("de*abs(de)",)}),
-            Variant("aileron, cubic", {"Cl": ("da**3",), "Cn": ("da**3",)}),
-            Variant("aileron, quadratic", {"Cl": ("da*abs(da)",), "Cn": ("da*abs(da)",)}),
-            Variant("rudder, cubic", {"Cn": ("dr**3",), "CY": ("dr**3",), "Cl": ("dr**3",)}),
-            Variant("rudder, quadratic", {"Cn": ("dr*abs(dr)",), "CY": ("dr*abs(dr)",), "Cl": ("dr*abs(dr)",)}),
+            surface("elevator, cubic", ("Cm", "CZ"), ("de**3",)),
+            surface("elevator, quadratic", ("Cm", "CZ"), ("de*abs(de)",)),
+            surface("aileron, cubic", ("Cl", "Cn"), ("da**3",)),
+            surface("aileron, quadratic", ("Cl", "Cn"), ("da*abs(da)",)),
+            surface("rudder, cubic", ("Cn", "CY", "Cl"), ("dr**3",)),
+            surface("rudder, quadratic", ("Cn", "CY", "Cl"), ("dr*abs(dr)",)),
         ),
         "Small inputs are under-, large ones over-predicted, the same at every speed.",
         "The same doublet in three sizes, up to the stop.",
@@ -279,11 +293,11 @@ EFFECTS: tuple[Effect, ...] = (
         "the downwash.",
         "V. Klein and E. Morelli, Aircraft System Identification; J. Roskam, Airplane Flight Dynamics and "
         "Automatic Flight Controls",
-        "C += a α δ, in the axes of the surface",
+        "C += a C_δ α δ, with one a in the axes of elevator or rudder; aileron: one in C_l, one in C_n",
         (
-            Variant("elevator", {"Cm": ("alpha*de",), "CZ": ("alpha*de",)}),
+            surface("elevator", ("Cm", "CZ"), ("alpha*de",)),
             Variant("aileron", {"Cl": ("alpha*da",), "Cn": ("alpha*da",)}),
-            Variant("rudder", {"Cn": ("alpha*dr",), "CY": ("alpha*dr",), "Cl": ("alpha*dr",)}),
+            surface("rudder", ("Cn", "CY", "Cl"), ("alpha*dr",)),
             Variant("aileron in roll", {"Cl": ("alpha*da",)}),
         ),
         "Control power right at one speed, too large at lower, too small at higher ones.",

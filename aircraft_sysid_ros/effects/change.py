@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from aircraft_sysid_ros.effects.effect import CHANGE, OF_TIME, Effect, ShapeParameter, Variant
+from aircraft_sysid_ros.effects.effect import (
+    CHANGE,
+    CHORD_BY_SPAN,
+    OF_TIME,
+    Effect,
+    ShapeParameter,
+    Tie,
+    Variant,
+    surface,
+)
 
 STEP = "max(sign(time-{t0}),0)"
 _TIME_OF_CHANGE = (ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME),)
@@ -11,6 +20,19 @@ _TIME_OF_CHANGE = (ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME),)
 def _after(*terms: str) -> tuple[str, ...]:
     """Terms from the time of the change on."""
     return tuple(STEP if term == "1" else f"{STEP}*{term}" for term in terms)
+
+
+def _half_elevator(*terms: str) -> Variant:
+    """Shares of the elevator's part in C_m and C_Z, and of C_l, where its half has an arm of its own."""
+    whole, own = surface("elevator", ("Cm", "CZ"), _after(*terms)), range(len(terms))
+    ties = {**whole.ties, "Cl": tuple(Tie(len(terms) + k) for k in own)}
+    return Variant("one half of the elevator", {**whole.terms, "Cl": _after(*terms)}, ties=ties)
+
+
+def _same_share(step: str) -> Variant:
+    """One number for the three forces."""
+    axes = ("CX", "CY", "CZ")
+    return Variant(terms={a: (f"{step}*{{{a}}}",) for a in axes}, ties={a: (Tie(0),) for a in axes})
 
 
 EFFECTS: tuple[Effect, ...] = (
@@ -22,12 +44,12 @@ EFFECTS: tuple[Effect, ...] = (
         "on one side makes a moment about the other axes too.",
         "R. Jategaonkar, Flight Vehicle System Identification; M. Steinberg, Historical Overview of Research in "
         "Reconfigurable Flight Control, Proc. IMechE G 219, 2005",
-        "C += a δ for t > t₀, in the axes of the surface",
+        "C += a C_δ δ for t > t₀, with one share a in the axes of the surface; half an elevator: another number in C_l",
         (
-            Variant("elevator", {"Cm": _after("de"), "CZ": _after("de")}),
-            Variant("one half of the elevator", {"Cm": _after("de"), "CZ": _after("de"), "Cl": _after("de")}),
-            Variant("aileron", {"Cl": _after("da"), "Cn": _after("da")}),
-            Variant("rudder", {"Cn": _after("dr"), "CY": _after("dr"), "Cl": _after("dr")}),
+            surface("elevator", ("Cm", "CZ"), _after("de")),
+            _half_elevator("de"),
+            surface("aileron", ("Cl", "Cn"), _after("da")),
+            surface("rudder", ("Cn", "CY", "Cl"), _after("dr")),
         ),
         "Good before one moment, afterwards errors in phase with one surface.",
         "Doublets of every surface, repeated during the flight.",
@@ -41,15 +63,12 @@ EFFECTS: tuple[Effect, ...] = (
         "part of the moment is then a constant instead of one in proportion to the command.",
         "M. Steinberg, Historical Overview of Research in Reconfigurable Flight Control, Proc. IMechE G 219, 2005; "
         "B. Stevens, F. Lewis and E. Johnson, Aircraft Control and Simulation",
-        "C += a δ + b for t > t₀, in the axes of the surface (b / a = minus the position where it stuck)",
+        "C += C_δ (a δ + b) for t > t₀, with one a and one b in the axes of the surface; it stuck at -b / a",
         (
-            Variant("elevator", {"Cm": _after("de", "1"), "CZ": _after("de", "1")}),
-            Variant(
-                "one half of the elevator",
-                {"Cm": _after("de", "1"), "CZ": _after("de", "1"), "Cl": _after("de", "1")},
-            ),
-            Variant("aileron", {"Cl": _after("da", "1"), "Cn": _after("da", "1")}),
-            Variant("rudder", {"Cn": _after("dr", "1"), "CY": _after("dr", "1"), "Cl": _after("dr", "1")}),
+            surface("elevator", ("Cm", "CZ"), _after("de", "1")),
+            _half_elevator("de", "1"),
+            surface("aileron", ("Cl", "Cn"), _after("da", "1")),
+            surface("rudder", ("Cn", "CY", "Cl"), _after("dr", "1")),
         ),
         "As of a damage, with a constant moment from the same moment on.",
         "Doublets of every surface, repeated during the flight.",
@@ -84,7 +103,7 @@ EFFECTS: tuple[Effect, ...] = (
         "same factor. Dropped load or water makes it so from one moment on.",
         "V. Klein and E. Morelli, Aircraft System Identification; (6.14)-(6.18) of docs/references.md",
         "C_X, C_Y, C_Z += a C_X, a C_Y, a C_Z for t > t₀, with one a = m_file / m - 1 for the three",
-        (Variant(terms={"CX": _after("{CX}"), "CY": _after("{CY}"), "CZ": _after("{CZ}")}),),
+        (_same_share(STEP),),
         "From one moment on C_X, C_Y and C_Z are wrong by the same factor; moments too, as inertia changed.",
         "Any, before and after the change; throttle steps tell it from icing.",
         _TIME_OF_CHANGE,
@@ -98,8 +117,16 @@ EFFECTS: tuple[Effect, ...] = (
         "B. Etkin and L. Reid, Dynamics of Flight; W. Phillips, Mechanics of Flight",
         "C_m += a C_Z, C_n += -a c/b C_Y (along); C_l += a C_Z, C_n += -a C_X (across), for t > t₀",
         (
-            Variant("along the fuselage", {"Cm": _after("{CZ}"), "Cn": _after("{CY}")}),
-            Variant("along the wing", {"Cl": _after("{CZ}"), "Cn": _after("{CX}")}),
+            Variant(
+                "along the fuselage",
+                {"Cm": _after("{CZ}"), "Cn": _after("{CY}")},
+                ties={"Cm": (Tie(0),), "Cn": (Tie(0, -1.0, CHORD_BY_SPAN),)},
+            ),
+            Variant(
+                "along the wing",
+                {"Cl": _after("{CZ}"), "Cn": _after("{CX}")},
+                ties={"Cl": (Tie(0),), "Cn": (Tie(0, -1.0),)},
+            ),
         ),
         "From one moment on C_m is wrong in proportion to lift, C_n to side force.",
         "Pull-ups and sideslips before and after.",
@@ -112,8 +139,8 @@ EFFECTS: tuple[Effect, ...] = (
         "An aeroplane that burns fuel gets lighter, so that coefficients worked out with the mass of the file grow "
         "wrong by the same share in all three forces. It begins at the start and is steady.",
         "(6.14)-(6.18) of docs/references.md; V. Klein and E. Morelli, Aircraft System Identification",
-        "C_X, C_Y, C_Z += a t C_X, a t C_Y, a t C_Z",
-        (Variant(terms={"CX": ("time*{CX}",), "CY": ("time*{CY}",), "CZ": ("time*{CZ}",)}),),
+        "C_X, C_Y, C_Z += a t C_X, a t C_Y, a t C_Z, with one a for the three",
+        (_same_share("time"),),
         "Errors of C_X, C_Y and C_Z that grow in proportion to time and to the coefficient.",
         "The same manoeuvres at the beginning and at the end.",
     ),

@@ -47,13 +47,39 @@ class ShapeParameter:
 
 
 @dataclass(frozen=True)
+class Tie:
+    """What a term's parameter is: a number of the effect, times a factor, times ``of``, which is a parameter of the
+    present model such as "Cm_de", or CHORD_BY_SPAN.
+    """
+
+    number: int
+    factor: float = 1.0
+    of: str = ""
+
+
+#: The one length ratio of ties: mean chord over span.
+CHORD_BY_SPAN = "chord/span"
+
+
+@dataclass(frozen=True)
 class Variant:
-    """One form of an effect: terms by axis, or a key of the aircraft file that changes."""
+    """One form of an effect: terms by axis, or a key of the aircraft file that changes.
+
+    ``ties`` of every term, by axis, where the terms have fewer numbers than parameters; without them each has its own.
+    """
 
     name: str = ""
     terms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     #: Key of the aircraft file, such as ("sensors", "sideslip", "scale"), that the inner number changes.
     setting: tuple[str, ...] = ()
+    ties: Mapping[str, tuple[Tie, ...]] = field(default_factory=dict)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers its terms have, besides inner ones."""
+        if not self.ties:
+            return sum(len(terms) for terms in self.terms.values())
+        return 1 + max(tie.number for ties in self.ties.values() for tie in ties)
 
 
 @dataclass(frozen=True)
@@ -90,15 +116,27 @@ class Effect:
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """Axes whose present model stands in a term."""
+        """Axes whose present model stands in a term or a tie."""
         terms = (term for variant in self.variants for term in _terms(variant.terms.values()))
-        return tuple(dict.fromkeys(name for term in terms for name in placeholders(term) if name in AXES))
+        read = [name for term in terms for name in placeholders(term) if name in AXES]
+        read += [tie.of[:2] for variant in self.variants for ties in variant.ties.values() for tie in ties if tie.of]
+        return tuple(dict.fromkeys(axis for axis in read if axis in AXES))
 
     @property
     def signals(self) -> frozenset[str]:
         """Signals that every variant needs, besides those of the model."""
         needed = [_signals_of(variant) for variant in self.variants]
         return frozenset.intersection(*needed) if needed else frozenset()
+
+
+def surface(name: str, axes: Iterable[str], terms: Iterable[str]) -> Variant:
+    """What becomes of one surface (elevator, aileron, rudder): the same shares of its part in all of its axes.
+
+    Each term has one number, which multiplies the derivative C_axis,δ of the present model.
+    """
+    symbol, listed = {"elevator": "de", "aileron": "da", "rudder": "dr"}[name.split(",", 1)[0]], tuple(terms)
+    ties = {axis: tuple(Tie(k, of=f"{axis}_{symbol}") for k in range(len(listed))) for axis in axes}
+    return Variant(name, dict.fromkeys(ties, listed), ties=ties)
 
 
 def placeholders(term: str) -> list[str]:

@@ -100,8 +100,12 @@ def test_a_change_is_nobody_s_company(loose_fin):
 
 
 def test_a_change_that_the_library_knows_keeps_its_name(aircraft):
-    """Half of an elevator lost: moment, lift and roll in proportion to it, and no more."""
-    lost = [Term("Cm", f"{STEP}*de", 0.25), Term("CZ", f"{STEP}*de", 0.05), Term("Cl", f"{STEP}*de", 0.02)]
+    """Half of an elevator lost: the same share of moment and lift, roll in proportion to it, and no more."""
+    lost = [
+        Term("Cm", f"{STEP}*de", 0.25),
+        Term("CZ", f"{STEP}*de", 0.25 * 0.0983 / 0.8488),
+        Term("Cl", f"{STEP}*de", 0.02),
+    ]
     samples = simulate_samples(aircraft, seed=6, duration=100.0, effects=lost).samples
     said = diagnose_flight(aircraft, samples, CHANGES, replicas=3).json
     assert (said["verdict"], said["candidates"][0]["effect"]) == ("missing", "control_damage")

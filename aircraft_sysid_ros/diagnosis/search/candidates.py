@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, fill, placeholders
+from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Tie, Variant, fill, placeholders
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +33,12 @@ class Candidate:
     inner: tuple[tuple[str, float], ...]
     terms: Mapping[str, tuple[str, ...]]
     changed: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    ties: Mapping[str, tuple[Tie, ...]] = field(default_factory=dict)  # of every term, or of none
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers are fitted."""
+        return Variant(terms=self.terms, ties=self.ties).numbers + len(self.inner)
 
     @property
     def label(self) -> str:
@@ -89,7 +95,7 @@ def candidates_of(effect: Effect, data: FlightData, base: Mapping[str, str]) -> 
 def with_inner(effect: Effect, variant: Variant, values: Mapping[str, float], base: Mapping[str, str]) -> Candidate:
     """One candidate with these inner numbers."""
     terms = {axis: tuple(fill(term, {**base, **values}) for term in texts) for axis, texts in variant.terms.items()}
-    return Candidate(effect, variant.name, tuple(values.items()), terms)
+    return Candidate(effect, variant.name, tuple(values.items()), terms, ties=variant.ties)
 
 
 def limits(number: ShapeParameter, data: FlightData) -> tuple[float, float]:

@@ -10,13 +10,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
-from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import GUARD, FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import (
     Candidate,
     base_texts,
@@ -24,8 +25,8 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     limits,
     with_inner,
 )
-from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error
-from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error, tied_gains
+from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -48,8 +49,23 @@ class Score:
 
     @property
     def score(self) -> float:
-        """Sum of the log ratios of the axes in which the candidate explains something."""
+        """Sum of the log ratios of the axes in which the candidate explains something.
+
+        Of all its axes where they share numbers: what makes one worse speaks against the others.
+        """
+        if self.candidate.ties:
+            return max(sum(self.log_ratios.values()), 0.0)
         return sum(max(value, 0.0) for value in self.log_ratios.values())
+
+    @property
+    def price(self) -> float:
+        """What its numbers cost in the unit of the score: their description length, ln(n) / n each (Rissanen 1978).
+
+        n is the number of independent points of an axis, one in each time over which residuals are correlated.
+        """
+        gain = next(iter(self.gains.values()))
+        n = max(float(np.sum(gain.count)) * gain.fit.flight.step / GUARD, np.e)
+        return self.candidate.numbers * float(np.log(n) / n)
 
     @property
     def main_axis(self) -> str:
@@ -84,23 +100,40 @@ class CandidateEvaluator:
         self.fits = _fits(data) if fits is None else dict(fits)
         if not self.fits:
             raise InputError(f"no axis of the model can be judged: {next(iter(fits_of(data)[1].values()))}")
-        self._base: dict[str, str] | None = None
 
-    @property
+    @cached_property
+    def parameters(self) -> dict[str, float]:
+        """Parameters of the fitted model, 0 where the flight does not determine them."""
+        parameters = dict.fromkeys(self.data.model.parameter_names, 0.0)
+        for axis in self.fits:
+            with contextlib.suppress(InputError):
+                fit = fit_axis(self.data, axis)
+                known = np.where(fit.determined, fit.parameters, 0.0)
+                parameters |= dict(zip(fit.names, known.tolist(), strict=True))
+        return parameters
+
+    @cached_property
     def base(self) -> dict[str, str]:
         """Text of the fitted model by axis, for candidates that are made of it."""
-        if self._base is None:
-            parameters = dict.fromkeys(self.data.model.parameter_names, 0.0)
-            for axis in self.fits:
-                with contextlib.suppress(InputError):
-                    fit = fit_axis(self.data, axis)
-                    known = np.where(fit.determined, fit.parameters, 0.0)
-                    parameters |= dict(zip(fit.names, known.tolist(), strict=True))
-            self._base = base_texts(self.data.model, parameters)
-        return self._base
+        return base_texts(self.data.model, self.parameters)
+
+    def _tied(self, candidate: Candidate) -> dict[str, Gain]:
+        """Gains of a candidate whose axes share numbers."""
+        known = {"": 1.0, CHORD_BY_SPAN: self.data.aircraft.chord / self.data.aircraft.span, **self.parameters}
+        ties, columns = {}, {}
+        for axis, terms in candidate.terms.items():
+            if axis in self.fits:
+                ties[axis] = np.zeros((len(terms), candidate.numbers - len(candidate.inner)))
+                for row, tie in zip(ties[axis], candidate.ties[axis], strict=True):
+                    row[tie.number] = tie.factor * known.get(tie.of, 0.0)
+                columns[axis] = self.data.columns(self.data.parsed(terms))
+        return tied_gains(self.fits, columns, ties)
 
     def trial(self, candidate: Candidate) -> Score | None:
         """Try one candidate; None where it has no data in any of its axes."""
+        if candidate.ties:
+            gains = self._tied(candidate)
+            return Score(candidate, gains) if gains else None
         gains = {}
         for axis, terms in candidate.terms.items():
             if axis in self.fits:

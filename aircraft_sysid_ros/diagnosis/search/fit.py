@@ -9,11 +9,15 @@ held out in turn, whole.
 All is done in an orthonormal basis of the regressors (QR of the scaled columns, then singular values): with
 W = [w_1 … w_r], W'W = I, the normal matrix of a training set is I - sum over held-out blocks of W_b'W_b, and one
 more column costs its products with the basis and no new factorisation of the rest.
+
+Where physics has fewer numbers than terms, in several axes (a mass is wrong by one factor), ``tied_gains`` fits these:
+of each axis the model's own parameters are eliminated, and what is left is added up over the axes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import contextlib
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -76,6 +80,20 @@ class Gain:
     fit: AxisFit  # the base on the points where the columns have values
     nrmse_before: float  # held out
     nrmse_after: float
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What k shared numbers do to one axis beyond its model: columns z (N, k) orthogonal to its basis.
+
+    By block (B, …): products of the basis with z, of z with z, and of z with the residual of the model.
+    """
+
+    fit: AxisFit  # on the points where the columns have values
+    z: Array
+    cross: Array
+    own: Array
+    moment: Array
 
 
 class AxisFit:
@@ -288,6 +306,56 @@ class AxisFit:
         of_new = self._sums(new, residual[None])[:, :, 0]
         return gram, np.concatenate([of_base, of_new], axis=1)
 
+    # -- numbers that several axes share -----------------------------------------------------------------------
+
+    def shape(self, extra: Array) -> Shape:
+        """What columns ``extra`` (n, k) do to the axis, each with a number of its own. Raises InputError as above."""
+        z = extra[self._places]
+        if not np.isfinite(z).all():
+            return self.on(np.all(np.isfinite(extra), axis=1)).shape(extra)
+        for _ in range(2):
+            z = z - self.basis @ (self.basis.T @ z)
+        rows = z.T.copy()
+        moment = self._sums(rows, self._residual[None])[:, :, 0]
+        return Shape(self, z, self._sums(self._rows_of_basis, rows), self._sums(rows, rows), moment)
+
+    def information(self, shape: Shape) -> tuple[Array, Array, float]:
+        """Normal matrices (folds + 1, k, k) and right sides (folds + 1, k) of the numbers of a shape.
+
+        From the training blocks of each fold and, last, from all points: the model's own parameters are eliminated.
+        With them the variance of the residual under the numbers that suit this axis best.
+        """
+        whole, right = shape.own.sum(axis=0), shape.moment.sum(axis=0)
+        cross, own = self._by_fold(shape.cross), self._by_fold(shape.own)
+        solved = -_known_part(np.eye(len(self._rows_of_basis)) - self._by_fold(self._gram)) @ cross
+        matrices = whole - own + np.swapaxes(cross, 1, 2) @ solved
+        rights = right - self._by_fold(shape.moment) + np.einsum("frk,fr->fk", solved, self._by_fold(self._moment))
+        best = np.linalg.pinv(whole, rcond=SINGULAR**2, hermitian=True) @ right
+        variance = (self._fitted - float(best @ right)) / len(self.y)
+        return np.concatenate([matrices, whole[None]]), np.concatenate([rights, right[None]]), variance
+
+    def gain_of(self, shape: Shape, numbers: Array, parameters: Array) -> Gain:
+        """What a shape explains with given numbers (folds + 1, k): of each fold, and last of all points.
+
+        ``parameters`` are those of the terms, from all points. The model's own follow from the training blocks.
+        """
+        known, whole = numbers[self.fold], numbers[-1]
+        moment = self._moment - np.einsum("brk,bk->br", shape.cross, known)
+        square = self._square - 2.0 * np.einsum("bk,bk->b", known, shape.moment)
+        square = square + np.einsum("bk,bkl,bl->b", known, shape.own, known)
+        after, _ = self._held_out(self._gram, moment, square, self._projected, self._scaled)
+        return Gain(
+            before=self.held_out_sse,
+            after=after,
+            count=self.count,
+            fitted_before=self._fitted,
+            fitted_after=float(np.sum((self._residual - shape.z @ whole) ** 2)),
+            parameters=parameters,
+            fit=self,
+            nrmse_before=self.nrmse_held_out,
+            nrmse_after=self._nrmse(after),
+        )
+
     def on(self, keep: Mask) -> AxisFit:
         """The same fit on the points of a mask (n,) only. Raises InputError where none are left."""
         measured = np.where(keep, self.measured, np.nan)
@@ -299,6 +367,34 @@ class AxisFit:
         """The fit with columns ``extra`` (n, m) as well."""
         columns = np.column_stack([self.columns, extra])
         return AxisFit(self.flight, self.axis, columns, (*self.names, *names), self.measured)
+
+
+def tied_gains(fits: Mapping[str, AxisFit], columns: Mapping[str, Array], ties: Mapping[str, Array]) -> dict[str, Gain]:
+    """What terms add whose parameters are fewer numbers: of an axis ``ties[axis]`` (m, k) times the k numbers.
+
+    columns: terms (n, m) by axis. Each axis weighs with the variance of its residual; the k numbers, held out as all
+    else, span the axes. Axes without points are left out.
+    """
+    shapes: dict[str, Shape] = {}
+    for axis, terms in columns.items():
+        with contextlib.suppress(InputError):
+            shapes[axis] = fits[axis].shape(terms @ ties[axis])
+    if not shapes:
+        return {}
+    known = [shape.fit.information(shape) for shape in shapes.values()]
+    matrix = np.sum([of / max(variance, 1e-300) for of, _, variance in known], axis=0)
+    right = np.sum([of / max(variance, 1e-300) for _, of, variance in known], axis=0)
+    scale = np.sqrt(np.diagonal(matrix[-1]))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    numbers = (_known_part(matrix / (scale[:, None] * scale)) @ (right / scale)[:, :, None])[:, :, 0] / scale
+    return {axis: shape.fit.gain_of(shape, numbers, ties[axis] @ numbers[-1]) for axis, shape in shapes.items()}
+
+
+def _known_part(matrices: Array) -> Array:
+    """Inverses of normal matrices (n, k, k) whose whole is 1, without the directions that are not trained."""
+    values, vectors = np.linalg.eigh(matrices)
+    inverse = np.where(values > UNTRAINED, 1.0 / np.maximum(values, UNTRAINED), 0.0)
+    return (vectors * inverse[:, None, :]) @ np.swapaxes(vectors, 1, 2)
 
 
 def _orthonormal(z: Array, size: Array) -> tuple[Array, Array, Mask]:
