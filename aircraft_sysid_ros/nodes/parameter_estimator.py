@@ -140,6 +140,7 @@ class ParameterEstimatorNode(EstimatorNode):
             "states_received": self.states_received,
             "controls_received": self.received["control_surfaces"],
             "controls_late": self.estimator.late,
+            "inputs": " ".join(item.name for item in self.estimator.aircraft.inputs),
             **{trust.name: statuses.count(trust) for trust in Trust},
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),

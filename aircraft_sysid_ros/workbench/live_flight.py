@@ -46,6 +46,7 @@ class LiveFlight:
     added: list[Added] = field(default_factory=list)
     changes: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_ERRORS))  # times [s] of a new model
     before: Mapping[str, float] = field(default_factory=dict)  # errors by axis of the model before the last change
+    inputs: tuple[str, ...] = ()  # that the node's aircraft file names
     is_there: bool = False
     was_there: bool = False
     last_heard: float | None = None  # time of the clock [s]

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.ros_messages.conversion import nanoseconds_of
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE
 
-READY, NO_ROS, PRESENCE, ANSWER = "ready", "no ROS", "presence", "answer"
+READY, NO_ROS, PRESENCE, ANSWER, INPUTS = "ready", "no ROS", "presence", "answer", "inputs"
 NODE, STATE_NODE = "parameter_estimator", "state_estimator"
 #: Time [s] between states that are passed on, and between looks whether the node is there.
 PERIOD = 0.25
@@ -76,6 +76,12 @@ def missing_content(message: Any) -> dict[str, Any]:
     return {"stamp": nanoseconds_of(message), **content, "candidates": candidates}
 
 
+def inputs_named(message: Any, node: str) -> tuple[str, ...] | None:
+    """Of DiagnosticArray: the inputs that a node says its aircraft file names; None where it is not of that node."""
+    values = [v for status in message.status if status.name == node.lstrip("/") for v in status.values]
+    return next((tuple(v.value.split()) for v in values if v.key == "inputs"), None)
+
+
 def state_content(message: Any) -> dict[str, Any]:
     """Of AircraftState, what the page shows of it."""
     values = {name: getattr(message, name) for name in _STATE_FIELDS}
@@ -118,6 +124,7 @@ class _Link:
     def __init__(self, pipe: Connection, namespace: str) -> None:
         import rclpy
         from aircraft_sysid_msgs import msg
+        from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         from aircraft_sysid_ros.nodes.common import make_executor
@@ -129,12 +136,21 @@ class _Link:
         self._hear(msg.ModelError, "model_error", ERRORS, errors_content)
         self._hear(msg.Parameters, "parameters", PARAMETERS, parameters_content)
         self._hear(msg.MissingEffects, "missing_effects", MISSING, missing_content)
+        self._inputs: tuple[str, ...] = ()
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, 10)
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         # Raw: hundreds of states a second come, and four are read.
         self._node.create_subscription(msg.AircraftState, f"{STATE_NODE}/state", self._keep, newest, raw=True)
 
     def _hear(self, kind: Any, topic: str, name: str, content: Any) -> None:
         self._node.create_subscription(kind, f"{NODE}/{topic}", lambda m: self._pipe.send((name, content(m))), 10)
+
+    def _diagnosed(self, message: Any) -> None:
+        """Of all diagnostics: which inputs the aircraft file of the parameter node names."""
+        names = inputs_named(message, f"{self._node.get_namespace().rstrip('/')}/{NODE}")
+        if names is not None and names != self._inputs:
+            self._inputs = names
+            self._pipe.send((INPUTS, names))
 
     def _keep(self, state: bytes) -> None:
         self._state = state

@@ -162,13 +162,14 @@ class LiveAddPanel(AddPanel):
 
     def update(self) -> None:
         """Only where it is another list: buttons must not go away under the mouse."""
-        if self.changes() != getattr(self, "_shown", None):
-            self._shown = self.changes()
+        newest = self.changes(), self.inputs()
+        if newest != getattr(self, "_shown", None):
+            self._shown = newest
             super().update()
 
     def inputs(self) -> tuple[str, ...]:
-        """None: messages of the node do not say which its aircraft file names."""
-        return ()
+        """As the node tells them in its diagnostics."""
+        return self.page.session.flight.inputs
 
     def changes(self) -> Sequence[str]:
         """What the node was asked to add."""

@@ -212,7 +212,7 @@ class AddPanel(SidePanel):
             button = ui.button("Add the term", on_click=self._do_term(ADD))
             self.changing(button.props("unelevated data-testid=add-term"))
             self.more_buttons()
-        Html(markup.term_help((*SIGNALS, *self.inputs()))).classes("soft small").style("margin-bottom:12px")
+        self._help = Html().classes("soft small").style("margin-bottom:12px").props("data-testid=signals")
         ui.label("An effect of the library").classes("heading")
         options = {effect.identifier: f"{effect.name} ({effect.identifier})" for effect in self.library}
         self._effect = ui.select(options, with_input=True, label="effect").props("outlined dense options-dense")
@@ -224,6 +224,7 @@ class AddPanel(SidePanel):
 
     def update(self) -> None:
         """After a change of the run."""
+        self._help.show(markup.term_help((*SIGNALS, *self.inputs())))
         self._added.clear()
         changes = self.changes()
         with self._added:
