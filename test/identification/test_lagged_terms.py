@@ -7,8 +7,9 @@ from test_parameter_estimator import learn, perfect_inputs
 from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.identification.model_change import with_terms
+from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -59,6 +60,21 @@ def test_after_a_gap_it_begins_anew(lagging, inputs):
     again = with_lags(user(lagging).model.lags, time, signals, 0.06)[:, FIRST_LAG]
     settled = (time < 20.0) | (time > 25.0)
     np.testing.assert_allclose(again[settled], signals[settled, FIRST_LAG], atol=1e-3)
+
+
+def test_a_model_that_gets_it_in_flight_learns_it_from_the_past(lagging, inputs):
+    """Its lag begins at the oldest point that is remembered, and goes on with the flight."""
+    rows, controls = inputs
+    half = int(np.searchsorted(rows[:, 0], 40.0))
+    estimator, points = learn(lagging.aircraft, rows[:half], controls, None)
+    memory = SampleMemory()
+    memory.add(points, np.full(3, 1e-3), 0.05)
+    change_model(estimator, user(lagging), memory.newest())
+    first = {p.name: p.value for p in estimator.snapshot().parameters}
+    estimator.push_states(rows[half:])
+    found = {p.name: p.value for p in estimator.snapshot().parameters}
+    assert first[f"Cm_{LAGGED}"] == pytest.approx(-0.4, rel=0.15)
+    assert found[f"Cm_{LAGGED}"] == pytest.approx(-0.4, rel=0.1)
 
 
 def test_maximum_likelihood_refuses_it_in_one_sentence(lagging):
