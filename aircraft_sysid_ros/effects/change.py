@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from aircraft_sysid_ros.effects.effect import (
     CHANGE,
     CHORD_BY_SPAN,
@@ -23,10 +25,8 @@ def _after(*terms: str) -> tuple[str, ...]:
 
 
 def _half_elevator(*terms: str) -> Variant:
-    """Shares of the elevator's part in C_m and C_Z, and of C_l, where its half has an arm of its own."""
-    whole, own = surface("elevator", ("Cm", "CZ"), _after(*terms)), range(len(terms))
-    ties = {**whole.ties, "Cl": tuple(Tie(len(terms) + k) for k in own)}
-    return Variant("one half of the elevator", {**whole.terms, "Cl": _after(*terms)}, ties=ties)
+    """One of two halves, on one side."""
+    return replace(surface("elevator", ("Cm", "CZ"), _after(*terms), rolls=True), name="one half of the elevator")
 
 
 def _same_share(step: str) -> Variant:
@@ -44,12 +44,12 @@ EFFECTS: tuple[Effect, ...] = (
         "on one side makes a moment about the other axes too.",
         "R. Jategaonkar, Flight Vehicle System Identification; M. Steinberg, Historical Overview of Research in "
         "Reconfigurable Flight Control, Proc. IMechE G 219, 2005",
-        "C += a C_δ δ for t > t₀, with one share a in the axes of the surface; half an elevator: another number in C_l",
+        "C += a C_δ δ for t > t₀, with one share a in the axes of the surface; C_l of rudder or half elevator: another",
         (
             surface("elevator", ("Cm", "CZ"), _after("de")),
             _half_elevator("de"),
             surface("aileron", ("Cl", "Cn"), _after("da")),
-            surface("rudder", ("Cn", "CY", "Cl"), _after("dr")),
+            surface("rudder", ("Cn", "CY"), _after("dr"), rolls=True),
         ),
         "Good before one moment, afterwards errors in phase with one surface.",
         "Doublets of every surface, repeated during the flight.",
@@ -63,12 +63,12 @@ EFFECTS: tuple[Effect, ...] = (
         "part of the moment is then a constant instead of one in proportion to the command.",
         "M. Steinberg, Historical Overview of Research in Reconfigurable Flight Control, Proc. IMechE G 219, 2005; "
         "B. Stevens, F. Lewis and E. Johnson, Aircraft Control and Simulation",
-        "C += C_δ (a δ + b) for t > t₀, with one a and one b in the axes of the surface; it stuck at -b / a",
+        "C += C_δ (a δ + b) for t > t₀, a and b shared as the share of a damage; it stuck at -b / a",
         (
             surface("elevator", ("Cm", "CZ"), _after("de", "1")),
             _half_elevator("de", "1"),
             surface("aileron", ("Cl", "Cn"), _after("da", "1")),
-            surface("rudder", ("Cn", "CY", "Cl"), _after("dr", "1")),
+            surface("rudder", ("Cn", "CY"), _after("dr", "1"), rolls=True),
         ),
         "As of a damage, with a constant moment from the same moment on.",
         "Doublets of every surface, repeated during the flight.",

@@ -129,13 +129,16 @@ class Effect:
         return frozenset.intersection(*needed) if needed else frozenset()
 
 
-def surface(name: str, axes: Iterable[str], terms: Iterable[str]) -> Variant:
+def surface(name: str, axes: Iterable[str], terms: Iterable[str], rolls: bool = False) -> Variant:
     """What becomes of one surface (elevator, aileron, rudder): the same shares of its part in all of its axes.
 
-    Each term has one number, which multiplies the derivative C_axis,δ of the present model.
+    Each term has one number, which multiplies the derivative C_axis,δ of the present model. ``rolls``: and another in
+    C_l, since what is lost of a rudder's height or of one side has an arm of its own.
     """
     symbol, listed = {"elevator": "de", "aileron": "da", "rudder": "dr"}[name.split(",", 1)[0]], tuple(terms)
     ties = {axis: tuple(Tie(k, of=f"{axis}_{symbol}") for k in range(len(listed))) for axis in axes}
+    if rolls:
+        ties["Cl"] = tuple(Tie(len(listed) + k) for k in range(len(listed)))
     return Variant(name, dict.fromkeys(ties, listed), ties=ties)
 
 
