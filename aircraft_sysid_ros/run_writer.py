@@ -2,8 +2,8 @@
 
 estimates.mcap   states, wind, parameters and model error over the flight
 parameters.json  final parameters with standard errors and verdicts
-state.json       final biases and wind, what became of every sample, notes on the recording, duration, speed; of
-                 several manoeuvres where each comes from
+state.json       final biases and wind, noise of the sensors, what became of every sample, notes on the
+                 recording, duration, speed; of several manoeuvres where each comes from
 points.npz       measured coefficients and regressors, from which models are compared
 samples.npz      every sample as it arrived (stamp, kind, values of samples.Samples): the run needs no recording
 aircraft.yaml    the aircraft file that was used
@@ -35,6 +35,7 @@ from aircraft_sysid_ros.identification.monitoring.error_window import AxisError
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.reconstruction.absences import absences
+from aircraft_sysid_ros.reconstruction.found_noise import noise_json, noise_notes
 from aircraft_sysid_ros.reconstruction.state import StateField, status_text
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -121,7 +122,8 @@ class RunWriter:
         could not be read of the recording, and where ``manoeuvres`` that were joined come from. What the flight does
         without is noted too.
         """
-        told = [*notes, *absences(state, [manoeuvre["name"] for manoeuvre in manoeuvres])]
+        absent = absences(state, [manoeuvre["name"] for manoeuvre in manoeuvres])
+        told = [*notes, *absent, *noise_notes(state)]
         result = {"state": {**state_json(state), "notes": told}, "parameters": parameters_json(parameters)}
         if manoeuvres:
             result["state"]["manoeuvres"] = list(manoeuvres)
@@ -203,6 +205,7 @@ def state_json(state: StateEstimator) -> dict[str, Any]:
     return {
         **state.summary(),
         "innovation_consistency": state.innovation_consistency(),
+        "sensor_noise": noise_json(state),
         "samples": {kind: c for kind, c in counts.items() if c},
         "realignments": state.realignments,
         "clock_restarts": state.order.counts.restarts,

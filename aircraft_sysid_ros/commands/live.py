@@ -26,6 +26,7 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import missing_ros
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
 from aircraft_sysid_ros.reconstruction.absences import absences
+from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
@@ -204,6 +205,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             *(note for note in told if note),
             *rate_notes(parameters.estimator.stream),
             *absences(state.estimator),
+            *noise_notes(state.estimator),
         ],
     }
     if writer is None:

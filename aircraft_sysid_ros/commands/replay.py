@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
@@ -31,6 +34,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSam
 from aircraft_sysid_ros.identification.physical_bounds import check_bounds
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
+from aircraft_sysid_ros.reconstruction.found_noise import completed_file
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.manoeuvres import read_body
@@ -62,7 +66,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--aircraft", required=True, metavar="FILE", help="aircraft file (YAML)")
     parser.add_argument("--out", required=True, metavar="RUN", help="folder to write")
-    parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
+    parser.add_argument("--overwrite", action="store_true", help="replace what is there")
     parser.add_argument("--calibration", metavar="FILE", help="calibration file of `calibrate`: sensors are corrected")
     parser.add_argument(
         "--smooth",
@@ -75,6 +79,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="S",
         help="with --air-data-errors: stage 1 of the two-stage estimator on the first S seconds of flight starts wind "
         "and errors; what live cannot",
+    )
+    parser.add_argument(
+        "--learn-sensors",
+        metavar="FILE",
+        help="write the aircraft file with the noise of sensors and gusts that the flight shows, where it says none",
     )
     add_estimator_options(parser)
     return parser
@@ -111,6 +120,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             (*recording.notes, *unused),
             [manoeuvre.json for manoeuvre in body.manoeuvres],
         )
+    if args.learn_sensors:
+        _write_aircraft(Path(args.learn_sensors), completed_file(pipeline.state))
     return {"run": str(args.out), "notes": [*told, *unused], **result}
 
 
@@ -120,6 +131,24 @@ def _prepared(recording: Recording, correction: Correction | None) -> Recording:
     if correction is None:
         return recording
     return replace(recording, samples=correction.apply(recording.samples))
+
+
+def _check_new_file(path: Path, overwrite: bool) -> None:
+    """Before the flight, not after it, whether the aircraft file can be written."""
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise InputError(f"--learn-sensors {path}: give the name of a file in a folder that is there")
+    if path.exists() and not overwrite:
+        raise InputError(f"the aircraft file {path} is already there: give another name or --overwrite")
+
+
+def _write_aircraft(path: Path, content: dict[str, Any]) -> None:
+    """The file at once, or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf8")
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"cannot write the aircraft file {path}: {error.strerror}") from None
 
 
 def _aircraft(path: str) -> Aircraft:
@@ -146,6 +175,8 @@ def require_sensors(recording: Recording, uses_probe: bool) -> None:
 
 
 def _check(args: argparse.Namespace) -> None:
+    if args.learn_sensors:
+        _check_new_file(Path(args.learn_sensors), args.overwrite)
     if args.air_data_errors and args.smooth:
         raise InputError("--smooth has no place for the errors of --air-data-errors: leave one of them out")
     if args.stage_1 is not None and not args.air_data_errors:

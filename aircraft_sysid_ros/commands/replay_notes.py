@@ -22,6 +22,7 @@ from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import absences, of_manoeuvres
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
+from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.manoeuvres import Body, Manoeuvre
 from aircraft_sysid_ros.recordings.reader import Recording
@@ -56,7 +57,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += bound_notes(pipeline.parameters.aircraft)
     found += pipeline.check.words
-    found += absences(pipeline.state, names)
+    found += absences(pipeline.state, names) + noise_notes(pipeline.state)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):

@@ -17,6 +17,7 @@ from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.options import node_options, options_from
+from aircraft_sysid_ros.reconstruction.found_noise import found_noise, found_wind_walk
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField, status_text
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, warm_up
@@ -102,6 +103,10 @@ class StateEstimatorNode(EstimatorNode):
         values: dict[str, Any] = {}
         for kind, counts in self.estimator.counts().items():
             values.update({f"{kind}.{name}": n for name, n in counts.items() if n})
+        for each in found_noise(self.estimator):
+            values[f"noise.{each.name}"] = f"{' '.join(f'{value:.3g}' for value in each.in_use)} ({each.source})"
+        walk, source = found_wind_walk(self.estimator)
+        values["noise.wind"] = f"{walk:.3g} ({source})"
         values["realignments"] = self.estimator.realignments
         values["restarts"] = self.estimator.order.counts.restarts
         values["state_listeners"] = self._state_publisher.get_subscription_count()

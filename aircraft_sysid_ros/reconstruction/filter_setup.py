@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.configuration import SENSOR_GROUPS, Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance
 from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Setup
 from aircraft_sysid_ros.samples import Kind
 
@@ -97,6 +98,8 @@ def new_setup(
         given=given,
         accelerometer_variance=_imu_variance(aircraft, "accelerometer", float(imu[6])),
         gyro_variance=_imu_variance(aircraft, "gyro", float(imu[7])),
+        imu_given=np.array([aircraft.sensors[name].noise_is_given for name in ("accelerometer", "gyro")]),
+        learns_wind=learns_wind(aircraft) and guide != NO_GUIDE and not options.calm_air,
         accelerometer_walk=float(aircraft.process_noise["accelerometer_bias"]),
         gyro_walk=float(aircraft.process_noise["gyro_bias"]),
         wind_walk=float(aircraft.process_noise["wind"]),
@@ -111,9 +114,16 @@ def new_setup(
     )
 
 
+def learns_wind(aircraft: Aircraft) -> bool:
+    """Whether the random walk of the wind is found in flight: the file says neither it nor the noise of air data."""
+    if aircraft.process_noise["wind"] <= 0.0 or (aircraft.source.get("process_noise") or {}).get("wind") is not None:
+        return False
+    return not any(aircraft.sensors[name].noise_is_given for name in SENSOR_GROUPS["air_data"])
+
+
 def _imu_variance(aircraft: Aircraft, sensor: str, carried: float) -> float:
     """From the aircraft file if it says so, else from the message, else the default."""
     configured = aircraft.sensors[sensor]
     if carried > 0.0 and not configured.noise_is_given:
-        return carried
+        return believed_variance(carried, configured.noise[0] ** 2)
     return float(configured.noise[0] ** 2)

@@ -28,6 +28,25 @@ from aircraft_sysid_ros.reconstruction.pseudo_measurements import (
     lacks_vane,
     update_by,
 )
+from aircraft_sysid_ros.reconstruction.sensor_noise import (
+    SCALE,
+    WALK,
+    believed_variance,
+    bounded,
+    imu_scales,
+    is_another_second,
+    is_held,
+    is_outlier,
+    is_recent,
+    largest_scale,
+    learn,
+    learn_imu,
+    note_left,
+    seconds_of,
+    settle_scales,
+    share_across,
+    wind_walk_of,
+)
 from aircraft_sysid_ros.reconstruction.smoother_history import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, D_ATTITUDE, ERROR_SIZE, NO_GUIDE, Memory, Setup
@@ -51,6 +70,7 @@ _LARGEST_NIS = 25.0
 _GUSTY, _CALM = 1.3, 1.1  # running mean of the normalised innovation squared
 _WALK_RATE = 0.01  # per sample and unit of that mean
 _LARGEST_WALK = 2.0  # [m/s per sqrt(s)]
+_GUIDED = 2.0  # [s] since GPS has shown the motion
 _NO_GUST = 400.0  # normalised innovation squared of a sensor that fails
 RUNNING, GAP, DIVERGED = 0, 1, 2
 
@@ -110,7 +130,18 @@ def measurement_variance(kind: int, values: Array, setup: Setup) -> Array:
     first = 4 if kind == _ATTITUDE else 3  # where ATTITUDE and GPS_POSITION carry theirs
     for i in range(3):
         if values[first + i] > 0.0:
-            variance[i] = values[first + i]
+            variance[i] = believed_variance(values[first + i], variance[i])
+    return variance
+
+
+@njit(cache=True)
+def _variance_in_use(kind: int, base: Array, setup: Setup, noise: Array) -> Array:
+    """The same (3,) with what the flight has shown of the sensor, unless the aircraft file says its noise."""
+    if setup.given[kind]:
+        return base
+    variance = np.empty(3)
+    for i in range(3):
+        variance[i] = base[i] * noise[kind, i, SCALE]
     return variance
 
 
@@ -133,7 +164,8 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
     update = new_update(outputs_of(kind), n)
     h, delta = update.h, update.delta
     residual, eta = np.empty(len(h)), x.copy()
-    variance = measurement_variance(kind, values, setup)
+    base = measurement_variance(kind, values, setup)
+    variance, learns = _variance_in_use(kind, base, setup, memory.noise), False
     # with errors of the air data as states an update is one of what they show, in which they are linear
     is_linear = n > ERROR_SIZE and (kind == _AIRSPEED or kind == _ALPHA or kind == _BETA)
     for iteration in range(1 if is_linear else setup.maximum_iterations):
@@ -149,12 +181,16 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
         if not weigh(p, variance, update):
             memory.skipped[kind] += 1
             return
-        if iteration == 0 and not _passes_gate(kind, residual, update, time, setup, memory):
-            return
+        if iteration == 0:
+            learns = _learns(kind, values, base, x, setup, memory.noise)
+            if not _is_welcome(kind, time, x, residual, update, variance, base, learns, setup, memory):
+                return
         change = move(p, residual, update)
         _retract(x, delta, eta)
         if change <= setup.tolerance:
             break
+    memory.moved[-1, :n] += delta
+    _note_left(kind, residual, update, learns, memory)
     settle_covariance(p, variance, update)
     # from the error about the predicted attitude to that about the updated one
     turn_attitude_error(p, jacobian_of(delta))
@@ -162,6 +198,86 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
         settle(air_velocity_at(x, rate, setup.probe_from_imu), x, delta, eta, p)
     x[:] = eta
     memory.last_fused[kind] = time
+
+
+@njit(cache=True)
+def _learns(kind: int, values: Array, base: Array, x: Array, setup: Setup, noise: Array) -> bool:
+    """Whether a sample says something of the noise of its sensor: in flight, and no repetition."""
+    if kind == _MAGNETIC_FIELD or not _air_speed(x) >= setup.minimum_airspeed:
+        return False
+    return not is_held(values, np.sqrt(base[0]), outputs_of(kind), noise[kind])
+
+
+@njit(inline="always")  # its memory is handed over array by array otherwise
+def _is_welcome(
+    kind: int,
+    time: float,
+    x: Array,
+    innovation: Array,
+    update: Update,
+    variance: Array,
+    base: Array,
+    learns: bool,
+    setup: Setup,
+    memory: Memory,
+) -> bool:
+    """Whether an innovation passes its gate, after what it says of the noise of its sensor was learnt."""
+    if learns:
+        _learn(kind, time, x, innovation, update, variance, base, setup, memory)
+    passes = _passes_gate(kind, innovation, update, time, setup, memory)
+    if not passes:
+        _note_left(kind, innovation, update, learns, memory)
+    return passes
+
+
+@njit(inline="always")  # its memory is handed over array by array otherwise
+def _learn(
+    kind: int,
+    time: float,
+    x: Array,
+    innovation: Array,
+    update: Update,
+    variance: Array,
+    base: Array,
+    setup: Setup,
+    memory: Memory,
+) -> None:
+    """What an innovation says of the noise of its sensor, and once a second what follows from it."""
+    channel, outputs = memory.noise[kind], len(innovation)
+    due, moved = is_another_second(time, channel), memory.moved
+    between = moved[-1, : update.h.shape[1]] - moved[kind, : update.h.shape[1]]
+    learn(time, innovation, update.h, update.innovation_covariance, variance, base, between, channel)
+    if due:
+        is_air_data = kind == _AIRSPEED or kind == _ALPHA or kind == _BETA
+        guided = setup.guide != NO_GUIDE and time - memory.last_fused[setup.guide] < _GUIDED
+        settle_scales(outputs, is_air_data, guided and kind == _ATTITUDE, channel)
+        if kind == _GPS_POSITION or kind == _GPS_VELOCITY:
+            share_across(channel, 0, 2)
+        if is_air_data and setup.learns_wind:
+            _find_wind_walk(time, x, setup, memory.noise, memory.calm_walk)
+
+
+@njit(cache=True)
+def _note_left(kind: int, residual: Array, update: Update, learns: bool, memory: Memory) -> None:
+    """What is left of a residual after its update, and all corrections so far."""
+    if learns:
+        note_left(residual, update.h, update.delta, memory.noise[kind])
+        memory.moved[kind] = memory.moved[-1]
+
+
+@njit(cache=True)
+def _find_wind_walk(time: float, x: Array, setup: Setup, noise: Array, walk: Array) -> None:
+    """The least random walk of the wind, from what the air data show of gusts."""
+    found, seconds, count, speed = np.empty(3), 0.0, 0, _air_speed(x)
+    for kind in (_AIRSPEED, _ALPHA, _BETA):
+        one = noise[kind, 0]
+        if is_recent(time, one):
+            unit = setup.variance[kind, 0] * (1.0 if kind == _AIRSPEED else speed * speed)
+            found[count] = one[WALK] * unit
+            seconds, count = max(seconds, seconds_of(one)), count + 1
+    if count > 0:
+        ratio = (wind_walk_of(found[:count], seconds, setup.wind_walk) / setup.wind_walk) ** 2
+        walk[0] = setup.wind_walk * np.sqrt(bounded(ratio))
 
 
 @njit(inline="always")  # its memory is handed over array by array otherwise
@@ -178,8 +294,9 @@ def _passes_gate(kind: int, innovation: Array, update: Update, time: float, setu
     likelihood[kind, 1] += min(nis, m * _LARGEST_NIS)
     likelihood[kind, 2] += log_determinant
     recent[0] += _NIS_WEIGHT * (min(nis / m, _LARGEST_NIS) - recent[0])
-    if kind == _AIRSPEED or kind == _ALPHA or kind == _BETA:
-        _follow_gusts(nis, setup, memory)
+    is_air_data = kind == _AIRSPEED or kind == _ALPHA or kind == _BETA
+    if is_air_data and not (setup.learns_wind and is_outlier(memory.noise[kind, 0])):
+        _follow_gusts(nis, memory)
     if not nis <= setup.gate[m]:
         memory.rejected[kind] += 1
         memory.last_rejected[kind] = time
@@ -191,7 +308,7 @@ def _passes_gate(kind: int, innovation: Array, update: Update, time: float, setu
 
 
 @njit(cache=True)
-def _follow_gusts(nis: float, setup: Setup, memory: Memory) -> None:
+def _follow_gusts(nis: float, memory: Memory) -> None:
     """Raise or lower the random walk of the wind by one innovation of air data."""
     if not nis <= _NO_GUST:
         return
@@ -201,7 +318,7 @@ def _follow_gusts(nis: float, setup: Setup, memory: Memory) -> None:
         walk *= np.exp(_WALK_RATE * (mean - 1.0))
     elif mean < _CALM:
         walk *= np.exp(-_WALK_RATE * (1.0 + _CALM - mean) * 0.2)
-    memory.wind_walk[0] = min(max(walk, setup.wind_walk), max(_LARGEST_WALK, setup.wind_walk))
+    memory.wind_walk[0] = min(max(walk, memory.calm_walk[0]), max(_LARGEST_WALK, memory.calm_walk[0]))
 
 
 @njit(cache=True)
@@ -211,6 +328,13 @@ def _is_flying(x: Array, rate: Array, values: Array, kind: int, setup: Setup) ->
         return values[0] >= setup.minimum_airspeed
     u, v, w = air_velocity_at(x, rate, setup.probe_from_imu)
     return bool(np.sqrt(u * u + v * v + w * w) >= setup.minimum_airspeed)
+
+
+@njit(cache=True)
+def _air_speed(x: Array) -> float:
+    """Speed through the air [m/s] of a state."""
+    u, v, w = three(x[AIR_VELOCITY])
+    return float(np.sqrt(u * u + v * v + w * w))
 
 
 @njit(cache=True)
@@ -232,8 +356,9 @@ def _take(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float
 
 
 @njit(cache=True)
-def _move(x: Array, p: Array, delta: Array) -> None:
+def _move(x: Array, p: Array, delta: Array, memory: Memory) -> None:
     """State and covariance after a pseudo-measurement, of which ``delta`` is the error; in place."""
+    memory.moved[-1, : len(delta)] += delta
     turn_attitude_error(p, jacobian_of(delta))
     moved = retract(x, delta)
     if len(p) > ERROR_SIZE:
@@ -245,14 +370,14 @@ def _move(x: Array, p: Array, delta: Array) -> None:
 def _assume_angles(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
     for kind in (_ALPHA, _BETA):
         if is_due(kind, time, setup, x, memory):
-            _move(x, p, update_by(kind, x, p))
+            _move(x, p, update_by(kind, x, p), memory)
             memory.assumed[kind] = time
 
 
 @njit(cache=True)
 def _hold_wind(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> None:
     for axis in range(3):
-        _move(x, p, hold_wind(axis, x, p, setup.wind_std[axis], memory.wind_walk[0]))
+        _move(x, p, hold_wind(axis, x, p, setup.wind_std[axis], memory.wind_walk[0]), memory)
     if setup.guide == NO_GUIDE and memory.fused[_ATTITUDE] == 0 and memory.fused[_MAGNETIC_FIELD] == 0:
         count_heading_from_now(x, p)
     memory.assumed[_GPS_VELOCITY] = time
@@ -285,12 +410,22 @@ def _has_diverged(last_fused: Array, last_rejected: Array, setup: Setup) -> bool
 
 
 @njit(cache=True)
-def _look_at_interval(end: float, values: Array, setup: Setup, memory: Memory, bend: Array, density: Array) -> None:
+def _look_at_interval(
+    end: float, values: Array, x: Array, setup: Setup, memory: Memory, bend: Array, density: Array
+) -> None:
     """Density (2,) of the noise of the IMU up to its sample at ``end`` [s], and its bend (6,), 0 where it is dense."""
     interval = end - memory.imu[0]
     of_force, of_rate = setup.accelerometer_variance, setup.gyro_variance
+    if _air_speed(x) >= setup.minimum_airspeed:
+        learn_imu(end, values, of_force, of_rate, memory.imu_noise)
+    sparse = is_sparse(interval, memory)  # what changes between its samples is motion
+    scales = imu_scales(memory.imu_noise, largest_scale(sparse))
+    if not setup.imu_given[0]:
+        of_force *= scales[0]
+    if not setup.imu_given[1]:
+        of_rate *= scales[1]
     bend[:] = 0.0
-    if is_sparse(interval, memory):
+    if sparse:
         second_difference(end, values, setup.maximum_gap, memory, bend)
         beyond = mean_beyond_line(0.0, 1.0, interval)
         of_force += np.sum((beyond * bend[0:3]) ** 2) / 3.0
@@ -363,7 +498,7 @@ def run(
         interval = end - begin
         if interval > setup.maximum_gap:
             return i, count, steps, GAP
-        _look_at_interval(end, values[j], setup, memory, bend, density)
+        _look_at_interval(end, values[j], x, setup, memory, bend, density)
         now = begin
         for k in range(i, j + 1):
             until = min(max(times[k], now), end)

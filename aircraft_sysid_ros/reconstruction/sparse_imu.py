@@ -30,11 +30,17 @@ _MOST_VOTES = 24
 
 
 @njit(cache=True)
+def votes_are_for_sparse(memory: Memory) -> bool:
+    """Whether samples are sparse, by the votes so far."""
+    return bool(2 * memory.sparse[0] > _MOST_VOTES)
+
+
+@njit(cache=True)
 def is_sparse(interval: float, memory: Memory) -> bool:
     """Whether samples are sparse; ``interval`` [s] is the newest, and votes."""
     votes = memory.sparse[0] + (1 if interval > LONG else -1)
     memory.sparse[0] = min(max(votes, 0), _MOST_VOTES)
-    return bool(2 * memory.sparse[0] > _MOST_VOTES)
+    return votes_are_for_sparse(memory)
 
 
 @njit(cache=True)

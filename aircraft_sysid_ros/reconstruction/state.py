@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.reconstruction.sensor_noise import new_channels, new_imu_noise
+
 # Nominal state, 19 numbers: velocity over ground and position NED, quaternion, biases, air-relative velocity.
 VELOCITY = slice(0, 3)
 POSITION = slice(3, 6)
@@ -158,6 +160,8 @@ class Setup(NamedTuple):
     given: npt.NDArray[np.bool_]  # (kinds,) the aircraft file says it: goes before the message's covariance
     accelerometer_variance: float
     gyro_variance: float
+    imu_given: npt.NDArray[np.bool_]  # (2,) as ``given``, of accelerometer and gyro
+    learns_wind: bool  # the aircraft file says neither the random walk of the wind nor the noise of air data
     accelerometer_walk: float  # [m/s^2 per sqrt(s)]
     gyro_walk: float
     wind_walk: float  # at least; gusts raise it
@@ -217,6 +221,10 @@ class Memory(NamedTuple):
     wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now
     innovation: npt.NDArray[np.float64]  # (kinds, 3) the newest
     assumed: npt.NDArray[np.float64]  # (kinds,) time [s] of the newest pseudo-measurement in place of a sensor
+    calm_walk: npt.NDArray[np.float64]  # (1,) least random walk of the wind: as the flight has it, or the setup
+    noise: npt.NDArray[np.float64]  # (kinds, 3, CHANNEL_WIDTH) what was learnt of each sensor, see ``sensor_noise``
+    imu_noise: npt.NDArray[np.float64]  # (7, 6) the same of the IMU
+    moved: npt.NDArray[np.float64]  # (kinds + 1, 24) sums of all corrections, at the newest sample of a kind; last: now
 
 
 #: Random walk of the wind [m/s per sqrt(s)] at the start: that of moderate turbulence.
@@ -247,4 +255,8 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         wind_walk=np.array([max(wind_walk, GUSTY_START)]),
         innovation=np.full((kinds, 3), np.nan),
         assumed=np.full(kinds, -np.inf),
+        calm_walk=np.array([wind_walk]),
+        noise=new_channels(kinds),
+        imu_noise=new_imu_noise(),
+        moved=np.zeros((kinds + 1, 24)),
     )

@@ -276,6 +276,11 @@ class StateEstimator:
         return self._p[:ERROR_SIZE, :ERROR_SIZE].copy()
 
     @property
+    def setup(self) -> Setup | None:
+        """What the filter was told of the aircraft; None before it has started."""
+        return self._setup
+
+    @property
     def air_data_errors(self) -> dict[str, dict[str, float]]:
         """Newest value and standard deviation of the errors of the air data by name; empty if they are no states."""
         return error_table(self._x, self._p) if len(self._x) > STATE_SIZE else {}

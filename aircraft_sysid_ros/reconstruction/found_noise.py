@@ -1,0 +1,173 @@
+"""What a flight has shown of the noise of its sensors, for people and for the aircraft file."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.reconstruction.filter_setup import SENSOR_OF_KIND
+from aircraft_sysid_ros.reconstruction.sensor_noise import (
+    BASE,
+    COLOURED,
+    SCALE,
+    WHITE,
+    has_learnt,
+    imu_has_learnt,
+    imu_scales,
+    largest_scale,
+    slow_part,
+)
+from aircraft_sysid_ros.reconstruction.sparse_imu import votes_are_for_sparse
+from aircraft_sysid_ros.reconstruction.state import Setup
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Kind
+
+Array = npt.NDArray[np.float64]
+
+#: Where a noise comes from.
+FILE, MESSAGES, DEFAULT, FLIGHT = "file", "messages", "default", "flight"
+_KINDS = (
+    Kind.ATTITUDE, Kind.GPS_POSITION, Kind.GPS_VELOCITY, Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP, Kind.AIR,
+)  # fmt: skip
+_AXES = {Kind.ATTITUDE: 3, Kind.GPS_POSITION: 3, Kind.GPS_VELOCITY: 3}
+_IMU = ("accelerometer", "gyro")
+#: A stated noise is contradicted where the flight has so many times as much.
+_CONTRADICTED = 2.5
+#: Slow error [rad] of an attitude that is worth a note.
+_WORTH_A_NOTE = 0.01
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Of one sensor, in its unit: one sigma per axis in use, where it comes from, and what the flight shows of it."""
+
+    name: str
+    in_use: Array
+    source: str
+    shown: Array | None  # None: too few samples
+    slow: Array | None = None  # rms of the slow error of an attitude [rad] about x, y, z; None: it has none
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """For state.json."""
+        result: dict[str, Any] = {"noise": _rounded(self.in_use), "source": self.source}
+        if self.shown is not None:
+            result["shown"] = _rounded(self.shown)
+        if self.slow is not None:
+            result["slow_error"] = _rounded(self.slow)
+        return result
+
+
+def found_noise(state: StateEstimator) -> list[SensorNoise]:
+    """Of every sensor that was heard; empty before the filter has started."""
+    setup = state.setup
+    if setup is None:
+        return []
+    heard = [kind for kind in _KINDS if state.memory.fused[kind] + state.memory.rejected[kind]]
+    return [*_of_imu(state, setup), *(_of_kind(state, setup, kind) for kind in heard)]
+
+
+def _of_imu(state: StateEstimator, setup: Setup) -> list[SensorNoise]:
+    learnt, found = imu_has_learnt(state.memory.imu_noise), []
+    scales = imu_scales(state.memory.imu_noise, largest_scale(votes_are_for_sparse(state.memory)))
+    variances = (setup.accelerometer_variance, setup.gyro_variance)
+    for number, name in enumerate(_IMU):
+        said = np.sqrt(variances[number : number + 1])
+        shown = said * np.sqrt(scales[number])
+        given, default = bool(setup.imu_given[number]), state.aircraft.sensors[name].noise[0] == said[0]
+        in_use = said if given else shown
+        found.append(SensorNoise(name, in_use, _source(given, learnt, default), shown if learnt else None))
+    return found
+
+
+def _of_kind(state: StateEstimator, setup: Setup, kind: Kind) -> SensorNoise:
+    outputs = _AXES.get(kind, 1)
+    channel = state.memory.noise[kind, :outputs]
+    learnt, given = has_learnt(channel[0]), bool(setup.given[kind])
+    known = channel[:, BASE] > 0.0
+    base = np.where(known, channel[:, BASE], setup.variance[kind, :outputs])
+    shown = np.sqrt(base * channel[:, SCALE])
+    source = _source(given, learnt, bool(np.array_equal(base, setup.variance[kind, :outputs])))
+    slow = None
+    if kind == Kind.ATTITUDE and learnt and not given and channel[:, COLOURED].any():
+        slow = np.sqrt(base * [slow_part(one) for one in channel])
+        slow = slow if slow.max() > _WORTH_A_NOTE else None
+    in_use = np.sqrt(base) if given else shown
+    white = np.sqrt(base * channel[:, WHITE])
+    return SensorNoise(SENSOR_OF_KIND[kind], in_use, source, (white if given else shown) if learnt else None, slow)
+
+
+def _source(given: bool, learnt: bool, is_default: bool) -> str:
+    if given:
+        return FILE
+    if learnt:
+        return FLIGHT
+    return DEFAULT if is_default else MESSAGES
+
+
+def found_wind_walk(state: StateEstimator) -> tuple[float, str]:
+    """Least random walk of the wind [m/s per sqrt(s)] in use, and where it comes from."""
+    walk, said = float(state.memory.calm_walk[0]), state.aircraft.process_noise["wind"]
+    if (state.aircraft.source.get("process_noise") or {}).get("wind") is not None:
+        return walk, FILE
+    return walk, DEFAULT if walk == said else FLIGHT
+
+
+def noise_json(state: StateEstimator) -> dict[str, Any]:
+    """The entry ``sensor_noise`` of state.json."""
+    walk, source = found_wind_walk(state)
+    wind = {"wind": {"random_walk": float(f"{walk:.3g}"), "source": source}}
+    return {**{each.name: each.json for each in found_noise(state)}, **wind}
+
+
+def noise_notes(state: StateEstimator) -> list[str]:
+    """What a user should know: an attitude with a slow error, and a stated noise that the flight denies."""
+    found = []
+    for each in found_noise(state):
+        if each.slow is not None:
+            roll, pitch, heading = np.rad2deg(each.slow)
+            found.append(
+                f"the attitude of the recording has a slow error of its own, {roll:.1f}° in roll, {pitch:.1f}° in "
+                f"pitch and {heading:.1f}° in heading (rms): it counts for less than its noise says"
+            )
+        fused = each.name not in _IMU  # rough motion in gusts looks like noise of the IMU
+        if (
+            fused
+            and each.source == FILE
+            and each.shown is not None
+            and np.max(each.shown / each.in_use) > _CONTRADICTED
+        ):
+            found.append(
+                f"the aircraft file states {_text(each.in_use)} as noise of the sensor {each.name}, the flight shows "
+                f"{_text(each.shown)}: what is stated is used; leave it out to have it found"
+            )
+    return found
+
+
+def completed_file(state: StateEstimator) -> dict[str, Any]:
+    """The content of the aircraft file with what the flight has shown, where the file says nothing."""
+    source = copy.deepcopy(state.aircraft.source)
+    sensors = {name: dict(value or {}) for name, value in (source.get("sensors") or {}).items()}
+    for each in found_noise(state):
+        if each.source == FLIGHT:
+            is_gps = each.name in ("gps_position", "gps_velocity")
+            noise = each.in_use if is_gps else np.sqrt(np.mean(each.in_use**2, keepdims=True))
+            sensors.setdefault(each.name, {})["noise"] = _rounded(noise) if is_gps else _rounded(noise)[0]
+    if sensors:
+        source["sensors"] = sensors
+    walk, where = found_wind_walk(state)
+    if where == FLIGHT:
+        source["process_noise"] = {**(source.get("process_noise") or {}), "wind": float(f"{walk:.3g}")}
+    return source
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(f"{value:.3g}") for value in values]
+
+
+def _text(values: Array) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)
