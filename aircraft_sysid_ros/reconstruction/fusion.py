@@ -42,6 +42,7 @@ from aircraft_sysid_ros.reconstruction.sensor_noise import (
     learn,
     learn_imu,
     note_left,
+    raise_if_rejected,
     seconds_of,
     settle_scales,
     share_across,
@@ -70,7 +71,8 @@ _LARGEST_NIS = 25.0
 _GUSTY, _CALM = 1.3, 1.1  # running mean of the normalised innovation squared
 _WALK_RATE = 0.01  # per sample and unit of that mean
 _LARGEST_WALK = 2.0  # [m/s per sqrt(s)]
-_GUIDED = 2.0  # [s] since GPS has shown the motion
+_LOOKED_AT = 8  # one in so many samples of a sensor whose noise is stated
+_GUIDED = 2.0  # [s] since a sensor was fused, in which it is at work
 _NO_GUST = 400.0  # normalised innovation squared of a sensor that fails
 RUNNING, GAP, DIVERGED = 0, 1, 2
 
@@ -134,14 +136,13 @@ def measurement_variance(kind: int, values: Array, setup: Setup) -> Array:
     return variance
 
 
-@njit(cache=True)
+@njit(inline="always")  # the setup is handed over array by array otherwise
 def _variance_in_use(kind: int, base: Array, setup: Setup, noise: Array) -> Array:
     """The same (3,) with what the flight has shown of the sensor, unless the aircraft file says its noise."""
-    if setup.given[kind]:
-        return base
-    variance = np.empty(3)
-    for i in range(3):
-        variance[i] = base[i] * noise[kind, i, SCALE]
+    variance = base.copy()
+    if not setup.given[kind]:
+        for i in range(3):
+            variance[i] *= noise[kind, i, SCALE]
     return variance
 
 
@@ -182,7 +183,7 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
             memory.skipped[kind] += 1
             return
         if iteration == 0:
-            learns = _learns(kind, values, base, x, setup, memory.noise)
+            learns = _learns(kind, values, base, x, setup, memory)
             if not _is_welcome(kind, time, x, residual, update, variance, base, learns, setup, memory):
                 return
         change = move(p, residual, update)
@@ -200,12 +201,15 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
     memory.last_fused[kind] = time
 
 
-@njit(cache=True)
-def _learns(kind: int, values: Array, base: Array, x: Array, setup: Setup, noise: Array) -> bool:
-    """Whether a sample says something of the noise of its sensor: in flight, and no repetition."""
-    if kind == _MAGNETIC_FIELD or not _air_speed(x) >= setup.minimum_airspeed:
-        return False
-    return not is_held(values, np.sqrt(base[0]), outputs_of(kind), noise[kind])
+@njit(inline="always")  # its memory is handed over array by array otherwise
+def _learns(kind: int, values: Array, base: Array, x: Array, setup: Setup, memory: Memory) -> bool:
+    """Whether a sample says something of the noise of its sensor: in flight, and no repetition.
+
+    Where the noise is stated a part of them is enough to see whether it can be true.
+    """
+    is_passed = setup.given[kind] and (memory.fused[kind] + memory.rejected[kind]) % _LOOKED_AT != 0
+    is_of_use = not is_passed and kind != _MAGNETIC_FIELD and _air_speed(x) >= setup.minimum_airspeed
+    return is_of_use and not is_held(values, np.sqrt(base[0]), outputs_of(kind), memory.noise[kind])
 
 
 @njit(inline="always")  # its memory is handed over array by array otherwise
@@ -225,6 +229,8 @@ def _is_welcome(
     if learns:
         _learn(kind, time, x, innovation, update, variance, base, setup, memory)
     passes = _passes_gate(kind, innovation, update, time, setup, memory)
+    if learns and time - memory.last_fused[kind] < _GUIDED:  # longer, and it has failed
+        raise_if_rejected(passes, len(innovation), memory.noise[kind])
     if not passes:
         _note_left(kind, innovation, update, learns, memory)
     return passes

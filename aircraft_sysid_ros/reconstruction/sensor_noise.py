@@ -17,6 +17,8 @@ that drifts the mean of SLOW seconds tells it: its variance is H P H' + R dt / (
 that lasts. Noise of the IMU is white in fifth differences, (1, -5, 10, -10, 5, -1) with the sum of squares 252, in
 which motion up to a tenth of the rate is gone.
 
+No sensor is rejected for long: where more of its samples are than can be outliers its noise is raised until they pass.
+
 All means forget over FORGETTING, count what is beyond CLIP standard deviations as that, and hold while the aeroplane
 is not flying. One number that repeats itself is no sample, unless the signal has steps of a size that shows.
 """
@@ -50,6 +52,8 @@ _COLOURED = 2.0
 _SLOW_PRIOR, _SLOW_PRIOR_TIME = 100.0, 20.0
 #: Share of the white noise by which innovations are larger than by chance; samples from which a noise is stated.
 _BEYOND_CHANCE, _ENOUGH = 0.3, 100.0
+#: Share of samples that a gate may reject, more are no outliers, and the time [s] in which the noise is raised for it.
+_MAY_BE_REJECTED, _RAISING = 0.06, 5.0
 #: Steps of this share of a standard deviation make two equal numbers in turn likely.
 _COARSE = 0.3
 
@@ -61,9 +65,9 @@ _LEFT = 0  # what each smoother has left of the newest sample
 _SQUARE = _LEFT + _COUNT_OF_GAINS  # mean square of its errors of prediction
 (
     _BEFORE, _SINCE, _CARRIED, _OUTLIERS, _TIME, _INTERVAL, _COUNT, _INNOVATION, _EXPECTED, _WEIGHT, _MEAN,
-    _SLOW_SQUARE, _VALUE, _STEP, WHITE, WALK, SCALE, COLOURED, BASE,
-) = range(_SQUARE + _COUNT_OF_GAINS, _SQUARE + _COUNT_OF_GAINS + 19)  # fmt: skip
-CHANNEL_WIDTH = _SQUARE + _COUNT_OF_GAINS + 19
+    _SLOW_SQUARE, _VALUE, _STEP, WHITE, WALK, SCALE, COLOURED, BASE, _INFLATION,
+) = range(_SQUARE + _COUNT_OF_GAINS, _SQUARE + _COUNT_OF_GAINS + 20)  # fmt: skip
+CHANNEL_WIDTH = _SQUARE + _COUNT_OF_GAINS + 20
 
 # Rows of the memory of the IMU: six signals, newest values first and then their mean square; then what all share.
 _DEPTH = 5
@@ -241,12 +245,24 @@ def settle_scales(outputs: int, is_air_data: bool, may_drift: bool, channel: Arr
         if one[_COUNT] < 2.0:
             continue
         weigh_bank(one)
-        one[SCALE], one[COLOURED] = bounded(one[WHITE]), 0.0
-        if is_air_data:
-            continue
-        one[SCALE] = bounded(max(one[WHITE], one[_INNOVATION] - one[_EXPECTED]))
+        found, one[COLOURED] = one[WHITE], 0.0
+        if not is_air_data:
+            found = max(found, one[_INNOVATION] - one[_EXPECTED])
+        one[SCALE] = bounded(found * np.exp(one[_INFLATION]))
         if may_drift and one[_SLOW_SQUARE] > _COLOURED * one[SCALE]:
             one[SCALE], one[COLOURED] = bounded(one[_SLOW_SQUARE]), 1.0
+
+
+@njit(cache=True)
+def raise_if_rejected(passes: bool, outputs: int, channel: Array) -> None:
+    """Raise the noise of a sensor of which more samples are rejected than can be outliers, until that is so no more.
+
+    The logarithm of the factor goes up with each that is rejected, and down with the others, in balance at that share.
+    """
+    first = channel[0]
+    step = first[_INTERVAL] / _RAISING * (-_MAY_BE_REJECTED if passes else 1.0 - _MAY_BE_REJECTED)
+    for i in range(outputs):
+        channel[i, _INFLATION] = min(max(channel[i, _INFLATION] + step, 0.0), np.log(MOST))
 
 
 @njit(cache=True)
