@@ -420,6 +420,38 @@ def slow_imu() -> str:
     return table(header, rows)
 
 
+def sensor_noise() -> str:
+    """What an aircraft file without noise costs."""
+    result = load("sensor_noise")
+    header = [
+        "simulator",
+        "true noise / default",
+        "IMU",
+        "turbulence",
+        "file",
+        "error",
+        "intervals that hold the truth",
+    ]
+    header += ["USE", "of them off by > 25 %", "rejected", "tilt", "NEES", "NIS"]
+    rows = []
+    for cell in result["cells"]:
+        where = [
+            cell["simulator"],
+            f"{cell['factor']:g}" if cell["factor"] else "mixed",
+            f"{cell['rate']:g} Hz",
+            cell["air"],
+        ]
+        for name in ("defaults", "found", "stated"):
+            r = cell[name]
+            inside = f"{100 * r['inside']:.0f} % of {r['seen']}" if r["seen"] else "-"
+            rows.append([
+                *where, name, "-" if r["main_error"] is None else percent(r["main_error"]), inside, str(r["used"]),
+                str(r["wrong"]), percent(r["rejected"]),
+                f"{r['tilt_error']:.2f}°", f"{r['nees']:.2g}", f"{r['nis']:.2f}",
+            ])  # fmt: skip
+    return table(header, rows)
+
+
 def diagnosis_speed() -> str:
     """Time of a diagnosis of a long flight."""
     if not (RESULTS / "diagnosis_speed.json").exists():
@@ -515,6 +547,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "strangers": strangers,
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "slow_imu": slow_imu,
+    "sensor_noise": sensor_noise,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},
     "effects": effects,
     "effect_terms": effect_terms,
