@@ -48,8 +48,8 @@ class ShapeParameter:
 
 @dataclass(frozen=True)
 class Tie:
-    """What a term's parameter is: a number of the effect, times a factor, times ``of``, which is a parameter of the
-    present model such as "Cm_de", or CHORD_BY_SPAN.
+    """What a term's parameter is: a number of the effect, times a factor, times ``of``, which is a derivative of the
+    present model to a surface, such as "Cm_de", or CHORD_BY_SPAN.
     """
 
     number: int

@@ -113,13 +113,30 @@ class CandidateEvaluator:
         return parameters
 
     @cached_property
+    def derivatives(self) -> dict[str, float]:
+        """C_axis,δ of the fitted model by name (Cm_de), the mean over the flight: a slipstream may be in it."""
+        found = {}
+        for name in ("de", "da", "dr"):
+            column, step = self.data.model.signal_names.index(name), 0.01
+            high, low = self.data.signals.copy(), self.data.signals.copy()
+            high[:, column] += step
+            low[:, column] -= step
+            for axis in self.fits:
+                model, programs = self.data.model, self.data.model.programs[AXES.index(axis)]
+                part = np.array([self.parameters[name] for name in model.parameter_names[model.axis_slice(axis)]])
+                more, less = (self.data.with_signals(signals).columns(programs) @ part for signals in (high, low))
+                change = (more - less)[np.isfinite(more - less)]
+                found[f"{axis}_{name}"] = float(np.mean(change)) / (2.0 * step) if len(change) else 0.0
+        return found
+
+    @cached_property
     def base(self) -> dict[str, str]:
         """Text of the fitted model by axis, for candidates that are made of it."""
         return base_texts(self.data.model, self.parameters)
 
     def _tied(self, candidate: Candidate) -> dict[str, Gain]:
         """Gains of a candidate whose axes share numbers."""
-        known = {"": 1.0, CHORD_BY_SPAN: self.data.aircraft.chord / self.data.aircraft.span, **self.parameters}
+        known = {"": 1.0, CHORD_BY_SPAN: self.data.aircraft.chord / self.data.aircraft.span, **self.derivatives}
         ties, columns = {}, {}
         for axis, terms in candidate.terms.items():
             if axis in self.fits:
