@@ -60,6 +60,14 @@ def read_state(folder: Path) -> dict[str, Any]:
     return dict(state)
 
 
+def calm_air_of(folder: Path) -> bool:
+    """Whether the air was taken as calm when a run was made; not where nothing says so."""
+    try:
+        return bool(read_state(folder).get("calm_air", False))
+    except UNREADABLE:  # said of that file
+        return False
+
+
 def read_samples(folder: Path) -> Samples:
     """All samples, as they arrived: their stamps need not rise. Raises UNREADABLE."""
     with np.load(folder / SAMPLES) as stored:

@@ -27,6 +27,7 @@ import yaml
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import evaluate_rows, with_lags
+from aircraft_sysid_ros.diagnosis.failures.wind_of_speed import contradicted_calm, held
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
@@ -125,6 +126,7 @@ class RunWriter:
         absent = absences(state, [manoeuvre["name"] for manoeuvre in manoeuvres])
         told = [*notes, *absent, *noise_notes(state)]
         result = {"state": {**state_json(state), "notes": told}, "parameters": parameters_json(parameters)}
+        self._doubt_calm_air(state, result)
         if manoeuvres:
             result["state"]["manoeuvres"] = list(manoeuvres)
         try:
@@ -148,6 +150,16 @@ class RunWriter:
         except OSError as error:
             raise InputError(f"cannot write the run {self.path}: {error.strerror or error}") from None
         return result
+
+    def _doubt_calm_air(self, state: StateEstimator, result: dict[str, Any]) -> None:
+        """Hold every parameter of a flight whose speed over ground shows a wind that was taken for none."""
+        if not state.options.calm_air:
+            return
+        wind = contradicted_calm(concatenate(self._samples), self._aircraft.minimum_airspeed)
+        if wind:
+            result["state"]["notes"].append(f"the air was not calm: {wind}, so that nothing is to be used")
+            listed = result["parameters"]["parameters"]
+            result["parameters"]["parameters"] = held(listed, "the air was taken as calm, and was not")
 
     def _write_estimates(self, path: Path, epoch: int, parameters: Identifier) -> None:
         with RecordingWriter(path) as writer:
@@ -209,6 +221,7 @@ def state_json(state: StateEstimator) -> dict[str, Any]:
         "samples": {kind: c for kind, c in counts.items() if c},
         "realignments": state.realignments,
         "clock_restarts": state.order.counts.restarts,
+        "calm_air": bool(state.options.calm_air),
     }
 
 

@@ -12,7 +12,7 @@ from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT
 from aircraft_sysid_ros.diagnosis.model_versions.additions import Outcome, add
-from aircraft_sysid_ros.diagnosis.model_versions.versions import MODELS
+from aircraft_sysid_ros.diagnosis.model_versions.versions import MODELS, open_run
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.report.diagnosis_figures import errors_figure
 
@@ -59,7 +59,7 @@ def described(run: str, outcome: Outcome, word: str) -> dict[str, Any]:
         "parents": list(outcome.version.parents),
         "aircraft": str(folder / AIRCRAFT),
         "figure": figure,
-        "notes": notes,
+        "notes": [*open_run(run).notes, *notes],
     }
 
 

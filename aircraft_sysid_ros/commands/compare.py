@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         note = "the run holds no samples: errors are those of the filter, with its settling; replay the recording again"
         result["notes"] = [*result["notes"], note]
     result["figure"], notes = picture(lambda: comparison_figure(comparison, opened.path / FIGURE, title))
-    result["notes"] = [*result["notes"], *notes]
+    result["notes"] = [*opened.notes, *result["notes"], *notes]
     return result
 
 

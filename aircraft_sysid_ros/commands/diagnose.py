@@ -7,7 +7,7 @@ from typing import Any
 
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.flight_answer import answer
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
@@ -42,13 +42,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"{args.run} holds no samples to diagnose from: replay the recording again")
     with progress_bar() as progress:
         task = progress.add_task("diagnose", total=1.0)
-        result = diagnose_flight(
+        result = answer(
             opened.current.aircraft,
             opened.samples,
+            opened.calm_air,
             replicas=args.replicas,
             progress=lambda what, share: progress.update(task, description=what, completed=share),
             names=opened.manoeuvres,
-        ).json
+        )
     result = {"model": opened.current.identifier, **result, "file": str(opened.path / DIAGNOSIS)}
     try:
         write_json(opened.path / DIAGNOSIS, result)
@@ -63,10 +64,14 @@ def render(result: dict[str, Any]) -> str:
     for candidate in result["candidates"]:
         lines += _about(candidate)
     lines += [result["advice"], ""]
-    lines.append(
-        f"{result['tried']} effects tried, {result['replicas']} replicas; a flight with nothing missing is "
-        f"given another verdict in at most {result['false_alarm_rate']:.0%} of cases"
-    )
+    lines += [f"note: {note}" for note in result["notes"]]
+    if result["replicas"]:
+        lines.append(
+            f"{result['tried']} effects tried, {result['replicas']} replicas; a flight with nothing missing is "
+            f"given another verdict in at most {result['false_alarm_rate']:.0%} of cases"
+        )
+    else:
+        lines.append(f"{result['tried']} inputs looked at, without replicas")
     return "\n".join(lines)
 
 

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     title = f"{args.method}: {data.aircraft.name}, model {version.identifier}"
     figure, notes = picture(lambda: _draw(path.with_suffix(".png"), result, title))
     _write(path, json_text(content) + "\n")
-    return {**content, "file": str(path), "figure": figure, "notes": notes}
+    return {**content, "file": str(path), "figure": figure, "notes": [*opened.notes, *notes]}
 
 
 def _about(version: Version, current: Version) -> dict[str, Any]:

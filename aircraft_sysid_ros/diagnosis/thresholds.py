@@ -130,6 +130,17 @@ class Thresholds:
         "A second setting with this share of the evidence of the first cannot be told from it. A judgement.",
     )
 
+    # -- inputs that fail
+    failure_evidence: float = _of(
+        30.0,
+        "ln of the likelihood, less what free numbers cost, from which an input is said to have failed: of simulated",
+        "flights in which nothing failed none has one that meets all rules (docs/diagnosis.md).",
+    )
+    failure_lead: float = _of(
+        10.0,
+        "And it must be so much likelier than that the same axes have another constant for a while. A judgement.",
+    )
+
     # -- in flight
     live_size: float = _of(
         0.20,

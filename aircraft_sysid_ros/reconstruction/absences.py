@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import Sensors, StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 
@@ -40,13 +41,29 @@ def _of_one(sensors: Sensors, state: StateEstimator) -> list[str]:
     return [*_of_gps(sensors), *_of_height(sensors, ground), *_of_air_data(sensors, calm_air)]
 
 
-def require_airspeed(samples: Samples) -> None:
-    """Raises InputError for a flight that no parameter can be learnt from afterwards."""
-    if not np.isfinite(samples.values[samples.kind == Kind.AIRSPEED, 0]).any():
+def has_airspeed(samples: Samples) -> bool:
+    """Whether a flight has measured its airspeed."""
+    return bool(np.isfinite(samples.values[samples.kind == Kind.AIRSPEED, 0]).any())
+
+
+def options_after_flight(samples: Samples, calm_air: bool) -> StateOptions:
+    """Options with which a flight is reconstructed once more, ``calm_air`` as when it was replayed.
+
+    Raises InputError for a flight that no parameter can be learnt from.
+    """
+    if not has_airspeed(samples) and not calm_air:
         raise InputError(
-            "this flight has no airspeed, and nothing can be said of its model without one: replay and live take the "
-            "speed over ground for it with --calm-air, what comes after a flight does not"
+            "this flight has no airspeed, and nothing can be said of its model without one: replay it with --calm-air, "
+            "which takes the speed over ground for it, and compare, diagnose, add and refine take that up"
         )
+    return StateOptions(calm_air=calm_air)
+
+
+def assumed_calm(samples: Samples, calm_air: bool) -> list[str]:
+    """What every answer says of a flight whose wind was taken for none; empty where its airspeed was measured."""
+    if has_airspeed(samples) or not calm_air:
+        return []
+    return ["no airspeed was measured: the air was taken as calm, and what wind there was is in every number"]
 
 
 def _of_gps(sensors: Sensors) -> list[str]:

@@ -53,6 +53,7 @@ from aircraft_sysid_ros.flight_model.layout import (
 )
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField, Status, in_moving_air
@@ -100,10 +101,10 @@ class FlightRecord:
         return out
 
 
-def record_of(aircraft: Aircraft, samples: Samples, rate: float) -> FlightRecord:
+def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateOptions | None = None) -> FlightRecord:
     """Record of a flight at about ``rate`` [Hz]; raises InputError where samples do not make a flight."""
     with SmootherHistory() as tape:
-        estimator = StateEstimator(aircraft, tape=tape)
+        estimator = StateEstimator(aircraft, options, tape)
         estimator.push(samples)
         estimator.flush()
         if not estimator.has_been_aligned or estimator.epoch is None:

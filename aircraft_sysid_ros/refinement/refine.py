@@ -29,7 +29,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
     why_too_slow,
 )
 from aircraft_sysid_ros.identification.trust import lack_of_fit
-from aircraft_sysid_ros.reconstruction.absences import require_airspeed
+from aircraft_sysid_ros.reconstruction.absences import options_after_flight
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.refinement.filter_error import FilterModel, filter_error_fit
 from aircraft_sysid_ros.refinement.output_error import SegmentModel, output_error_fit
@@ -100,10 +100,10 @@ class _Fitted:
 def refine(run: RunData, method: str, options: RefineOptions, progress: Progress | None = None) -> Refinement:
     """Refine the parameters of a run; InputError where its flight does not allow it."""
     _check_mass(run)
-    require_airspeed(run.samples)
+    state_options = options_after_flight(run.samples, run.calm_air)
     if slow := why_too_slow(run.samples):
         raise InputError(f"the run cannot be refined: {slow}")
-    record = record_of(run.aircraft, run.samples, options.rate)
+    record = record_of(run.aircraft, run.samples, options.rate, state_options)
     segments = segments_of(record, options.segment, options.held_out)
     fitted = [segment for segment in segments if not segment.held_out]
     total = sum(s.part.stop - s.part.start for s in fitted) * record.step

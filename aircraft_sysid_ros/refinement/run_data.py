@@ -43,6 +43,7 @@ class RunData:
     point_stamp: npt.NDArray[np.int64]  # (n,) [ns]
     measured: Array  # (n, 6) coefficients
     terms: Array  # (n, parameters)
+    calm_air: bool = False  # it was taken as calm when the flight was replayed
 
     @property
     def start(self) -> Array:
@@ -85,4 +86,4 @@ def load_run(run: str | Path) -> RunData:
     sound = sound and bool(np.all(np.isin(samples.kind, [int(kind) for kind in Kind])))
     if not sound or measured.shape != (len(stamp), len(AXES)) or terms.shape != (len(stamp), len(names)):
         raise InputError(f"the run {run} is of another version or model: replay the recording again")
-    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms)
+    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms, bool(state.get("calm_air", False)))

@@ -47,10 +47,10 @@ def run(hidden_run, tmp_path, monkeypatch) -> Path:
 _made: dict[str, tuple[Reconstruction, bool]] = {}
 
 
-def _once(aircraft, samples):
+def _once(aircraft, samples, calm_air=False):
     key = str(samples.stamp.sum()) + repr(aircraft.sensors) + repr(aircraft.imu_position) + str(len(samples))
     if key not in _made:
-        _made[key] = reconstruct_as_flown(aircraft, samples)
+        _made[key] = reconstruct_as_flown(aircraft, samples, calm_air=calm_air)
     made, calm = _made[key]
     return replace(made, aircraft=aircraft), calm
 

@@ -26,7 +26,8 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSam
 from aircraft_sysid_ros.identification.coefficients.pace import interval_of, sparse_interval
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_GAP
-from aircraft_sysid_ros.reconstruction.absences import require_airspeed
+from aircraft_sysid_ros.reconstruction.absences import has_airspeed, options_after_flight
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
@@ -92,12 +93,14 @@ class Reconstruction:
             yield number, np.flatnonzero(numbers == number)
 
 
-def reconstruct(aircraft: Aircraft, samples: Samples, with_covariance: bool = True) -> Reconstruction:
+def reconstruct(
+    aircraft: Aircraft, samples: Samples, with_covariance: bool = True, options: StateOptions | None = None
+) -> Reconstruction:
     """Both steps over all samples; InputError when the filter does not start on them.
 
     Without the covariance of the smoother it is faster, and standard deviations are those of the filter.
     """
-    state, parameters = StateEstimator(aircraft), Identifier(aircraft)
+    state, parameters = StateEstimator(aircraft, options), Identifier(aircraft)
     filtered = [rows[:, StateField.AIR_VELOCITY_STD].copy() for rows in _filtered_rows(state, samples)]
     if state.epoch is None or not state.has_been_aligned:
         raise InputError("the filter does not start on the samples of this flight: replay says why")
@@ -185,10 +188,15 @@ def as_flown(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
 
 
 def reconstruct_as_flown(
-    aircraft: Aircraft, samples: Samples, with_covariance: bool = True
+    aircraft: Aircraft, samples: Samples, with_covariance: bool = True, calm_air: bool = False
 ) -> tuple[Reconstruction, bool]:
-    """The flight with the noise and the gusts that it had, on which all errors count, and whether it is calm."""
-    require_airspeed(samples)
+    """The flight with the noise and the gusts that it had, on which all errors count, and whether it is calm.
+
+    ``calm_air``: its wind was assumed to be none; no innovation of air data can say otherwise.
+    """
+    options = options_after_flight(samples, calm_air)
+    if not has_airspeed(samples):
+        return reconstruct(fit_sensor_noise(aircraft, samples), samples, with_covariance, options), False
     flown, calm = as_flown(aircraft, samples)
     return reconstruct(flown, samples, with_covariance), calm
 

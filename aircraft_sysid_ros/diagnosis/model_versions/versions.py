@@ -37,12 +37,15 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.absences import assumed_calm
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.run_data import RunData, load_run, load_run_aircraft
 from aircraft_sysid_ros.run_reader import (
     PARAMETERS,
     SAMPLES,
     UNREADABLE,
+    calm_air_of,
     not_a_run,
     read_parameters,
     read_points,
@@ -106,6 +109,16 @@ class Run:
         except UNREADABLE:  # said of that file
             return ()
 
+    @property
+    def calm_air(self) -> bool:
+        """The air was taken as calm when the flight was replayed."""
+        return calm_air_of(self.path)
+
+    @property
+    def notes(self) -> list[str]:
+        """What every answer about the run says."""
+        return [] if self.samples is None else assumed_calm(self.samples, self.calm_air)
+
     def flight(self, aircraft: Aircraft | None = None) -> FlightData:
         """The flight as the sensor settings of an aircraft file see it, by default those of the current version.
 
@@ -122,7 +135,7 @@ class Run:
                 raise InputError(f"{self.path} holds no samples to reconstruct from: replay the recording again")
             flight, first = load_flight_data(self.path), int(read_points(self.path)["stamp"][0])
         else:
-            made, _ = reconstruct_as_flown(aircraft, self.samples)
+            made, _ = reconstruct_as_flown(aircraft, self.samples, calm_air=self.calm_air)
             check_flight(str(self.path), made.data, self.samples)
             flight, first = settled_flight(made), made.epoch + int(1e9 * made.points[0, CoefficientSample.TIME])
         seen = aircraft if self.samples is None else with_sparse_rates(aircraft, self.samples)
@@ -250,7 +263,7 @@ def run_data(run: Run, version: Version) -> RunData:
             f"{PARAMETERS} of the model version {version.identifier} in {run.path} is damaged: remove that version "
             "and add the effect again"
         ) from None
-    pipeline = Pipeline(version.aircraft)
+    pipeline = Pipeline(version.aircraft, StateOptions(calm_air=run.calm_air))
     points = np.vstack([pipeline.push(run.samples)[1], pipeline.flush()[1]])
     if pipeline.state.epoch is None:
         raise InputError(f"the filter does not start on the samples of {run.path}: replay says why")
@@ -263,6 +276,7 @@ def run_data(run: Run, version: Version) -> RunData:
         point_stamp=nanoseconds(points[:, CoefficientSample.TIME], pipeline.state.epoch),
         measured=points[:, CoefficientSample.MEASURED],
         terms=points[:, CoefficientSample.TERMS :],
+        calm_air=run.calm_air,
     )
 
 

@@ -1,0 +1,285 @@
+"""Which input stopped acting, from when to when: every hypothesis at its own optimum of times, level and noise.
+
+An input that is held, stuck or cut off between t1 and t2 is so in all axes: the columns that read it are frozen there.
+Free numbers are the times and, where the level at which it stays is not known, one per axis in which it acts.
+
+Hypotheses are ranked by their likelihood, each with the colour of noise that suits it best, less half of ln n per free
+number (Schwarz). The evidence against the model as it is takes the noise of the hypothesis for both: a step that the
+model lacks looks like noise with a long memory, and would hide itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, MEMORY, AxisRelation, autoregression, whitened
+from aircraft_sysid_ros.diagnosis.failures.interval_search import (
+    FROZEN,
+    HELD,
+    NIL,
+    Whitened,
+    intervals,
+    sums_of_squares,
+)
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+#: Shortest interval [s], and the least number of points of it.
+SHORTEST, LEAST_POINTS = 3.0, 6
+#: Share of a flight that is intact before, and in all.
+BEFORE, INTACT = 0.12, 0.3
+#: Edges of intervals of the first pass.
+_EDGES = 65
+#: Levels of an input that are tried first, and how finely they are told, as a share of its range.
+_LEVELS, _FINEST_LEVEL = 9, 0.01
+#: Doubt [s] of a time beyond which nobody looks.
+_LONGEST_DOUBT = 15.0
+#: Rounds of search and of the colour of what is left.
+_ROUNDS = 3
+#: Colours of noise with which the first pass begins, how many intervals of each it keeps, and how far apart [edges].
+_COLOURS = ((1.0,), (1.0, -0.6))
+_STARTS, _APART = 4, 3
+#: Standard deviation [points] of the step that the low pass of the series makes of a sudden one, and the finest step.
+_SMOOTH, _FINEST = 0.47, 0.25
+#: Share of a coefficient's spread that a linear model of a stranger's aeroplane leaves at best: it counts as noise.
+_MODEL_ERROR = 0.05
+
+
+@dataclass(frozen=True)
+class AxisFit:
+    """One axis under one hypothesis."""
+
+    log_likelihood: float  # of the innovations, at their own variance
+    parameters: Array
+    std: Array
+    residual: Array  # (n,)
+    filtering: Array
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What fails, how, and between which points."""
+
+    name: str  # of the input
+    kind: str  # FROZEN, HELD, NIL or CONSTANT
+    begin: float  # [points]
+    end: float  # the number of points where it lasts
+    level: float = np.nan  # of HELD
+
+    def lasts(self, count: int) -> bool:
+        """To the end of the flight."""
+        return self.end >= count
+
+    def share(self, count: int) -> Array:
+        """How much it has failed at each point (n,): a step is as smooth as what the series have left of one."""
+        from scipy.special import ndtr
+
+        at = np.arange(count)
+        begun = ndtr((at - self.begin + 0.5) / _SMOOTH)
+        return np.asarray(begun if self.lasts(count) else begun - ndtr((at - self.end + 0.5) / _SMOOTH))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A hypothesis with what speaks for it."""
+
+    hypothesis: Hypothesis
+    score: float  # ln of the likelihood, less what free numbers cost; of one input and one set of axes only
+    evidence: float  # ln of the likelihood over that of the model as it is, less the same
+    gains: Mapping[str, float]  # of the evidence by axis, without what numbers cost
+    free: int  # numbers
+
+
+def columns_of(relation: AxisRelation, hypothesis: Hypothesis | None) -> Array:
+    """Columns (n, k) of an axis under a hypothesis; the constant, where there is one, is the last."""
+    if hypothesis is None or hypothesis.name not in relation.acting:
+        return relation.columns
+    acting, failed = relation.acting[hypothesis.name], hypothesis.share(len(relation.response))
+    out = relation.columns.copy()
+    at = list(acting.columns)
+    if hypothesis.kind == NIL:
+        out[:, at] += failed[:, None] * (acting.idle - out[:, at])
+        return out
+    if hypothesis.kind == HELD:
+        held = acting.frozen + (hypothesis.level - acting.mean) * acting.per_unit
+        out[:, at] += failed[:, None] * (held - out[:, at])
+        return out
+    if hypothesis.kind == FROZEN:
+        out[:, at] += failed[:, None] * (acting.frozen - out[:, at])
+    return np.column_stack([out, failed * acting.per_unit[:, 0]])
+
+
+class FailureSearch:
+    """The axes of one flight, and every input that may have failed in it."""
+
+    def __init__(self, relations: Mapping[str, AxisRelation], step: float) -> None:
+        self.relations, self.step = relations, step
+        self.count = len(next(iter(relations.values())).response)
+        self.names = tuple(dict.fromkeys(name for r in relations.values() for name in r.acting))
+        self._order = round(MEMORY / step)
+        self._floors = {axis: _MODEL_ERROR * float(np.std(r.response)) for axis, r in relations.items()}
+        self.base = {axis: self.fit(axis, r.columns) for axis, r in relations.items()}
+        self._shortest = max(round(SHORTEST / step), LEAST_POINTS)
+        self._every = max(self.count // _EDGES, 1)
+
+    def axes_of(self, name: str) -> list[str]:
+        """Axes that tell whether an input acts: those of its moments, or C_X of an engine.
+
+        In C_X a surface does little, and what a constant there has to be follows from no other axis.
+        """
+        found = [axis for axis, r in self.relations.items() if name in r.acting]
+        moments = [axis for axis in found if axis in ("Cl", "Cm", "Cn")]
+        return ["CX"] if name == ENGINE and "CX" in found else moments or found
+
+    def fit(self, axis: str, columns: Array, filtering: Array | None = None) -> AxisFit:
+        """Generalised least squares of an axis, with the colour of residuals that suits them best or a given one."""
+        response, floor = self.relations[axis].response, self._floors[axis]
+        size = np.sqrt(np.mean(columns**2, axis=0))
+        scaled = columns / np.where(size > 0.0, size, 1.0)
+        theta = np.linalg.lstsq(scaled, response, rcond=1e-8)[0]
+        colour = filtering
+        for _ in range(_ROUNDS if filtering is None else 1):
+            if filtering is None:
+                colour = autoregression(response - scaled @ theta, self._order, floor)
+            assert colour is not None
+            x, y = whitened(scaled, colour), whitened(response, colour)
+            theta = np.linalg.lstsq(x, y, rcond=1e-8)[0]
+        assert colour is not None
+        variance = float(np.mean((y - x @ theta) ** 2) + floor**2 * np.sum(colour**2))
+        covariance = variance * np.linalg.pinv(x.T @ x, rcond=1e-10)
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        size = np.where(size > 0.0, size, 1.0)
+        log_likelihood = -0.5 * len(y) * np.log(max(variance, 1e-300))
+        return AxisFit(log_likelihood, theta / size, std / size, response - scaled @ theta, colour)
+
+    def fitted(self, axis: str, hypothesis: Hypothesis | None) -> AxisFit:
+        """An axis under a hypothesis."""
+        return self.base[axis] if hypothesis is None else self.fit(axis, columns_of(self.relations[axis], hypothesis))
+
+    def judged(self, hypothesis: Hypothesis) -> Judged:
+        """What speaks for a hypothesis."""
+        axes = self.axes_of(hypothesis.name)
+        fits = {axis: self.fitted(axis, hypothesis) for axis in axes}
+        gains = {}
+        for axis, found in fits.items():
+            without = self.fit(axis, self.relations[axis].columns, found.filtering)
+            gains[axis] = found.log_likelihood - without.log_likelihood
+        levels = {NIL: 0, HELD: 1}.get(hypothesis.kind, len(axes))
+        free = levels + (1 if hypothesis.lasts(self.count) else 2)
+        cost = 0.5 * free * np.log(self.count)
+        score = sum(f.log_likelihood for f in fits.values()) - cost
+        return Judged(hypothesis, score, sum(gains.values()) - cost, gains, free)
+
+    def best(self, name: str, kind: str) -> Judged:
+        """The best interval of one hypothesis on one input.
+
+        The first pass needs a colour before it knows the interval: it is made with several, and with that of the best.
+        """
+        axes = self.axes_of(name)
+        colours = [{axis: np.array(colour) for axis in axes} for colour in _COLOURS]
+        tried = [*colours, {axis: self.base[axis].filtering for axis in axes}]
+        promising = [self.judged(h) for h in {h for colour in tried for h in self._coarse(name, kind, colour)}]
+        promising.sort(key=lambda judged: -judged.score)
+        best = max((self._refined(judged) for judged in promising[:2]), key=lambda judged: judged.score)
+        found = {axis: self.fitted(axis, best.hypothesis).filtering for axis in axes}
+        again = max((self.judged(h) for h in self._coarse(name, kind, found)), key=lambda judged: judged.score)
+        return max(best, self._refined(again), key=lambda judged: judged.score) if again.score > best.score else best
+
+    def held(self, judged: Judged) -> Judged:
+        """The same with one level in all axes, where a control can be: one number in place of one per axis."""
+        hypothesis = judged.hypothesis
+        values = self.relations[self.axes_of(hypothesis.name)[0]].acting[hypothesis.name].values
+        low, high = float(values.min()), float(values.max())
+        best, width = judged, (high - low) / (_LEVELS - 1)
+        tried = [self.judged(replace(hypothesis, kind=HELD, level=level)) for level in np.linspace(low, high, _LEVELS)]
+        best = max(tried, key=lambda each: each.score)
+        while width > _FINEST_LEVEL * (high - low):
+            width /= 3.0
+            levels = np.clip(best.hypothesis.level + width * np.array([-2.0, -1.0, 1.0, 2.0]), low, high)
+            tried = [self.judged(replace(best.hypothesis, level=float(level))) for level in levels]
+            best = max([best, *tried], key=lambda each: each.score)
+        return self._refined(best, 4.0 * _FINEST)
+
+    def _coarse(self, name: str, kind: str, colours: Mapping[str, Array]) -> list[Hypothesis]:
+        """The best intervals with some colours of the axes, that begin at different times."""
+        begin, end = intervals(self.count, self._shortest, self._every)
+        total = self._scored(name, kind, colours, begin, end)
+        chosen: list[Hypothesis] = []
+        while len(chosen) < _STARTS and np.isfinite(total).any():
+            at = int(np.argmax(total))
+            chosen.append(self._nearby(name, kind, colours, int(begin[at]), int(end[at])))
+            total[np.abs(begin - begin[at]) <= _APART * self._every] = -np.inf
+        return chosen
+
+    def _nearby(self, name: str, kind: str, colours: Mapping[str, Array], begin: int, end: int) -> Hypothesis:
+        """The best interval whose edges are within one of those of the first pass: a sudden step is easily missed."""
+        reach = np.arange(-self._every, self._every + 1)
+        first, last = np.meshgrid(begin + reach, np.array([end]) if end >= self.count else end + reach, indexing="ij")
+        first, last = first.ravel(), np.minimum(last.ravel(), self.count)
+        keep = (first > 0) & (last - first >= self._shortest)
+        first, last = first[keep], last[keep]
+        best = int(np.argmax(self._scored(name, kind, colours, first, last)))
+        return Hypothesis(name, kind, float(first[best]), float(last[best]))
+
+    def _scored(self, name: str, kind: str, colours: Mapping[str, Array], begin: Integers, end: Integers) -> Array:
+        """Log-likelihood (w,) of intervals with given colours; -inf where too little of the flight is intact."""
+        total = np.where(end < self.count, -0.5 * np.log(self.count), 0.0)
+        for axis, colour in colours.items():
+            lost = len(colour) - 1
+            found = sums_of_squares(
+                self._whitened(axis, name, colour), np.maximum(begin - lost, 0), np.maximum(end - lost, 1)
+            )
+            total -= 0.5 * (self.count - lost) * np.log(np.maximum(found[FROZEN if kind == NIL else kind], 1e-300))
+        return np.where(self._leaves_enough(begin, end), total, -np.inf)
+
+    def _leaves_enough(self, begin: npt.ArrayLike, end: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Intervals before and beside which enough of the flight is intact."""
+        first, last = np.asarray(begin), np.asarray(end)
+        return np.asarray((first >= BEFORE * self.count) & (self.count - (last - first) >= INTACT * self.count))
+
+    def _whitened(self, axis: str, name: str, colour: Array) -> Whitened:
+        relation = self.relations[axis]
+        acting = relation.acting[name]
+        at = list(acting.columns)
+        parts = (np.delete(relation.columns, at, axis=1), relation.columns[:, at], acting.frozen, acting.per_unit[:, 0])
+        return Whitened(*(whitened(part, colour) for part in (*parts, relation.response)))
+
+    def _refined(self, judged: Judged, step: float = 0.0) -> Judged:
+        """Both times where the score is best, in ever smaller steps, by default from those of the first pass on."""
+        step = step or float(max(self._every // 2, 1))
+        while True:
+            near = [self.judged(h) for h in self._near(judged.hypothesis, step)]
+            moved = max(near, key=lambda j: j.score, default=judged)
+            if moved.score > judged.score:
+                judged = moved
+            elif step <= _FINEST:
+                return judged
+            else:
+                step /= 2.0
+
+    def _near(self, hypothesis: Hypothesis, step: float) -> list[Hypothesis]:
+        found = [replace(hypothesis, begin=hypothesis.begin + s) for s in (-step, step)]
+        if not hypothesis.lasts(self.count):
+            found += [replace(hypothesis, end=min(hypothesis.end + s, self.count)) for s in (-step, step)]
+        return [h for h in found if h.end - h.begin >= self._shortest and self._leaves_enough(h.begin, h.end)]
+
+    def time_errors(self, judged: Judged) -> tuple[float, float]:
+        """How far [s] either time may be off: two in the log-likelihood, which is two standard errors."""
+        found = []
+        for which in ("begin", "end"):
+            far = 0.0
+            for sign in (-1.0, 1.0):
+                for distance in np.arange(1.0, _LONGEST_DOUBT / self.step):
+                    time = getattr(judged.hypothesis, which) + sign * distance
+                    other = replace(judged.hypothesis, **{which: time})
+                    allowed = 0.0 < other.begin < other.end - 1.0 and other.end <= self.count
+                    if not allowed or self.judged(other).score < judged.score - 2.0:
+                        break
+                    far = max(far, float(distance))
+            found.append((far + 1.0) * self.step)
+        return found[0], found[1]

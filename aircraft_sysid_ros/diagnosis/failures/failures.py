@@ -1,0 +1,258 @@
+"""Controls and engines that failed in a flight: found, dated, and told from what else it could be.
+
+Of all inputs and hypotheses the one with most evidence is named when it has enough of it, when the error of an axis
+falls by as much as any effect must explain, when freezing the input explains clearly more than another constant does at
+its own best times, and when what is left of the input's effect in the interval is next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting, relations_of, whitened, without_engine
+from aircraft_sysid_ros.diagnosis.failures.failure_search import BEFORE, FailureSearch, Judged, columns_of
+from aircraft_sysid_ros.diagnosis.failures.force_balance import WIDEST, ForceBalance, force_balance
+from aircraft_sysid_ros.diagnosis.failures.interval_search import CONSTANT, FROZEN, HELD, NIL
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Samples
+
+Array = npt.NDArray[np.float64]
+
+#: Band [Hz] of what an engine does: speed and thrust are slow.
+ENGINE_BAND = 1.0
+#: Band [Hz] from which a lead of the inputs matters.
+QUICK_BAND = 2.0
+#: Leads [s] of the recorded inputs that are tried: commands run ahead of what they move.
+LEADS = (0.0, 0.06, 0.12, 0.2)
+#: Share of its effect that an input may keep, by estimate and with two standard errors, to be called stuck.
+MOST_LEFT, MOST_LEFT_AT_ALL = 0.35, 0.7
+#: Share of the usual thrust below which it is called lost, and of what the throttle does up to which it is.
+THRUST_LEFT, THROTTLE_LEFT = 0.35, 0.5
+#: Shortest time [s] without thrust: what is shorter may be a manoeuvre.
+ENGINE_TIME = 8.0
+#: A throttle stands at its lowest within this share of its range; before it was cut it was there so seldom (share).
+IDLE, USUALLY_IDLE = 0.02, 0.05
+#: Forces that agree with a throttle that was cut: within this time [s], and with this evidence.
+CUT_TIME, CUT_EVIDENCE = 3.0, 5.0
+#: Or so many of its usual standard deviations away from where it stays an input must have been told to be.
+FAR = 3.0
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One input that stopped acting."""
+
+    name: str  # of the input, or ENGINE
+    kind: str
+    begin: float  # [s] from the first sample of the IMU
+    end: float | None  # [s]; None: to the end of the flight
+    begin_error: float  # [s] two standard errors
+    end_error: float
+    evidence: float  # ln of the likelihood over that of the model as it is, less what free numbers cost
+    gains: dict[str, float]  # the same by axis
+    main_axis: str
+    size: float  # share of the error of the main axis that goes
+    left: float  # share of its effect that the input keeps
+    left_std: float
+    level: float  # at which the input seems to stay; of an engine as a share of what was asked for
+    asked: float  # what was recorded meanwhile, the mean
+    usual: float  # standard deviation of the input at other times
+    #: Of the main axis on flight that was held out, over the spread of its coefficient, both without the slow part of
+    #: noise: what the second before does not foretell.
+    error_before: float
+    error_after: float
+    free: int
+    recorded: bool = False  # the recorded input says so itself: the throttle was cut
+    rivals: tuple[str, ...] = ()  # what explains it nearly as well
+
+    @property
+    def is_loss_of_thrust(self) -> bool:
+        """The engine makes nothing."""
+        return self.name == ENGINE and not self.level > THRUST_LEFT
+
+
+@dataclass(frozen=True)
+class FailureReport:
+    """What the forces of a flight say of its inputs."""
+
+    found: tuple[Failure, ...]  # one at most
+    tried: tuple[str, ...]  # inputs
+    judged: tuple[str, ...]  # axes
+    not_judged: dict[str, str]  # axes, and why
+    balance: ForceBalance = field(repr=False)
+
+
+def failures_of(
+    aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
+) -> FailureReport:
+    """Look for an input that stopped acting. Raises InputError where the flight is too short or lacks a sensor."""
+    wide, search = _best_lead(aircraft, samples)
+    slow = force_balance(aircraft, samples, ENGINE_BAND)
+    of_engine = FailureSearch(relations_of(slow), slow.step)
+    jobs = [(wide, search, name) for name in search.names if search.axes_of(name) != ["CX"]]
+    jobs += [(slow, of_engine, name) for name in of_engine.names if of_engine.axes_of(name) == ["CX"]]
+    found: list[Failure] = []
+    for number, (balance, each, name) in enumerate(jobs):
+        progress(number / len(jobs))
+        failure = _of_input(balance, each, name)
+        if failure is None and name == ENGINE:
+            failure = _cut(balance)
+        if failure is not None:
+            found.append(failure)
+    found.sort(key=lambda failure: -failure.evidence)
+    best = found[:1]
+    judged = tuple(dict.fromkeys(axis for _, each, name in jobs for axis in each.axes_of(name)))
+    tried = tuple(name for _, _, name in jobs)
+    progress(1.0)
+    return FailureReport(tuple(best), tried, judged, _not_judged(wide, judged), wide)
+
+
+def _best_lead(aircraft: Aircraft, samples: Samples) -> tuple[ForceBalance, FailureSearch]:
+    """The flight with the inputs as much later as suits its moments best."""
+    tried = []
+    for lead in LEADS:
+        balance = force_balance(aircraft, samples, WIDEST, lead)
+        relations = relations_of(balance)
+        if not relations:
+            raise InputError("no axis of the model reads a signal that this flight has: name its inputs in the model")
+        search = FailureSearch(relations, balance.step)
+        moments = [axis for axis in search.base if axis in ("Cl", "Cm", "Cn")]
+        errors = [np.log(np.std(search.base[a].residual) / np.std(relations[a].response)) for a in moments]
+        tried.append((sum(errors), balance, search))
+        if balance.band < QUICK_BAND:  # a tenth of a second is nothing there
+            break
+    _, balance, search = min(tried, key=lambda item: item[0])
+    return balance, search
+
+
+def _of_input(balance: ForceBalance, search: FailureSearch, name: str) -> Failure | None:
+    """What failed of one input, if it is enough to be named."""
+    kinds = (NIL, FROZEN) if search.axes_of(name) == ["CX"] and name == ENGINE else (FROZEN,)
+    tried = {kind: search.best(name, kind) for kind in kinds}
+    best = max(tried.values(), key=lambda judged: judged.score)
+    if NIL in tried and tried[NIL].score > best.score - THRESHOLDS.failure_lead:
+        best = tried[NIL]  # explains alike, with fewer numbers
+    if best.evidence < THRESHOLDS.failure_evidence:
+        return None
+    best = best if name == ENGINE else search.held(best)
+    if best.evidence < THRESHOLDS.failure_evidence:
+        return None
+    constant = search.best(name, CONSTANT)
+    failure = _described(balance, search, best)
+    if failure.size < THRESHOLDS.size or not _is_told(failure, best.score - constant.score):
+        return None
+    return replace(failure, rivals=_rivals(failure, best, constant))
+
+
+def _cut(balance: ForceBalance) -> Failure | None:
+    """Thrust that is gone for the rest of the flight with the throttle, while the aeroplane would need it.
+
+    Such a throttle stands at its lowest, where it hardly ever was, and the aeroplane is slower than it ever was: who
+    flies would not have it so. When it began is told by the forces alone.
+    """
+    throttle, speed = balance.signal("throttle"), balance.signal("V")
+    if not np.isfinite(throttle).all():
+        return None
+    idle = throttle <= throttle.min() + IDLE * np.ptp(throttle)
+    begin = len(idle) - int(np.argmin(idle[::-1])) if not idle.all() else 0
+    before, after = slice(0, begin), slice(begin, None)
+    if begin < BEFORE * len(idle) or (len(idle) - begin) * balance.step < ENGINE_TIME:
+        return None
+    slower = float(np.median(speed[after][-(len(idle) - begin) // 2 :])) < float(np.quantile(speed[before], 0.02))
+    if not slower or float(np.mean(idle[before])) > USUALLY_IDLE:
+        return None
+    search = FailureSearch({"CX": without_engine(balance)}, balance.step)
+    best = search.best(ENGINE, CONSTANT)
+    failure = _described(balance, search, best)
+    step = float(search.fitted("CX", best.hypothesis).parameters[-1])
+    lost = best.evidence > CUT_EVIDENCE and best.hypothesis.lasts(search.count) and step < 0.0
+    if not lost or abs(best.hypothesis.begin - begin) * balance.step > CUT_TIME:
+        return None
+    return replace(failure, level=0.0, left=0.0, left_std=0.0, recorded=True)
+
+
+def _rivals(failure: Failure, best: Judged, constant: Judged) -> tuple[str, ...]:
+    """What explains the flight nearly as well."""
+    if constant.score < best.score - THRESHOLDS.failure_lead:
+        return ()
+    return ("landing_gear", "parameter_change") if failure.name == ENGINE else ("parameter_change",)
+
+
+def _is_told(failure: Failure, ahead: float) -> bool:
+    """Whether it is the input, and not another constant in the same axes that is ``ahead`` in ln of the likelihood."""
+    if failure.name == ENGINE:
+        lost = failure.is_loss_of_thrust and failure.left < THROTTLE_LEFT and ahead > -THRESHOLDS.failure_lead
+        return lost and (failure.end is None or failure.end - failure.begin > ENGINE_TIME)
+    gone = abs(failure.left) < MOST_LEFT and failure.left + 2.0 * failure.left_std < MOST_LEFT_AT_ALL
+    return (gone or abs(failure.asked - failure.level) > FAR * failure.usual) and ahead > 0.0
+
+
+def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> Failure:
+    """A hypothesis in numbers, those of the axis that it explains most of."""
+    hypothesis = judged.hypothesis
+    axis = max(judged.gains, key=lambda a: judged.gains[a])
+    relation, failed = search.relations[axis], hypothesis.share(search.count)
+    acting = relation.acting[hypothesis.name]
+    at, fitted = list(acting.columns), search.fitted(axis, hypothesis)
+    still = acting.idle if hypothesis.kind == NIL else acting.frozen
+    asked = float(np.sum(failed * acting.values) / np.sum(failed))
+    usual = float(np.sqrt(np.cov(acting.values, aweights=np.clip(1.0 - failed, 1e-6, 1.0))))
+    moving = failed * ((relation.columns[:, at] - still) @ fitted.parameters[at])
+    columns = columns_of(relation, hypothesis)
+    with_rest = search.fit(axis, np.column_stack([columns, moving]))
+    white = [whitened(series, fitted.filtering) for series in (relation.response, relation.columns, columns)]
+    before, after = (_held_out(white[0], tried, search.step) for tried in white[1:])
+    lasts = hypothesis.lasts(search.count)
+    errors = search.time_errors(judged)
+    begin = float(balance.time[0] + balance.step * hypothesis.begin)
+    end = None if lasts else float(balance.time[0] + balance.step * hypothesis.end)
+    level = _level(judged, acting, asked, failed, fitted.parameters)
+    return Failure(
+        hypothesis.name, hypothesis.kind, begin, end, errors[0], np.nan if lasts else errors[1], judged.evidence,
+        dict(judged.gains), axis, 1.0 - after / before, float(with_rest.parameters[-1]), float(with_rest.std[-1]),
+        level, asked, usual, before, after, judged.free,
+    )  # fmt: skip
+
+
+def _held_out(response: Array, columns: Array, step: float) -> float:
+    """Error on blocks of time that take turns at being left out, over the spread of the response."""
+    fold = (np.arange(len(response)) * step / BLOCK).astype(int) % FOLDS
+    error = np.empty(len(response))
+    for number in range(FOLDS):
+        known, out = fold != number, fold == number
+        size = np.sqrt(np.mean(columns[known] ** 2, axis=0))
+        size = np.where(size > 0.0, size, 1.0)
+        theta = np.linalg.lstsq(columns[known] / size, response[known], rcond=1e-8)[0]
+        error[out] = response[out] - columns[out] / size @ theta
+    return float(np.sqrt(np.mean(error**2)) / np.std(response))
+
+
+def _level(judged: Judged, acting: Acting, asked: float, failed: Array, parameters: Array) -> float:
+    """Where the input seems to stay; of an engine as a share of what the throttle asked for."""
+    if judged.hypothesis.kind == NIL:
+        return 0.0
+    if judged.hypothesis.kind == HELD:
+        return judged.hypothesis.level
+    effect = float(failed @ acting.per_unit @ parameters[list(acting.columns)]) if acting.columns else 0.0
+    if effect == 0.0 or not asked > 0.0:
+        return np.nan
+    return (acting.mean + float(parameters[-1]) * float(failed @ acting.per_unit[:, 0]) / effect) / asked
+
+
+def _not_judged(balance: ForceBalance, judged: tuple[str, ...]) -> dict[str, str]:
+    """Axes of which nothing can be said, and why."""
+    reasons = {}
+    for axis, angle, vane in (("CZ", "alpha", "angle of attack"), ("CY", "beta", "sideslip")):
+        if angle not in balance.angles:
+            reasons[axis] = f"no vane measures the {vane}: {axis[0]}_{axis[1]} stands for it"
+    for axis in ("CX", "Cl", "Cm", "Cn"):
+        if axis not in judged:
+            reasons[axis] = "its terms read no input that moves in this flight"
+    return reasons

@@ -1,0 +1,236 @@
+"""Coefficients of a flight from its sensors alone, without a filter and without flow angles.
+
+What the sensors of any flight show together, however slow some of them are: all series are put on one grid with one
+zero-phase low pass, as wide as the slowest of IMU and inputs allows, so that a linear relation between them stays true.
+
+Where no vane measures the angle of attack, lift stands for it, and side force for sideslip: with
+``C_Z = C_Z0 + C_Z,alpha alpha + C_Z,q q + C_Z,de de`` the linear model of C_m in alpha, q and de is as well one in C_Z,
+q and de, with other numbers. In the same way drag is a parabola of lift, and C_l and C_n follow from C_Y. C_Z and C_Y
+cannot be judged then, since they are read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft import atmosphere
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
+from aircraft_sysid_ros.aircraft.expression import (
+    SIGNAL_COUNT,
+    SIGNAL_INDEX,
+    SIGNALS,
+    evaluate_rows,
+    link,
+    parse_expression,
+)
+from aircraft_sysid_ros.diagnosis.failures.wind_of_speed import GroundSpeedWind, wind_of_ground_speed
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+#: Widest band [Hz] that is looked at: it holds the motion of small aeroplanes.
+WIDEST = 4.0
+#: Share of the rate of a sensor up to which it is believed, and points of the grid in a period of the band.
+SHARE, POINTS = 0.4, 2.5
+#: Rate [Hz] of the grid on which series are filtered.
+_FINE = 50.0
+#: Silence of a series, in its usual steps and in any case [s], that is a gap.
+_GAP, _SHORT_GAP = 4.0, 1.0
+#: Slopes that make an angle of usual size of a coefficient of force; their value does not matter.
+LIFT_SLOPE, SIDE_SLOPE = -5.0, -0.5
+#: Thrust of full throttle over weight that stands in T_c where no thrust is measured; its value does not matter.
+_THRUST_TO_WEIGHT = 0.5
+#: Shortest flight [s] of which anything is said.
+SHORTEST = 20.0
+_CONTROLS = ("de", "da", "dr", "flaps", "throttle", "Tc", "propeller_speed")  # of Kind.CONTROLS, in order
+_VANES = (("alpha", Kind.ANGLE_OF_ATTACK, "CZ", LIFT_SLOPE), ("beta", Kind.SIDESLIP, "CY", SIDE_SLOPE))
+
+
+@dataclass(frozen=True)
+class ForceBalance:
+    """n points of a flight in the air, at one step."""
+
+    aircraft: Aircraft
+    time: Array  # (n,) [s] from the first sample of the IMU
+    begin: int  # stamp [ns] of time 0
+    step: float  # [s]
+    band: float  # [Hz]
+    measured: Array  # (n, 6) C_X … C_n about the aerodynamic reference
+    signals: Array  # (n, SIGNAL_COUNT); angles that no vane measures are scaled forces
+    weight: Array  # (n,) dynamic pressure over its mean: forces are equally certain, coefficients are not
+    angles: frozenset[str]  # of alpha and beta, those that vanes measure
+    wind: GroundSpeedWind | None  # of a flight without airspeed
+    has_airspeed: bool
+    #: T_c (n,) of full throttle where it stands for a thrust that is not measured, else NaN.
+    full_thrust: Array
+
+    def signal(self, name: str) -> Array:
+        """One signal (n,)."""
+        return np.asarray(self.signals[:, self.aircraft.model.signal_names.index(name)])
+
+    def columns(self, texts: list[str], signals: Array | None = None) -> Array:
+        """Terms (n, len(texts)), on other signals where some are given."""
+        programs = [parse_expression(text, self.aircraft.model.inputs) for text in texts]
+        code, offsets = link(programs)
+        out = np.empty((len(self.time), len(texts)))
+        evaluate_rows(code, offsets, self.signals if signals is None else signals, out)
+        return out
+
+
+class _Series:
+    """The series of a flight, on a fine grid [s from the first sample of the IMU]."""
+
+    def __init__(self, aircraft: Aircraft, samples: Samples) -> None:
+        sound: Mask = np.asarray(~is_absurd(samples).any(axis=1))
+        self._samples = samples[sound]
+        self._delay = {Kind.CONTROLS: aircraft.sensors["control_surfaces"].delay}
+        self._delay[Kind.INPUTS] = self._delay[Kind.CONTROLS]
+        of_imu = np.sort(self._samples.stamp[self._samples.kind == Kind.IMU])
+        if len(of_imu) < 2:
+            raise InputError("the flight has no IMU: nothing can be said of its forces")
+        self.begin = int(of_imu[0])
+        self.grid = np.arange(0.0, (of_imu[-1] - of_imu[0]) * 1e-9, 1.0 / _FINE)
+        self.sound = np.ones(len(self.grid), np.bool_)
+
+    def rate(self, kind: Kind) -> float:
+        """Samples per second, the median; infinite where there are none."""
+        stamps = np.unique(self._samples.stamp[self._samples.kind == kind])
+        return float(1e9 / np.median(np.diff(stamps))) if len(stamps) > 2 else np.inf
+
+    def has(self, kind: Kind) -> bool:
+        """Whether a kind of sample has values."""
+        return bool(np.isfinite(self._samples.values[self._samples.kind == kind]).any())
+
+    def of(self, kind: Kind, width: int, needed: bool = False, lead: float = 0.0) -> Array:
+        """Values (m, width) on the grid, linear between samples; NaN for a column without any.
+
+        ``needed``: where its samples have a gap, the grid is not ``sound``. ``lead`` [s]: it acts so much later.
+        """
+        chosen = self._samples.kind == kind
+        time = (self._samples.stamp[chosen] - self.begin) * 1e-9 - self._delay.get(kind, 0.0) + lead
+        values, out = self._samples.values[chosen], np.full((len(self.grid), width), np.nan)
+        order = np.argsort(time, kind="stable")
+        for k in range(width):
+            known = order[np.isfinite(values[order, k])] if len(values) else order
+            if len(known) > 1:
+                out[:, k] = np.interp(self.grid, time[known], values[known, k])
+                if needed:
+                    self._mark(time[known])
+        return out
+
+    def _mark(self, time: Array) -> None:
+        longest = max(_GAP * float(np.median(np.diff(time))), _SHORT_GAP)
+        after = np.clip(np.searchsorted(time, self.grid), 1, len(time) - 1)
+        self.sound &= (time[after] - time[after - 1] <= longest) & (self.grid >= time[0]) & (self.grid <= time[-1])
+
+    def speed(self) -> tuple[Array, GroundSpeedWind | None, bool]:
+        """Airspeed (m,) [m/s], the wind that was taken off the speed over ground for it, and whether it is measured."""
+        if self.has(Kind.AIRSPEED):
+            return self.of(Kind.AIRSPEED, 1, needed=True)[:, 0], None, True
+        velocity = self.of(Kind.GPS_VELOCITY, 3, needed=True)
+        if not np.isfinite(velocity).any():
+            raise InputError("the flight has neither airspeed nor GPS velocity: nothing can be said of its forces")
+        flying = np.linalg.norm(velocity, axis=1) > 0.3 * np.nanmax(np.linalg.norm(velocity, axis=1))
+        wind = wind_of_ground_speed(velocity[flying, :2], 1.0 / _FINE)
+        if wind is not None and wind.is_known and wind.is_there:
+            velocity = velocity - np.array([*wind.wind, 0.0])
+        return np.linalg.norm(velocity, axis=1), wind, False
+
+    def density(self) -> Array:
+        """Density of the air (m,) [kg/m^3]: as measured, or the standard one at the height of the GPS."""
+        air = self.of(Kind.AIR, 2)
+        height = self.of(Kind.GPS_POSITION, 3)[:, 2]
+        of_pressure = np.where(np.isfinite(air[:, 1]), atmosphere.altitude_at(air[:, 1]), height)
+        height = np.where(np.isfinite(of_pressure), of_pressure, 0.0)
+        standard = np.array([atmosphere.air_density(h) for h in height])
+        return np.where(np.isfinite(air[:, 0]), air[:, 0], standard)
+
+
+def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, lead: float = 0.0) -> ForceBalance:
+    """The longest stretch of a flight in the air. Raises InputError where it is too short or lacks a sensor.
+
+    ``widest`` [Hz] band that is looked at. ``lead`` [s]: how much earlier inputs are recorded than they act, beyond the
+    delay of the aircraft file.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    series = _Series(aircraft, samples)
+    rates = [series.rate(kind) for kind in (Kind.IMU, Kind.CONTROLS, Kind.INPUTS)]
+    band = min(widest, SHARE * min(rates))
+    low_pass = butter(2, band / (0.5 * _FINE), output="sos")
+
+    def smooth(values: Array) -> Array:
+        known = np.isfinite(values).all(axis=0)
+        out = np.full_like(values, np.nan)
+        out[:, known] = sosfiltfilt(low_pass, values[:, known], axis=0)
+        return out
+
+    imu = smooth(series.of(Kind.IMU, 6, needed=True))
+    speed, wind, has_airspeed = series.speed()
+    speed = np.maximum(smooth(speed[:, None])[:, 0], 0.1)
+    pressure = 0.5 * series.density() * speed**2
+    controls = smooth(series.of(Kind.CONTROLS, len(_CONTROLS), lead=lead))
+    controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
+    inputs = smooth(series.of(Kind.INPUTS, len(aircraft.inputs), lead=lead))
+    measured = _coefficients(aircraft, imu, pressure)
+    signals = np.full((len(series.grid), SIGNAL_COUNT), np.nan)
+    angles = set()
+    for name, kind, axis, slope in _VANES:
+        if series.has(kind):
+            signals[:, SIGNAL_INDEX[name]] = smooth(series.of(kind, 1, needed=True))[:, 0]
+            angles.add(name)
+        else:
+            signals[:, SIGNAL_INDEX[name]] = measured[:, AXES.index(axis)] / slope
+    for name, column, length in (("p", 3, aircraft.span), ("q", 4, 2.0 * aircraft.chord), ("r", 5, aircraft.span)):
+        signals[:, SIGNAL_INDEX[name]] = imu[:, column] * length / (2.0 * speed)
+    signals[:, [SIGNAL_INDEX[name] for name in _CONTROLS]] = controls
+    thrust = controls[:, _CONTROLS.index("Tc")] / (pressure * aircraft.wing_area)
+    full_thrust = np.full(len(thrust), np.nan)
+    if not np.isfinite(thrust).any():
+        weight = aircraft.mass * atmosphere.STANDARD_GRAVITY
+        full_thrust = _THRUST_TO_WEIGHT * weight / (pressure * aircraft.wing_area)
+        thrust = full_thrust * controls[:, _CONTROLS.index("throttle")]
+    signals[:, SIGNAL_INDEX["Tc"]] = thrust
+    for name, values in (("V", speed), ("qbar", pressure), ("time", series.grid)):
+        signals[:, SIGNAL_INDEX[name]] = values
+    signals[:, len(SIGNALS) : len(SIGNALS) + inputs.shape[1]] = inputs
+    every = max(int(_FINE / (POINTS * band)), 1)
+    flying = series.sound & (speed > aircraft.minimum_airspeed) & np.isfinite(measured).all(axis=1)
+    keep = _longest(flying[::every])
+    step = every / _FINE
+    if keep.sum() * step < SHORTEST:
+        seconds = f"{keep.sum() * step:.0f} s in the air with IMU and speed: {SHORTEST:g} s are needed"
+        raise InputError(f"the flight has {seconds}")
+    at = np.arange(0, len(series.grid), every)[keep]
+    return ForceBalance(
+        aircraft, series.grid[at], series.begin, step, band, measured[at], signals[at],
+        pressure[at] / float(np.mean(pressure[at])), frozenset(angles), wind, has_airspeed, full_thrust[at],
+    )  # fmt: skip
+
+
+def _coefficients(aircraft: Aircraft, imu: Array, pressure: Array) -> Array:
+    """C_X … C_n (n, 6) of specific forces and rates (n, 6), by (6.14)-(6.19)."""
+    rates = imu[:, 3:]
+    turning = np.gradient(rates, 1.0 / _FINE, axis=0)
+    arm = aircraft.imu_position
+    force = aircraft.mass * (imu[:, :3] - np.cross(turning, arm) - np.cross(rates, np.cross(rates, arm)))
+    moment = turning @ aircraft.inertia.T + np.cross(rates, rates @ aircraft.inertia.T)
+    moment = moment - np.cross(aircraft.aerodynamic_reference, force)
+    scale = (pressure * aircraft.wing_area)[:, None]
+    return np.hstack([force / scale, moment / (scale * [aircraft.span, aircraft.chord, aircraft.span])])
+
+
+def _longest(flags: Mask) -> Mask:
+    """Only the longest run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    out = np.zeros(len(flags), np.bool_)
+    if len(edges):
+        best = int(np.argmax(edges[1::2] - edges[::2]))
+        out[edges[2 * best] : edges[2 * best + 1]] = True
+    return out

@@ -1,0 +1,162 @@
+"""What is said of an input that failed, for people and as JSON like that of every other candidate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
+from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import CHANGE
+
+LOSS_OF_THRUST, STUCK = "loss_of_thrust", "stuck_control"
+_SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps", ENGINE: "engine"}
+_RIVALS = {
+    "landing_gear": "a step of drag, as of a landing gear",
+    "parameter_change": "another constant of the same axes for that time, as of a trim that moved",
+}
+#: Likelihoods are not believed further than to this power of ten.
+_POWERS = 6
+_PHYSICS = {
+    LOSS_OF_THRUST: "An engine that stops no longer pulls, whatever the throttle says; its propeller stands or "
+    "windmills, which is drag. What the throttle did along the body is gone from one moment on.",
+    STUCK: "A surface that stays where it was no longer follows the recorded command, or one of several does not. Its "
+    "part of the moments is then a constant instead of one in proportion to the command.",
+}
+_MANOEUVRES = {
+    LOSS_OF_THRUST: "Throttle steps at constant speed, before and after.",
+    STUCK: "Doublets of every surface, repeated during the flight.",
+}
+
+
+def effect_of(failure: Failure) -> str:
+    """Id of the effect."""
+    return LOSS_OF_THRUST if failure.is_loss_of_thrust else STUCK
+
+
+def span_of(failure: Failure) -> str:
+    """From when to when, with what it may be off."""
+    begin = f"from {failure.begin:.1f} s (± {failure.begin_error:.1f} s)"
+    return f"{begin} " + (
+        "to the end of the flight" if failure.end is None else f"to {failure.end:.1f} s (± {failure.end_error:.1f} s)"
+    )
+
+
+def sentence_of(failure: Failure) -> str:
+    """One sentence that a pilot understands."""
+    if failure.recorded:
+        return (
+            f"The engine makes no thrust {span_of(failure)}: the recorded throttle itself stands at its lowest, while "
+            "the aeroplane gets slower than it ever was; whether it was cut or told to stop, no sensor says."
+        )
+    if failure.is_loss_of_thrust:
+        return f"The engine makes no thrust {span_of(failure)}, whatever the throttle says."
+    name = _SURFACES.get(failure.name, failure.name)
+    where = f" It stays near {failure.level:.3f}." if np.isfinite(failure.level) else ""
+    return f"The control '{name}' does not move {span_of(failure)}, whatever is commanded.{where}"
+
+
+def sure_of(failure: Failure) -> str:
+    """How sure, and what else it could be."""
+    powers = failure.evidence / np.log(10.0)
+    times = f"10^{powers:.0f}" if powers < _POWERS else f"more than 10^{_POWERS}"
+    said = f"It is {times} times likelier than that nothing failed"
+    if failure.recorded:
+        return said + ". A landing with the engine idle looks the same."
+    if failure.name != ENGINE:
+        said += f"; of its effect {100 * failure.left:.0f} ± {200 * failure.left_std:.0f} % is left meanwhile"
+    if not failure.rivals:
+        return said + ". Nothing else that was tried explains it as well."
+    return said + f". It could also be {' or '.join(_RIVALS[name] for name in failure.rivals)}."
+
+
+def terms_of(failure: Failure, report: FailureReport) -> dict[str, list[str]]:
+    """Terms by axis that ``add`` adds to the model for it."""
+    window = f"max(sign(time-{failure.begin:.5g}),0)"
+    if failure.end is not None:
+        window += f"*max(sign({failure.end:.5g}-time),0)"
+    model = report.balance.aircraft.model
+    names = ("throttle", "Tc") if failure.name == ENGINE else (failure.name,)
+    terms = {}
+    for axis in failure.gains:
+        read = [t for t in model.terms[axis] if parse_expression(t, model.inputs).signals & set(names)]
+        if read:
+            moving = [f"{window}*{failure.name}"] if failure.name != ENGINE else [f"{window}*({t})" for t in read]
+            terms[axis] = [*moving, window]
+    return terms
+
+
+def candidate_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
+    """As of any candidate of a diagnosis."""
+    identifier = effect_of(failure)
+    terms = terms_of(failure, report)
+    name = BY_ID[identifier].name if identifier in BY_ID else "Loss of thrust"
+    inner = {"t0": failure.begin} | ({} if failure.end is None else {"t1": failure.end})
+    which = "" if failure.is_loss_of_thrust else f" ({_SURFACES.get(failure.name, failure.name)})"
+    begin = int(report.balance.begin)
+    return {
+        "effect": identifier,
+        "label": identifier + which,
+        "name": name + which,
+        "kind": CHANGE,
+        "physics": _PHYSICS[identifier],
+        "manoeuvre": _MANOEUVRES[identifier],
+        "expression": "; ".join(f"{axis}: {text}" for axis, texts in terms.items() for text in texts) or None,
+        "axes": sorted(failure.gains, key=lambda axis: -failure.gains[axis]),
+        "main_axis": failure.main_axis,
+        "evidence": failure.evidence,
+        "p_value": max(float(np.exp(-failure.evidence)), 10.0**-_POWERS),
+        "error_before": failure.error_before,
+        "error_after": failure.error_after,
+        "confounded_with": list(failure.rivals),
+        "where": f"{failure.main_axis[0]}_{failure.main_axis[1]}, {span_of(failure)}",
+        "inner": inner,
+        "inner_error": {"t0": failure.begin_error} | ({} if failure.end is None else {"t1": failure.end_error}),
+        "stamps": {key: begin + int(1e9 * time) for key, time in inner.items()},
+        "input": failure.name,
+        "terms": terms,
+        "parameters": [],
+        "found": True,
+    }
+
+
+def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:
+    """The answer of a flight of which nothing but its inputs could be judged, or one of whose inputs failed."""
+    return {
+        "verdict": "missing" if report.found else "none",
+        "candidates": [candidate_json(failure, report) for failure in report.found],
+        "advice": " ".join(_advice(report)),
+        "notes": [*notes, *notes_of(report)],
+        "false_alarm_rate": THRESHOLDS.false_alarm,
+        "least_size": THRESHOLDS.size,
+        "noise_floor": {},
+        "tried": len(report.tried),
+        "replicas": 0,
+    }
+
+
+def notes_of(report: FailureReport) -> list[str]:
+    """What could not be judged, and what the flight itself says of its wind."""
+    notes = []
+    wind = report.balance.wind
+    if wind is not None and wind.is_there:
+        taken = "it was taken off" if wind.is_known else "the flight does not tell it well enough to take it off"
+        notes.append(f"{wind.text}: {taken}")
+    elif wind is not None and not wind.is_known:
+        notes.append("the course changes too little to tell the wind from the speed over ground")
+    notes += [f"{axis[0]}_{axis[1]} cannot be judged: {why}" for axis, why in report.not_judged.items()]
+    return notes
+
+
+def _advice(report: FailureReport) -> Iterator[str]:
+    for failure in report.found:
+        yield sentence_of(failure)
+        yield sure_of(failure)
+    if not report.found:
+        names = ", ".join(_SURFACES.get(name, name) for name in report.tried)
+        yield f"None of the inputs that move in this flight has failed for a while, or for good: {names}."

@@ -1,0 +1,67 @@
+"""What is said of any flight: inputs that failed where no vanes are, then everything else that it allows.
+
+Without vanes, and without airspeed more so, the angles of flow are inferred, and few effects can be told by them. What
+can be told all the same is whether the inputs act (``failures``); where one does not, that is the answer, since it
+would look like many other effects. Where the flight allows no search of the library, the answer says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.failures.failures import FailureReport, failures_of
+from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.reconstruction.absences import assumed_calm, has_airspeed, options_after_flight
+from aircraft_sysid_ros.samples import Kind, Samples
+
+
+def answer(
+    aircraft: Aircraft,
+    samples: Samples,
+    calm_air: bool = False,
+    replicas: int = COUNT,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+    names: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The JSON of INTERFACE.md. Raises InputError where nothing can be said.
+
+    ``calm_air``: as when the flight was replayed. ``names`` are those of manoeuvres that were joined.
+    """
+    options_after_flight(samples, calm_air)
+    notes = assumed_calm(samples, calm_air)
+    report = None if _has_vanes(samples) else _failures(aircraft, samples, progress)
+    if report is not None and report.found:
+        notes.append("the library was not searched: what failed would stand for other effects")
+        return report_json(report, notes)
+    if report is not None and not has_airspeed(samples):
+        notes.append("the library was not searched: without airspeed its effects cannot be told from wind")
+        return report_json(report, notes)
+    try:
+        found = diagnose_flight(aircraft, samples, replicas=replicas, progress=progress, names=names).json
+    except InputError as error:
+        if report is None:
+            raise
+        return report_json(report, [*notes, f"the library was not searched: {error}"])
+    return {**found, "notes": [*notes, *([] if report is None else notes_of(report))]}
+
+
+def _has_vanes(samples: Samples) -> bool:
+    """Whether both angles of flow are measured, or the flight consists of manoeuvres, which are short."""
+    kinds = (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
+    measured = [np.isfinite(samples.values[samples.kind == kind, 0]).any() for kind in kinds]
+    return all(measured) or bool(np.any(samples.kind == Kind.SEAM))
+
+
+def _failures(aircraft: Aircraft, samples: Samples, progress: Callable[[str, float], None]) -> FailureReport | None:
+    """Inputs that failed; None where the flight has too little for that, and the search of the library may say why."""
+    try:
+        return failures_of(aircraft, samples, lambda share: progress("look at the inputs", share))
+    except InputError:
+        return None

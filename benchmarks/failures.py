@@ -1,0 +1,98 @@
+"""How often a control that sticks, or an engine that fails, is found in flights without vanes; and false alarms.
+
+    python benchmarks/failures.py [--clean 40] [--failed 24] [--first 7100000] [--jobs 2]
+
+The flights are those of failure_flights.py; each is a line in results/failures.jsonl. Seeds are looked at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import json
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import failure_flights as flights
+
+from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
+from aircraft_sysid_ros.errors import InputError
+
+RESULTS = Path(__file__).parent / "results" / "failures.jsonl"
+FIRST = 7_100_000
+_SIGNALS = {"elevator": "de", "aileron": "da", "rudder": "dr"}
+
+
+def fly(job: dict[str, Any]) -> dict[str, Any]:
+    """One flight and what is said of it."""
+    flight = flights.fly(job["seed"], flights.LAYOUTS[job["layout"]], job["failure"])
+    try:
+        report = failures_of(flight.aircraft, flight.samples)
+    except InputError as error:
+        return {**job, "failed": str(error)}
+    found = [
+        {"name": f.name, "kind": f.kind, "begin": f.begin, "end": f.end, "evidence": f.evidence, "size": f.size,
+         "left": f.left, "left_std": f.left_std, "level": f.level, "errors": [f.begin_error, f.end_error]}
+        for f in report.found
+    ]  # fmt: skip
+    return {**job, "begin": flight.begin, "end": flight.end, "found": found}
+
+
+def jobs(clean: int, failed: int, first: int) -> list[dict[str, Any]]:
+    """Clean flights and flights in which something fails, of each layout in turn."""
+    layouts = list(flights.LAYOUTS)
+    listed = [{"seed": first + n, "layout": layouts[n % 4], "failure": "none"} for n in range(clean)]
+    for n in range(failed):
+        layout = layouts[n % 4]
+        kinds = ("elevon_left", "elevon_right", "engine") if flights.LAYOUTS[layout].elevons else (
+            "elevator", "aileron", "engine", "rudder"
+        )  # fmt: skip
+        listed.append({"seed": first + 50_000 + n, "layout": layout, "failure": kinds[(n // 4) % len(kinds)]})
+    return listed
+
+
+def summary(results: list[dict[str, Any]]) -> str:
+    """Counts by layout."""
+    lines = []
+    for layout in flights.LAYOUTS:
+        own = [r for r in results if r["layout"] == layout and "failed" not in r]
+        clean = [r for r in own if r["failure"] == "none"]
+        failed = [r for r in own if r["failure"] != "none"]
+        false = sum(bool(r["found"]) for r in clean)
+        named = [r for r in failed if r["found"] and r["found"][0]["name"] == _SIGNALS.get(r["failure"], r["failure"])]
+        dated = [r for r in named if abs(r["found"][0]["begin"] - r["begin"]) < 2.0]
+        other = sum(bool(r["found"]) for r in failed) - len(named)
+        lines.append(f"| {layout} | {len(clean)} | {false} | {len(failed)} | {len(named)} | {other} | {len(dated)} |")
+    head = "| log | clean flights | given a verdict | with a failure | named | named another | dated within 2 s |"
+    return "\n".join([head, "|---|---|---|---|---|---|---|", *lines])
+
+
+def main() -> None:
+    """Fly what is not flown yet, and count."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--clean", type=int, default=40)
+    parser.add_argument("--failed", type=int, default=24)
+    parser.add_argument("--first", type=int, default=FIRST, help="first seed")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    wanted = jobs(args.clean, args.failed, args.first)
+    lines = args.results.read_text().splitlines() if args.results.exists() else []
+    results = [r for r in map(json.loads, lines) if any(r["seed"] == job["seed"] for job in wanted)]
+    known = {r["seed"] for r in results}
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(args.jobs, mp_context=context) as pool, args.results.open("a") as file:
+        for result in pool.map(fly, [job for job in wanted if job["seed"] not in known]):
+            results.append(result)
+            file.write(json.dumps(result) + "\n")
+            file.flush()
+    print(summary(results))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+"""Inputs that stop acting in flights without vanes: found, dated, told from what nothing fails in. Laws and flights."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
+from aircraft_sysid_ros.diagnosis.failures.force_balance import force_balance
+from aircraft_sysid_ros.diagnosis.failures.interval_search import (
+    CONSTANT,
+    FROZEN,
+    Whitened,
+    intervals,
+    sums_of_squares,
+)
+from aircraft_sysid_ros.diagnosis.failures.wind_of_speed import contradicted_calm, wind_of_ground_speed
+from aircraft_sysid_ros.diagnosis.failures.words import candidate_json, report_json, sentence_of
+from aircraft_sysid_ros.diagnosis.flight_answer import answer
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Kind
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+import failure_flights as flights
+
+
+@pytest.fixture(scope="module")
+def stuck():
+    """One elevon is held for a while; no airspeed, no vanes."""
+    return flights.fly(53002, flights.LAYOUTS["no airspeed, 60 Hz"], "elevon_left")
+
+
+@pytest.fixture(scope="module")
+def engine():
+    """The engine fails; IMU of 10 Hz, commands of 2.5 Hz, no vanes."""
+    return flights.fly(3, flights.LAYOUTS["airspeed, 10 Hz"], "engine")
+
+
+# -- laws -----------------------------------------------------------------------------------------------------
+
+
+def test_running_sums_are_the_sums_of_squares_of_the_fits() -> None:
+    rng = np.random.default_rng(1)
+    n = 60
+    rest, acting, frozen = rng.standard_normal((n, 2)), rng.standard_normal((n, 1)), np.full((n, 1), 0.3)
+    constant, response = rng.uniform(0.5, 1.5, n), rng.standard_normal(n)
+    begin, end = intervals(n, 10, 7)
+    found = sums_of_squares(Whitened(rest, acting, frozen, constant, response), begin, end)
+    for w, (first, last) in enumerate(zip(begin, end, strict=True)):
+        inside = np.zeros(n)
+        inside[first:last] = 1.0
+        held = np.where(inside[:, None] > 0.0, frozen, acting)
+        for kind, moving in ((CONSTANT, acting), (FROZEN, held)):
+            x = np.column_stack([rest, moving, inside * constant])
+            left = response - x @ np.linalg.lstsq(x, response, rcond=None)[0]
+            assert found[kind][w] == pytest.approx(float(left @ left), rel=1e-5), (kind, first, last)
+
+
+def test_the_wind_of_a_circle_is_its_centre() -> None:
+    rng = np.random.default_rng(2)
+    course = np.linspace(0.0, 12.0 * np.pi, 900)
+    velocity = 15.0 * np.column_stack([np.cos(course), np.sin(course)]) + [3.0, -2.0]
+    wind = wind_of_ground_speed(velocity + 0.2 * rng.standard_normal(velocity.shape), 0.2)
+    assert wind is not None and wind.is_there and wind.is_known
+    assert np.abs(wind.wind - [3.0, -2.0]).max() < 3.0 * wind.std + 0.05
+    calm = wind_of_ground_speed(velocity - [3.0, -2.0] + 0.2 * rng.standard_normal(velocity.shape), 0.2)
+    assert calm is not None and not calm.is_there and not calm.text
+
+
+def test_straight_flight_tells_no_wind() -> None:
+    rng = np.random.default_rng(3)
+    velocity = np.array([18.0, 0.0]) + 0.2 * rng.standard_normal((600, 2))
+    wind = wind_of_ground_speed(velocity, 0.2)
+    assert wind is None or not (wind.is_there and wind.is_known)
+
+
+def test_forces_of_the_balance_are_those_of_the_imu(engine) -> None:
+    balance = force_balance(engine.aircraft, engine.samples)
+    imu = engine.samples.values[engine.samples.kind == Kind.IMU]
+    normal = balance.measured[:, 2] * balance.signal("qbar") * engine.aircraft.wing_area / engine.aircraft.mass
+    assert np.mean(normal) == pytest.approx(np.mean(imu[:, 2]), rel=0.03)
+    assert balance.band < 1.1, "commands come at 2.5 Hz"
+
+
+# -- flights --------------------------------------------------------------------------------------------------
+
+
+def test_an_elevon_that_sticks_is_named_and_dated(stuck) -> None:
+    (found,) = failures_of(stuck.aircraft, stuck.samples).found
+    assert found.name == "elevon_left" and found.end is None
+    assert abs(found.begin - stuck.begin) < 2.0
+    assert abs(found.left) < 0.35, "nothing is left of what it does"
+
+
+def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine) -> None:
+    report = failures_of(engine.aircraft, engine.samples)
+    (found,) = report.found
+    assert found.is_loss_of_thrust and found.end is None
+    assert abs(found.begin - engine.begin) < 2.0
+    said = report_json(report, [])
+    assert said["verdict"] == "missing" and said["candidates"][0]["effect"] == "loss_of_thrust"
+    assert "no thrust" in sentence_of(found) and {"CY", "CZ"} <= set(report.not_judged)
+    stamp = candidate_json(found, report)["stamps"]["t0"]
+    first = int(engine.samples.stamp[engine.samples.kind == Kind.IMU].min())
+    assert (stamp - first) * 1e-9 == pytest.approx(found.begin, abs=1e-3)
+
+
+@pytest.mark.parametrize("layout", ["airspeed, 10 Hz", "no airspeed, 60 Hz"])
+def test_nothing_is_named_where_nothing_fails(layout) -> None:
+    flight = flights.fly(3002, flights.LAYOUTS[layout], "none")
+    assert failures_of(flight.aircraft, flight.samples).found == ()
+
+
+def test_the_answer_needs_airspeed_or_the_choice_of_calm_air(stuck) -> None:
+    with pytest.raises(InputError, match="--calm-air"):
+        answer(stuck.aircraft, stuck.samples)
+    said = answer(stuck.aircraft, stuck.samples, calm_air=True)
+    assert said["candidates"][0]["input"] == "elevon_left"
+    assert any("taken as calm" in note for note in said["notes"])
+
+
+def test_a_wind_contradicts_calm_air(stuck, engine) -> None:
+    assert "wind of" in contradicted_calm(stuck.samples, stuck.aircraft.minimum_airspeed)
+    assert contradicted_calm(engine.samples, engine.aircraft.minimum_airspeed) == "", "its airspeed is measured"
