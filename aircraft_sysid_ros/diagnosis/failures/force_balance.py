@@ -24,8 +24,10 @@ from aircraft_sysid_ros.aircraft.expression import (
     SIGNAL_INDEX,
     SIGNALS,
     evaluate_rows,
+    lags_of,
     link,
     parse_expression,
+    with_lags,
 )
 from aircraft_sysid_ros.diagnosis.failures.wind_of_speed import GroundSpeedWind, wind_of_ground_speed
 from aircraft_sysid_ros.errors import InputError
@@ -77,9 +79,9 @@ class ForceBalance:
     def columns(self, texts: list[str], signals: Array | None = None) -> Array:
         """Terms (n, len(texts)), on other signals where some are given."""
         programs = [parse_expression(text, self.aircraft.model.inputs) for text in texts]
-        code, offsets = link(programs)
         out = np.empty((len(self.time), len(texts)))
-        evaluate_rows(code, offsets, self.signals if signals is None else signals, out)
+        read = self.signals if signals is None else signals
+        evaluate_rows(*link(programs), with_lags(lags_of(programs), self.time, read, 1.5 * self.step), out)
         return out
 
 
