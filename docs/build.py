@@ -406,6 +406,12 @@ def strangers() -> str:
     return table(*diagnosis_tables.strangers([json.loads(line) for line in lines]))
 
 
+def failures() -> str:
+    """Inputs that fail in flights without vanes."""
+    lines = (RESULTS / "failures.jsonl").read_text(encoding="utf8").splitlines()
+    return table(*diagnosis_tables.failures([json.loads(line) for line in lines]))
+
+
 def slow_imu() -> str:
     """What a slow IMU costs."""
     header = ["rate of the IMU", "estimator", "inside 1.96 standard errors", "main derivatives with USE"]
@@ -546,6 +552,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
+    "failures": failures,
     "slow_imu": slow_imu,
     "sensor_noise": sensor_noise,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},

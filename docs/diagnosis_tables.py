@@ -111,6 +111,26 @@ def strangers(flown: list[dict[str, Any]]) -> Rows:
     return ["air", "clean flights", "given a verdict", "flights with an effect", "named first"], rows
 
 
+def failures(flown: list[dict[str, Any]]) -> Rows:
+    """Inputs that fail in flights without vanes, by what the log holds."""
+    signals, rows = {"elevator": "de", "aileron": "da", "rudder": "dr"}, []
+    layouts = list(dict.fromkeys(flight["layout"] for flight in flown))
+    for words, kinds in {**{name: [name] for name in layouts}, "all": layouts}.items():
+        own = [flight for flight in flown if flight["layout"] in kinds and "found" in flight]
+        clean = [flight for flight in own if flight["failure"] == "none"]
+        failed = [flight for flight in own if flight["failure"] != "none"]
+        answered = [flight for flight in failed if flight["found"]]
+        named = [f for f in answered if f["found"][0]["name"] == signals.get(f["failure"], f["failure"])]
+        dated = sum(abs(flight["found"][0]["begin"] - flight["begin"]) < 2.0 for flight in named)
+        false = sum(bool(flight["found"]) for flight in clean)
+        rows.append(
+            [words, str(len(clean)), str(false), str(len(failed)), str(len(named)), str(len(answered) - len(named)),
+             str(dated)]
+        )  # fmt: skip
+    head = ["log", "clean flights", "given a verdict", "with a failure", "named", "named another", "dated within 2 s"]
+    return head, rows
+
+
 def thresholds() -> Rows:
     """The record of what decides."""
     rows = [[f"`{name}`", f"{value:g}", why] for name, value, why in listed()]

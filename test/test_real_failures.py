@@ -1,0 +1,37 @@
+"""Real flights in which something fails, the whole way by processes; the references are never an input."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+import real_failures
+
+#: Servo pulses of the right elevon stand still between these times [s from the start of the log].
+HELD = (74.3, 77.9)
+#: failure_status-engines of the data set, from the first sample of the IMU [s].
+CUT = 1531943927.13 - 1531943810.9
+
+
+def test_an_elevon_that_software_held_is_named_with_both_times(shared_data, tmp_path) -> None:
+    said = real_failures.said_of("commands", shared_data, tmp_path)
+    (found,) = said["candidates"]
+    assert (found["effect"], found["input"]) == ("stuck_control", "elevon_right")
+    assert abs(found["inner"]["t0"] - HELD[0]) < 2.0 and abs(found["inner"]["t1"] - HELD[1]) < 2.0
+    assert any("taken as calm" in note for note in said["notes"]) and any("wind of" in note for note in said["notes"])
+    parameters = (tmp_path / "commands_run" / "parameters.json").read_text()
+    assert '"USE"' not in parameters, "the air was taken as calm, and was not"
+
+
+def test_nothing_is_named_where_the_servos_own_pulses_are_read(shared_data, tmp_path) -> None:
+    said = real_failures.said_of("actuators", shared_data, tmp_path)
+    assert said["verdict"] == "none" and said["candidates"] == []
+
+
+def test_an_engine_that_was_cut_is_dated_and_nothing_else_named(shared_data, tmp_path) -> None:
+    said = real_failures.said_of("alfa", shared_data, tmp_path)
+    (found,) = said["candidates"]
+    assert found["effect"] == "loss_of_thrust" and abs(found["inner"]["t0"] - CUT) < 5.0
+    parameters = (tmp_path / "alfa_run" / "parameters.json").read_text()
+    assert '"USE"' not in parameters, "10 Hz and pulses at 3 Hz tell no derivative"
