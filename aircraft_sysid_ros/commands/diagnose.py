@@ -60,7 +60,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
-    lines = [f"model {result['model']}: {HEADLINES[result['verdict']]}", ""]
+    searched = result["replicas"] or result["verdict"] != "none"
+    headline = HEADLINES[result["verdict"]] if searched else "no input has stopped acting, more was not looked for"
+    lines = [f"model {result['model']}: {headline}", ""]
     for candidate in result["candidates"]:
         lines += _about(candidate)
     lines += [result["advice"], ""]

@@ -177,7 +177,8 @@ class StateEstimator:
 
     def _show_absurd(self, samples: Samples) -> None:
         """Let the watch see what the filter does not: angles in degrees are no angles. Not what comes too late."""
-        absurd = is_absurd(samples).any(axis=1)
+        angles = np.isin(samples.kind, (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP))
+        absurd = is_absurd(samples).any(axis=1) & angles & (np.abs(samples.values[:, 0]) <= 180.0)
         if absurd.any() and self.watch is not None:
             self.watch.add(samples[absurd & (samples.stamp >= self.order.newest_due(samples))])
 

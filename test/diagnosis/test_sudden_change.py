@@ -76,7 +76,7 @@ def test_the_expression_of_a_change_can_be_added(loose_fin):
 
 def test_the_command_prints_what_is_to_be_added(loose_fin):
     said = loose_fin.json
-    printed = render({"model": "base", **said})
+    printed = render({"model": "base", "notes": [], **said})
     assert f'to add: "{said["candidates"][0]["expression"]}"' in printed
 
 

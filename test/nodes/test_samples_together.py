@@ -13,7 +13,7 @@ class Recorder:
 
     def __init__(self, options):
         self.options, self.pushed, self.epoch = options, [], 0
-        self.status, self.realignments = 0, 0
+        self.status, self.realignments, self.setup = 0, 0, None
         self.order = type("Order", (), {"counts": type("Counts", (), {"restarts": 0})})
 
     def push(self, samples):
