@@ -11,14 +11,17 @@ MILLISECOND = 1_000_000
 class Recorder:
     """Stands for the estimator: what was pushed, by push."""
 
-    def __init__(self, options):
-        self.options, self.pushed, self.epoch = options, [], 0
-        self.status, self.realignments, self.setup = 0, 0, None
+    def __init__(self, estimator):
+        self.estimator, self.pushed, self.epoch = estimator, [], 0
+        self.status, self.realignments = 0, 0
         self.order = type("Order", (), {"counts": type("Counts", (), {"restarts": 0})})
 
     def push(self, samples):
         self.pushed.append([int(stamp) // MILLISECOND for stamp in samples.stamp])
         return np.empty((0, 60))
+
+    def __getattr__(self, name):
+        return getattr(self.estimator, name)
 
     def flush(self):
         return np.empty((0, 60))
@@ -36,7 +39,7 @@ def node(bench):
 
         made = bench.node(StateEstimatorNode, horizon=horizon)
         assert start(made)
-        made.estimator = Recorder(made.estimator.options)
+        made.estimator = Recorder(made.estimator)
         return made
 
     return make
