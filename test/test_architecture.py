@@ -64,6 +64,8 @@ def test_importing_the_pipeline_loads_nothing_from_outside():
     loaded = json.loads(done.stdout)
     assert f"{PACKAGE}.reconstruction.fusion" in loaded
     assert [module for module in loaded if is_outside(module)] == []
+    slow_to_import = {"scipy.signal", "scipy.optimize", "scipy.stats"}  # half a second for each command and node
+    assert slow_to_import.isdisjoint(loaded)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "estimation").rglob("*.py")), ids=lambda path: path.name)

@@ -38,6 +38,12 @@ _SENSORS = {
 }  # fmt: skip
 
 
+def warm_up() -> None:
+    """Import what the laws import when they are asked: 0.1 s for which no sample should wait."""
+    import scipy.ndimage
+    import scipy.optimize  # noqa: F401
+
+
 class InFlightCheck:
     """Takes the samples of the first step, and marks its rows from when on a sensor is contradicted."""
 

@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_erosion, binary_opening
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.earth import SEMI_MAJOR_AXIS
@@ -63,6 +62,8 @@ class Motion:
         known = speed[np.isfinite(speed)]
         if not len(known) or np.percentile(known, 90) < _STANDING:
             return np.ones(self.grid.count, dtype=bool)
+        from scipy.ndimage import binary_erosion, binary_opening  # here: see `in_flight.warm_up`
+
         flying = ~(self.grid.smooth(np.nan_to_num(speed), 2.0) < _FLYING * np.percentile(known, 90))
         ends = round(_ENDS / self.grid.step)
         flying = binary_opening(flying, np.ones(2 * ends + 1))

@@ -13,7 +13,6 @@ from itertools import combinations, product
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linprog
 
 from aircraft_sysid_ros.flight_check.grid import Comparison
 
@@ -172,6 +171,8 @@ def _fewest(
 
 def _least_deviations(rows: Array, low: Array, high: Array, weight: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
     """t (k,) with rows t within low and high (m,) as far as can be, and which relations (m,) are outside."""
+    from scipy.optimize import linprog  # here: a flight in which all sensors agree does not need it
+
     m, k = rows.shape
     above = np.hstack([rows, -np.eye(m)])
     below = np.hstack([-rows, -np.eye(m)])

@@ -13,6 +13,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
+from aircraft_sysid_ros.flight_check import in_flight
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
@@ -51,6 +52,7 @@ class StateEstimatorNode(EstimatorNode):
         self.received = dict.fromkeys(INPUTS + probe, 0)
         self._waiting.clear()
         warm_up(aircraft)
+        in_flight.warm_up()
         return self._started(aircraft, options_from(StateOptions, values))
 
     def use_options(self, values: Mapping[str, Any]) -> None:

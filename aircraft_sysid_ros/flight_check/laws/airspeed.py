@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.flight_check.grid import Comparison, compare
@@ -52,6 +51,8 @@ def _along(motion: Motion) -> list[Relation]:
 
 
 def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64], seconds: float) -> list[Relation]:
+    from scipy.optimize import least_squares  # here: see `in_flight.warm_up`
+
     grid = motion.grid
     v, u = speed[thin], ground[thin]
     typical = float(np.median(v) / np.median(np.linalg.norm(u, axis=1)))
