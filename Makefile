@@ -91,7 +91,7 @@ types: env ## mypy
 pytest: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 pytest: export ROS_LOG_DIR := $(abspath build/ros_log)
 pytest: env ## the tests alone; ARGS='-k name -x' selects
-	$(BIN)/python -m pytest -n $(shell nproc) --dist loadgroup --no-loadscope-reorder $(ARGS)
+	$(BIN)/python -m pytest -n $(shell nproc) $(ARGS)
 
 # What is built is what is released: the tree of `make release-tree`, in a workspace, without options.
 COLCON_WS := build/colcon

@@ -42,21 +42,36 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 #: Folders with the groups that take longest: these begin first, so that all workers end together.
 LONGEST_FIRST = ("nodes", "workbench", "documented_ways", "diagnosis", "commands", "refinement", "identification")
 
+#: Other files with nodes than those of their folder.
+WITH_NODES = ("test_demo_story", "test_drone_developer", "test_ros_developer")
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
+
 def pytest_collection_modifyitems(items):
-    """Which tests share a worker: those of a file, or what they share would be made twice. And in which order."""
+    """In which order."""
     rank = {name: number for number, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: rank.get(item.path.parent.name, len(rank)))
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(group_of(item.path)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Workers take groups of tests. Not by marks: xdist 3.8 loses those of `--dist loadgroup` with pytest 9.2."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Groups(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            return group_of(Path(nodeid.partition("::")[0]))
+
+    config.option.loadscopereorder = False
+    return Groups(config, log)
 
 
 def group_of(path):
-    """Two tests with nodes at a time would wait for each other's processor time; those of the page share a server."""
+    """Tests of a file share a worker, or what they share would be made twice; and those of the page share a server.
+
+    Two tests with nodes at a time would wait for each other's processor time.
+    """
     page = "workbench" in path.parts
-    if "nodes" in path.parts or "demo" in path.name or (page and "live" in path.name):
+    if "nodes" in path.parts or path.stem in WITH_NODES or (page and "live" in path.name):
         return "nodes"
     return "workbench" if page else path.stem
 

@@ -31,8 +31,6 @@ LEAKS = ("PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "_
 PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check", "-q")
 ALONE = ("--no-index", "--no-deps", "--no-build-isolation")
 
-pytestmark = pytest.mark.xdist_group("installed package")
-
 
 def started(*command, cwd, **variables):
     """A process in an environment of its own."""

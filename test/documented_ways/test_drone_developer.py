@@ -21,7 +21,6 @@ from aircraft_sysid_ros.consumer import Origin
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
 from aircraft_sysid_ros.ros_messages.conversion import FIX, UNKNOWN_FIX
 
-pytestmark = pytest.mark.xdist_group("nodes")
 WAY = {
     "bridge": ("docs/mavlink.md", "aircraft-sysid bridge udp:0.0.0.0:14550 --calibration config/"),
     "live": ("docs/mavlink.md", "aircraft-sysid live --aircraft config/ultra_stick_25e.yaml --out runs/today"),

@@ -25,7 +25,6 @@ from user import PATIENCE
 
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
-pytestmark = pytest.mark.xdist_group("nodes")
 WAY = {
     "simulate": ("README.md", "aircraft-sysid simulate --out flight"),
     "launch": ("README.md", "ros2 launch aircraft_sysid_ros live.launch.py"),
