@@ -16,17 +16,27 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numba.core import caching
 
-from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
+from aircraft_sysid_ros.calibration.kinematics import integrated_outputs
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.flight_model.bank import filter_bank, simulation_bank
+from aircraft_sysid_ros.flight_model.layout import make_theta
+from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.model_change import change_model, with_terms
+from aircraft_sysid_ros.identification.monitoring.agreement import solved
 from aircraft_sysid_ros.identification.options import EstimatorName, ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.refinement.record import record_of
+from aircraft_sysid_ros.ros_messages.output_messages import state_fields
+from aircraft_sysid_ros.samples import Samples
 
 
 def filters() -> None:
@@ -47,7 +57,8 @@ def least_squares() -> None:
 
 
 def whole_way() -> None:
-    """Fly, record, read and replay for some seconds."""
+    """Fly, record, read and replay for some seconds, with a model that changes; and what may follow."""
+    from aircraft_sysid_ros.simulation.closed_loop import SteppedAeroplane
     from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
     from aircraft_sysid_ros.simulation.truth_files import write_flight
 
@@ -55,10 +66,35 @@ def whole_way() -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_flight(simulate_samples(aircraft, duration=30.0), Path(folder) / "flight", overwrite=False)
         samples = read_recording(Path(folder) / "flight").samples
-    pipeline = Pipeline(aircraft)
-    pipeline.push(samples)
+    pipeline, memory, half = Pipeline(aircraft), SampleMemory(), len(samples) // 2
+    rows, points = pipeline.push(samples[:half])
+    state_fields(rows)
+    memory.add(points, np.zeros(3), 0.1)
+    changed = with_terms(aircraft, {"CZ": ("alpha**2", "lag(alpha, 0.2)")}, {})
+    change_model(pipeline.parameters, changed, memory.newest())
+    pipeline.push(samples[half:])
     pipeline.flush()
     pipeline.parameters.snapshot()
+    solved(np.eye(4))  # of the monitor, where two parts of a flight disagree
+    _refine(aircraft, samples)
+    _calibrate()
+    SteppedAeroplane(aircraft, seed=1, duration=1.0).look()
+
+
+def _refine(aircraft: Aircraft, samples: Samples) -> None:
+    record = record_of(aircraft, samples, 50.0)
+    theta = make_theta(record.model, np.zeros(len(aircraft.model.parameter_names)))[None]
+    flown = record.time[:2], record.inputs[:2]
+    filter_bank(record.states[0], np.eye(15), *flown, record.outputs[:2], theta, record.model)
+    simulation_bank(record.states[:1], *flown, theta, record.model)
+
+
+def _calibrate() -> None:
+    times, north, still, zeros = np.zeros(1), np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
+    level, outputs = np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
+    integrated_outputs(
+        times, still, still, zeros, zeros, 1, north, level, np.zeros(6), np.zeros(3), 9.8, outputs[:, 5], True
+    )
 
 
 #: Longest first, so that two processes end at about the same time.

@@ -105,7 +105,7 @@ def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
     names = (*SIGNALS, *inputs)
     read = frozenset(names[int(argument)] for operation, argument in rows if operation == _SIGNAL)
     read = read.union(*(lag.program.signals for lag in lags))
-    return Program(canonical, np.array(rows), read, tuple(lags))
+    return Program(canonical, np.array(rows, dtype=np.float64), read, tuple(lags))
 
 
 def is_name(text: str) -> bool:

@@ -52,7 +52,7 @@ def window_average(
     half_width: float,
     means: Array,
     slopes: Array,
-    sparse: bool = False,
+    sparse: bool,
 ) -> None:
     """Means and slopes of the columns of data (n, m) over the window, into ``means`` and ``slopes``, (m,).
 

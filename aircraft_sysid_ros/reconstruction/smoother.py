@@ -106,7 +106,7 @@ def smooth_state(step: Array, x: Array, setup: Setup) -> Array:
 
 @njit(cache=True)
 def smooth_segment(
-    steps: Array, rows: Array, x: Array, p: Array, setup: Setup, with_covariance: bool = True
+    steps: Array, rows: Array, x: Array, p: Array, setup: Setup, with_covariance: bool
 ) -> tuple[Array, Array]:
     """Write the smoothed states over the rows (n, StateField.WIDTH) of a segment that ends with x (19,), p (18, 18).
 

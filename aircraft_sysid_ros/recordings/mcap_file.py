@@ -49,6 +49,8 @@ def read_mcap_data(data: Bytes, path: Path) -> RawMessages:
     """The same of the content of a file; ``path`` is what it is called in messages."""
     if data[: len(MAGIC)].tobytes() != MAGIC:
         raise InputError(f"{path} is not an MCAP file: it is empty, damaged or something else")
+    data = data.view()
+    data.flags.writeable = False  # as what is decompressed: the kernels are compiled for one kind of array
     summary = _read_summary(data)
     contents = _Contents(data)
     if summary is not None and summary.is_checked:  # what it says of the topics goes before what the data say

@@ -89,7 +89,7 @@ def test_response_is_the_noise_of_the_measured_coefficients(aircraft) -> None:
         history[:, FORCE : FORCE + 3] = aircraft.mass * 0.03 * random.normal(size=(len(times), 3))
         history[:, RATE : RATE + 3] = 0.002 * random.normal(size=(len(times), 3))
         assert not history[:, CENTRIPETAL:].any()
-        window_average(times, history, 0, len(times) - 1, 0.1, 0.08, means, slopes)
+        window_average(times, history, 0, len(times) - 1, 0.1, 0.08, means, slopes, False)
         measured_coefficients(means, slopes, body, out)
     for index in range(6):
         std = np.sqrt(variance_of(response_sources(aircraft, np.array([qbar]), index)))[0]

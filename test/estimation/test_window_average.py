@@ -16,7 +16,7 @@ def averages(times, columns, center, half_width, sparse=False):
         np.full(columns.shape[1], 7.0),
         np.full(columns.shape[1], 7.0),
     )  # what was there is replaced
-    window_average(times, columns, first, last, center, half_width, means, slopes, sparse)
+    window_average(np.ascontiguousarray(times), columns, first, last, center, half_width, means, slopes, sparse)
     return means, slopes
 
 

@@ -160,11 +160,11 @@ def test_an_update_is_one_of_what_the_sensors_show():
     turn = np.eye(len(p))
     turn[15:, 15:] = after @ np.linalg.inv(before)
     expected = turn @ p @ turn.T
-    settle(v.copy(), x, delta, moved, p)
+    settle(tuple(v), x, delta, moved, p)
     np.testing.assert_allclose(moved[AIR_VELOCITY], of(shown + step[:3], ERRORS + step[3:]), atol=1e-6)
     np.testing.assert_allclose(p, expected, atol=1e-4 * np.max(np.abs(expected)))
     still, kept = x.copy(), p.copy()
-    settle(np.array([0.1, 0.0, 0.0]), x, delta, still, kept)  # on the ground angles mean nothing
+    settle((0.1, 0.0, 0.0), x, delta, still, kept)  # on the ground angles mean nothing
     np.testing.assert_array_equal(still, x)
     np.testing.assert_array_equal(kept, p)
 

@@ -138,7 +138,7 @@ def test_the_end_of_a_segment_that_is_not_finite_is_left_out(both, setup):
     count = int(steps[:400, HAS_ROW].sum())
     steps, few = steps[:400].copy(), rows[:count].copy()
     steps[300:, 0] = np.nan
-    smooth_segment(steps, few, np.full(STATE_SIZE, np.nan), np.eye(ERROR_SIZE), setup)
+    smooth_segment(steps, few, np.full(STATE_SIZE, np.nan), np.eye(ERROR_SIZE), setup, True)
     first_lost = int(steps[:299, HAS_ROW].sum())
     assert np.all(np.isfinite(few[:, ALL_STD]))
     np.testing.assert_array_equal(few[first_lost + 1 :], rows[first_lost + 1 : count])
@@ -183,7 +183,7 @@ def test_nees_of_smoothed_states_over_many_flights(aircraft):
         for row in (1800, 1300, 800, 400):
             begin = at_row[row]
             between = rows[row + 1 :][: int(steps[begin:end, HAS_ROW].sum())]
-            x, p = smooth_segment(steps[begin:end], between, x, p, segment.setup)
+            x, p = smooth_segment(steps[begin:end], between, x, p, segment.setup, True)
             nees.append(nees_of(flight, estimator, rows[row], x, p))
             end = begin
     assert len(nees) == 32

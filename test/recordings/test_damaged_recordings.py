@@ -200,7 +200,7 @@ def test_a_wrong_bit_in_a_first_message_does_not_decide_for_its_topic(flight, tm
 
 def message_headers(file):
     """Offsets of kind and length of all messages of an MCAP file whose chunks are not compressed."""
-    data = np.fromfile(file, np.uint8)
+    data = np.frombuffer(file.read_bytes(), np.uint8)
     records = mcap_records.find_records(data, 8, len(data), mcap_records.IN_DATA)
     for kind, start, length, *_ in records.tolist():
         if kind == mcap_records.CHUNK:

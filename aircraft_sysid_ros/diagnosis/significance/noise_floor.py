@@ -115,7 +115,7 @@ def window_weights(interval: float, half_width: float = HALF_WIDTH) -> tuple[Arr
     count = int(np.ceil(half_width / interval)) + 1
     times: Array = interval * np.arange(-count, count + 1, dtype=np.float64)
     means, slopes = np.empty(len(times)), np.empty(len(times))
-    window_average(times, np.eye(len(times)), 0, len(times) - 1, 0.0, half_width, means, slopes)
+    window_average(times, np.eye(len(times)), 0, len(times) - 1, 0.0, half_width, means, slopes, False)
     return means, slopes
 
 

@@ -115,12 +115,17 @@ def signal_noise(signals: Array, row: Array, sensors: Array, geometry: Array, ou
         out[_INPUTS + k] = sensors[2 + k]
 
 
-@njit(cache=True)
 def interpolate(times: Array, values: Array, at: Array, longest: float, held: float = np.inf) -> Array:
     """Series (n, k) at ascending times ``at`` (m,), linear between samples at most ``longest`` [s] away.
 
     Where only an earlier sample is near, at most ``held`` [s], it is held; where none is near, NaN.
     """
+    times, values, at = (np.ascontiguousarray(array) for array in (times, values, at))  # or it is compiled for each
+    return _interpolate(times, values, at, longest, held)
+
+
+@njit(cache=True)
+def _interpolate(times: Array, values: Array, at: Array, longest: float, held: float) -> Array:
     out = np.full((len(at), values.shape[1]), np.nan)
     j = 0
     for i in range(len(at)):
