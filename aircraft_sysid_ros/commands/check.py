@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import argparse
+import math
 import textwrap
+from collections.abc import Iterable
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, NamedInput, load_aircraft
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.commands.replay_notes import unnamed_notes
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.check import Checked, check
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, SEVERITIES, WARNING, Finding, joined, short_names
 from aircraft_sysid_ros.flight_check.signals import Flight, flight_of
+from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.samples import Kind
 
@@ -24,7 +29,8 @@ _SENSORS = {
     Kind.IMU: "accelerometer", Kind.ATTITUDE: "attitude", Kind.GPS_POSITION: "gps_position",
     Kind.GPS_VELOCITY: "gps_velocity", Kind.AIRSPEED: "airspeed", Kind.ANGLE_OF_ATTACK: "angle_of_attack",
     Kind.SIDESLIP: "sideslip", Kind.AIR: "static_pressure", Kind.CONTROLS: "control_surfaces",
-    Kind.FIVE_HOLE: "five_hole_probe", Kind.MAGNETIC_FIELD: "magnetometer", Kind.HEIGHT: "height_above_ground",
+    Kind.INPUTS: "control_surfaces", Kind.FIVE_HOLE: "five_hole_probe",
+    Kind.MAGNETIC_FIELD: "magnetometer", Kind.HEIGHT: "height_above_ground",
 }  # fmt: skip
 
 
@@ -37,8 +43,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--aircraft",
         metavar="FILE",
-        help="aircraft file (YAML): its delays and signs of surfaces count as known, and the terms of its model "
-        "are asked for (default: the textbook's 32)",
+        help="aircraft file (YAML): its delays and signs of surfaces count as known, its named inputs are looked at, "
+        "and the terms of its model are asked for (default: the textbook's 32)",
     )
     parser.add_argument(
         "--out", metavar="FILE", help="picture to write, .png, or a page with it, .html; one that is there is replaced"
@@ -52,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     aircraft = load_aircraft(args.aircraft) if args.aircraft else None
     with progress_bar() as progress:
         task = progress.add_task("read the recording", total=1.0)
-        recording = read_recording(args.bag)
+        recording = read_recording(args.bag, unlimited(aircraft.inputs) if aircraft else ())
         flight = flight_of_recording(recording, aircraft)
         if not any(len(stream.time) for stream in flight.streams.values()):
             raise InputError(f"the recording {args.bag} holds no sample with a number in it")
@@ -72,7 +78,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             for p in checked.parameters
         ],
         "figure": figure,
-        "notes": [*recording.notes, *notes],
+        "notes": [*recording.notes, *_unnamed(recording, aircraft), *notes],
     }
 
 
@@ -102,13 +108,27 @@ def _draw(checked: Checked, out: str, title: str) -> Path:
     return path
 
 
+def unlimited(inputs: Iterable[NamedInput]) -> tuple[NamedInput, ...]:
+    """Named inputs of which every value is read, so that what is outside the limits can be said."""
+    return tuple(replace(item, limits=(-math.inf, math.inf)) for item in inputs)
+
+
+def _unnamed(recording: Recording, aircraft: Aircraft | None) -> list[str]:
+    """Inputs of the recording that are not looked at."""
+    if aircraft:
+        return unnamed_notes(recording)
+    if not recording.unnamed:
+        return []
+    return [f"the inputs {listed(recording.unnamed)} are looked at where an aircraft file names them: give --aircraft"]
+
+
 def flight_of_recording(recording: Recording, aircraft: Aircraft | None) -> Flight:
     """The samples of a recording by signal, with what the aircraft file knows of the sensors."""
     delays = {kind: aircraft.sensors[name].delay for kind, name in _SENSORS.items()} if aircraft else {}
     known: dict[str, Any] = {}
     if aircraft:
         noise = aircraft.sensors["control_surfaces"].noise[0]
-        known = {"surface_signs": aircraft.surface_signs, "surface_noise": noise}
+        known = {"surface_signs": aircraft.surface_signs, "surface_noise": noise, "inputs": aircraft.inputs}
     return flight_of(
         recording.samples,
         recording.arrival,

@@ -118,19 +118,24 @@ def _why_no_points(manoeuvre: Manoeuvre, pipeline: Pipeline) -> str:
 
 def input_notes(recording: Recording, aircraft: Aircraft) -> list[str]:
     """Inputs that the aircraft file names and the recording does not hold, and the other way round."""
-    found = []
-    if unnamed := recording.unnamed:
-        example = ", ".join(f"{name}: {{unit: …}}" for name in unnamed[:2])
-        found.append(
-            f"/{INPUTS_TOPIC} holds {listed(unnamed)}, which the aircraft file does not name, so that no term can read "
-            f"{'them' if len(unnamed) > 1 else 'it'}: add inputs: {{{example}}}"
-        )
+    found = unnamed_notes(recording)
     values = recording.samples.values[recording.samples.kind == Kind.INPUTS, : len(aircraft.inputs)]
     lacking = [item.name for k, item in enumerate(aircraft.inputs) if not np.isfinite(values[:, k]).any()]
     if lacking:
         names = ", ".join(lacking)
         found.append(f"/{INPUTS_TOPIC} holds no value of {names} inside its limits: terms that read it say nothing")
     return found
+
+
+def unnamed_notes(recording: Recording) -> list[str]:
+    """Inputs that the recording holds and the aircraft file does not name."""
+    if not (unnamed := recording.unnamed):
+        return []
+    example = ", ".join(f"{name}: {{unit: …}}" for name in unnamed[:2])
+    return [
+        f"/{INPUTS_TOPIC} holds {listed(unnamed)}, which the aircraft file does not name, so that no term can read "
+        f"{'them' if len(unnamed) > 1 else 'it'}: add inputs: {{{example}}}"
+    ]
 
 
 def length_notes(pipeline: Pipeline, writer: RunWriter) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, textbook_model
 from aircraft_sysid_ros.flight_check.explain import Explanation, delays, scales, signs, units
 from aircraft_sysid_ros.flight_check.finding import KINDS, SEVERITIES, Finding, joined
 from aircraft_sysid_ros.flight_check.identifiable import Identifiability, identifiable
@@ -17,6 +17,7 @@ from aircraft_sysid_ros.flight_check.laws import (
     flow_angles,
     gravity,
     gyro_attitude,
+    inputs,
     kinematic_force,
     position_velocity,
     pressure,
@@ -58,7 +59,9 @@ def check(
     times, then scales; they are taken out and the rest is judged without them, and so is which parameters of ``model``
     (default: the 32 of the textbook) the flight shows. ``progress`` is told the share done.
     """
-    found = absence.findings(flight) + sampling.findings(flight) + values.findings(flight)
+    model = model or textbook_model()
+    found = absence.findings(flight, model) + sampling.findings(flight) + values.findings(flight)
+    found += inputs.findings(flight)
     contradicting, relations, motion = contradictions(flight, (*KINEMATICS, surfaces), found, progress)
     parameters = tuple(identifiable(motion, model))
     return Checked(tuple(_ordered(found + contradicting)), _rates(flight), tuple(relations), motion, parameters)
@@ -119,7 +122,7 @@ def _unchanged(flight: Flight) -> Flight:
 
 
 def _rates(flight: Flight) -> dict[str, float]:
-    return {name: s.rate for kind, s in flight.streams.items() for name, _ in signal_names(kind, s)}
+    return {name: s.rate for s in flight.every_stream for name, _ in signal_names(s)}
 
 
 def _ordered(findings: list[Finding]) -> list[Finding]:

@@ -160,7 +160,7 @@ def _late(fault: Fault, flight: Flight) -> Finding:
     names = tuple(
         name
         for kind, stream in flight.streams.items()
-        for name, _ in signal_names(kind, stream)
+        for name, _ in signal_names(stream)
         if stream_of(name) == fault.signal and KIND_OF[name] == kind
     )
     other = relation.second if stream_of(relation.first) == fault.signal else relation.first

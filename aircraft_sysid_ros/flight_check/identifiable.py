@@ -21,12 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.atmosphere import SEA_LEVEL_TEMPERATURE, altitude_at
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, evaluate
 from aircraft_sysid_ros.flight_check.grid import memory_of
 from aircraft_sysid_ros.flight_check.motion import Motion
-from aircraft_sysid_ros.flight_check.signals import FORCE, GYRO, SURFACES, Flight, Stream
+from aircraft_sysid_ros.flight_check.signals import FORCE, GYRO, INPUTS, SURFACES, Flight, Stream
 
 Array = npt.NDArray[np.float64]
 
@@ -56,9 +56,8 @@ class Identifiability:
     reason: str
 
 
-def identifiable(motion: Motion, model: AerodynamicModel | None = None) -> list[Identifiability]:
-    """Of all parameters of a model, by default the 32 of the textbook."""
-    model = model or model_from_terms(TEXTBOOK_TERMS)
+def identifiable(motion: Motion, model: AerodynamicModel) -> list[Identifiability]:
+    """Of all parameters of a model."""
     found = []
     values, noise = _signals(motion), _noises(motion)
     for axis, programs in enumerate(model.programs):
@@ -66,9 +65,8 @@ def identifiable(motion: Motion, model: AerodynamicModel | None = None) -> list[
         names = model.parameter_names[first : first + len(programs)]
         lacking = [_lacking(motion.flight, axis, [s for s in model.signal_names if s in p.signals]) for p in programs]
         there = [j for j, reason in enumerate(lacking) if not reason]
-        judged = dict(
-            zip(there, _judged(_response(motion, axis), [programs[j] for j in there], values, noise), strict=True)
-        )
+        verdicts = _judged(_response(motion, axis), [programs[j] for j in there], values, noise, model.inputs)
+        judged = dict(zip(there, verdicts, strict=True))
         for j, name in enumerate(names):
             nothing = (False, float("nan"), float("nan"), lacking[j])
             found.append(Identifiability(name, *judged.get(j, nothing)))
@@ -77,17 +75,15 @@ def identifiable(motion: Motion, model: AerodynamicModel | None = None) -> list[
 
 def _lacking(flight: Flight, axis: int, signals: list[str]) -> str:
     """What the flight does not measure of a term; empty: nothing."""
-    named = [signal for signal in signals if signal not in SIGNALS]
-    if named:
-        return f"{named[0]} is an input of the aircraft file, which is not looked at here"
     response = FORCE[0] if axis < 3 else GYRO[0]
     needed = [response, "true_airspeed", *(_NEEDS[s] for s in signals if s in _NEEDS)]
+    needed += [INPUTS + s for s in signals if s not in SIGNALS]
     missing = [name for name in needed if flight.column(name) is None]
     return f"{missing[0]} is not measured" if missing else ""
 
 
 def _signals(motion: Motion) -> dict[str, Array]:
-    """SIGNALS (count,) on the grid, rates without the length that norms them, smoothed alike."""
+    """SIGNALS and the named inputs (count,) on the grid, rates without the length that norms them, smoothed alike."""
     grid = motion.grid
     width = max(_WIDTH, 3.0 * grid.step)
     speed = motion.airspeed
@@ -103,6 +99,7 @@ def _signals(motion: Motion) -> dict[str, Array]:
             "alpha_dot": grid.slope(motion.alpha) / speed, "beta_dot": grid.slope(motion.beta) / speed,
             "time": grid.time,
         }  # fmt: skip
+    raw |= {item.name: column for item, column in zip(motion.flight.inputs, motion.inputs.T, strict=True)}
     return {name: grid.smooth(value, width) for name, value in raw.items()}
 
 
@@ -125,10 +122,12 @@ def white_noise(stream: Stream, column: int) -> float:
 
 
 def _noises(motion: Motion) -> dict[str, float]:
-    """One sigma of SIGNALS after the average, from the scatter of their samples."""
+    """One sigma of SIGNALS and the named inputs after the average, from the scatter of their samples."""
     speed = float(np.nanmedian(motion.airspeed)) if np.any(np.isfinite(motion.airspeed)) else 1.0
+    play = {surface: motion.flight.surface_noise for surface in SURFACES}
+    play |= {INPUTS + item.name: item.noise for item in motion.flight.inputs}
     noise = dict.fromkeys(SIGNALS, 0.0)
-    for name, needed in _NEEDS.items():
+    for name, needed in [*_NEEDS.items(), *((item.name, INPUTS + item.name) for item in motion.flight.inputs)]:
         there = motion.flight.column(needed)
         if there is None or name in ("alpha_dot", "beta_dot", "Tc"):
             continue
@@ -137,8 +136,7 @@ def _noises(motion: Motion) -> dict[str, float]:
         noise[name] = white_noise(stream, column) / float(np.sqrt(averaged))
         if name in ("p", "q", "r"):
             noise[name] /= speed
-        if needed in SURFACES:  # a command has no noise, but its surface has play, which no average takes away
-            noise[name] = max(noise[name], motion.flight.surface_noise)
+        noise[name] = max(noise[name], play.get(needed, 0.0))  # a command has no noise, but its surface has play
     return noise
 
 
@@ -155,12 +153,16 @@ def _response(motion: Motion, axis: int) -> Array:
 
 
 def _judged(
-    response: Array, programs: list[Program], values: Mapping[str, Array], noise: Mapping[str, float]
+    response: Array,
+    programs: list[Program],
+    values: Mapping[str, Array],
+    noise: Mapping[str, float],
+    inputs: tuple[str, ...],
 ) -> list[tuple[bool, float, float, str]]:
     """Shown or not, excitation, relative error and reason of each term."""
     if not programs:
         return []
-    terms = evaluate(programs, dict(values))
+    terms = evaluate(programs, values, inputs)
     good = np.flatnonzero(np.isfinite(response) & np.all(np.isfinite(terms), axis=1))
     stride = max(1, len(good) // _MOST_POINTS)
     good = good[::stride]
@@ -168,7 +170,9 @@ def _judged(
         return [(False, 0.0, float("inf"), "too few samples in the air")] * len(programs)
     x, y = terms[good], response[good]
     shifts = [
-        evaluate(programs, {**values, name: values[name] + noise[name]})[good] - x for name in SIGNALS if noise[name]
+        evaluate(programs, {**values, name: values[name] + size}, inputs)[good] - x
+        for name, size in noise.items()
+        if size
     ]
     term_noise = np.sqrt(sum((np.mean(shift**2, axis=0) for shift in shifts), np.zeros(len(programs))))
     scale = np.sqrt(np.mean(x**2, axis=0))

@@ -5,7 +5,7 @@ Nothing is estimated: attitude, velocities and flow angles are those that were m
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,9 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.earth import SEMI_MAJOR_AXIS
 from aircraft_sysid_ros.flight_check.grid import Grid, spikes
-from aircraft_sysid_ros.flight_check.signals import Flight, groups
+from aircraft_sysid_ros.flight_check.signals import INPUTS, Flight, groups, inside_limits
+from aircraft_sysid_ros.identification.coefficients.signals import interpolate, named_inputs
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
@@ -45,7 +47,7 @@ class Motion:
             return np.full((self.grid.count, 10), np.nan)
         delay = self.flight.delays.get(kind, 0.0)
         parts = []
-        for _, columns in groups(kind):
+        for _, columns in groups(stream):
             rows = stream.fresh(columns) if stream.hold(columns) > 1.0 else slice(None)
             values = stream.values[rows, columns].copy()
             for column in values.T:
@@ -189,6 +191,19 @@ class Motion:
     def controls(self) -> Array:
         """Controls (count, 7) as in Kind.CONTROLS, as they are recorded."""
         return self._flown(self._put(Kind.CONTROLS)[:, :7])
+
+    @cached_property
+    def inputs(self) -> Array:
+        """The named inputs (count, k) [SI] in the order of the aircraft file, between samples as `replay` has them."""
+        out = np.full((self.grid.count, len(self.flight.inputs)), np.nan)
+        delay, reach = self.flight.delays.get(Kind.INPUTS, 0.0), ParameterOptions().settle
+        for column, item in zip(out.T, self.flight.inputs, strict=True):
+            stream = self.flight.input_streams.get(INPUTS + item.name)
+            if stream is not None:
+                inside = inside_limits(stream.values[:, 0], item)
+                series = stream.time[inside] - delay, stream.values[inside]
+                column[:] = named_inputs(1, *series, self.grid.time, partial(interpolate, longest=reach))[:, 0]
+        return self._flown(out)
 
     @cached_property
     def speed(self) -> Array:

@@ -5,7 +5,7 @@ FRD and NED, SI and radians, as the samples are. Sensors that share a message sh
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import DEFAULT_SENSORS
+from aircraft_sysid_ros.aircraft.configuration import DEFAULT_SENSORS, NamedInput
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -46,6 +46,8 @@ KIND_OF = {name: kind for kind, names in reversed(NAMES.items()) for name in nam
 #: Angles and their like, signals that may stand still for as long as the pilot likes, and slow ones.
 COMMANDED = (*SURFACES, "throttle", "thrust", "propeller_speed")
 SLOW = ("mass", "air_density", "magnetic_field")
+#: Before the name of an input that the aircraft file names.
+INPUTS = "inputs."
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,12 @@ class Stream:
     unusable: int = 0  # samples whose values are no numbers, between those that have some
     disordered: int = 0  # samples stamped before the one that arrived before them
     away: int = 0  # samples stamped half a day from the others
+    name: str = ""  # of a named input, which is a stream of its own
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Signals of its columns."""
+        return (self.name,) if self.name else NAMES[self.kind]
 
     @cached_property
     def interval(self) -> float:
@@ -88,10 +96,17 @@ class Flight:
 
     streams: Mapping[Kind, Stream]
     duration: float  # [s]
+    inputs: tuple[NamedInput, ...] = ()  # that the aircraft file names
+    input_streams: Mapping[str, Stream] = field(default_factory=dict)  # by signal: those that have values
     delays: Mapping[Kind, float] = field(default_factory=dict)  # [s] that the aircraft file states
     surface_signs: Mapping[str, float] = field(default_factory=dict)
     surface_noise: float = DEFAULT_SENSORS["control_surfaces"].noise[0]  # [rad] resolution and play of the surfaces
     skipped: Mapping[str, int] = field(default_factory=dict)  # messages by topic that could not be decoded
+
+    @property
+    def every_stream(self) -> tuple[Stream, ...]:
+        """Those of the sensors, and of each named input."""
+        return (*self.streams.values(), *self.input_streams.values())
 
     def has(self, *kinds: Kind) -> bool:
         """Whether there are samples of all these kinds."""
@@ -99,11 +114,11 @@ class Flight:
 
     def column(self, name: str) -> tuple[Stream, int] | None:
         """Stream and column of a signal that is measured at all; None otherwise. Not for the attitude."""
-        for kind, names in NAMES.items():
-            if name in names and kind in self.streams:
-                column = names.index(name)
-                if np.any(np.isfinite(self.streams[kind].values[:, column])):
-                    return self.streams[kind], column
+        for stream in self.every_stream:
+            if name in stream.names:
+                column = stream.names.index(name)
+                if np.any(np.isfinite(stream.values[:, column])):
+                    return stream, column
         return None
 
 
@@ -124,59 +139,76 @@ def held_length(fresh: npt.NDArray[np.bool_]) -> float:
     return mean if mean >= _LEAST_HOLD and np.std(runs) < _REGULAR * mean else 1.0
 
 
-def groups(kind: Kind) -> list[tuple[tuple[str, ...], slice]]:
+def groups(stream: Stream) -> list[tuple[tuple[str, ...], slice]]:
     """The parts of a stream that change together, with their columns: vectors, and single numbers."""
-    if kind == Kind.ATTITUDE:
+    if stream.kind == Kind.ATTITUDE:
         return [(ATTITUDE, slice(0, 4))]
     found: dict[str, list[int]] = {}
-    for i, name in enumerate(NAMES[kind]):
+    for i, name in enumerate(stream.names):
         found.setdefault("geodetic" if name in GEODETIC else name.partition(".")[0], []).append(i)
-    return [(tuple(NAMES[kind][i] for i in columns), slice(columns[0], columns[-1] + 1)) for columns in found.values()]
+    return [(tuple(stream.names[i] for i in columns), slice(columns[0], columns[-1] + 1)) for columns in found.values()]
 
 
-def signal_names(kind: Kind, stream: Stream) -> list[tuple[str, int]]:
+def signal_names(stream: Stream) -> list[tuple[str, int]]:
     """Signals of a stream that are measured at all, with their columns; all three of an attitude, at column 0."""
-    if kind == Kind.ATTITUDE:
+    if stream.kind == Kind.ATTITUDE:
         return [(name, 0) for name in ATTITUDE]
     measured = np.any(np.isfinite(stream.values), axis=0)
-    return [(name, i) for i, name in enumerate(NAMES[kind]) if measured[i]]
+    return [(name, i) for i, name in enumerate(stream.names) if measured[i]]
+
+
+def inside_limits(values: Array, item: NamedInput) -> npt.NDArray[np.bool_]:
+    """Which values (n,) [SI] of a named input are none that `replay` leaves out."""
+    return np.asarray((values >= item.limits[0]) & (values <= item.limits[1]))
 
 
 #: Stamps further than this [s] from the middle of the recording are no times of it.
 _LONGEST = 43_200.0
 
 
-def flight_of(samples: Samples, arrival: npt.NDArray[np.int64], **known: Any) -> Flight:
-    """The flight of samples (n,) as they arrived, with their arrivals [ns] (n,) and what else is ``known`` of it."""
+def flight_of(
+    samples: Samples, arrival: npt.NDArray[np.int64], inputs: Sequence[NamedInput] = (), **known: Any
+) -> Flight:
+    """The flight of samples (n,) as they arrived, with their arrivals [ns] (n,), the named ``inputs`` in the order of
+    their values, and what else is ``known`` of it.
+    """
     away = np.abs(samples.stamp - np.median(samples.stamp)) / NANOSECONDS > _LONGEST
     kept = samples[~away]
     start, end = int(kept.stamp.min()), int(kept.stamp.max())
-    streams = {}
-    for kind in Kind:
+
+    def stream(kind: Kind, rows: npt.NDArray[np.int64], columns: slice, name: str = "") -> Stream:
+        part = samples.stamp[rows], arrival[rows], samples.values[rows, columns], away[rows]
+        return _stream(kind, *part, start, name)
+
+    streams, of_inputs = {}, {}
+    for kind, names in NAMES.items():
         rows = np.flatnonzero(samples.kind == kind)
         if len(rows):
-            streams[kind] = _stream(kind, samples, arrival, rows, away[rows], start)
-    return Flight(streams, (end - start) / NANOSECONDS, **known)
+            streams[kind] = stream(kind, rows, slice(0, 4 if kind == Kind.ATTITUDE else len(names)))
+    for k, item in enumerate(inputs):
+        rows = np.flatnonzero((samples.kind == Kind.INPUTS) & ~np.isnan(samples.values[:, k]))
+        if len(rows):
+            of_inputs[INPUTS + item.name] = stream(Kind.INPUTS, rows, slice(k, k + 1), INPUTS + item.name)
+    return Flight(streams, (end - start) / NANOSECONDS, tuple(inputs), of_inputs, **known)
 
 
 def _stream(
     kind: Kind,
-    samples: Samples,
+    stamp: npt.NDArray[np.int64],
     arrival: npt.NDArray[np.int64],
-    rows: npt.NDArray[np.int64],
+    values: Array,
     away: npt.NDArray[np.bool_],
     start: int,
+    name: str,
 ) -> Stream:
-    width = 4 if kind == Kind.ATTITUDE else len(NAMES[kind])
-    stamp, values = samples.stamp[rows], samples.values[rows, :width]
     disordered = int(np.sum(np.diff(stamp[~away]) < 0))
     usable = np.any(np.isfinite(values), axis=1)
     values = np.where(np.isfinite(values), values, np.nan)
     order = np.flatnonzero(usable & ~away)
     order = order[np.argsort(stamp[order], kind="stable")]
     return Stream(
-        kind, (stamp[order] - start) / NANOSECONDS, (arrival[rows[order]] - stamp[order]) / NANOSECONDS, values[order],
-        _between(usable), disordered, int(np.sum(away)),
+        kind, (stamp[order] - start) / NANOSECONDS, (arrival[order] - stamp[order]) / NANOSECONDS, values[order],
+        _between(usable), disordered, int(np.sum(away)), name,
     )  # fmt: skip
 
 

@@ -56,8 +56,8 @@ def _sensors(plot: Any, checked: Checked) -> None:
 
 def _rows(flight: Flight) -> list[tuple[str, Stream]]:
     rows = []
-    for kind, stream in flight.streams.items():
-        names = tuple(name for name, _ in signal_names(kind, stream))
+    for stream in flight.every_stream:
+        names = tuple(name for name, _ in signal_names(stream))
         if names and len(stream.time) > 1:
             text = textwrap.shorten(short_names(names), 44, placeholder=" …")
             rows.append((f"{text}  {stream.rate:.3g} Hz", stream))

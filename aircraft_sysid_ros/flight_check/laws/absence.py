@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, Finding
-from aircraft_sysid_ros.flight_check.signals import ATTITUDE, FORCE, GEODETIC, GYRO, SURFACES, VELOCITY, Flight
+from aircraft_sysid_ros.flight_check.signals import (
+    ATTITUDE,
+    FORCE,
+    GEODETIC,
+    GYRO,
+    INPUTS,
+    SURFACES,
+    VELOCITY,
+    Flight,
+)
 from aircraft_sysid_ros.samples import Kind
 
 #: Signals, the kind of sample that brings them, severity and cost.
@@ -20,22 +30,33 @@ _NEEDED: tuple[tuple[tuple[str, ...], tuple[Kind, ...], str, str], ...] = (
      "it must come from the lateral force and the flight path: the derivatives of beta are less certain"),
     (ATTITUDE, (Kind.ATTITUDE,), INFO,
      "roll, pitch and yaw come from IMU and GPS; signs and units of the gyros are less well checked"),
-    (SURFACES[:3], (Kind.CONTROLS,), WARNING, "no derivatives can be estimated, only motion, biases and wind"),
     (("static_pressure",), (Kind.AIR, Kind.FIVE_HOLE), INFO, "air density is that of the standard day at the altitude"),
 )  # fmt: skip
+_NO_CONTROLS = "not in the recording: no derivatives can be estimated, only motion, biases and wind"
+_UNREAD = "no term reads it, take it out of the aircraft file or record it"
+#: Surfaces by their signal in terms.
+_SURFACES = dict(zip(("de", "da", "dr"), SURFACES, strict=False))
 
 
-def findings(flight: Flight) -> list[Finding]:
-    """Of signals without samples, of controls without some surface, and of messages that could not be decoded."""
+def findings(flight: Flight, model: AerodynamicModel) -> list[Finding]:
+    """Of signals without samples, of surfaces and inputs that terms of a model read, and of messages that could not be
+    decoded.
+    """
     found = [
         Finding(names, "missing", severity, f"not in the recording: {cost}")
         for names, kinds, severity, cost in _NEEDED
         if not any(kind in flight.streams for kind in kinds)
     ]
-    if Kind.CONTROLS in flight.streams:
-        lacking = tuple(name for name in SURFACES[:3] if flight.column(name) is None)
-        if lacking:
-            found.append(Finding(lacking, "missing", INFO, "not in the recording: its derivatives cannot be estimated"))
+    controls = {name: signal for signal, name in _SURFACES.items() if signal in model.signals_used}
+    controls |= {INPUTS + item.name: item.name for item in flight.inputs}
+    lacking = tuple(name for name in controls if flight.column(name) is None)
+    if lacking and len(lacking) == len(controls):
+        found.append(Finding(lacking, "missing", WARNING, _NO_CONTROLS))
+    elif lacking:
+        read = {name for name in lacking if controls[name] in model.signals_used}
+        for names, cost in ((read, "its derivatives cannot be estimated"), ({*lacking} - read, _UNREAD)):
+            if names:
+                found.append(Finding(tuple(sorted(names)), "missing", INFO, f"not in the recording: {cost}"))
     for topic, count in flight.skipped.items():
         found.append(Finding(
             (topic,), "missing", WARNING, f"{count} messages could not be decoded: the recording is damaged there"

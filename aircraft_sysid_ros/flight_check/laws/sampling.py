@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, Finding
-from aircraft_sysid_ros.flight_check.signals import NAMES, Flight, Stream, groups, signal_names
+from aircraft_sysid_ros.flight_check.signals import Flight, Stream, groups, signal_names
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
@@ -28,13 +28,13 @@ _CLOCKS, _DRIFT = 1.0, 0.05
 def findings(flight: Flight) -> list[Finding]:
     """Of every stream."""
     found = []
-    for kind, stream in flight.streams.items():
-        names = tuple(name for name, _ in signal_names(kind, stream))
+    for stream in flight.every_stream:
+        names = tuple(name for name, _ in signal_names(stream))
         if len(stream.time) < 3 or not names:
-            found += _order(stream, NAMES[kind]) if stream.away else []
+            found += _order(stream, stream.names) if stream.away else []
             continue
-        found += _order(stream, names) + _jitter(stream, names) + _rate(kind, stream, names)
-        for group, columns in groups(kind) if kind != Kind.MASS else ():
+        found += _order(stream, names) + _jitter(stream, names) + _rate(stream, names)
+        for group, columns in groups(stream) if stream.kind != Kind.MASS else ():
             measured = tuple(name for name in group if name in names)
             if measured:
                 found += _gaps(flight, stream, measured, columns)
@@ -120,7 +120,7 @@ def _jitter(stream: Stream, names: tuple[str, ...]) -> list[Finding]:
     )]  # fmt: skip
 
 
-def _rate(kind: Kind, stream: Stream, names: tuple[str, ...]) -> list[Finding]:
+def _rate(stream: Stream, names: tuple[str, ...]) -> list[Finding]:
     """A rate that changes in flight, and an IMU that is slow for moments."""
     found = []
     blocks = [np.diff(part) for part in np.array_split(stream.time, _BLOCKS)]
@@ -131,7 +131,7 @@ def _rate(kind: Kind, stream: Stream, names: tuple[str, ...]) -> list[Finding]:
             f"the rate changes between {min(rates):.3g} and {max(rates):.3g} Hz during the flight: look for an "
             "overloaded link or recorder, and state the noise for the slower rate",
         ))  # fmt: skip
-    if kind == Kind.IMU and stream.rate < _SLOW_IMU:
+    if stream.kind == Kind.IMU and stream.rate < _SLOW_IMU:
         found.append(Finding(
             names, "rate", INFO,
             f"{stream.rate:.3g} Hz: moments are derivatives of body rates, and motions faster than "
@@ -142,20 +142,20 @@ def _rate(kind: Kind, stream: Stream, names: tuple[str, ...]) -> list[Finding]:
 
 def _clocks(flight: Flight) -> list[Finding]:
     """Streams whose time from stamp to arrival differs from the others', or drifts."""
-    streams = {kind: s for kind, s in flight.streams.items() if len(s.time) >= 10}
+    streams = [s for s in flight.every_stream if len(s.time) >= 10]
     if not streams:
         return []
-    middle = {kind: float(np.median(s.delay)) for kind, s in streams.items()}
-    common = float(np.median(list(middle.values())))
+    middles = [float(np.median(s.delay)) for s in streams]
+    common = float(np.median([*{s.kind: m for s, m in zip(streams, middles, strict=True)}.values()]))
     found = []
-    for kind, stream in streams.items():
-        names = tuple(name for name, _ in signal_names(kind, stream))
+    for stream, middle in zip(streams, middles, strict=True):
+        names = tuple(name for name, _ in signal_names(stream))
         third = max(len(stream.delay) // 3, 1)
         drift = float(np.median(stream.delay[-third:]) - np.median(stream.delay[:third])) * 1.5
-        if abs(middle[kind] - common) > _CLOCKS:
+        if abs(middle - common) > _CLOCKS:
             found.append(Finding(
                 names, "offset", WARNING,
-                f"from stamp to arrival {middle[kind]:.2f} s pass, with the other sensors {common:.2f} s: its clock is "
+                f"from stamp to arrival {middle:.2f} s pass, with the other sensors {common:.2f} s: its clock is "
                 "not theirs, set them to one time",
             ))  # fmt: skip
         elif abs(drift) > max(_DRIFT, 3.0 * float(np.percentile(stream.delay, 90) - np.percentile(stream.delay, 50))):

@@ -21,7 +21,7 @@ from aircraft_sysid_ros.samples import LARGEST_VALUES, Kind
 Array = npt.NDArray[np.float64]
 
 #: A flat top: samples at the extreme in the longest run, in all, and against the next value beside it.
-_RUN, _FLAT, _TIMES = 4, 8, 3.0
+LEAST_RUN, _FLAT, _TIMES = 4, 8, 3.0
 #: Share of spikes that is worth a warning.
 _SPIKES = 2e-4
 #: Steps of the resolution over the spread of the signal.
@@ -38,15 +38,16 @@ def findings(flight: Flight) -> list[Finding]:
     for kind, stream in flight.streams.items():
         if kind == Kind.MASS or len(stream.time) < 20:
             continue
-        for names, columns in groups(kind):
-            found += _held(names, stream, columns) + _unusable(names, stream)
+        for names, columns in groups(stream):
+            found += held(names, stream, columns) + _unusable(names, stream)
             if names != ATTITUDE:
                 for name, column in zip(names, range(columns.start, columns.stop), strict=True):
                     found += _one(name, kind, stream, column)
     return found
 
 
-def _held(names: tuple[str, ...], stream: Stream, columns: slice) -> list[Finding]:
+def held(names: tuple[str, ...], stream: Stream, columns: slice) -> list[Finding]:
+    """A slower signal of which each value is repeated; commands of an engine may stand as they like."""
     hold = stream.hold(columns)
     if hold == 1.0 or names[0] in ("throttle", "thrust", "propeller_speed", "flaps"):
         return []
@@ -88,7 +89,7 @@ def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
         ))  # fmt: skip
         return found
     fresh = values[np.concatenate([[True], np.diff(values) != 0.0])]
-    found += _saturated(name, values, stream.time[known]) if name not in GEODETIC else []
+    found += saturated(name, values, stream.time[known]) if name not in GEODETIC else []
     return found + (_spikes(name, fresh) or _coarse(name, fresh) if not absurd else [])
 
 
@@ -108,7 +109,7 @@ def _commanded(name: str, values: Array) -> list[Finding]:
     return []
 
 
-def _saturated(name: str, values: Array, time: Array) -> list[Finding]:
+def saturated(name: str, values: Array, time: Array) -> list[Finding]:
     """Flat tops: the extreme value again and again, one after another, and far more often than the value beside it."""
     levels, counts = np.unique(values, return_counts=True)
     usual = len(values) / max(int(np.sum(np.diff(values) != 0.0)), 1)
@@ -117,9 +118,9 @@ def _saturated(name: str, values: Array, time: Array) -> list[Finding]:
         if end == 0 and name in _FROM_ZERO:
             continue
         at = values == levels[end]
-        runs = _runs(at)
+        runs = run_lengths(at)
         times = counts[end] / max(float(np.max(counts[beside], initial=1)), 1.0)
-        if counts[end] >= _FLAT and max(runs) >= _RUN * usual and times >= _TIMES:
+        if counts[end] >= _FLAT and max(runs) >= LEAST_RUN * usual and times >= _TIMES:
             first = float(time[np.argmax(at)])
             found.append(Finding(
                 (name,), "saturated", WARNING,
@@ -130,7 +131,7 @@ def _saturated(name: str, values: Array, time: Array) -> list[Finding]:
     return found
 
 
-def _runs(at: npt.NDArray[np.bool_]) -> list[int]:
+def run_lengths(at: npt.NDArray[np.bool_]) -> list[int]:
     """Lengths of the runs of True (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
     return (edges[1::2] - edges[::2]).tolist()
