@@ -2,11 +2,14 @@
 
 import argparse
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from autopilot_log_files import dataflash, ulog, write_bag
 
+from aircraft_sysid_ros.aircraft.configuration import NamedInput
 from aircraft_sysid_ros.commands import import_log
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.autopilot_log import gps_nanoseconds
@@ -31,6 +34,15 @@ outputs:
   3: {surface: throttle, us: [1000, 2000], fraction: [0, 1]}
 """
 PULSES = (1250, 1600, 1400)  # 15 deg, 0.1 rad, 0.4
+NAMED = """
+  4: {input: spoiler, us: [1000, 2000], deg: [0, 60]}
+  5: {surface: flaps, input: left_flap, us: [1100, 1500, 1900], deg: [-20, 0, 30]}
+"""
+
+
+def outputs(k):
+    """Pulses of a sample: the spoiler opens all the time, the flaps stand at 15 deg."""
+    return (*PULSES, 1000 + 5 * k, 1700)
 
 
 @pytest.fixture
@@ -123,7 +135,7 @@ def dataflash_rows():
         if k % 5 == 0:
             rows.append(("ARSP", (us, 0, AIRSPEED, 180.0, 3000, 180.0)))
             rows.append(("AOA", (us, 3.0, -2.0)))
-            rows.append(("RCOU", (us, *PULSES, *[0] * 11)))
+            rows.append(("RCOU", (us, *outputs(k), *[0] * 9)))
             rows.append(("RPM", (us, 6000.0, -1.0)))
             rows.append(("ATT", (us, 0, 1000, 0, 500, 9000.0, 90.0)))
     return rows
@@ -213,7 +225,7 @@ def ulog_topics(*, new_gps=True, late=0):
         ),
         "actuator_outputs": (
             ["uint64_t timestamp", "uint32_t noutputs", "float[16] output"],
-            [(us[k], 3, *PULSES, *[0.0] * 13) for k in range(0, COUNT, 5)],
+            [(us[k], 5, *outputs(k), *[0.0] * 11) for k in range(0, COUNT, 5)],
         ),
         "vehicle_status": (["uint64_t timestamp", "uint8_t nav_state"], [(us[0], 3)]),
     }
@@ -244,6 +256,45 @@ def test_a_ulog_without_gps_time_says_so(tmp_path):
     assert report["start"].startswith("2000-01-01") and any("no GPS time" in note for note in report["notes"])
     assert report["missing"]["gps/fix"]
     assert len(of_kind(recording, Kind.IMU)) == COUNT
+
+
+@pytest.mark.parametrize("kind", ["ulog", "dataflash"])
+def test_inputs_that_the_calibration_names_come_out_of_a_log_by_their_names(tmp_path, kind):
+    """With a process of its own, as a user does it; `check` then finds them."""
+    log, file = tmp_path / f"flight.{'ulg' if kind == 'ulog' else 'bin'}", tmp_path / "calibration.yaml"
+    log.write_bytes(ulog(ulog_topics()) if kind == "ulog" else dataflash(FORMATS, dataflash_rows()))
+    file.write_text(CALIBRATION.rstrip() + NAMED)
+    report = processed("import", log, "--out", tmp_path / "bag", "--calibration", file)
+    count = len(range(0, COUNT, 5))
+    assert report["topics"]["inputs"]["messages"] == report["topics"]["control_surfaces"]["messages"] == count
+    recording = read_recording(tmp_path / "bag", [NamedInput("left_flap"), NamedInput("spoiler")])
+    named = of_kind(recording, Kind.INPUTS)
+    np.testing.assert_allclose((named.stamp - UNIX * 10**9) * 1e-9, TIME[::5], atol=2e-6)
+    np.testing.assert_allclose(named.values[:, 0], np.radians(15.0), atol=1e-9)
+    np.testing.assert_allclose(named.values[:, 1], np.radians(0.3 * np.arange(0, COUNT, 5)), atol=1e-9)
+    controls = of_kind(recording, Kind.CONTROLS).values
+    np.testing.assert_allclose(controls[:, 3], np.radians(15.0), atol=1e-9)  # flaps as well
+    check_surfaces(recording)
+    (tmp_path / "plane.yaml").write_text(PLANE)
+    checked = processed("check", tmp_path / "bag", "--aircraft", tmp_path / "plane.yaml")
+    assert checked["rates"]["inputs.spoiler"] == pytest.approx(RATE / 5, rel=0.01)
+    assert {f["signal"]: f["kind"] for f in checked["findings"] if "inputs" in f["signal"]} == {
+        "inputs.left_flap": "held"
+    }
+
+
+PLANE = """\
+{name: wing, mass: 2, wing_area: 0.5, span: 2, chord: 0.25, inertia: {xx: 0.1, yy: 0.1, zz: 0.2},
+ inputs: {left_flap: , spoiler: }}
+"""
+
+
+def processed(*words):
+    """The answer of a command that was started as a user starts it."""
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, words), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return json.loads(done.stdout)
 
 
 # -- bags -------------------------------------------------------------------------------------------------------
