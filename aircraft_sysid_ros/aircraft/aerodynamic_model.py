@@ -29,6 +29,7 @@ from aircraft_sysid_ros.aircraft.expression import (
 from aircraft_sysid_ros.errors import InputError
 
 AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+MOMENTS = AXES[3:]
 _LONGITUDINAL = ("1", "alpha", "q", "de")
 _LATERAL = ("1", "beta", "p", "r", "da", "dr")
 TEXTBOOK_TERMS: dict[str, tuple[str, ...]] = {

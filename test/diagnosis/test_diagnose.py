@@ -17,6 +17,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     fit_wind_noise,
     flying,
     reconstruct,
+    reconstruct_as_flown,
     settled_flight,
 )
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
@@ -228,3 +229,22 @@ def test_bad_requests_get_one_sentence(run_folder, capsys, arguments, words):
     assert main(["diagnose", *(str(run_folder) if a == "RUN" else a for a in arguments)]) == 2
     error = capsys.readouterr().err.strip()
     assert words in error and "\n" not in error
+
+
+def without_vanes(flight, late=0.0):
+    """Samples without angles of flow, and with controls recorded so many seconds before the surfaces move."""
+    samples = flight.samples[~np.isin(flight.samples.kind, (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP))]
+    stamp = samples.stamp - np.where(samples.kind == Kind.CONTROLS, round(late * 1e9), 0)
+    return replace(samples, stamp=stamp)
+
+
+@pytest.mark.parametrize(("seed", "late"), [(41, 0.0), (44, 0.0), (46, 0.1)])
+def test_a_delay_of_the_controls_does_not_stand_for_angles_that_are_inferred(aircraft, seed, late):
+    """C_Z of the first two gains by a delay, and C_l loses by it: a surface that is late is late in every moment."""
+    flight, calm = reconstruct_as_flown(aircraft, without_vanes(flight_of(aircraft, seed=seed, duration=60.0), late))
+    found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)
+    if late:
+        (setting,) = found
+        assert setting.value == pytest.approx(-late, abs=0.03)
+    else:
+        assert found == []
