@@ -185,8 +185,8 @@ def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float, flo
 def control_score(flight: Reconstruction, aircraft: Aircraft) -> float:
     """Minus the sum over moments of ln(held-out sum of squares) of the second step with another delay of the controls.
 
-    A surface turns the aeroplane at once, which the gyros show. What it does to the forces is small beside the angles of
-    flow, and where those are inferred a delay of the controls stands for their errors: C_Z of flights without vanes
+    A surface turns the aeroplane at once, which the gyros show. What it does to the forces is small beside the angles
+    of flow, and where those are inferred a delay of the controls stands for their errors: C_Z of flights without vanes
     gained by it what C_l lost.
     """
     parameters = Identifier(aircraft)

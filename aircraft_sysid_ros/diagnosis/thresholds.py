@@ -121,8 +121,8 @@ class Thresholds:
     )
     control_gain: float = _of(
         0.25,
-        "ln of the error variance, over the moments, that a delay of the controls must gain: the second step judges it,",
-        "and a delay that smooths gains something in any flight.",
+        "ln of the error variance, over the moments, that a delay of the controls must gain: the second step judges",
+        "it, and a delay that smooths gains something in any flight.",
     )
     most_settings: int = _of(2, "Settings of the aircraft file that are mended one after another.")
     setting_as_good: float = _of(

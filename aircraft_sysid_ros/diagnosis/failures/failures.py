@@ -254,5 +254,6 @@ def _not_judged(balance: ForceBalance, judged: tuple[str, ...]) -> dict[str, str
             reasons[axis] = f"no vane measures the {vane}: {axis[0]}_{axis[1]} stands for it"
     for axis in ("CX", "Cl", "Cm", "Cn"):
         if axis not in judged:
-            reasons[axis] = "its terms read no input that moves in this flight"
+            engine = "it tells of the engine, and no throttle or thrust that moves is measured"
+            reasons[axis] = engine if axis == "CX" else "its terms read no input that moves in this flight"
     return reasons
