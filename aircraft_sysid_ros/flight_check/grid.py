@@ -33,9 +33,8 @@ class Grid:
 
     def put(self, time: Array, values: Array) -> Array:
         """Samples (n,) or (n, k) at rising times (n,) on the grid: interpolated, or averaged where they are denser."""
-        values = values.reshape(len(time), -1)
-        out = np.column_stack([self._column(time, column) for column in values.T])
-        return out
+        columns = values[:, None] if values.ndim == 1 else values
+        return np.column_stack([self._column(time, column) for column in columns.T])
 
     def _column(self, time: Array, values: Array) -> Array:
         known = np.isfinite(values)
