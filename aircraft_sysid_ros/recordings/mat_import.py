@@ -39,7 +39,7 @@ def import_mat(path: str | Path, out: str | Path, *, overwrite: bool = False) ->
     raise InputError(
         f"{path} is no flight that can be imported: known are those of the UMN UAV Lab (flight_data) "
         "and of InertialNav (IMU, GPS, … with labels, or angRate, accel, …), "
-        f"and it holds {found or 'nothing'}"
+        f"and it holds {found or 'nothing'}; tables of others need --map MAP.yaml, which --guess MAP.yaml begins"
     )
 
 
@@ -51,6 +51,8 @@ def _load(path: Path) -> dict[str, Any]:
     try:
         return loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
-        raise InputError(f"{path} is a MATLAB 7.3 file: save it with -v7 to import it") from None
+        raise InputError(
+            f"{path} is a MATLAB 7.3 file: it needs --map MAP.yaml, which --guess MAP.yaml begins"
+        ) from None
     except Exception as error:  # scipy lets errors of zlib, struct and its own through
         raise InputError(f"{path} is not a readable .mat file ({' '.join(str(error).split())})") from None

@@ -14,8 +14,11 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.tabular.header import find_header
 from aircraft_sysid_ros.recordings.tabular.table import ArrayTable, Table, imported
+from aircraft_sysid_ros.recordings.tabular.units import is_unit
 
 _MOST_COMPONENTS = 64
+#: Fields of a structure that is one column: its values, and their unit.
+_VALUES, _UNITS = ("data", "value", "values"), ("units", "unit")
 _HEADER_ROWS = 60  # of a sheet, within which its data must begin
 HDF5_START = b"\x89HDF\r\n\x1a\n"
 
@@ -71,7 +74,14 @@ def hdf5_tables(path: Path, name: str) -> tuple[str, list[Table]]:
             if key.startswith("#"):
                 continue
             if isinstance(item, h5py.Group):
-                visit(item, f"{title}/{key}" if title else key)
+                if channel := _hdf5_channel(item):
+                    found = _components(key, channel[0], transposed=is_matlab)
+                    columns.update(found)
+                    units.update(dict.fromkeys(found, channel[1]))
+                else:
+                    visit(item, f"{title}/{key}" if title else key)
+            elif _is_char(item):
+                continue
             elif item.dtype.names:  # a compound data set is a table of its own
                 fields = {field: _Field(item, field) for field in item.dtype.names if item.dtype[field].kind in "fiu"}
                 tables.append(
@@ -84,7 +94,7 @@ def hdf5_tables(path: Path, name: str) -> tuple[str, list[Table]]:
                 text = unit.decode("utf8", "replace") if isinstance(unit, bytes) else str(unit)
                 units.update(dict.fromkeys(found, text) if text else {})
         if columns:
-            tables.append(ArrayTable(title or name, tuple(columns), units, arrays=tuple(columns.values())))
+            tables.append(ArrayTable(title or name, tuple(columns), _said(units), arrays=tuple(columns.values())))
 
     visit(file, "")
     if not tables:
@@ -164,9 +174,14 @@ def mat_tables(path: Path, name: str) -> tuple[str, list[Table]]:
 
 def _add_structure(tables: list[Table], content: Mapping[str, Any], title: str, name: str) -> None:
     columns: dict[str, Any] = {}
+    units: dict[str, str] = {}
     for key, value in content.items():
         inner = f"{title}/{key}" if title else key
-        if hasattr(value, "_fieldnames"):
+        if channel := _mat_channel(value):
+            found = _components(key, channel[0])
+            columns.update(found)
+            units.update(dict.fromkeys(found, channel[1]))
+        elif hasattr(value, "_fieldnames"):
             _add_structure(tables, {field: getattr(value, field) for field in value._fieldnames}, inner, name)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
             labels = _labels(content, key, value)
@@ -175,7 +190,48 @@ def _add_structure(tables: list[Table], content: Mapping[str, Any], title: str, 
             else:
                 columns.update(_components(key, value))
     if columns:
-        tables.append(ArrayTable(title or name, tuple(columns), {}, arrays=tuple(columns.values())))
+        tables.append(ArrayTable(title or name, tuple(columns), _said(units), arrays=tuple(columns.values())))
+
+
+def _mat_channel(value: Any) -> tuple[npt.NDArray[Any], str] | None:
+    """Values and unit of a structure that is one column; None for what is none."""
+    names = getattr(value, "_fieldnames", ())
+    values = next((getattr(value, name) for name in names if name.lower() in _VALUES), None)
+    unit = next((getattr(value, name) for name in names if name.lower() in _UNITS), None)
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu" or unit is None:
+        return None
+    unit = unit.item() if isinstance(unit, np.ndarray) and unit.size == 1 else unit
+    return values, unit if isinstance(unit, str) else ""
+
+
+def _hdf5_channel(group: Any) -> tuple[Any, str] | None:
+    """The same of a group."""
+    parts = {key.lower(): key for key in group}
+    values = next((group[parts[name]] for name in _VALUES if name in parts), None)
+    unit = next((group[parts[name]] for name in _UNITS if name in parts), None)
+    if unit is None or getattr(getattr(values, "dtype", None), "kind", "") not in "fiu":
+        return None
+    return values, _char_text(unit)
+
+
+def _is_char(item: Any) -> bool:
+    """Whether a data set of a MAT 7.3 file is a text."""
+    return bytes(item.attrs.get("MATLAB_class", b"")) == b"char"
+
+
+def _char_text(item: Any) -> str:
+    """The text of a data set, in MAT 7.3 as numbers of characters; "" for anything else."""
+    if getattr(item, "shape", None) is None:
+        return ""
+    if _is_char(item):
+        return "".join(chr(number) for number in np.ravel(item[()]).tolist())
+    value = np.ravel(item[()])[0] if item.size == 1 else ""
+    return value.decode("utf8", "replace") if isinstance(value, bytes) else value if isinstance(value, str) else ""
+
+
+def _said(units: Mapping[str, str]) -> dict[str, str]:
+    """Units that say one: "no unit" does not."""
+    return {name: unit for name, unit in units.items() if unit.strip() and is_unit(unit)}
 
 
 def _labels(content: Mapping[str, Any], key: str, value: npt.NDArray[Any]) -> list[str]:

@@ -15,9 +15,11 @@ _COMMENT = re.compile(r"^\s*(#|%|//|!|;)\s*")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 _TIME_LIKE = re.compile(r"[-+]?\d[\d\-/:.,TtZ +]*")
 _IN_BRACKETS = re.compile(r"^(.*?)(\s*)[\[({]\s*([^\[\](){}]{0,20})\s*[\])}]\s*$")
+#: Between columns whose names hold single blanks.
+PROSE = r"\s{2,}"
 _ALIKE = 3  # rows after the first of the data that must look like it
 _SEPARATORS: tuple[tuple[str, str], ...] = (
-    ("\t", "tabs"), (";", "semicolons"), (",", "commas"), ("|", "bars"), (r"\s{2,}", "blanks"), (r"\s+", "blanks"),
+    ("\t", "tabs"), (";", "semicolons"), (",", "commas"), ("|", "bars"), (PROSE, "blanks"), (r"\s+", "blanks"),
 )  # fmt: skip
 
 
@@ -59,7 +61,9 @@ def text_layout(lines: Sequence[str], name: str) -> TextLayout:
             for line in lines
         ]
         header = find_header(rows, prose=len(separator) > 1)
-        if header is None or len(header.names) < 2 or (found is not None and not header.is_named):
+        if header is None or len(header.names) < 2:
+            continue
+        if not header.is_named and (found is not None or separator == PROSE):
             continue
         found = TextLayout(header, separator, decimal, separator_name)
         if header.is_named:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.header import TextLayout, text_layout
+from aircraft_sysid_ros.recordings.tabular.header import PROSE, TextLayout, text_layout
 from aircraft_sysid_ros.recordings.tabular.table import EMPTY, Table, imported
 
 _HEAD = 1 << 18  # bytes that show the layout
@@ -57,13 +57,12 @@ class TextTable(Table):
                 index_col=False,
                 usecols=chosen,
                 chunksize=rows,
-                low_memory=False,
                 encoding=self.encoding,
                 encoding_errors="replace",
                 na_values=list(EMPTY),
                 skipinitialspace=True,
                 float_precision="round_trip",
-                engine="python" if layout.separator == r"\s{2,}" else "c",
+                **({"engine": "python"} if layout.separator == PROSE else {"engine": "c", "low_memory": False}),
             )
             with reader:
                 for frame in reader:

@@ -64,6 +64,7 @@ class Plan:
         self.inputs = tuple(signal for signal in self._where if signal.startswith(INPUTS))
         self._inputs = self._base(self.inputs)
         self._speed = self._speed_signal()
+        self._geodetic = self._geodetic_signals()
         self._plan_imu()
         self._plan_place()
         self._plan_air()
@@ -132,10 +133,12 @@ class Plan:
 
     def _plan_place(self) -> None:
         geodetic, position, velocity = (VECTORS[name] for name in ("geodetic", "position", "velocity"))
-        if self._has(*geodetic):
-            self._source("gps/fix", geodetic)
-            self._note_joined(self._where["latitude"][0], geodetic)
+        if self._geodetic:
+            self._source("gps/fix", self._geodetic)
+            self._note_joined(self._where["latitude"][0], self._geodetic)
             self._not_carried(position, "latitude, longitude and altitude are there")
+            if "altitude" not in self._geodetic:
+                self.notes.append("no altitude is mapped: the positions have the pressure_altitude in its place")
         elif self._has(*position):
             self._source("gps/fix", position)
             self._note_joined(self._where["position.north"][0], position)
@@ -153,6 +156,11 @@ class Plan:
         else:
             self._not_carried(velocity, "a velocity needs north, east and down")
             self.missing["gps/vel"] = "no whole velocity is mapped"
+
+    def _geodetic_signals(self) -> tuple[str, ...]:
+        """What positions on the earth are made of; nothing without latitude, longitude and a height."""
+        height = next((signal for signal in ("altitude", "pressure_altitude") if self._has(signal)), "")
+        return ("latitude", "longitude", height) if height and self._has("latitude", "longitude") else ()
 
     def _not_carried(self, signals: Sequence[str], why: str) -> None:
         for signal in signals:
@@ -262,7 +270,7 @@ class Plan:
     def _place_messages(self, window: Window) -> Iterator[Messages]:
         if "gps/fix" not in self.sources:
             return
-        names = VECTORS["geodetic"] if self._has(*VECTORS["geodetic"]) else VECTORS["position"]
+        names = self._geodetic or VECTORS["position"]
         stamp, place = self._whole(window, names)
         if names == VECTORS["position"]:
             away = place - np.array([self._first("position.north"), self._first("position.east"), 0.0])

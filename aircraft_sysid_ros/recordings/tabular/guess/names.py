@@ -26,7 +26,9 @@ _UNIT_ENDINGS, _SAYS_UNIT = (
     {word: unit for unit, words in _VOCABULARY[key].items() for word in words.split()}
     for key in ("unit_endings", "says_unit")
 )
-_GREEK = str.maketrans({"α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d"})
+_LETTERS = str.maketrans(
+    {"α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d", "ö": "oe"}
+)
 _INDEX = re.compile(r"\[(\d)\](?=$|_)")
 _FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
 
@@ -69,18 +71,16 @@ def _words(name: str) -> list[str]:
     """Lower-case words of a name; an element [0] [1] [2] is x y z."""
     name = _FIELD_OF_ROS.sub("", name)
     name = _INDEX.sub(lambda match: "_" + "xyzw"[min(int(match.group(1)), 3)], name)
-    name = (
-        name.replace("α", "alpha")
-        .replace("β", "beta")
-        .replace("φ", "phi")
-        .replace("θ", "theta")
-        .replace("ψ", "psi")
-        .replace("ρ", "rho")
-        .replace("δ", "d")
-    )
+    name = name.translate(_LETTERS)
     name = re.sub(r"([a-z])([A-Z])", r"\1_\2", name)
     name = re.sub(r"([A-Z]{2,})([A-Z][a-z]{2,})", r"\1_\2", name)
-    return [word for word in re.split(r"[^a-zA-Z0-9]+", name.lower()) if word]
+    return [_plain(word) for word in re.split(r"[^a-zA-Z0-9]+", name.lower()) if word]
+
+
+def _plain(word: str) -> str:
+    """A source without its number: ahrs1 is ahrs."""
+    source = word.rstrip("0123456789")
+    return source if len(source) > 1 and source in _SOURCES else word
 
 
 def _readings(words: list[str]) -> list[tuple[list[str], str, int]]:
