@@ -88,7 +88,7 @@ def render(report: dict[str, Any]) -> str:
             for topic, found in report["topics"].items()
         ),
         *_found_lines(report["found"]),
-        "missing",
+        *(["missing"] if report["missing"] else []),
         *(f"  {name}: {why}" for name, why in report["missing"].items()),
         *note_lines(report["notes"]),
         f"recording {report['out']}",

@@ -139,6 +139,24 @@ def held_length(fresh: npt.NDArray[np.bool_]) -> float:
     return mean if mean >= _LEAST_HOLD and np.std(runs) < _REGULAR * mean else 1.0
 
 
+#: Straight: a bend below this share of the usual large one; in an interpolated signal at least this share is straight.
+_STRAIGHT, _LEAST_STRAIGHT, _ROUNDING = 0.05, 0.3, 1e-4
+
+
+def interpolated_length(time: Array, values: Array) -> float:
+    """Samples (n,) per measured one where those between lie on a straight line, at regular steps; else 1."""
+    known = np.isfinite(values) & np.concatenate([[True], np.diff(time) > 0.0])[: len(time)]
+    slope = np.diff(values[known]) / np.diff(time[known])
+    if len(slope) < 4 * _LEAST_RUNS or not np.any(slope):
+        return 1.0
+    bend = np.abs(np.diff(slope))
+    large = float(np.percentile(bend, 95))
+    straight = (bend < _STRAIGHT * large) & (slope[1:] != 0.0)
+    if large < _ROUNDING * float(np.median(np.abs(slope))) or np.mean(straight) < _LEAST_STRAIGHT:
+        return 1.0
+    return held_length(~straight & np.concatenate([[True], straight[:-1]]))  # a bend may lie between two samples
+
+
 def groups(stream: Stream) -> list[tuple[tuple[str, ...], slice]]:
     """The parts of a stream that change together, with their columns: vectors, and single numbers."""
     if stream.kind == Kind.ATTITUDE:

@@ -58,3 +58,16 @@ def test_a_rate_that_halves_in_flight_is_found(clean):
     kept = flight_check.np.ones(len(clean), dtype=bool)
     kept[rows[::2]] = False
     assert ("true_airspeed", "rate") in serious(checked(clean[kept]))
+
+
+def test_a_gps_that_was_interpolated_to_the_rate_of_others_is_found(clean):
+    """Errors that count four times make settings of the sensors significant that are none."""
+    from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
+
+    rows = clean.kind == Kind.GPS_VELOCITY
+    stamp = clean.stamp[rows]
+    dense = flight_check.np.arange(stamp[0], stamp[-1], 50_000_000)
+    columns = [flight_check.np.interp(dense - stamp[0], stamp - stamp[0], v) for v in clean.values[rows, :3].T]
+    joined = concatenate([clean[~rows], samples_of(Kind.GPS_VELOCITY, dense, *columns)])
+    found = serious(checked(joined))
+    assert ("velocity.north", "held") in found and {kind for _, kind in found} == {"held"}

@@ -166,7 +166,7 @@ def semicolons(flown, folder, rate=20.0):
     return path
 
 
-def sheets(flown, folder):
+def sheets(flown, folder, seconds=np.inf):
     """A workbook with a sheet for each group of sensors: its own rate, its own clock, its own zero."""
     book = openpyxl.Workbook()
     book.remove(book.active)
@@ -176,7 +176,8 @@ def sheets(flown, folder):
         time = flown.time[kind][::every]
         rows = book.create_sheet(title)
         rows.append([clock[0], *columns])
-        for values in zip(clock[1](time), *(c[::every] for c in columns.values()), strict=True):
+        time = time[time < seconds]
+        for values in zip(clock[1](time), *(c[::every][: len(time)] for c in columns.values()), strict=True):
             rows.append([value if isinstance(value, datetime) else float(value) for value in values])
 
     imu, air = flown.values[Kind.IMU], flown.values[Kind.AIRSPEED]

@@ -251,4 +251,6 @@ def test_clocks_of_tables_that_do_not_overlap_are_said(flown, tmp_path):
     time = np.arange(0.0, 20.0, 0.1)
     for name, start in (("a", 0.0), ("b", 5000.0)):
         layouts.write_rows(tmp_path / f"{name}.csv", ["time_s", f"x_{name}"], [time + start, np.sin(time)])
-    assert any("the clock of b.csv does not overlap" in note for note in guess_map(tmp_path).notes)
+    (note,) = guess_map(tmp_path).notes
+    assert note.startswith("the clock of b.csv (5000 to 5019.9 s) does not overlap with that of a.csv (0 to 19.9 s): ")
+    assert note.endswith("set the offset of one time, -5000 s of b.csv if both began together")

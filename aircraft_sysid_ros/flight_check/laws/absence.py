@@ -34,6 +34,9 @@ _NEEDED: tuple[tuple[tuple[str, ...], tuple[Kind, ...], str, str], ...] = (
 )  # fmt: skip
 _NO_CONTROLS = "not in the recording: no derivatives can be estimated, only motion, biases and wind"
 _UNREAD = "no term reads it, take it out of the aircraft file or record it"
+_PLACE = Finding(
+    GEODETIC, "missing", INFO, "not in the recording: height is that of the static pressure, place unknown"
+)
 #: Surfaces by their signal in terms.
 _SURFACES = dict(zip(("de", "da", "dr"), SURFACES, strict=False))
 
@@ -47,6 +50,8 @@ def findings(flight: Flight, model: AerodynamicModel) -> list[Finding]:
         for names, kinds, severity, cost in _NEEDED
         if not any(kind in flight.streams for kind in kinds)
     ]
+    if flight.column("static_pressure") is not None:
+        found = [_PLACE if finding.signals == GEODETIC else finding for finding in found]
     controls = {name: signal for signal, name in _SURFACES.items() if signal in model.signals_used}
     controls |= {INPUTS + item.name: item.name for item in flight.inputs}
     lacking = tuple(name for name in controls if flight.column(name) is None)

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.flight_check.signals import (
     Flight,
     Stream,
     groups,
+    interpolated_length,
 )
 from aircraft_sysid_ros.samples import LARGEST_VALUES, Kind
 
@@ -39,7 +40,8 @@ def findings(flight: Flight) -> list[Finding]:
         if kind == Kind.MASS or len(stream.time) < 20:
             continue
         for names, columns in groups(stream):
-            found += held(names, stream, columns) + _unusable(names, stream)
+            found += held(names, stream, columns) or _interpolated(names, stream, columns)
+            found += _unusable(names, stream)
             if names != ATTITUDE:
                 for name, column in zip(names, range(columns.start, columns.stop), strict=True):
                     found += _one(name, kind, stream, column)
@@ -55,6 +57,19 @@ def held(names: tuple[str, ...], stream: Stream, columns: slice) -> list[Finding
         names, "held", WARNING,
         f"each value is repeated {hold:.1f} times: at {stream.rate:.3g} Hz there are {stream.rate / hold:.3g} "
         "new ones a second, and what is between is wrong; record the sensor's own samples at their own times",
+    )]  # fmt: skip
+
+
+def _interpolated(names: tuple[str, ...], stream: Stream, columns: slice) -> list[Finding]:
+    lengths = [interpolated_length(stream.time, values) for values in stream.values[:, columns].T]
+    if names[0] in COMMANDED or min(lengths) == 1.0:
+        return []
+    length = float(np.median(lengths))
+    return [Finding(
+        names, "held", WARNING,
+        f"it lies on straight lines between one of {length:.2g} samples and the next: at {stream.rate:.3g} Hz "
+        f"{stream.rate / length:.3g} a second were measured, and one error counts {length:.2g} times; record the "
+        "sensor's own samples, or leave out what is between them",
     )]  # fmt: skip
 
 

@@ -24,12 +24,16 @@ _LARGEST_MAP = 1_000_000  # characters
 
 @dataclass(frozen=True)
 class TimeBase:
-    """The clock of a table: time [ns] is (column + offset) in ``unit``; of a text, offset is in seconds."""
+    """The clock of a table: time [ns] is (column + offset) in ``unit``; of a text, offset is in seconds.
+
+    restarts: it may go back, where another manoeuvre begins.
+    """
 
     column: str
     unit: str
     offset: float
     line: int
+    restarts: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,9 @@ def _without_repeats(tables: list[TableMap]) -> tuple[TableMap, ...]:
                     f"line {signal.line}: {signal.name} is mapped twice, first in line {seen[signal.name]}: remove one"
                 )
             seen[signal.name] = signal.line
+    again = [table.time for table in tables if table.time.restarts]
+    if len(again) > 1:
+        raise InputError(f"line {again[1].line}: the time of one table alone may have 'restarts': join the tables")
     return tuple(tables)
 
 
@@ -145,7 +152,7 @@ def _table(node: Any) -> TableMap:
 def _time(node: Any) -> TimeBase:
     if isinstance(node, yaml.SequenceNode):
         _fail(node, "a table has one time column: leave the others out")
-    keys = _mapping(node, "time", ("column", "unit", "offset"))
+    keys = _mapping(node, "time", ("column", "unit", "offset", "restarts"))
     column = _text(_required(keys, "column", node), "column")
     unit = _text(_required(keys, "unit", node), "unit")
     if unit.lower() in TEXT_TIMES:
@@ -155,7 +162,8 @@ def _time(node: Any) -> TimeBase:
             conversion(unit, "s")
         except InputError as error:
             _fail(keys["unit"], f"time: {error}; for times that are texts write iso or irig")
-    return TimeBase(column, unit, _number(keys.get("offset"), "offset", 0.0), node.start_mark.line + 1)
+    offset, restarts = _number(keys.get("offset"), "offset", 0.0), _truth(keys.get("restarts"), "restarts")
+    return TimeBase(column, unit, offset, node.start_mark.line + 1, restarts)
 
 
 def _signal(key: Any, node: Any) -> MappedSignal:
@@ -226,6 +234,14 @@ def _number(node: Any, key: str, default: float) -> float:
     if not abs(value) < 1e300:
         _fail(node, f"'{key}' must be finite")
     return value
+
+
+def _truth(node: Any, key: str) -> bool:
+    if node is None:
+        return False
+    if getattr(node, "value", None) not in ("true", "false"):
+        _fail(node, f"'{key}' must be true or false")
+    return bool(node.value == "true")
 
 
 def _fail(node: Any, sentence: str) -> NoReturn:

@@ -97,6 +97,22 @@ def split_unit(name: str) -> tuple[str, str]:
     return name, ""
 
 
+def listed_names(lines: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]] | None:
+    """Names and units of a list, one a line, such as ``3  p  deg/s`` or ``p [deg/s]``; None for what is no list."""
+    names: list[str] = []
+    units: dict[str, str] = {}
+    for line in lines:
+        words = re.split(r"[\s,;]+", re.sub(r"^\d+\s*[.):,;]?\s+", "", line.strip().strip(",;")))
+        name, unit = split_unit(" ".join(words))
+        if not unit and len(words) > 1 and is_unit(words[1]):
+            name, unit = words[0], words[1]
+        if not re.search(r"[^\W\d]", name) or _is_data(re.split(r"[\s,;]+", line)):
+            return None
+        names.append(name)
+        units |= {name: unit} if unit else {}
+    return (tuple(names), units) if len(set(names)) == len(names) else None
+
+
 def _above(rows: list[list[str]], count: int, first_row: int, *, prose: bool) -> Header:
     """Names and units from the rows above the data, which have ``count`` columns.
 

@@ -12,17 +12,22 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_check.signals import interpolated_length
 from aircraft_sysid_ros.recordings.tabular.clock import LATEST, NO_TIME, Stamps, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSignal, TableMap
 from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, vector_of
 from aircraft_sysid_ros.recordings.tabular.source import Source
 from aircraft_sysid_ros.recordings.tabular.table import Piece, Table, numbers
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.samples import PAUSE
 
 Array = npt.NDArray[np.float64]
 ROWS = 50_000  # of a piece
+#: [ns] between manoeuvres of which each begins at its own time 0: longer than anything in a filter remembers.
+_PAUSE = int(PAUSE * NANOSECONDS)
 #: Commands may stand still; of everything else that repeats itself most of the time only what is new was measured.
 _MAY_STAND_STILL = ("controls", "inputs", "mass")
+_DAY = 86_400.0  # [s]
 _HELD_SHARE, _FEWEST_NEW = 0.5, 10  # fewer new ones are no sensor but a constant
 
 
@@ -108,6 +113,23 @@ class Stream:
             other.forget()
         return True
 
+    @property
+    def interpolated(self) -> int:
+        """How many rows stand for one that was measured, where those between lie on straight lines; else 1."""
+        if self.name in _MAY_STAND_STILL:
+            return 1
+        time = (self.stamp[: 4 * ROWS] - self.stamp[0]) * 1e-9
+        return round(min(interpolated_length(time, values) for values in self.values[: 4 * ROWS].T))
+
+    def every(self, number: int) -> Stream:
+        """The first of so many rows."""
+        new = Stream(self.name, self.signals, self.source, self.folder)
+        for first in range(0, self.count, ROWS):
+            rows = slice(first + -first % number, first + ROWS, number)
+            new.add(np.array(self.stamp[rows]), np.array(self.values[rows]))
+            self.forget()
+        return new
+
     def without_repeats(self) -> Stream:
         """The rows that differ from the one before."""
         new = Stream(self.name, self.signals, self.source, self.folder)
@@ -147,23 +169,54 @@ class Collected:
     streams: list[Stream]
     notes: list[str]
     unmapped: int  # columns that the tables have besides
+    manoeuvres: list[tuple[int, int]] = field(default_factory=list)  # first and last stamp [ns] between restarts
 
 
 def collect(source: Source, colmap: ColumnMap, folder: Path) -> Collected:
     """Read every mapped column into ``folder``; raises InputError."""
-    collected = Collected([], [], 0)
+    collected, of_tables = Collected([], [], 0), []
     for table_map in colmap.tables:
+        known = len(collected.streams)
         try:
             _collect_table(source, table_map, colmap, folder, collected)
         except InputError as error:
             raise InputError(f"the table in line {table_map.line} of the map: {error}") from None
+        of_tables.append((table_map.line, [stream for stream in collected.streams[known:] if stream.count]))
+    collected.notes += _apart(of_tables)
     collected.streams = [_settled(stream, collected.notes) for stream in collected.streams if stream.count]
     return collected
 
 
+def _apart(of_tables: list[tuple[int, list[Stream]]]) -> list[str]:
+    """That tables, each with its line of the map, have no time in common; raises InputError where days are between."""
+    spans = [(line, min(s.marks[0] for s in of), max(s.newest for s in of)) for line, of in of_tables if of]
+    line, start, end = max(spans, key=lambda span: span[2] - span[1], default=(0, 0, 0))
+    found = []
+    for other, begin, stop in spans:
+        apart = max(begin - end, start - stop) / NANOSECONDS
+        if apart > _DAY:
+            raise InputError(
+                f"the tables in lines {line} and {other} of the map are {apart / _DAY:.0f} days apart: set 'clock', or "
+                "the 'offset' of one of their times"
+            )
+        if apart > 0.0:
+            found.append(
+                f"the tables in lines {line} and {other} of the map have no time in common, {apart:.6g} s are between "
+                "them: set the 'offset' of one of their times"
+            )
+    return found
+
+
 def _settled(stream: Stream, notes: list[str]) -> Stream:
     if not stream.is_held:
-        return stream
+        if (number := stream.interpolated) < 2:
+            return stream
+        new = stream.every(number)
+        notes.append(
+            f"{stream.name}: its rows lie on straight lines between one of {number} and the next, {new.count} of "
+            f"{stream.count} are kept"
+        )
+        return new
     new = stream.without_repeats()
     notes.append(
         f"{stream.name}: {stream.count - new.count} of {stream.count} rows only repeat the one before and are left out"
@@ -185,6 +238,7 @@ def _collect_table(source: Source, table_map: TableMap, colmap: ColumnMap, folde
         for stamp, values in reader.rows(table):
             for name, signals in by_vector.items():
                 streams[name].add(stamp, np.stack([values[s.name] for s in signals], axis=1))
+    collected.manoeuvres += reader.manoeuvres
     used = {column for signal in table_map.signals for column in signal.columns} | {table_map.time.column}
     collected.unmapped += sum(len([name for name in table.columns if name]) for table in tables) - len(used) * len(
         tables
@@ -206,6 +260,16 @@ class _TableReader:
         )
         self._last: int | None = None
         self._last_table = ""
+        self._shift = 0  # [ns] by which what follows restarts of the time is later
+        self._begins: list[int] = []
+        self._ends: list[int] = []
+
+    @property
+    def manoeuvres(self) -> list[tuple[int, int]]:
+        """First and last stamp [ns] of what is between restarts; nothing where the time may not restart."""
+        if not self.map.time.restarts or self._last is None:
+            return []
+        return list(zip(self._begins, [*self._ends, self._last], strict=True))
 
     def in_order(self, tables: list[Table]) -> list[Table]:
         """Tables of one pattern by their first time."""
@@ -238,6 +302,8 @@ class _TableReader:
             stamp = self._stamps(piece, table)
             timed = stamp != NO_TIME
             timeless += int((~timed).sum())
+            if self.map.time.restarts:
+                stamp = self._run_on(stamp, timed)
             self._check_order(stamp, timed, table, read)
             kept = timed & self._differs(stamp, timed)
             doubled += int((timed & ~kept).sum())
@@ -280,8 +346,23 @@ class _TableReader:
             )
         raise InputError(
             f"the time of {table.name} goes back by {seconds:g} s at data row {row}: "
-            "sort the rows, or cut it where the clock started again or passed midnight"
+            "sort the rows, cut it where the clock passed midnight, or write restarts: true into its time in the map "
+            "where every manoeuvre begins anew"
         )
+
+    def _run_on(self, stamp: Stamps, timed: npt.NDArray[np.bool_]) -> Stamps:
+        """Stamps (n,) that go on after every restart, a pause later."""
+        out, rows = stamp.copy(), np.flatnonzero(timed)
+        if not len(rows):
+            return out
+        there = stamp[rows] + self._shift
+        before = np.concatenate([[there[0] if self._last is None else self._last], there[:-1]])
+        again = there < before
+        out[rows] = there + np.cumsum(np.where(again, before - there + _PAUSE, 0))
+        self._shift += int(out[rows[-1]] - there[-1])
+        self._begins += ([] if self._begins else [int(out[rows[0]])]) + out[rows[again]].tolist()
+        self._ends += (out[rows[again]] - _PAUSE).tolist()
+        return out
 
     def _differs(self, stamp: Stamps, timed: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
         """Rows whose time differs from that of the timed row before."""

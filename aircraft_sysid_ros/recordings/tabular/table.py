@@ -46,6 +46,7 @@ class Table(ABC):
     name: str
     columns: tuple[str, ...]
     units: Mapping[str, str] = field(default_factory=dict)
+    note: str = ""  # where its names come from, if they are not its own
 
     @abstractmethod
     def pieces(self, positions: Sequence[int], rows: int) -> Iterator[list[npt.NDArray[Any]]]:

@@ -17,6 +17,7 @@ from aircraft_sysid_ros.recordings.tabular.streams import collect
 from aircraft_sysid_ros.recordings.tabular.topics import Messages, Plan, frame_of, type_of
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS
+from aircraft_sysid_ros.samples import PAUSE
 
 
 def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
@@ -47,6 +48,7 @@ def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: 
                 f"nothing in {path} can be carried over: {'; '.join(f'{k}: {v}' for k, v in plan.missing.items())}"
             )
     notes = [*start_note(colmap), *collected.notes, *plan.notes]
+    notes += _write_segments(collected.manoeuvres, counts, Path(out))
     if collected.unmapped > 0:
         notes.append(f"{collected.unmapped} columns of these tables are not mapped")
     return {
@@ -60,6 +62,27 @@ def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: 
         "missing": plan.missing,
         "notes": notes,
     }
+
+
+def _write_segments(manoeuvres: list[tuple[int, int]], counts: _Counts, out: Path) -> list[str]:
+    """A list of segments beside the recording, for manoeuvres that each began at a time 0 of their own."""
+    if len(manoeuvres) < 2:
+        return []
+    zero = counts.topics.get("imu/data", (0, counts.start, 0))[1]
+    spans = [((begin - zero) / NANOSECONDS, (end - zero) / NANOSECONDS) for begin, end in manoeuvres]
+    path = out.with_name(f"{out.name}.segments.yaml")
+    lines = [
+        f"- {{name: manoeuvre {number}, start: {max(begin, 0.0):.3f}, stop: {end:.3f}}}"
+        for number, (begin, end) in enumerate(spans, 1)
+    ]
+    try:
+        path.write_text("\n".join(lines) + "\n", encoding="utf8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    return [
+        f"its time restarts {len(spans) - 1} times: {len(spans)} manoeuvres, each {PAUSE:g} s after the one before, "
+        f"for replay --segments {path}"
+    ]
 
 
 def _beside(out: Path) -> tempfile.TemporaryDirectory[str]:

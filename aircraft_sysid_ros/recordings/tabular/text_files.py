@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -13,12 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.header import PROSE, TextLayout, text_layout
+from aircraft_sysid_ros.recordings.tabular.header import PROSE, TextLayout, listed_names, text_layout
 from aircraft_sysid_ros.recordings.tabular.table import EMPTY, Table, imported
 
 _HEAD = 1 << 18  # bytes that show the layout
 _MESSAGE = re.compile(r"(\d+\.\d+) (\d+) ([A-Z][A-Z0-9_]+)(?: (.*))?$")
 _LONGEST_LINE = 1_000_000
+_LONGEST_LIST = 1 << 16  # bytes of a list of names
 
 
 def text_tables(path: Path, name: str) -> tuple[str, list[Table]]:
@@ -27,9 +28,26 @@ def text_tables(path: Path, name: str) -> tuple[str, list[Table]]:
     if lines and sum(bool(_MESSAGE.match(line)) for line in lines[:20]) > 0.8 * len(lines[:20]):
         return "messages of Paparazzi", _message_tables(path)
     layout = text_layout(lines, name)
-    header = layout.header
-    table = TextTable(name, header.names, header.units, path=path, layout=layout, encoding=encoding)
+    header, note = layout.header, ""
+    if not header.is_named and (found := _names_beside(path, len(header.names))):
+        header, note = replace(header, names=found[1], units=found[2]), f"the columns of {name} are named by {found[0]}"
+    table = TextTable(name, header.names, header.units, note, path=path, layout=layout, encoding=encoding)
     return f"text with {layout.separator_name}" + (" and decimal commas" if layout.decimal == "," else ""), [table]
+
+
+def _names_beside(path: Path, count: int) -> tuple[str, tuple[str, ...], dict[str, str]] | None:
+    """The one file beside a table without a header that lists as many names, one a line; its names and units."""
+    found = []
+    for file in sorted(path.parent.iterdir()):
+        if file == path or not file.is_file() or file.stat().st_size > _LONGEST_LIST:
+            continue
+        try:
+            lines = [line.strip() for line in _head(file)[1] if line.strip()]
+        except InputError:
+            continue
+        if len(lines) == count and (listed := listed_names(lines)):
+            found.append((file.name, *listed))
+    return found[0] if len(found) == 1 else None
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,7 @@ def guess_map(path: Path) -> FirstMap:
     known = known_lines(source, [table for _, table in tables])
     if known is not None:
         return _of_known_kind(tables, known, notes)
+    notes += [note for _, table in tables if (note := table.note or _without_names(table))]
     parts, columns = [], []
     for file, table in tables:
         content = _content(table)
@@ -107,6 +108,16 @@ def guess_map(path: Path) -> FirstMap:
     return FirstMap(_clock(parts), parts, notes)
 
 
+def _without_names(table: Table) -> str:
+    """What to do where columns have numbers for names."""
+    if table.columns != tuple(str(i + 1) for i in range(len(table.columns))):
+        return ""
+    return (
+        f"the columns of {table.name} have no names, their numbers stand for them: list the names, one a line, in a "
+        "text file beside it and guess again, or map the numbers"
+    )
+
+
 def _doubled(tables: list[tuple[str | None, Table]]) -> list[str]:
     """Names that two columns of a table have, of which neither is looked at."""
     return [
@@ -119,16 +130,18 @@ def _doubled(tables: list[tuple[str | None, Table]]) -> list[str]:
 
 def _apart(parts: list[TablePart]) -> list[str]:
     """That tables were not recorded at the same time, as their clocks have it: nothing is compared between them."""
-    spans = [
-        (part.file, *np.nanpercentile(part.time.seconds, (0, 100)))
+    timed = [
+        (part.file, part.time, *np.nanpercentile(part.time.seconds, (0, 100)).tolist())
         for part in sorted(parts, key=lambda part: -sum(line.active for line in part.lines))
         if part.time is not None
     ]
-    first = spans[0]
+    first, _, first_start, first_end = timed[0]
     return [
-        f"the clock of {file} does not overlap with that of {first[0]}: set the offset of one"
-        for file, start, end in spans[1:]
-        if start > first[2] or end < first[1]
+        f"the clock of {file} ({start:.9g} to {end:.9g} s) does not overlap with that of {first} ({first_start:.9g} to "
+        f"{first_end:.9g} s): nothing is compared between them, set the offset of one time, "
+        f"{time.in_its_unit(first_start - start)} of {file} if both began together"
+        for file, time, start, end in timed[1:]
+        if start > first_end or end < first_start
     ]
 
 
@@ -320,7 +333,8 @@ def _part_text(part: TablePart) -> list[str]:
     )
     certainty = "sure" if part.time.sure else "likely"
     offset = f", offset: {part.time.offset:.15g}" if part.time.offset else ""
-    time = f"{{column: {_scalar(part.time.column)}, unit: {part.time.unit}{offset}}}"
+    restarts = ", restarts: true" if part.time.restarts else ""
+    time = f"{{column: {_scalar(part.time.column)}, unit: {part.time.unit}{offset}{restarts}}}"
     lines.append(f"  {dead}  time: {time}  # {certainty}: {evidence}")
     if part.file is None:
         lines = [f"  {dead}- {lines[1].split(dead + '  ', 1)[1] if dead else lines[1].strip()}"]

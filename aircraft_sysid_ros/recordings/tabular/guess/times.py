@@ -10,14 +10,17 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, stamps_of
-from aircraft_sysid_ros.recordings.tabular.column_map import TimeBase
+from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, TimeBase
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.recordings.tabular.units import conversion
+from aircraft_sysid_ros.samples import PAUSE
 
 Array = npt.NDArray[np.float64]
 _SHORTEST_STEP, _LONGEST_STEP = 0.0015, 1.5  # [s] of a unit without a name
 _UNIX = (9e8, 2.14e9)  # [s]
+#: A time begins anew where it goes back to within this share of a manoeuvre of its first value, for so many rows.
+_SAME_BEGIN, _LEAST_ROWS = 0.2, 20
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,12 @@ class TimeGuess:
     evidence: list[str] = field(default_factory=list)
     others: tuple[str, ...] = ()  # further columns that could be it
     offset: float = 0.0  # in its unit, to the clock of the other tables
+    restarts: int = 0  # how often it begins anew; ``seconds`` go on
+
+    def in_its_unit(self, seconds: float) -> str:
+        """A span of time as an offset of the MAP has it; those of texts are in seconds."""
+        unit = "s" if self.unit in TEXT_TIMES else self.unit
+        return f"{seconds / conversion(unit, 's').factor:.15g} {unit}"
 
 
 def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess | None:
@@ -52,9 +61,7 @@ def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess 
         found = [replace(unnamed, sure=False)] if unnamed is not None and _is_regular(unnamed) else []
     if not found:
         return None
-    best = found[0]
-    others = tuple(candidate.column for candidate in found[1:])
-    return TimeGuess(best.column, best.unit, best.seconds, best.is_unix, best.sure, best.evidence, others)
+    return replace(found[0], others=tuple(candidate.column for candidate in found[1:]))
 
 
 def _is_regular(candidate: TimeGuess) -> bool:
@@ -85,10 +92,14 @@ def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | No
         return _of_texts(name, values)
     ticks, bad = numbers(values)
     known = ticks[np.isfinite(ticks)]
-    if bad > 0.1 * len(ticks) or len(known) < 3 or (np.diff(known) < 0.0).any() or known[-1] <= known[0]:
+    rising = np.diff(known) > 0.0
+    if bad > 0.1 * len(ticks) or len(known) < 3 or not rising.any():
         return None
-    step = float(np.median(np.diff(known)[np.diff(known) > 0.0]))
-    evidence = []
+    restarts = _restarts(known)
+    if restarts is None or not (restarts or known[-1] > known[0]):
+        return None
+    step = float(np.median(np.diff(known)[rising]))
+    evidence = [f"it begins anew {restarts} times, with a manoeuvre each"] if restarts else []
     if unit:
         evidence.append(f"{unit}: said by the header or the name")
     else:
@@ -99,9 +110,29 @@ def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | No
             return None
         unit = units[0]
         evidence.append(f"{unit}: it rises by {step:.6g} from row to row")
-    seconds = ticks * conversion(unit, "s").factor
+    seconds = _running_on(ticks * conversion(unit, "s").factor)
     plausible = _SHORTEST_STEP / 10.0 <= step * conversion(unit, "s").factor < 10.0 * _LONGEST_STEP
-    return TimeGuess(name, unit, seconds, bool(_UNIX[0] < np.nanmin(seconds) < _UNIX[1]), plausible, evidence)
+    is_unix = bool(_UNIX[0] < np.nanmin(seconds) < _UNIX[1])
+    return TimeGuess(name, unit, seconds, is_unix, plausible, evidence, restarts=restarts)
+
+
+def _restarts(known: Array) -> int | None:
+    """How often times (n,) begin anew, at nearly the first of them; None where they go back otherwise."""
+    back = np.flatnonzero(np.diff(known) < 0.0) + 1
+    if not len(back):
+        return 0
+    parts = np.split(known, back)
+    spans = np.array([np.ptp(part) for part in parts])
+    near = np.abs(known[np.concatenate([[0], back])] - known[0]) <= _SAME_BEGIN * np.median(spans)
+    return len(back) if near.all() and min(map(len, parts)) >= _LEAST_ROWS else None
+
+
+def _running_on(seconds: Array) -> Array:
+    """Times (n,) [s] that go on after every restart, a pause later."""
+    out, rows = seconds.copy(), np.flatnonzero(np.isfinite(seconds))
+    steps = np.diff(seconds[rows])
+    out[rows[1:]] += np.cumsum(np.where(steps < 0.0, PAUSE - steps, 0.0))
+    return out
 
 
 def _is_text(values: npt.NDArray[Any]) -> bool:
