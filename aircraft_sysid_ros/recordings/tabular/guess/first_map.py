@@ -20,7 +20,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.times import TimeGuess, guess_t
 from aircraft_sysid_ros.recordings.tabular.source import Source, open_source
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 
-_ROWS = 400_000  # that are looked at, of a table
+_ROWS, _CELLS = 400_000, 24_000_000  # that are looked at, of a table, at most
 _MOST_COLUMNS = 400
 
 
@@ -185,10 +185,11 @@ def _is_book(file: Path) -> bool:
 def _content(table: Table) -> dict[str, npt.NDArray[Any]]:
     """The columns of a table by name, as far as they are looked at; those that are there twice are left out."""
     names = [name for name in table.columns if name and table.columns.count(name) == 1][:_MOST_COLUMNS]
+    rows = min(_ROWS, _CELLS // max(len(names), 1))
     try:
-        pieces = [next(table.read(names, _ROWS), None)] if names else []
+        pieces = [next(table.read(names, rows), None)] if names else []
     except InputError:  # columns of different length: each alone
-        pieces = [{name: next(table.read([name], _ROWS))[name] for name in names}]
+        pieces = [{name: next(table.read([name], rows))[name] for name in names}]
     return next((piece for piece in pieces if piece is not None), {})
 
 
