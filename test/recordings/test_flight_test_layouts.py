@@ -159,6 +159,17 @@ def test_a_time_that_goes_back_without_a_word_is_refused_with_the_way_out(flown,
     assert "have no names, their numbers stand for them: list the names, one a line, in a text file beside it" in out
 
 
+def test_a_clock_that_shows_the_second_of_the_minute_is_no_row_of_manoeuvres(flown, tmp_path, capsys):
+    """Each minute would come 10 s after the one before."""
+    source, time = tmp_path / "clock.csv", np.arange(0.0, 95.0, 0.05)
+    c = flown.at(time)
+    columns = np.stack([np.round(time % 60.0, 2), c["fx"], c["fy"], c["fz"]], axis=1)
+    np.savetxt(source, columns, fmt="%.9g", delimiter=",", header="sec,ax,ay,az", comments="")
+    assert main(["import", str(source), "--guess", str(tmp_path / "map.yaml")]) == 2
+    said = capsys.readouterr().err
+    assert "its column 'sec' goes back at data row 1201" in said and "restarts: true" in said
+
+
 def test_semicolons_decimal_commas_and_a_zone_need_no_correction(flown, tmp_path, capsys):
     source = semicolons(flown, tmp_path)
     said, _ = guessed(source, tmp_path, capsys)

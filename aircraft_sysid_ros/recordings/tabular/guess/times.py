@@ -21,6 +21,8 @@ _SHORTEST_STEP, _LONGEST_STEP = 0.0015, 1.5  # [s] of a unit without a name
 _UNIX = (9e8, 2.14e9)  # [s]
 #: A time begins anew where it goes back to within this share of a manoeuvre of its first value, for so many rows.
 _SAME_BEGIN, _LEAST_ROWS = 0.2, 20
+#: Minute, hour, day and week in s, ms and us: where clocks begin anew by themselves.
+_WRAPS = tuple(period * ticks for period in (60.0, 3600.0, 86_400.0, 604_800.0) for ticks in (1.0, 1e3, 1e6))
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,10 @@ def why_no_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> str:
         known = known[np.isfinite(known)]
         back = np.flatnonzero(np.diff(known) < 0.0)
         if len(back):
-            return f"{table.name} is left out: its column '{name}' goes back at data row {back[0] + 2}"
+            return (
+                f"{table.name} is left out: its column '{name}' goes back at data row {back[0] + 2}: make a time of it "
+                "that goes on, or map it with restarts: true where every manoeuvre begins anew"
+            )
         return f"{table.name} is left out: the unit of its time '{name}' cannot be told, or it stands still"
     return f"{table.name} is left out: no column of it is named as a time (once) and rises"
 
@@ -117,12 +122,18 @@ def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | No
 
 
 def _restarts(known: Array) -> int | None:
-    """How often times (n,) begin anew, at nearly the first of them; None where they go back otherwise."""
+    """How often times (n,) begin anew, at nearly the first of them; None where they go back otherwise.
+
+    A clock that shows the second of a minute or of a day, and that of a manoeuvre of one minute, look alike.
+    """
     back = np.flatnonzero(np.diff(known) < 0.0) + 1
     if not len(back):
         return 0
     parts = np.split(known, back)
     spans = np.array([np.ptp(part) for part in parts])
+    step, end = float(np.median(np.diff(parts[0]))), float(np.median([part[-1] for part in parts[:-1]]))
+    if any(abs(end + step - wrap) < 1.5 * step for wrap in _WRAPS):
+        return None
     near = np.abs(known[np.concatenate([[0], back])] - known[0]) <= _SAME_BEGIN * np.median(spans)
     return len(back) if near.all() and min(map(len, parts)) >= _LEAST_ROWS else None
 
