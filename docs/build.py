@@ -57,6 +57,21 @@ def import_guess() -> str:
     return table([f"{found['layouts']} layouts", f"of {found['columns']} columns"], rows)
 
 
+def campaign() -> str:
+    """Parameters of short manoeuvres without GPS."""
+    found = load("campaign")
+    header = [f"{found['campaigns']} campaigns of {found['manoeuvres']} manoeuvres of {found['length']:g} s"]
+    header += ["main derivatives", "error, median", "worst", "within 5 %", "within 3 standard errors"]
+    rows = [
+        [
+            said, f"{r['known']} of {r['main']}", percent(r["median"]), percent(r["worst"]),
+            str(r["within_5_percent"]), str(r["within_3_sigma"]),
+        ]
+        for said, r in (("`replay`", found["replay"]), ("`compare`, `add`", found["afterwards"]))
+    ]  # fmt: skip
+    return table(header, rows)
+
+
 def figures() -> str:
     """What the README quotes."""
     accuracy, speed = load("accuracy"), load("replay_speed")
@@ -564,6 +579,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "story_truth": story_truth,
     "figures": figures,
     "import_guess": import_guess,
+    "campaign": campaign,
     "errors": errors,
     "start": start,
     "turbulence": turbulence,
