@@ -17,7 +17,7 @@ unexport LD_LIBRARY_PATH
 endif
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test lint types colcon release-tree pytest demo bench certificate hidden-effects paper calibration closed-loop workbench docs clean distclean FORCE
+.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate hidden-effects paper calibration closed-loop workbench docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -92,6 +92,9 @@ pytest: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 pytest: export ROS_LOG_DIR := $(abspath build/ros_log)
 pytest: env ## the tests alone; ARGS='-k name -x' selects
 	$(BIN)/python -m pytest -n $(shell nproc) $(ARGS)
+
+test-long: ## the tests that `make test` leaves out: many flights and seeds
+	@$(MAKE) --no-print-directory pytest ARGS="-m long $(ARGS)"
 
 # What is built is what is released: the tree of `make release-tree`, in a workspace, without options.
 COLCON_WS := build/colcon

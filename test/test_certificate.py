@@ -18,7 +18,7 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.simulation.flight import prepare
 from aircraft_sysid_ros.simulation.trim import derivatives_at
 
-SEEDS = (0, 1, 2)
+SEEDS = (0, 1)
 RARELY = 10.0  # [s] between looks: only the end counts here
 
 
@@ -141,7 +141,7 @@ def short():
 
 
 def test_live_estimators_keep_their_promise_in_calm_air(short):
-    """95 % intervals; of 32 correlated parameters on three flights some more may miss."""
+    """95 % intervals; of 32 correlated parameters on two flights some more may miss."""
     for method, least in (("rls", 0.88), ("fourier", 0.85), ("rml", 0.8)):
         found = summary.of_method(short, method, "none")
         assert found["excited"]["share"] > least

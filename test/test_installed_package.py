@@ -172,7 +172,7 @@ def place(tmp_path_factory):
 @pytest.fixture(scope="module")
 def run(installed, place):
     """A flight, simulated and replayed by the installed command."""
-    flight = json.loads(call(installed.command, "simulate", "--out", "flight", "--duration", 40, "--json", cwd=place))
+    flight = json.loads(call(installed.command, "simulate", "--out", "flight", "--duration", 30, "--json", cwd=place))
     aircraft = Path(flight["aircraft_file"])
     assert aircraft.is_relative_to(installed.site)
     call(installed.command, "replay", "flight", "--aircraft", aircraft, "--out", "run", "--json", cwd=place)

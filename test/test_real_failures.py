@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import real_failures
 
@@ -14,6 +16,7 @@ HELD = (74.3, 77.9)
 CUT = 1531943927.13 - 1531943810.9
 
 
+@pytest.mark.long
 def test_an_elevon_that_software_held_is_named_with_both_times(shared_data, tmp_path) -> None:
     said = real_failures.said_of("commands", shared_data, tmp_path)
     (found,) = said["candidates"]
@@ -24,6 +27,7 @@ def test_an_elevon_that_software_held_is_named_with_both_times(shared_data, tmp_
     assert '"USE"' not in parameters, "the air was taken as calm, and was not"
 
 
+@pytest.mark.long
 def test_nothing_is_named_where_the_servos_own_pulses_are_read(shared_data, tmp_path) -> None:
     said = real_failures.said_of("actuators", shared_data, tmp_path)
     assert said["verdict"] == "none" and said["candidates"] == []

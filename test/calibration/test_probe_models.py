@@ -99,6 +99,7 @@ def test_a_bent_curve_is_noticed_and_found(calibration_aircraft):
     assert np.all(found.answer.samples.xi2[:, -1] == 0.0)  # stage 1 had straight curves
 
 
+@pytest.mark.long
 def test_a_wind_that_changes_is_noticed_and_followed(calibration_aircraft):
     flight = calibration_flight(12, 150.0, aircraft=calibration_aircraft, wind_walk=0.1)
     made = probe_flight(flight.samples, flight.aircraft)

@@ -78,7 +78,7 @@ def test_import_says_it(damaged, tmp_path):
 
 def test_calibrate_says_it(damaged, aircraft_file):
     bag, messages = damaged
-    options = ["--aircraft", aircraft_file, "--samples", 64]
+    options = ["--aircraft", aircraft_file, "--samples", 8]
     done = command("calibrate", "compatibility", bag, *options, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     notes = json.loads(done.stdout)["notes"]

@@ -53,7 +53,7 @@ def two_effects(aircraft):
     return diagnose_flight(aircraft, flight.samples, SOME, replicas=3)
 
 
-@pytest.mark.parametrize("turbulence", ["none", "light"])
+@pytest.mark.parametrize("turbulence", [pytest.param("none", marks=pytest.mark.long), "light"])
 def test_nothing_is_missing_in_a_clean_flight(aircraft, turbulence):
     found = diagnose_flight(aircraft, flight_of(aircraft, turbulence=turbulence).samples, SOME, replicas=2)
     assert found.verdict == "none" and not found.diagnosis.found
@@ -72,6 +72,7 @@ def test_two_effects_are_found_one_after_another(two_effects):
         )
 
 
+@pytest.mark.long
 def test_a_stall_with_a_memory_is_told_from_one_without(aircraft):
     """Of what bends lift it alone explains the loop: named first, and with its time the error falls to a fifth."""
     rivals = [BY_ID[n] for n in ("dynamic_stall", "stall", "lift_nonlinearity", "control_effectiveness_alpha")]
@@ -174,7 +175,7 @@ def test_faults_of_transmission_do_not_count_as_noise(aircraft):
         assert found.sensors[name].noise[0] == pytest.approx(known.sensors[name].noise[0], rel=0.05)
 
 
-@pytest.mark.parametrize("scale", [0.5, 2.0])
+@pytest.mark.parametrize("scale", [pytest.param(0.5, marks=pytest.mark.long), 2.0])
 def test_noise_that_the_file_does_not_know_is_no_fault_of_a_scale(aircraft, scale):
     """Sensors twice or half as noisy as the file says: the flight tells, and no setting is preferred for it."""
     flight = flight_of(aircraft, duration=60.0, sensors=SensorOptions(noise_scale=scale), turbulence="light")
@@ -203,7 +204,7 @@ def test_the_maximum_at_a_limit_stays_inside():
 
 @pytest.fixture(scope="module")
 def run_folder(aircraft, tmp_path_factory):
-    flight = flight_of(aircraft, DIHEDRAL, duration=60.0)
+    flight = flight_of(aircraft, DIHEDRAL, duration=45.0)
     pipeline = Pipeline(aircraft)
     folder = tmp_path_factory.mktemp("diagnose") / "run"
     with RunWriter(folder, aircraft) as writer:
@@ -211,7 +212,7 @@ def run_folder(aircraft, tmp_path_factory):
         for rows, points in (pipeline.push(flight.samples), pipeline.flush()):
             writer.add_rows(rows)
             writer.add_points(points)
-        writer.finish(pipeline.state, pipeline.parameters, 60.0, 0.0)
+        writer.finish(pipeline.state, pipeline.parameters, 45.0, 0.0)
     return folder
 
 

@@ -108,7 +108,7 @@ def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine) -> None:
     assert (stamp - first) * 1e-9 == pytest.approx(found.begin, abs=1e-3)
 
 
-@pytest.mark.parametrize("layout", ["airspeed, 10 Hz", "no airspeed, 60 Hz"])
+@pytest.mark.parametrize("layout", ["airspeed, 10 Hz", pytest.param("no airspeed, 60 Hz", marks=pytest.mark.long)])
 def test_nothing_is_named_where_nothing_fails(layout) -> None:
     flight = flights.fly(3002, flights.LAYOUTS[layout], "none")
     assert failures_of(flight.aircraft, flight.samples).found == ()

@@ -35,6 +35,7 @@ def run_of(aircraft, samples, folder: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_one_addition_after_another_in_gusts(aircraft, tmp_path) -> None:
     """Two effects, one with an inner number and one in C_X, whose search knows the tilt of the lift as well."""
     hidden = (Term("Cl", "alpha*beta", -0.8), Term("CX", "sqrt(1+200*beta**2)", -0.03))

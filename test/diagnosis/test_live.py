@@ -44,6 +44,12 @@ def windows(hidden):
 
 
 @pytest.fixture(scope="module")
+def found(windows):
+    """What is said of the flight with the hidden effect."""
+    return live.diagnose_live(windows)
+
+
+@pytest.fixture(scope="module")
 def clean(aircraft):
     return live.windows(aircraft, memory_of(simulate_samples(aircraft, 12, 180.0, rate=200.0)), STEP)
 
@@ -71,8 +77,7 @@ def test_short_flights_are_not_judged(hidden):
 # -- the verdict -----------------------------------------------------------------------------------------
 
 
-def test_the_hidden_effect_is_named(windows):
-    found = live.diagnose_live(windows)
+def test_the_hidden_effect_is_named(windows, found):
     assert found.verdict == "missing"
     assert found.model == windows[0].data.model.identifier
     content = found.content
@@ -97,8 +102,8 @@ def test_nothing_is_said_of_a_clean_flight(clean):
     assert "Nothing is missing" in found.content["advice"]
 
 
-def test_what_reads_the_forces_is_not_judged(windows):
-    terms = [c for f in live.diagnose_live(windows).findings for ts in f.trial.candidate.terms.values() for c in ts]
+def test_what_reads_the_forces_is_not_judged(windows, found):
+    terms = [c for f in found.findings for ts in f.trial.candidate.terms.values() for c in ts]
     assert not any("_dot" in term for term in terms)
     trial = CandidateEvaluator(windows[0].data).best_of(BY_ID["alpha_dot"])
     assert live.reads(trial.candidate, live.FORCES)

@@ -84,7 +84,7 @@ def test_a_replica_of_a_sparse_flight_is_as_sparse_and_holds_no_more_motion_than
     assert power[fast].sum() < 1e-3 * power.sum()
 
 
-@pytest.mark.parametrize("effect", ["p_factor", None])
+@pytest.mark.parametrize("effect", ["p_factor", pytest.param(None, marks=pytest.mark.long)])
 def test_at_10_hz_an_effect_is_named_and_nothing_else(effect: str | None) -> None:
     flight = hidden_effects.hidden_flight("textbook", effect, seed=2000, duration=60.0)
     slow = hidden_effects.with_slow_imu(flight, 10.0)

@@ -99,6 +99,7 @@ def test_a_change_is_nobody_s_company(loose_fin):
         assert set(candidate["confounded_with"]) <= set(BY_ID)
 
 
+@pytest.mark.long
 def test_a_change_that_the_library_knows_keeps_its_name(aircraft):
     """Half of an elevator lost: the same share of moment and lift, roll in proportion to it, and no more."""
     lost = [

@@ -13,6 +13,7 @@ _ORDINARY = "needs an ordinary ROS 2; `make colcon`, which `make test` runs, bui
 NOT_RUN = {
     "make env": _MAKES_THESE,
     "make test": _MAKES_THESE,
+    "make test-long": _MEASURES,
     "make pytest": _MAKES_THESE,
     "make colcon": _MAKES_THESE,
     "make help": "lists the Makefile, which every `make` of the pages is looked up in",

@@ -28,6 +28,7 @@ WAY = {
     "report": ("README.md", "aircraft-sysid report runs/flight --out flight.html"),
     "remove": ("README.md", "aircraft-sysid remove runs/flight sideslip_drag"),
 }
+SECONDS = 60  # of flight
 #: Diagnosis does without the covariance of the smoother, which is summed in another order.
 SAME = {"rel": 1e-6}
 
@@ -51,7 +52,7 @@ def read(path):
 
 def simulated(user):
     """A bag that hides the drag of sideslip, with the truth beside it."""
-    said = user.ask("simulate")
+    said = user.ask("simulate", "--duration", SECONDS)
     truth = read(user.folder / said["truth"])
     assert [hidden["effect"] for hidden in truth["hidden"]] == ["sideslip_drag"]
     with AnyReader([user.folder / "flight"]) as bag:
@@ -69,7 +70,7 @@ def replayed(user, truth):
     assert len(known) > 15
     for p in known:
         assert abs(p["value"] - truth["coefficients"][p["name"]]) < 4.0 * p["std"], p["name"]
-    assert read(run / "state.json")["duration"] == pytest.approx(120.0, abs=2.0)
+    assert read(run / "state.json")["duration"] == pytest.approx(SECONDS, abs=2.0)
     with AnyReader([run / "estimates.mcap"]) as estimates:
         assert "/parameter_estimator/parameters" in {c.topic for c in estimates.connections}
 
@@ -97,7 +98,7 @@ def compared(user):
 
 def diagnosed(user, before):
     """The effect by its name and no other, with the error that its addition would leave."""
-    said = user.ask("diagnose")
+    said = user.ask("diagnose", "--replicas", 2)
     assert [c["effect"] for c in said["candidates"] if c["found"]] == ["sideslip_drag"]
     assert said["verdict"] == "missing"
     assert said["advice"] == f"{BY_ID['sideslip_drag'].name} is missing (add sideslip_drag)."

@@ -74,6 +74,7 @@ def test_surfaces_recorded_at_half_the_rate_are_made_good(flight, inputs):
     assert (kept_by_interpolation(with_rate(flight.aircraft, 200.0), w) == 1.0).all()
 
 
+@pytest.mark.long
 def test_errors_are_covered_and_small_over_flights(aircraft):
     """6 flights of 60 s in calm air with the noise of the aircraft file: 192 errors, three binomial sigma, 2 %."""
     z, relative = [], []

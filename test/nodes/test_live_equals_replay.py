@@ -37,6 +37,14 @@ def stamp(message):
 
 
 @pytest.fixture(scope="module")
+def recording(aircraft, tmp_path_factory):
+    """A simulated flight of 28 s as a bag."""
+    path = tmp_path_factory.mktemp("recording") / "flight"
+    write_flight(simulate_samples(aircraft, seed=3, duration=28.0), path)
+    return path
+
+
+@pytest.fixture(scope="module")
 def replayed(recording, aircraft_file, tmp_path_factory):
     """Runs of replay by horizon."""
     folders = {}

@@ -46,6 +46,7 @@ def errors(messages, axis):
     return [a.nrmse for m in messages for a in m.axes if a.axis == axis]
 
 
+@pytest.mark.long
 def test_missing_effects_are_named_added_and_taken_away(bench, hidden):
     state = bench.node(StateEstimatorNode)
     node = bench.node(ParameterEstimatorNode, diagnosis_period=25.0, diagnosis_share=1.0)

@@ -58,6 +58,7 @@ def test_filter_error_in_turbulence_finds_gusts_and_noise(gusty, gusty_flight):
     assert all(0.7 < factors[name] < 1.4 for name in ("specific_force", "airspeed", "position", "velocity"))
 
 
+@pytest.mark.long
 def test_filter_error_beats_output_error_in_turbulence(gusty, gusty_run, gusty_flight):
     aircraft = gusty_flight.aircraft
     plain = refine(gusty_run, OUTPUT_ERROR, replace(OPTIONS, maximum_iterations=6))

@@ -57,7 +57,7 @@ def test_the_grid_is_dense_and_the_imu_stands_at_its_own_times(samples: Samples,
     [
         (OUTPUT_ERROR, lambda s: thinned(s, 10.0), 0.02),
         (OUTPUT_ERROR, lambda s: all_thinned(s, 10.0, jitter=0.2, lost=0.1), 0.15),
-        (FILTER_ERROR, lambda s: thinned(s, 10.0, jitter=0.2, lost=0.1), 0.04),
+        pytest.param(FILTER_ERROR, lambda s: thinned(s, 10.0, jitter=0.2, lost=0.1), 0.04, marks=pytest.mark.long),
     ],
     ids=["output error", "output error, all slow, jitter and lost samples", "filter error, jitter and lost samples"],
 )

@@ -51,7 +51,13 @@ def test_every_effect_of_the_library_can_be_hidden_but_one():
     assert all(set(plans_of(name)) <= set(PLANS) for name in SIMULATED)
 
 
-@pytest.mark.parametrize("name", [*RECIPES, "mass_change", "cg_shift"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        n if i % 3 == 0 else pytest.param(n, marks=pytest.mark.long)
+        for i, n in enumerate([*RECIPES, "mass_change", "cg_shift"])
+    ],
+)
 def test_the_oracle_knows_what_is_there(name):
     """With its terms the model says the coefficients of the flight to the last digits; without them it does not."""
     flight = hidden_flight(effect=name, seed=1, duration=60.0)
