@@ -12,9 +12,11 @@ STAMPS := $(VENV)/.stamps
 PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 
 # The environment is closed: a sourced ROS, or a process of another environment that runs make, must not leak in.
+# Nor that modules are not kept compiled, or each of the hundreds of processes of the tests would compile them anew.
 ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport LD_LIBRARY_PATH
 endif
+unexport PYTHONDONTWRITEBYTECODE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
 .PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate hidden-effects paper calibration closed-loop workbench docs clean distclean FORCE
