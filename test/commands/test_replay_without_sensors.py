@@ -232,6 +232,7 @@ def test_smoothed_and_after_the_flight(replayed, flown, aircraft, tmp_path, caps
     assert all(axis["nrmse_held_out"] < 0.1 for axis in axes.values())
 
 
+@pytest.mark.long
 def test_likelihood_learns_without_gps(replayed, flown, aircraft):
     result = replayed(without(flown.streams, GPS), "--estimator", "rml")
     check_derivatives(result, aircraft, ("CZ_alpha", "Cl_p", "Cm_alpha", "Cn_beta"), 0.1)

@@ -280,7 +280,7 @@ def test_without_relearning_the_old_and_the_new_are_mixed(lossy):
     assert not pipeline.parameters.learning.changes.counts.any()
 
 
-@pytest.mark.parametrize("estimator", ["rls", "fourier"])
+@pytest.mark.parametrize("estimator", ["rls", pytest.param("fourier", marks=pytest.mark.long)])
 def test_a_change_is_the_same_in_blocks_of_any_size(lossy, flown, estimator):
     """Of 97 samples, and of 500 with which it was flown."""
     runs = [flown(estimator)[0].parameters, fly(lossy, 97, estimator=estimator)[0].parameters]

@@ -103,7 +103,8 @@ def test_two_cycles_have_opposite_signs(aircraft):
 
 
 @pytest.mark.parametrize(
-    ("seconds", "turbulence", "seeds"), [(60.0, "none", 3), (120.0, "light", 3), (600.0, "light", 1)]
+    ("seconds", "turbulence", "seeds"),
+    [(60.0, "none", 3), (120.0, "light", 3), pytest.param(600.0, "light", 1, marks=pytest.mark.long)],
 )
 def test_flights_stay_where_the_model_holds(aircraft, seconds, turbulence, seeds):
     for seed in range(seeds):

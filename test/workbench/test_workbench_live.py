@@ -123,6 +123,7 @@ def error_of(page, axis: str) -> float:
     return float(page.inner_text(marked(f"held-out-{axis}")).split()[0])
 
 
+@pytest.mark.long
 def test_a_hidden_effect_is_named_and_added_in_flight(player, aircraft_file, tmp_path, served, open_page) -> None:
     with served("--live") as address:
         page = open_page(address)
