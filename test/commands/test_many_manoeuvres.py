@@ -185,17 +185,27 @@ def furthest(found, others) -> float:
     return max(abs(found[n][0] - others[n][0]) / max(found[n][1], others[n][1]) for n in names)
 
 
-def test_a_hidden_effect_is_named_and_added(aircraft_file, folder):
+@pytest.fixture(scope="module")
+def hidden_run(aircraft_file, folder):
+    """Nine manoeuvres of an aeroplane with an effect that its file does not know."""
     ask("simulate", "--out", folder / "hidden", "--aircraft", aircraft_file, "--effect", "sideslip_drag",
         "--duration", 110, "--seed", 32)  # fmt: skip
     file, run = write_segments(folder / "hidden.yaml", equal_segments(9)), folder / "hidden_run"
     ask("replay", folder / "hidden", "--segments", file, "--aircraft", aircraft_file, "--out", run)
-    before = ask("compare", run)
+    return run
+
+
+@pytest.mark.long
+def test_a_hidden_effect_is_named(hidden_run):
+    found = ask("diagnose", hidden_run, "--replicas", 2)
+    assert (found["verdict"], found["candidates"][0]["effect"]) == ("missing", "sideslip_drag")
+
+
+def test_a_hidden_effect_is_seen_and_added(hidden_run):
+    before = ask("compare", hidden_run)
     assert before["worst"][0]["axis"] == "CX"
     assert any(f"({s['name']})" in place["text"] for place in before["worst"] for s in equal_segments())
-    found = ask("diagnose", run, "--replicas", 2)
-    assert (found["verdict"], found["candidates"][0]["effect"]) == ("missing", "sideslip_drag")
-    change = ask("add", run, "sideslip_drag")["axes"]["CX"]
+    change = ask("add", hidden_run, "sideslip_drag")["axes"]["CX"]
     assert change["error_before"] == pytest.approx(before["axes"]["CX"]["nrmse_held_out"], rel=1e-6)
     assert change["error_after"] < 0.5 * change["error_before"]
 

@@ -1,4 +1,7 @@
-"""Two flights of `make hidden-effects` in JSBSim: the benchmark in docs/diagnosis.md in small."""
+"""Two flights of `make hidden-effects` in JSBSim: the benchmark in docs/diagnosis.md in small.
+
+The same of the textbook simulator, and shorter, is in test_diagnose.py.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,14 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import hidden_effects
 
+pytestmark = pytest.mark.long
+
 
 def fly(simulator, effect, seed):
     """What was said of one flight."""
     pytest.importorskip("jsbsim")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hidden_effects, "DURATION", 60.0)
-        patch.setattr(hidden_effects, "REPLICAS", 2)
         patch.setattr(hidden_effects, "METHODS_EVERY", 10_000)
         patch.setattr(hidden_effects, "_one_core", lambda: None)
         return hidden_effects.fly({"simulator": simulator, "effect": effect, "seed": seed})
@@ -39,7 +43,6 @@ def test_a_hidden_effect_is_named(flown):
     assert flown["oracle_gain"] > 0.2
 
 
-@pytest.mark.long
 def test_nothing_is_named_where_nothing_is_hidden(flown, clean):
     assert clean["verdict"] == "none"
     assert hidden_effects.summary([flown, clean])["false_verdicts"] == {"share": 0.0, "flights": 1}

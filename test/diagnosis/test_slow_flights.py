@@ -89,7 +89,7 @@ def test_at_10_hz_an_effect_is_named_and_nothing_else(effect: str | None) -> Non
     flight = hidden_effects.hidden_flight("textbook", effect, seed=2000, duration=60.0)
     slow = hidden_effects.with_slow_imu(flight, 10.0)
     assert np.sum(slow.samples.kind == Kind.IMU) == pytest.approx(600, abs=2)
-    said = diagnose_flight(slow.aircraft, slow.samples, replicas=3).json
+    said = diagnose_flight(slow.aircraft, slow.samples, replicas=2).json
     found = [candidate["effect"] for candidate in said["candidates"] if candidate["found"]]
     assert (said["verdict"], found) == (("missing", ["p_factor"]) if effect else ("none", []))
 

@@ -66,6 +66,7 @@ def test_in_steady_wind_no_scale_of_the_airspeed_is_a_calmer_atmosphere(other_ma
     assert believed.evidence > 1.0  # what a walk that the wind does not have makes of the same flight
 
 
+@pytest.mark.long
 def test_a_scale_that_is_there_is_still_found(other_maker):
     aircraft, samples = other_maker
     values = samples.values.copy()

@@ -165,6 +165,7 @@ def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, a
     assert version_with(before, {}, ()).identifier == aircraft.model.identifier
 
 
+@pytest.mark.long
 def test_add_and_diagnose_find_the_same_lag_of_the_air_data(run, monkeypatch) -> None:
     """What ``diagnose`` would name is what ``add`` sets, and lags that are not there are not believed in."""
     _shift(run, Kind.AIRSPEED, 100_000_000)

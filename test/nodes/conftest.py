@@ -19,12 +19,12 @@ def bench(aircraft_file):
 
 @pytest.fixture(scope="session")
 def recording(aircraft, tmp_path_factory):
-    """A simulated flight of 40 s as a bag."""
+    """A simulated flight of 28 s as a bag."""
     from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
     from aircraft_sysid_ros.simulation.truth_files import write_flight
 
     path = tmp_path_factory.mktemp("recording") / "flight"
-    write_flight(simulate_samples(aircraft, seed=3, duration=40.0), path)
+    write_flight(simulate_samples(aircraft, seed=3, duration=28.0), path)
     return path
 
 

@@ -9,7 +9,7 @@ from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
-BEFORE, BETWEEN, AFTER = 8.0, 5.0, 34.0  # [s] of flight; the bag has 40
+BEFORE, BETWEEN, AFTER = 6.0, 4.0, 27.0  # [s] of flight; the bag has 28
 #: Far in the future, and the last that a stamp can hold.
 FUTURE, LAST = 2_000_000_000, 2**31 - 1
 

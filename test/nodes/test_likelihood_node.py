@@ -17,7 +17,7 @@ def test_the_node_publishes_the_parameters_of_replay(bench, raw, recording, airc
     messages = bench.listen(Parameters, "parameter_estimator/parameters")
     assert start(state) and start(node)
     assert {"air_data", "gps/fix", "gps/vel"} <= set(node.received)
-    bench.play(raw, 0.0, 41.0, state)
+    bench.play(raw, 0.0, 29.0, state)
     state.finish()
     bench.spin_until(lambda: node.states_received == state.rows_published)
     node.finish()

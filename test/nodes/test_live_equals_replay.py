@@ -37,14 +37,6 @@ def stamp(message):
 
 
 @pytest.fixture(scope="module")
-def recording(aircraft, tmp_path_factory):
-    """A simulated flight of 28 s as a bag."""
-    path = tmp_path_factory.mktemp("recording") / "flight"
-    write_flight(simulate_samples(aircraft, seed=3, duration=28.0), path)
-    return path
-
-
-@pytest.fixture(scope="module")
 def replayed(recording, aircraft_file, tmp_path_factory):
     """Runs of replay by horizon."""
     folders = {}
@@ -99,7 +91,7 @@ def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replay
 
 def test_a_flight_without_gps_starts_live_where_replay_starts(domain, aircraft, aircraft_file, tmp_path, capsys):
     """Neither knows beforehand that no GPS will come; both begin with the first sample that they kept."""
-    flight = simulate_samples(aircraft, seed=3, duration=45.0)
+    flight = simulate_samples(aircraft, seed=3, duration=30.0)
     recording, expected = tmp_path / "flight", tmp_path / "replayed"
     write_flight(replace(flight, streams=[s for s in flight.streams if not s.topic.startswith("gps")]), recording)
     arguments = ["--aircraft", aircraft_file, "--out", expected, "--horizon", LONG, "--json"]
@@ -149,7 +141,10 @@ def test_an_imu_of_ten_hertz_is_learnt_from_live_as_in_replay_and_the_run_says_i
     assert compared["notes"][0].startswith("the IMU comes at 10 Hz: the floor is the noise of the sensors alone")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "termination"])
+@pytest.mark.parametrize(
+    "number",
+    [pytest.param(signal.SIGINT, id="ctrl-c"), pytest.param(signal.SIGTERM, id="termination", marks=pytest.mark.long)],
+)
 def test_stopped_by_a_signal_the_run_is_written_in_full(domain, recording, aircraft_file, replayed, tmp_path, number):
     def playback(attempt):
         run = tmp_path / str(attempt) / "run"

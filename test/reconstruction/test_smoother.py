@@ -168,13 +168,14 @@ def test_errors_of_smoothed_states_are_as_large_as_their_standard_deviations(fli
     assert 0.6 < rms(z) < 1.3  # 18 states whose errors last for minutes, in one flight
 
 
-def test_nees_of_smoothed_states_over_many_flights(aircraft):
-    """8 flights of 25 s, at 4 times of each: the whole covariance of the 18 errors at the place of the IMU.
+@pytest.mark.parametrize("flights", [3, pytest.param(8, marks=pytest.mark.long)])
+def test_nees_of_smoothed_states_over_many_flights(aircraft, flights):
+    """Flights of 25 s, at 4 times of each: the whole covariance of the 18 errors at the place of the IMU.
 
     The errors of one flight are correlated over time, so that its mean counts as one draw: within 4 sigma of 18.
     """
     nees = []
-    for seed in range(8):
+    for seed in range(flights):
         flight = simulate_samples(aircraft, seed, 25.0, wind=(3.0 * np.cos(seed), 3.0 * np.sin(seed), 0.0))
         estimator, rows = recorded(aircraft, flight.samples)
         ((segment, steps, _),) = estimator.tape.segments()
@@ -186,8 +187,8 @@ def test_nees_of_smoothed_states_over_many_flights(aircraft):
             x, p = smooth_segment(steps[begin:end], between, x, p, segment.setup, True)
             nees.append(nees_of(flight, estimator, rows[row], x, p))
             end = begin
-    assert len(nees) == 32
-    assert np.mean(nees) == pytest.approx(ERROR_SIZE, abs=4.0 * np.sqrt(2.0 * ERROR_SIZE / 8))
+    assert len(nees) == 4 * flights
+    assert np.mean(nees) == pytest.approx(ERROR_SIZE, abs=4.0 * np.sqrt(2.0 * ERROR_SIZE / flights))
 
 
 def nees_of(flight, estimator, row, x, p) -> float:
