@@ -20,7 +20,13 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GROUPS, Aircraft
-from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconstruction, flight_data_of, log_likelihood
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
+    AIR_DATA,
+    Likelihood,
+    Reconstruction,
+    flight_data_of,
+    log_likelihood,
+)
 from aircraft_sysid_ros.diagnosis.processes import worker_pool
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -86,14 +92,16 @@ def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:
     return float(getattr(aircraft.sensors[name], setting[2]))
 
 
-Job = tuple[Reconstruction, Samples, Effect, Variant, ShapeParameter, float, bool]
+#: A flight and the stretch of it that is run again, a setting and its range, the likelihood of the sensors and the
+#: score of the controls without it, and whether it is calm.
+Job = tuple[Reconstruction, Samples, Effect, Variant, ShapeParameter, Likelihood, float, bool]
 
 
 def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> Iterator[Job]:
     """One per setting that the flight has samples for; scales of the air data only in calm air."""
     samples = stretch_of(flight)
     kinds = set(np.unique(samples.kind).tolist())
-    without = {True: control_score(flight, flight.aircraft), False: log_likelihood(flight.aircraft, samples)}
+    sensors, controls = log_likelihood(flight.aircraft, samples), control_score(flight, flight.aircraft)
     for effect in library:
         for variant in effect.variants:
             if not variant.setting or variant.setting[0] == "process_noise":
@@ -102,7 +110,7 @@ def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> It
             if variant.setting[-1] == "scale" and not calm:
                 continue
             if kind is None or int(kind) in kinds:
-                yield flight, samples, effect, variant, effect.inner[0], without[_CONTROLS in variant.setting], calm
+                yield flight, samples, effect, variant, effect.inner[0], sensors, controls, calm
 
 
 def stretch_of(flight: Reconstruction) -> Samples:
@@ -116,7 +124,7 @@ def stretch_of(flight: Reconstruction) -> Samples:
 
 def try_setting(job: Job) -> Setting:
     """The best value of one setting, in a process of its own."""
-    flight, samples, effect, variant, inner, without, calm = job
+    flight, samples, effect, variant, inner, sensors, controls, calm = job
     start = nominal(flight.aircraft, variant.setting)
     of_controls = _CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
@@ -130,7 +138,9 @@ def try_setting(job: Job) -> Setting:
             changed = with_setting(flight.aircraft, variant.setting, value)
         except InputError:
             return -np.inf
-        return (control_score(flight, changed) if of_controls else log_likelihood(changed, samples)) - without
+        if of_controls:
+            return control_score(flight, changed) - controls
+        return log_likelihood(changed, samples).over(sensors)
 
     value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan

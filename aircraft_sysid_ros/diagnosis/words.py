@@ -179,7 +179,7 @@ def _in_words(candidate: Candidate) -> str:
         for axis, names in candidate.changed.items():
             what = ("another constant" if name == "1" else f"a part in {name}" for name in names)
             parts.append(f"{axis[0]}_{axis[1]} has {' and '.join(what)}")
-        return f"from {candidate.moment:.0f} s on " + ", ".join(parts)
+        return f"{candidate.span} " + ", ".join(parts)
     ((axis, terms),) = candidate.terms.items()
     return f"{axis[0]}_{axis[1]} depends on {' and '.join(terms)}"
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from aircraft_sysid_ros.effects.effect import (
     AERODYNAMIC,
+    BEGIN,
     OF_TIME,
+    STEP,
     Domain,
     Effect,
     ShapeParameter,
@@ -323,10 +325,10 @@ EFFECTS: tuple[Effect, ...] = (
         "and pitches the nose down.",
         "S. Hoerner, Fluid-Dynamic Drag; J. Roskam, Airplane Design, part VI",
         "C_X, C_m += a for t > t₀",
-        (Variant(terms={"CX": ("max(sign(time-{t0}),0)",), "Cm": ("max(sign(time-{t0}),0)",)}),),
+        (Variant(terms={"CX": (STEP,), "Cm": (STEP,)}),),
         "From some time on constant errors of C_X and C_m, none of C_Z.",
         "Extension and retraction in steady flight.",
-        (ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME),),
+        (BEGIN,),
     ),
     Effect(
         "icing",

@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 from aircraft_sysid_ros.effects.effect import (
+    BEGIN,
     CHANGE,
     CHORD_BY_SPAN,
-    OF_TIME,
+    STEP,
     Effect,
-    ShapeParameter,
     Tie,
     Variant,
     surface,
 )
 
-STEP = "max(sign(time-{t0}),0)"
-_TIME_OF_CHANGE = (ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME),)
+_TIME_OF_CHANGE = (BEGIN,)
 
 
 def _after(*terms: str) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import copy
 import string
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,9 @@ KINDS = (AERODYNAMIC, CHANGE, MEASUREMENT)
 
 #: Ranges of inner numbers that come from the flight: the time of the flight, a signal that is in it.
 OF_TIME = "time"
+#: What is there from the inner number t0 on, and what is there from t0 to t1.
+STEP = "max(sign(time-{t0}),0)"
+PULSE = "(max(sign(time-{t0}),0)-max(sign(time-{t1}),0))"
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,11 @@ class ShapeParameter:
     high: float
     count: int = 9
     signal: str | None = None
+
+
+#: When a change begins, and when one that does not stay ends.
+BEGIN = ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME)
+END = ShapeParameter("t1", "s", 0.08, 0.98, 22, OF_TIME)
 
 
 @dataclass(frozen=True)
@@ -80,6 +88,14 @@ class Variant:
         if not self.ties:
             return sum(len(terms) for terms in self.terms.values())
         return 1 + max(tie.number for ties in self.ties.values() for tie in ties)
+
+    @property
+    def passing(self) -> Variant | None:
+        """The same change, undone at a time t1; None of what is no change."""
+        if not any(STEP in term for term in _terms(self.terms.values())):
+            return None
+        terms = {axis: tuple(term.replace(STEP, PULSE) for term in terms) for axis, terms in self.terms.items()}
+        return replace(self, terms=terms)
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,8 @@ _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 _NIS_WEIGHT = 0.01
 #: An innovation counts in the consistency as at most this many variances.
 _LARGEST_NIS = 25.0
+#: And as at most so many standard deviations in the mean of so many seconds that tells its colour.
+_LARGEST, _SLOW = 5.0, 5.0
 # The random walk of the wind follows the gusts: it grows while the innovations of air data are larger than expected
 # and falls back when they are not. Fast enough for a gust front (a factor of 10 in some seconds), and deaf to what
 # no gust does.
@@ -299,6 +301,8 @@ def _passes_gate(kind: int, innovation: Array, update: Update, time: float, setu
     likelihood[kind, 0] += m
     likelihood[kind, 1] += min(nis, m * _LARGEST_NIS)
     likelihood[kind, 2] += log_determinant
+    before = max(memory.last_fused[kind], memory.last_rejected[kind])
+    _follow_colour(time - before, innovation, factor, likelihood[kind])
     recent[0] += _NIS_WEIGHT * (min(nis / m, _LARGEST_NIS) - recent[0])
     is_air_data = kind == _AIRSPEED or kind == _ALPHA or kind == _BETA
     if is_air_data and not (setup.learns_wind and is_outlier(memory.noise[kind, 0])):
@@ -311,6 +315,20 @@ def _passes_gate(kind: int, innovation: Array, update: Update, time: float, setu
     memory.nis_sum[kind] += nis
     memory.degrees[kind] += m
     return True
+
+
+@njit(cache=True)
+def _follow_colour(interval: float, innovation: Array, factor: Array, sums: Array) -> None:
+    """How much larger the means of innovations over _SLOW seconds are than those of white ones: their squares (8,)."""
+    gain = min(interval / _SLOW, 1.0) if interval > 0.0 else 1.0
+    for i in range(len(innovation)):
+        variance = 0.0
+        for j in range(i + 1):
+            variance += factor[i, j] ** 2
+        normalised = min(max(innovation[i] / np.sqrt(variance), -_LARGEST), _LARGEST)
+        sums[5 + i] += gain * (normalised - sums[5 + i])
+        sums[3] += normalised**2
+        sums[4] += sums[5 + i] ** 2 * (2.0 - gain) / gain
 
 
 @njit(cache=True)

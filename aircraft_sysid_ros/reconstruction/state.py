@@ -215,7 +215,9 @@ class Memory(NamedTuple):
     last_rejected: npt.NDArray[np.float64]  # (kinds,)
     nis_sum: npt.NDArray[np.float64]  # (kinds,) of fused samples
     degrees: npt.NDArray[np.int64]  # (kinds,) degrees of freedom in nis_sum
-    likelihood: npt.NDArray[np.float64]  # (kinds, 3) sums: outputs, normalised innovations squared (capped), ln det S
+    #: (kinds, 8) sums over innovations: outputs, normalised squares (capped), ln det S, squares of normalised ones, and
+    #: of their means, as large where they are white; then those means
+    likelihood: npt.NDArray[np.float64]
     recent_nis: npt.NDArray[np.float64]  # (1,) running mean per degree of freedom, rejected samples too
     air_nis: npt.NDArray[np.float64]  # (1,) the same of air data alone, faster
     wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now
@@ -249,7 +251,7 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         last_rejected=np.full(kinds, -np.inf),
         nis_sum=np.zeros(kinds),
         degrees=np.zeros(kinds, np.int64),
-        likelihood=np.zeros((kinds, 3)),
+        likelihood=np.zeros((kinds, 8)),
         recent_nis=np.ones(1),
         air_nis=np.ones(1),
         wind_walk=np.array([max(wind_walk, GUSTY_START)]),

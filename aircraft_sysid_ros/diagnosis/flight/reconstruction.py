@@ -158,28 +158,47 @@ def fit_sensor_noise(aircraft: Aircraft, samples: Samples) -> Aircraft:
     return aircraft
 
 
-def log_likelihood(aircraft: Aircraft, samples: Samples) -> float:
-    """Of all innovations of the first step (5.7), each sensor as noisy as it is; -inf when the filter does not start.
+@dataclass(frozen=True)
+class Likelihood:
+    """Log-likelihoods (5.7) of the innovations of the first step, by sensor, each as noisy as it is.
 
     The covariance of each sensor's innovations is scaled to what they are, or a scale that makes the numbers of a
     noisy sensor smaller would always win.
     """
-    return _filtered(aircraft, samples)[0]
+
+    parts: Array  # (kinds,) -inf when the filter does not start
+    #: (kinds,) share of the innovations that count for themselves: 1 where they are white. Of an attitude that has an
+    #: error of its own, or is told a noise that stands for one, a few in thousands are independent.
+    independent: Array
+    walk: float  # random walk of the wind [m/s per sqrt(s)] at the end
+
+    def over(self, other: Likelihood) -> float:
+        """Logarithm by which this is likelier than another: a sensor counts as white as the whiter of both has it.
+
+        As of a composite likelihood, which counts correlated terms as often as they are independent (Varin, Reid and
+        Firth 2011).
+        """
+        if not np.all(np.isfinite(self.parts)) or not np.all(np.isfinite(other.parts)):
+            return -np.inf
+        return float(np.sum(np.maximum(self.independent, other.independent) * (self.parts - other.parts)))
 
 
-def _filtered(aircraft: Aircraft, samples: Samples) -> tuple[float, float]:
-    """Log-likelihood of a flight, and the random walk of the wind [m/s per sqrt(s)] at its end."""
+def log_likelihood(aircraft: Aircraft, samples: Samples) -> Likelihood:
+    """Of all innovations of the first step."""
     state = StateEstimator(aircraft)
     state.push(samples)
     state.flush()
-    walk = float(state.memory.wind_walk[0])
+    sums, walk = state.memory.likelihood, float(state.memory.wind_walk[0])
+    parts, independent = np.zeros(len(sums)), np.zeros(len(sums))
     if not state.has_been_aligned:
-        return -np.inf, walk
-    outputs, squares, determinants = state.memory.likelihood[state.memory.likelihood[:, 1] > 0.0].T
-    total = -0.5 * float(np.sum(outputs * np.log(squares / outputs) + determinants))
+        return Likelihood(np.full(len(sums), -np.inf), independent, walk)
+    heard = sums[:, 1] > 0.0
+    outputs, squares, determinants, normalised, means = sums[heard, :5].T
+    parts[heard] = -0.5 * (outputs * np.log(squares / outputs) + determinants)
+    independent[heard] = np.minimum(normalised / np.maximum(means, 1e-300), 1.0)
     for name, kind in AIR_DATA.items():
-        total -= float(state.memory.likelihood[kind, 0]) * np.log(aircraft.sensors[name].scale)
-    return total, walk
+        parts[kind] -= sums[kind, 0] * np.log(aircraft.sensors[name].scale)
+    return Likelihood(parts, independent, walk)
 
 
 def as_flown(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
@@ -211,26 +230,27 @@ def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool
     airspeed, so that a scale of the airspeed would stand for a calmer atmosphere.
     """
     given = aircraft.process_noise["wind"]
-    of_file, gusts = _filtered(aircraft, samples)
+    of_file = log_likelihood(aircraft, samples)
 
-    def climbed(walks: Iterable[float], best: float) -> Aircraft:
+    def climbed(walks: Iterable[float], best: Likelihood | None, least: float) -> Aircraft:
         """The aircraft with the last of some walks up to which each is likelier than the one before it."""
         likeliest = aircraft
         for walk in walks:
             other = aircraft if walk == given else with_setting(aircraft, ("process_noise", "wind"), walk)
             likelihood = of_file if walk == given else log_likelihood(other, samples)
-            if likelihood <= best:
+            if best is not None and likelihood.over(best) <= least:
                 break
-            best, likeliest = likelihood, other
+            best, likeliest, least = likelihood, other, 0.0
         return likeliest
 
-    gustier = _in_steps(max(gusts, given), WALK_STEP)
-    likeliest = climbed(itertools.takewhile(lambda walk: walk <= LARGEST_WALK, gustier), -np.inf)
+    gustier = _in_steps(max(of_file.walk, given), WALK_STEP)
+    likeliest = climbed(itertools.takewhile(lambda walk: walk <= LARGEST_WALK, gustier), None, 0.0)
     if likeliest.process_noise["wind"] > max(THRESHOLDS.calm, 1.01 * given):
         return likeliest, False
     calmer = _in_steps(CALMER_STEP * given, CALMER_STEP)
-    least = of_file + THRESHOLDS.setting_total
-    return climbed(itertools.takewhile(lambda walk: walk >= SMALLEST_WALK, calmer), least), True
+    return climbed(
+        itertools.takewhile(lambda walk: walk >= SMALLEST_WALK, calmer), of_file, THRESHOLDS.setting_total
+    ), True
 
 
 def _in_steps(first: float, factor: float) -> Iterator[float]:

@@ -222,7 +222,8 @@ def _gust_jobs(aircraft: Aircraft, samples: Samples, effect: Effect) -> Iterator
         if variant.setting[0] == "process_noise":
             flight = reconstruct(fit_sensor_noise(aircraft, samples), samples, with_covariance=False)
             stretch = stretch_of(flight)
-            yield flight, stretch, effect, variant, effect.inner[0], log_likelihood(flight.aircraft, stretch), True
+            without = log_likelihood(flight.aircraft, stretch)
+            yield flight, stretch, effect, variant, effect.inner[0], without, 0.0, True
 
 
 # -- bookkeeping of changes ----------------------------------------------------------------------------------

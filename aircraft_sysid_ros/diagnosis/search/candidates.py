@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Tie, Variant, fill, placeholders
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
+from aircraft_sysid_ros.effects.effect import END, Effect, ShapeParameter, Tie, Variant, fill, placeholders
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -45,15 +45,21 @@ class Candidate:
         """Id with variant, or the expression."""
         if self.changed:
             parts = (f"{axis}: {' + '.join(names)}" for axis, names in self.changed.items())
-            return f"from {self.moment:.0f} s on {'; '.join(parts)}"
+            return f"{self.span} {'; '.join(parts)}"
         if self.effect is None:
             return "; ".join(f"{axis}: {' + '.join(terms)}" for axis, terms in self.terms.items())
         return self.effect.identifier + (f" ({self.variant})" if self.variant else "")
 
     @property
-    def moment(self) -> float:
-        """Time [s] of a change."""
-        return dict(self.inner)["t0"]
+    def passes(self) -> bool:
+        """It is a change that is undone later."""
+        return "t1" in dict(self.inner)
+
+    @property
+    def span(self) -> str:
+        """When a change is there, in words; its times count from the start of the recording."""
+        times = dict(self.inner)
+        return f"from {times['t0']:.0f} s " + (f"to {times['t1']:.0f} s" if self.passes else "on")
 
     @property
     def family(self) -> str:
@@ -113,6 +119,19 @@ def limits(number: ShapeParameter, data: FlightData) -> tuple[float, float]:
 def grid(number: ShapeParameter, data: FlightData) -> Array:
     """Values of an inner number that are tried first."""
     return np.linspace(*limits(number, data), number.count)
+
+
+def spans(edge: float, data: FlightData) -> Iterator[dict[str, float]]:
+    """Times t0 and t1 of changes that begin or end at ``edge`` and are undone."""
+    for other in grid(END, data).tolist():
+        values = {"t0": min(edge, other), "t1": max(edge, other)}
+        if lasts(values):
+            yield values
+
+
+def lasts(values: Mapping[str, float]) -> bool:
+    """Whether a change that is undone is there in two blocks: one to learn it from, one to judge it on."""
+    return "t1" not in values or values["t1"] - values["t0"] >= 2.0 * BLOCK
 
 
 def is_measured(variant: Variant, data: FlightData, base: Mapping[str, str]) -> bool:

@@ -22,11 +22,13 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     Candidate,
     base_texts,
     candidates_of,
+    lasts,
     limits,
+    spans,
     with_inner,
 )
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error, tied_gains
-from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, Effect, ShapeParameter
+from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, END, Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -162,8 +164,25 @@ class CandidateEvaluator:
     def best_of(self, effect: Effect) -> Score | None:
         """The best variant of an effect with its best inner numbers; None where the flight cannot tell."""
         trials = [self.trial(candidate) for candidate in candidates_of(effect, self.data, self.base)]
-        best = max((t for t in trials if t is not None), key=lambda t: t.score, default=None)
-        return None if best is None else self._refined(best)
+        known = [t for t in trials if t is not None]
+        best = max(known, key=lambda t: t.score, default=None)
+        if best is None:
+            return None
+        passing = max(self._passing(effect, known), key=lambda t: t.score, default=best)
+        found = [self._refined(t) for t in {id(t): t for t in (best, passing)}.values()]
+        return max(found, key=lambda t: t.score - t.price)
+
+    def _passing(self, effect: Effect, trials: Sequence[Score]) -> Iterator[Score]:
+        """Changes that are undone: of each variant the best step is the one edge, any other moment the other one."""
+        for variant in effect.variants:
+            passing, steps = variant.passing, [t for t in trials if t.candidate.variant == variant.name]
+            if passing is None or not steps:
+                continue
+            edge = dict(max(steps, key=lambda t: t.score).candidate.inner)["t0"]
+            for values in spans(edge, self.data):
+                trial = self.trial(with_inner(effect, passing, values, self.base))
+                if trial is not None:
+                    yield trial
 
     def _refined(self, best: Score) -> Score:
         """Move each inner number to where it explains most, in ever smaller steps."""
@@ -171,12 +190,14 @@ class CandidateEvaluator:
         if effect is None or not candidate.inner:
             return best
         variant = next(v for v in effect.variants if v.name == candidate.variant)
-        numbers = {number.name: number for number in effect.inner}
+        if candidate.passes:
+            variant = variant.passing or variant
+        numbers = {number.name: number for number in (*effect.inner, END)}
         for name, _ in candidate.inner:
 
             def at(trial: Score, value: float, name: str = name) -> Score | None:
                 values = {**dict(trial.candidate.inner), name: value}
-                return self.trial(with_inner(effect, variant, values, self.base))
+                return self.trial(with_inner(effect, variant, values, self.base)) if lasts(values) else None
 
             best = refined(best, numbers[name], self.data, at, lambda trial: trial.score)
         return best

@@ -1,9 +1,9 @@
 """The change at one moment that explains most of a flight, whatever its cause: the rival of every named change.
 
-From a time t0 on each axis may have other multiples of the constant, of the motion and controls that the flight has and
-moves, and of the terms of its model. Whatever breaks, drops, sticks or shifts in flight is of that form, in several
-axes at one time; an effect of the library that explains clearly less than this is not its cause. Terms are chosen one
-by one, so that what is left is short enough to be read: "from 73 s on CX: 1; Cm: 1".
+From a time t0 on, or up to a time t1, each axis may have other multiples of the constant, of the motion and controls
+that the flight has and moves, and of the terms of its model. Whatever breaks, drops, sticks or shifts in flight is of
+that form, in several axes at one time; an effect of the library that explains clearly less than this is not its cause.
+Terms are chosen one by one, so that what is left is short enough to be read: "from 73 s on CX: 1; Cm: 1".
 """
 
 from __future__ import annotations
@@ -14,28 +14,45 @@ from functools import partial
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
-from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, grid
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, grid, lasts, spans
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, moves, refined
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
-from aircraft_sysid_ros.effects.effect import OF_TIME, ShapeParameter
+from aircraft_sysid_ros.effects.effect import BEGIN, END, PULSE, STEP, fill
 
-#: Share of a flight in which the moment may lie, and the times that are tried first.
-_MOMENT = ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME)
 _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr")
-#: Characters of a term that can still be written with a step before it.
-_LONGEST = MAXIMUM_LENGTH - 50
+#: Characters of a term that can still be written with a pulse before it.
+_LONGEST = MAXIMUM_LENGTH - 80
 #: Terms of one axis, and moments at which terms are chosen.
 _MOST_TERMS, _MOST_MOMENTS = 4, 4
 
 
 def sudden_change(bench: CandidateEvaluator) -> Score | None:
     """The best change at one moment; None where none gains anything."""
-    times = [float(t) for t in grid(_MOMENT, bench.data) if np.isfinite(t)]
+    times = [{"t0": float(t)} for t in grid(BEGIN, bench.data) if np.isfinite(t)]
     whole = [(t, trial) for t in times if (trial := bench.trial(_candidate(bench, t, _everything(bench)))) is not None]
     whole.sort(key=lambda item: -_gain(item[1]))
     chosen = [_chosen(bench, t, trial) for t, trial in whole[:_MOST_MOMENTS]]
     best = max((trial for trial in chosen if trial is not None), key=_gain, default=None)
-    return None if best is None else refined(best, _MOMENT, bench.data, partial(_at, bench), _gain)
+    if best is None:
+        return None
+    edge, terms = dict(best.candidate.inner)["t0"], best.candidate.changed
+    passing = [bench.trial(_candidate(bench, values, terms)) for values in spans(edge, bench.data)]
+    other = max((trial for trial in passing if trial is not None), key=_gain, default=best)
+    found = [_refined(bench, trial) for trial in {id(t): t for t in (best, other)}.values()]
+    return max(found, key=lambda trial: _gain(trial) - trial.price)
+
+
+def _refined(bench: CandidateEvaluator, trial: Score) -> Score:
+    """Its times moved to where it explains most."""
+
+    def at(best: Score, value: float, name: str) -> Score | None:
+        """The same change at another time."""
+        values = {**dict(best.candidate.inner), name: value}
+        return bench.trial(_candidate(bench, values, best.candidate.changed)) if lasts(values) else None
+
+    for name, number in zip(dict(trial.candidate.inner), (BEGIN, END), strict=False):
+        trial = refined(trial, number, bench.data, partial(at, name=name), _gain)
+    return trial
 
 
 def _everything(bench: CandidateEvaluator) -> dict[str, list[str]]:
@@ -45,20 +62,20 @@ def _everything(bench: CandidateEvaluator) -> dict[str, list[str]]:
     return {axis: [term for term in listed if len(term) < _LONGEST] for axis, listed in terms.items()}
 
 
-def _candidate(bench: CandidateEvaluator, moment: float, terms: Mapping[str, Sequence[str]]) -> Candidate:
-    step = f"max(sign(time-({moment:.6g})),0)"
+def _candidate(bench: CandidateEvaluator, times: Mapping[str, float], terms: Mapping[str, Sequence[str]]) -> Candidate:
+    step = fill(PULSE if "t1" in times else STEP, times)
     texts = {}
     for axis, names in terms.items():
         parsed = bench.data.parsed(step if n == "1" else f"{step}*({n})" for n in names)
         texts[axis] = tuple(program.text for program in parsed)
-    return Candidate(None, "", (("t0", moment),), texts, changed=terms)
+    return Candidate(None, "", tuple(times.items()), texts, changed=terms)
 
 
 def _gain(trial: Score) -> float:
     return sum(value for value in trial.log_ratios.values() if value >= THRESHOLDS.change_gain)
 
 
-def _chosen(bench: CandidateEvaluator, moment: float, whole: Score) -> Score | None:
+def _chosen(bench: CandidateEvaluator, times: Mapping[str, float], whole: Score) -> Score | None:
     """The few terms that make most of the change at one moment."""
     few: dict[str, list[str]] = {}
     for axis, terms in _everything(bench).items():
@@ -67,7 +84,7 @@ def _chosen(bench: CandidateEvaluator, moment: float, whole: Score) -> Score | N
         kept: list[str] = []
         gained = 0.0
         while len(kept) < _MOST_TERMS:
-            trials = {t: bench.trial(_candidate(bench, moment, {axis: [*kept, t]})) for t in terms if t not in kept}
+            trials = {t: bench.trial(_candidate(bench, times, {axis: [*kept, t]})) for t in terms if t not in kept}
             gains = {term: trial.log_ratios[axis] for term, trial in trials.items() if trial is not None}
             best = max(gains, key=lambda term: gains[term], default=None)
             if best is None or gains[best] < gained + THRESHOLDS.change_gain:
@@ -76,9 +93,4 @@ def _chosen(bench: CandidateEvaluator, moment: float, whole: Score) -> Score | N
             kept.append(best)
         if kept:
             few[axis] = kept
-    return bench.trial(_candidate(bench, moment, few)) if few else None
-
-
-def _at(bench: CandidateEvaluator, trial: Score, moment: float) -> Score | None:
-    """The same change at another moment."""
-    return bench.trial(_candidate(bench, moment, trial.candidate.changed))
+    return bench.trial(_candidate(bench, times, few)) if few else None
