@@ -14,6 +14,7 @@ from aircraft_sysid_ros.diagnosis.flight.flight_data import FOLDS, FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import with_inner
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis, tied_gains
+from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
 from aircraft_sysid_ros.effects import LIBRARY, effect_of
 from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN
 
@@ -191,3 +192,38 @@ def test_a_price_grows_with_numbers_and_falls_with_time(aircraft):
     assert half.price == pytest.approx(1.5 * short.price) and long.price < 0.4 * short.price
     free = replace(short.candidate, ties={})
     assert free.numbers == 3 and short.candidate.numbers == 2
+
+
+def test_a_shift_that_is_undone_has_a_begin_and_an_end(aircraft):
+    """A passenger walks forward and back. One that stays does not pass."""
+    ends = {"passes": 99.0, "stays": np.inf}
+    found = {}
+    for name, end in ends.items():
+
+        def shifted(c, after, values, end=end):
+            there = after & (values["time"] < end)
+            c[there, 4] += 0.05 * c[there, 2]
+            c[there, 5] -= 0.05 * aircraft.chord / aircraft.span * c[there, 1]
+            return c
+
+        bench = CandidateEvaluator(flight_of(aircraft, shifted, seconds=180.0))
+        found[name] = bench.best_of(effect_of("cg_shift"))
+    inner = dict(found["passes"].candidate.inner)
+    assert found["passes"].candidate.passes and found["passes"].candidate.numbers == 3
+    assert inner["t0"] == pytest.approx(57.0, abs=1.0) and inner["t1"] == pytest.approx(99.0, abs=1.0)
+    assert float(found["passes"].gains["Cm"].parameters[0]) == pytest.approx(0.05, rel=0.1)
+    assert "to 99 s" in found["passes"].candidate.span
+    assert not found["stays"].candidate.passes
+    assert dict(found["stays"].candidate.inner)["t0"] == pytest.approx(57.0, abs=1.0)
+
+
+def test_what_passes_and_has_no_name_is_seen_with_both_its_times(aircraft):
+    def another(c, after, values):
+        there = after & (values["time"] < 99.0)
+        c[there, 5] += 0.02
+        return c
+
+    change = sudden_change(CandidateEvaluator(flight_of(aircraft, another, seconds=180.0)))
+    inner = dict(change.candidate.inner)
+    assert inner["t0"] == pytest.approx(57.0, abs=1.0) and inner["t1"] == pytest.approx(99.0, abs=1.0)
+    assert list(change.candidate.changed) == ["Cn"] and change.candidate.label.startswith("from 57 s to 99 s")

@@ -51,6 +51,11 @@ class Candidate:
         return self.effect.identifier + (f" ({self.variant})" if self.variant else "")
 
     @property
+    def moment(self) -> float:
+        """Time [s] at which a change begins."""
+        return dict(self.inner)["t0"]
+
+    @property
     def passes(self) -> bool:
         """It is a change that is undone later."""
         return "t1" in dict(self.inner)
@@ -58,8 +63,7 @@ class Candidate:
     @property
     def span(self) -> str:
         """When a change is there, in words; its times count from the start of the recording."""
-        times = dict(self.inner)
-        return f"from {times['t0']:.0f} s " + (f"to {times['t1']:.0f} s" if self.passes else "on")
+        return f"from {self.moment:.0f} s " + (f"to {dict(self.inner)['t1']:.0f} s" if self.passes else "on")
 
     @property
     def family(self) -> str:
