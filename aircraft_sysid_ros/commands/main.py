@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -64,6 +65,22 @@ def build_parser(command: str | None) -> argparse.ArgumentParser:
     return parser
 
 
+@contextmanager
+def _libraries_on_standard_error() -> Iterator[None]:
+    """Standard output is for the answer alone: the middleware of ROS writes its complaints there, too."""
+    try:
+        kept = os.dup(1)
+    except OSError:  # it is closed
+        yield
+        return
+    try:
+        os.dup2(2, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
@@ -77,7 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _failed("aircraft-sysid", error)
     status = 0
     try:
-        result = args.module.run(args)
+        with _libraries_on_standard_error():
+            result = args.module.run(args)
     except IncompleteError as error:
         print(f"{args.prog}: {error}", file=sys.stderr)
         result, status = error.result, FAILED

@@ -123,7 +123,9 @@ class FlightDiagnosis:
             for begin, end in _spans(finding.blocks)
         )
         words = unusual(self.flight, inside, judged)
-        return f"{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
+        candidate = finding.trial.candidate
+        since_when = f"{candidate.span}; " if "t0" in dict(candidate.inner) and not candidate.changed else ""
+        return f"{since_when}{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
 
     def _outside(self, candidate: Candidate) -> str:
         """What to do about terms that are no effect of the library."""

@@ -593,3 +593,15 @@ def test_the_installed_command_is_this_one():
         pytest.skip("the package is not installed in this environment")
     done = subprocess.run([command, "--help"], capture_output=True, text=True, check=True)
     assert all(name in done.stdout for name in ("simulate", "import", "replay", "play", "live", "demo"))
+
+
+def test_what_a_library_says_is_not_part_of_the_answer(cli, monkeypatch):
+    """The middleware of ROS writes its log to standard output, past Python."""
+
+    def run(args):
+        os.write(1, b"[RTPS_TRANSPORT_SHM Error] Failed init_port\n")
+        return {"answer": 42}
+
+    monkeypatch.setattr("aircraft_sysid_ros.commands.compare.run", run)
+    status, out, err = cli("compare", "run", "--json")
+    assert (status, json.loads(out)) == (0, {"answer": 42}) and "RTPS" in err
