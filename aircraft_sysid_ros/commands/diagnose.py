@@ -62,6 +62,8 @@ def render(result: dict[str, Any]) -> str:
     """The result for people."""
     searched = result["replicas"] or result["verdict"] != "none"
     headline = HEADLINES[result["verdict"]] if searched else "no input has stopped acting, more was not looked for"
+    if result.get("unknown") and result["verdict"] == "none":
+        headline = "nothing can be named, since the angles of flow are not measured"
     lines = [f"model {result['model']}: {headline}", ""]
     for candidate in result["candidates"]:
         lines += _about(candidate)

@@ -66,6 +66,8 @@ class Diagnosis:
     tried: int
     replicas: int
     bench: CandidateEvaluator = field(repr=False)  # the flight with what was found in the model
+    #: By axis: how many times the error of replicas is left in a flight whose inferred angles allow no name for it.
+    unknown: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def diagnose(
     }
     found: list[Finding] = []
     listed: list[Finding] = []
-    tried = 0
+    first, tried = bench, 0
     one: _Round | None = None
     for number in range(THRESHOLDS.most_effects):
         one = _Round(bench, empty, Null(scores), library, _part(progress, number), one)
@@ -126,9 +128,24 @@ def diagnose(
         bench = bench.extended(terms)
         empty = [other.extended(terms) for other in empty]
     progress(1.0)
+    unknown = _unknown(bench, floor, found)
+    if unknown:
+        found, bench = [], first
     names = {f.trial.candidate.family for f in found}
     order = found + [f for f in listed if f.trial.candidate.family not in names]
-    return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench)
+    return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench, unknown)
+
+
+def _unknown(bench: CandidateEvaluator, floor: Mapping[str, float], found: Sequence[Finding]) -> dict[str, float]:
+    """Axes of what was found in a flight with inferred angles whose error is still far above that of replicas."""
+    if not bench.data.inferred:
+        return {}
+    left = {f.trial.main_axis: bench.fits[f.trial.main_axis].nrmse_held_out for f in found}
+    return {
+        axis: error / floor[axis]
+        for axis, error in left.items()
+        if error > min(THRESHOLDS.inferred * floor[axis], THRESHOLDS.inferred_error)
+    }
 
 
 def _verdict(found: Sequence[Finding]) -> str:

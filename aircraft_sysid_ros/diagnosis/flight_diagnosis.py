@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.measurement import Setting, measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement import CONTROLS, Setting, measurement_faults
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, replicas_of
@@ -76,9 +76,16 @@ def _mended(
         better = with_setting(aircraft, fault.variant.setting, fault.value)
         mended, _ = reconstruct_as_flown(better, flight.samples, with_covariance=False)
         finding = _judged(faults[number:], settled_flight(flight), settled_flight(mended), tried)
+        if CONTROLS in fault.variant.setting and flight.data.inferred and not _explains_moments(finding):
+            continue
         if calm or any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values()):
             return better, mended, finding
     return None
+
+
+def _explains_moments(finding: MeasurementFinding) -> bool:
+    """Whether little is left of the moments: of angles that are inferred a delay of the controls explains some, too."""
+    return all(finding.errors[axis][1] <= THRESHOLDS.inferred_error for axis in MOMENTS if axis in finding.errors)
 
 
 def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tried: int) -> MeasurementFinding:

@@ -41,7 +41,7 @@ Array = npt.NDArray[np.float64]
 LONGEST = 120.0
 #: Steps towards the best value after the first look to both sides.
 _STEPS = 4
-_CONTROLS = "control_surfaces"
+CONTROLS = "control_surfaces"
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def try_setting(job: Job) -> Setting:
     """The best value of one setting, in a process of its own."""
     flight, samples, effect, variant, inner, sensors, controls, calm = job
     start = nominal(flight.aircraft, variant.setting)
-    of_controls = _CONTROLS in variant.setting
+    of_controls = CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
     of_sensors = THRESHOLDS.setting_total if calm else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
     needed = THRESHOLDS.control_gain if of_controls else of_sensors

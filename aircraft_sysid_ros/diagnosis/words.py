@@ -62,6 +62,7 @@ class FlightDiagnosis:
             "false_alarm_rate": THRESHOLDS.false_alarm,
             "least_size": THRESHOLDS.size,
             "noise_floor": dict(self.diagnosis.floor),
+            "unknown": dict(self.diagnosis.unknown),
             "tried": self.diagnosis.tried,
             "replicas": self.diagnosis.replicas,
         }
@@ -140,7 +141,13 @@ class FlightDiagnosis:
 
     def _advice(self) -> Iterator[str]:
         found = self.diagnosis.found
-        if not self.settings and not found:
+        for axis, times in self.diagnosis.unknown.items():
+            yield (
+                f"The error of {axis[0]}_{axis[1]} stays {times:.1f} times what the noise makes of it, whatever effect "
+                "is added: the angles of flow, which no vane measures, are not known well enough to name one. Measure "
+                "them."
+            )
+        if not self.settings and not found and not self.diagnosis.unknown:
             yield "Nothing is missing that this flight could show:"
             yield f"no effect explains {THRESHOLDS.size:.0%} of the error of an axis on flight that was held out."
         if not self.is_calm:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.commands.diagnose import render
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.diagnose import Null, diagnose
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
@@ -33,7 +34,7 @@ from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
-from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight, simulate_samples
 
 SOME = [
     BY_ID[name]
@@ -249,3 +250,20 @@ def test_a_delay_of_the_controls_does_not_stand_for_angles_that_are_inferred(air
         assert setting.value == pytest.approx(-late, abs=0.03)
     else:
         assert found == []
+
+
+def test_without_vanes_nothing_is_named_that_leaves_the_flight_unexplained(other_maker_without_vanes):
+    """A clean flight of JSBSim: what its inferred angles get wrong had been called propwash."""
+    said = other_maker_without_vanes
+    assert (said["verdict"], [c["label"] for c in said["candidates"] if c["found"]]) == ("none", [])
+    ((axis, times),) = said["unknown"].items()
+    assert times > 2.0 and f"The error of C_{axis[1]} stays {times:.1f} times" in said["advice"]
+    assert "Nothing is missing" not in said["advice"]
+    text = render({**said, "model": "m", "notes": []})
+    assert text.startswith("model m: nothing can be named, since the angles of flow are not measured")
+
+
+@pytest.fixture(scope="module")
+def other_maker_without_vanes():
+    flight = hidden_flight("c172p", None, seed=9303, duration=60.0)
+    return diagnose_flight(flight.aircraft, without_vanes(flight), replicas=2).json

@@ -149,7 +149,9 @@ def notes_of(report: FailureReport) -> list[str]:
         notes.append(f"{wind.text}: {taken}")
     elif wind is not None and not wind.is_known:
         notes.append("the course changes too little to tell the wind from the speed over ground")
-    notes += [f"{axis[0]}_{axis[1]} cannot be judged: {why}" for axis, why in report.not_judged.items()]
+    notes += [
+        f"inputs that fail are not looked for in {axis[0]}_{axis[1]}: {why}" for axis, why in report.not_judged.items()
+    ]
     return notes
 
 
