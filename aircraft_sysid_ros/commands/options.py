@@ -61,7 +61,11 @@ def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, Parameter
     try:
         state = StateOptions(horizon=args.horizon, calm_air=args.calm_air, air_data_errors=args.air_data_errors)
         parameters = ParameterOptions(
-            forgetting_time=args.forgetting_time, estimator=args.estimator, relearn=args.relearn, **band
+            forgetting_time=args.forgetting_time,
+            estimator=args.estimator,
+            relearn=args.relearn,
+            measured_angles=not args.air_data_errors,
+            **band,
         )
     except OptionError as error:
         if error.name in band:

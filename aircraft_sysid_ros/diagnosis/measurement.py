@@ -23,6 +23,7 @@ from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GRO
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     AIR_DATA,
     Likelihood,
+    OF_FILTER,
     Reconstruction,
     flight_data_of,
     log_likelihood,
@@ -199,7 +200,7 @@ def control_score(flight: Reconstruction, aircraft: Aircraft) -> float:
     of flow, and where those are inferred a delay of the controls stands for their errors: C_Z of flights without vanes
     gained by it what C_l lost.
     """
-    parameters = Identifier(aircraft)
+    parameters = Identifier(aircraft, OF_FILTER)
     parameters.push_samples(flight.samples, flight.epoch)
     points = np.vstack([parameters.push_states(flight.rows, flight.epoch), parameters.flush()])
     data, total = flight_data_of(aircraft, points), 0.0

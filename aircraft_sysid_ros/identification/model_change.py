@@ -33,7 +33,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_di
 from aircraft_sysid_ros.aircraft.expression import evaluate_programs, evaluate_rows, link, with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
-from aircraft_sysid_ros.identification.coefficients.evaluation import term_noise
+from aircraft_sysid_ros.identification.coefficients.evaluation import term_noise, term_shifts
 from aircraft_sysid_ros.identification.coefficients.signals import sensor_noise, signal_noise
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import PRIOR_VARIANCE, RlsState
@@ -50,6 +50,8 @@ _LEAST_POINTS = 10
 _SINGULAR = 1e-10
 #: Time [s] before now beyond which the motion of a term counts no more.
 _MOTION_TIME = 20.0
+#: Angle [rad] by which terms are differentiated.
+_SMALL_ANGLE = 1e-3
 _ROW_WIDTH, _AIR_VELOCITY_STD = StateField.WIDTH, StateField.AIR_VELOCITY_STD
 
 
@@ -210,6 +212,7 @@ def _changed_state(estimator: Identifier, new: AerodynamicModel, past: Remembere
         theta, p = reduced(was.theta[i, :count], was.p[i, :count, :count], keep)
         rows = [*place, count, count + 1]
         sums, recent = was.sums[i][:, rows][:, :, rows], was.recent[i][:, rows]
+        of_vanes = was.vane_covariance[i][np.ix_(place, place)]
         first, source = int(new.offsets[i]), int(old.offsets[i]) + np.array(place, dtype=np.int64)
         for name in ("term_mean", "term_square", "noise_square", "last_learnt"):
             getattr(learning, name)[first : first + n] = getattr(was, name)[source]
@@ -219,9 +222,11 @@ def _changed_state(estimator: Identifier, new: AerodynamicModel, past: Remembere
             x, y = rows_now[:, : len(after)], rows_now[:, len(after)]
             theta, p = extended(theta, p, x[:, :n], x[:, n:], y, after[n:])
             sums, recent = _remade_sums(estimator, sums, recent, moments, n)
+            of_vanes = _vane_covariance(estimator, new, i, past, of_vanes)
             _follow_new_terms(estimator, learning, new, i, n, past)
         m = len(after)
         learning.theta[i, :m], learning.p[i, :m, :m] = theta, p
+        learning.vane_covariance[i, :m, :m] = of_vanes
         if before == after:
             learning.prior[i, :m, :m] = was.prior[i, :m, :m]
         learning.sums[i, :, : m + 2, : m + 2], learning.recent[i, :, : m + 2] = sums, recent
@@ -277,6 +282,36 @@ def _follow_new_terms(
         share = _fading(estimator, int(used.sum()))
         learning.noise_square[part] = share @ variance / share.sum()
         learning.last_learnt[part] = past.time[used][-1]
+
+
+def _vane_covariance(
+    estimator: Identifier, model: AerodynamicModel, axis: int, past: RememberedSamples, known: Array
+) -> Array:
+    """Covariance (m, m) of the terms of an axis from the noise of the vanes: ``known`` (n, n) that of the old terms.
+
+    That of the new ones follows over the past, from as much noise as the old ones have.
+    """
+    used, n, m = past.learnt[:, axis] > 0.0, len(known), len(model.terms[AXES[axis]])
+    out = np.zeros((m, m))
+    if used.any() and known.any():
+        signals = np.ascontiguousarray(past.signals[used])
+        shifts = _shifts(*link(model.programs[axis], model.lags), signals, np.full(2, _SMALL_ANGLE))
+        share = _fading(estimator, len(signals))
+        out = np.einsum("k,kvi,kvj->ij", share / share.sum(), shifts, shifts)
+        out *= np.trace(known) / np.trace(out[:n, :n])
+    out[:n, :n] = known
+    return out
+
+
+@njit(cache=True)
+def _shifts(code: Array, offsets: npt.NDArray[np.int64], signals: Array, std: Array) -> Array:
+    """By how much one sigma (2,) of each vane moves each term, (k, 2, n), at signals (k, …)."""
+    n = len(offsets) - 1
+    out, terms = np.zeros((len(signals), 2, n)), np.empty(n)
+    for k in range(len(signals)):
+        evaluate_programs(code, offsets, signals[k], terms)
+        term_shifts(code, offsets, signals[k], std, terms, out[k])
+    return out
 
 
 @njit(cache=True)

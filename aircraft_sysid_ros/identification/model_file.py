@@ -14,7 +14,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
 
 _FORMAT = "aircraft_sysid_ros model 1"
-_LEARNT = ("theta", "p", "sums", "noise_square", "updates")
+_LEARNT = ("theta", "p", "sums", "noise_square", "updates", "vane_covariance")
 
 
 def save_model(estimator: Identifier, path: str | Path) -> None:
@@ -49,7 +49,9 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
         raise InputError(f"{path} is not a model of this program: give a file written by save_model")
     try:
         terms = model_from_terms(content["terms"], estimator.model.inputs).terms
-        learnt = {name: np.array(content["learnt"][name], dtype=np.float64) for name in _LEARNT}
+        nothing = {"vane_covariance": estimator.learning.least_squares.new_state(estimator.model).vane_covariance}
+        saved = nothing | content["learnt"]  # an older file does not have it
+        learnt = {name: np.array(saved[name], dtype=np.float64) for name in _LEARNT}
     except (KeyError, TypeError, ValueError):
         raise InputError(f"the model file {path} is damaged: save it again") from None
     if terms != estimator.model.terms:

@@ -26,6 +26,11 @@ class ParameterOptions:
     )
     settle: float = option(0.2, "How much later than the state a control sample may come.", "s", 0.0, 5.0)
     largest_gap: float = option(0.1, "Longest time between states inside a window.", "s", 0.001, 1.0)
+    measured_angles: bool = option(
+        True,
+        "Where gusts make the filter late, regress on angles as the vanes measure them. Not for vanes whose errors the "
+        "first step estimates.",
+    )
     lag_time: float = option(2.0, "Time over which residuals may be correlated.", "s", 0.1, 10.0, _WINDOW)
     error_window: float = option(10.0, "Length of the sliding window of the model error.", "s", 1.0, 600.0)
     estimator: EstimatorName = option(

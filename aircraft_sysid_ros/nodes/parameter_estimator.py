@@ -33,8 +33,10 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
 )
 
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
+#: Heard for the vanes; kept and counted by the first step.
+VANES_TOPIC = "air_data"
 #: What an estimator hears besides: the measurements that it predicts.
-MORE_INPUTS = {"rml": ("air_data", "gps/fix", "gps/vel")}
+MORE_INPUTS = {"rml": ("gps/fix", "gps/vel")}
 OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions)
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
@@ -59,8 +61,8 @@ class ParameterEstimatorNode(EstimatorNode):
         """The estimator, compiled."""
         self._epoch, self._due = None, -np.inf
         options = options_from(ParameterOptions, values)
-        more = MORE_INPUTS.get(options.estimator, ())
-        if "air_data" in more and self.correction is not None and self.correction.uses_probe:
+        more = (VANES_TOPIC, *MORE_INPUTS.get(options.estimator, ()))
+        if self.correction is not None and self.correction.uses_probe:
             more = (*more, PROBE_TOPIC)
         if aircraft.inputs:
             more = (*more, INPUTS_TOPIC)

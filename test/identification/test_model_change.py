@@ -205,8 +205,9 @@ def test_removed_again_all_is_as_before(flown, at_sixty):
     change_model(estimator, with_terms(estimator.aircraft, {}, HIDDEN), memory.newest())
     assert estimator.model.identifier == was.identifier
     for new, old in zip(estimator.snapshot().parameters, before.parameters, strict=True):
-        # P of the recursion forgets in a direction, the past does so evenly: that is the difference
-        assert abs(new.value - old.value) < 1e-6 * abs(old.value) + 1e-3 * old.std, new.name
+        # P of the recursion forgets in a direction, the past does so evenly: that is the difference, also in how much
+        # of the pull of the vanes' noise is put right
+        assert abs(new.value - old.value) < 1e-6 * abs(old.value) + 1e-2 * old.std, new.name
     flown.fly(estimator, 60.0, 70.0)
 
 

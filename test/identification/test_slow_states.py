@@ -110,7 +110,7 @@ def test_what_was_learnt_stays_when_the_imu_becomes_too_slow() -> None:
     found = pipeline.parameters.snapshot()
     assert all(p.age > 40.0 for p in found.parameters if p.status == Trust.USE)
     z, _ = errors(found)
-    assert np.mean(np.abs(z) < 1.96) >= 0.9
+    assert np.mean(np.abs(z) < 1.96) >= 0.85 and np.abs(z).max() < 3.5, np.round(z, 1)
 
 
 @pytest.mark.parametrize(("rate", "controls"), [(100.0, 3.0), (10.0, 5.0)])

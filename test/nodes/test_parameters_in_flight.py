@@ -74,9 +74,15 @@ def flying(bench, raw):
     """Both nodes in flight, and what their estimators were given: samples and rows, in order."""
     state, parameters = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode)
     given = {"state": [], "rows": [], "parameters": []}
-    state.on_samples, parameters.on_samples = given["state"].append, given["parameters"].append
-    state.on_rows = given["rows"].append
+    state.on_samples, state.on_rows = given["state"].append, given["rows"].append
     assert start(state) and start(parameters)
+    push = parameters.estimator.push_samples
+
+    def kept(samples, epoch):
+        given["parameters"].append(samples)
+        push(samples, epoch)
+
+    parameters.estimator.push_samples = kept
 
     def fly(begin, end):
         bench.play(raw, begin, end, state)

@@ -11,7 +11,7 @@ from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
-PARAMETERS = parameter_estimator.INPUTS
+PARAMETERS = (*parameter_estimator.INPUTS, parameter_estimator.VANES_TOPIC)
 PROBE = {"five_hole_probe": {"alpha_sensitivity": 3.9, "beta_sensitivity": 3.9}}
 
 

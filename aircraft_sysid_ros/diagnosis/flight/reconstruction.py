@@ -26,6 +26,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSam
 from aircraft_sysid_ros.identification.coefficients.pace import interval_of, sparse_interval
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_GAP
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed, options_after_flight
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
@@ -36,7 +37,8 @@ from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, flights, is_absu
 
 Array = npt.NDArray[np.float64]
 
-
+#: The angles of the smoother are not late, and its errors are those that the noise floor and the replicas have.
+OF_FILTER = ParameterOptions(measured_angles=False)
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
 _LEAST_FOR_NOISE = 200
@@ -100,7 +102,7 @@ def reconstruct(
 
     Without the covariance of the smoother it is faster, and standard deviations are those of the filter.
     """
-    state, parameters = StateEstimator(aircraft, options), Identifier(aircraft)
+    state, parameters = StateEstimator(aircraft, options), Identifier(aircraft, OF_FILTER)
     filtered = [rows[:, StateField.AIR_VELOCITY_STD].copy() for rows in _filtered_rows(state, samples)]
     if state.epoch is None or not state.has_been_aligned:
         raise InputError("the filter does not start on the samples of this flight: replay says why")

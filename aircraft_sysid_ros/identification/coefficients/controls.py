@@ -1,4 +1,4 @@
-"""Controls, heights and mass properties as they come, late or early, and what they are at the times of states."""
+"""Controls, heights, vanes and mass properties as they come, late or early, and what they are at times of states."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
+from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
 from aircraft_sysid_ros.identification.coefficients.layout import Body
 from aircraft_sysid_ros.identification.coefficients.pace import SPARSEST_CONTROLS, Pace
 from aircraft_sysid_ros.identification.coefficients.signals import (
@@ -33,11 +34,13 @@ MOST_EARLY = 10_000
 _MOST_BEHIND = 1000
 #: So many values within so long [s] that no aircraft has are no faults of transmission: the unit is another one.
 _MOST_ABSURD, _ABSURD_TIME = 10, 30.0
+#: Kinds whose late samples the first step counts.
+_OF_FIRST_STEP = [kind for kind, _ in VANES]
 _NAMES = ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller speed")
 
 
 class ControlHistory:
-    """Series of controls, named inputs and heights [s after the epoch], and the body that mass properties make."""
+    """Series of controls, inputs, heights and vanes [s after the epoch], and the body that mass properties make."""
 
     def __init__(self, aircraft: Aircraft, settle: float) -> None:
         """``settle`` [s]: how much later than the state a sample may come."""
@@ -60,6 +63,7 @@ class ControlHistory:
             Kind.CONTROLS: (np.empty(0), np.empty((0, CONTROL_COUNT))),
             Kind.INPUTS: (np.empty(0), np.empty((0, MOST_INPUTS))),
             Kind.HEIGHT: (np.empty(0), np.empty((0, 1))),
+            **{kind: (np.empty(0), np.empty((0, 1))) for kind, _ in VANES},
         }
         self._behind = {kind: deque(maxlen=_MOST_BEHIND) for kind in self._series}
         self.used_until = -np.inf
@@ -67,12 +71,12 @@ class ControlHistory:
         self._absurd: list[list[float]] = [[] for _ in range(CONTROL_COUNT)]  # times [s] of values that none has
         self._misread = dict.fromkeys(self._misread, -np.inf)
         for kind, samples in behind.items():
-            self.late -= len(samples)
+            self.late -= len(samples) if kind not in _OF_FIRST_STEP else 0
             for time, values in samples:
                 self._insert(kind, np.array([time]), values[None])
 
     def add(self, samples: Samples, epoch: int, due: Integers | None = None) -> None:
-        """Take controls, named inputs, heights and mass properties; other kinds are passed over.
+        """Take controls, named inputs, heights, vanes and mass properties; other kinds are passed over.
 
         ``due`` (n,) [ns] is the newest time of states that could have come before each sample, where samples come in
         blocks: what was late by then is late, however large the blocks are.
@@ -119,7 +123,7 @@ class ControlHistory:
     def _insert(self, kind: Kind, times: Array, values: Array, used: Array | None = None) -> None:
         """Keep a series sorted; what comes after its time was used, or could have been (n,) [s], is late."""
         in_time = times > (self.used_until if used is None else np.maximum(used, self.used_until))
-        self.late += int((~in_time).sum())
+        self.late += int((~in_time).sum()) if kind not in _OF_FIRST_STEP else 0
         if in_time.any():
             self._behind[kind].clear()
         self._behind[kind].extend(zip(times[~in_time].tolist(), values[~in_time], strict=True))
@@ -163,6 +167,10 @@ class ControlHistory:
         lowest = np.minimum.accumulate(np.minimum(altitude, self._lowest))
         self._lowest = float(lowest[-1])
         return altitude - lowest
+
+    def vanes(self) -> list[tuple[Array, Array]]:
+        """Times [s] and values (k, 1) of each of VANES."""
+        return [self._series[kind] for kind, _ in VANES]
 
     def forget_before(self, used_until: float) -> None:
         """States up to a time [s] have been used."""

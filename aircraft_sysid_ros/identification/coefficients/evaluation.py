@@ -13,6 +13,7 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft.expression import (
     FIRST_LAG,
+    SIGNAL_INDEX,
     STACK_SIZE,
     evaluate_program,
     evaluate_programs,
@@ -20,6 +21,7 @@ from aircraft_sysid_ros.aircraft.expression import (
 )
 from aircraft_sysid_ros.aircraft.rigid_body import coefficients_of, moment_at_reference
 from aircraft_sysid_ros.estimation.window_average import window_average
+from aircraft_sysid_ros.identification.coefficients.flow_angles import ANGLES, STD, VANE_STD
 from aircraft_sysid_ros.identification.coefficients.layout import (
     BIAS_VARIANCE,
     CENTRIPETAL,
@@ -39,6 +41,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     TERMS_OF_SAMPLE,
     TIME,
     VALID,
+    VANE_NOISE,
     WHITE_VARIANCE,
     Body,
     CoefficientSample,
@@ -62,6 +65,8 @@ _SPECIFIC_FORCE, _RATES = StateField.SPECIFIC_FORCE.start, StateField.ANGULAR_VE
 _ACCELEROMETER_BIAS_STD = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 _SAMPLE_TIME = CoefficientSample.TIME
 _FORCES = 3
+#: The signals that vanes measure, in the order of ``flow_angles.VANES``.
+ANGLE_SIGNALS = np.array([SIGNAL_INDEX["alpha"], SIGNAL_INDEX["beta"]])
 
 
 @njit(cache=True)
@@ -80,6 +85,7 @@ def _may_learn(row: Array, body: Body) -> bool:
 @njit(cache=True)
 def fill_history(
     rows: Array,
+    angles: Array,
     controls: Array,
     heights: Array,
     body: Body,
@@ -89,7 +95,10 @@ def fill_history(
     start_time: float,
     out: Array,
 ) -> None:
-    """History rows (n, TERM + terms) from states (n, StateField.WIDTH), controls (n, 17) and heights (n,)."""
+    """History rows (n, TERM + terms) from states (n, StateField.WIDTH), controls (n, 17) and heights (n,).
+
+    ``angles`` (n, …) of ``flow_angles`` take the place of those of the states.
+    """
     for i in range(len(rows)):
         row, h = rows[i], out[i]
         rate = row[_RATES : _RATES + 3]
@@ -98,6 +107,9 @@ def fill_history(
         h[FLYING] = 1.0 if _may_learn(row, body) else 0.0
         fill_signals(row, controls[i], heights[i], start_time, body.geometry, body.gravity, signals)
         signal_noise(signals, row, sensors, body.geometry, h[NOISE:TERM])
+        for k in range(len(ANGLE_SIGNALS)):
+            signals[ANGLE_SIGNALS[k]], h[NOISE + ANGLE_SIGNALS[k]] = angles[i, ANGLES + k], angles[i, STD + k]
+            h[VANE_NOISE + k] = angles[i, VANE_STD + k]
         h[QBAR] = 0.5 * row[_DENSITY] * row[_AIRSPEED] * row[_AIRSPEED]
         h[RATE : RATE + 3] = rate
         momentum = body.inertia @ rate
@@ -145,6 +157,24 @@ def term_noise(code: Array, code_offsets: Integers, signals: Array, noise: Array
 
 
 @njit(cache=True)
+def term_shifts(code: Array, code_offsets: Integers, signals: Array, noise: Array, terms: Array, out: Array) -> None:
+    """By how much one sigma of the noise (2,) of each vane moves each term, into ``out`` (2, n)."""
+    out[:] = 0.0
+    stack, moved = np.empty(STACK_SIZE), signals.copy()
+    for k in range(len(ANGLE_SIGNALS)):
+        signal = ANGLE_SIGNALS[k]
+        if not (noise[k] > 0.0 and np.isfinite(signals[signal])):
+            continue
+        moved[signal] = signals[signal] + noise[k]
+        for j in range(len(terms)):
+            first, last = code_offsets[j], code_offsets[j + 1]
+            if reads_signal(code, first, last, signal):
+                shift = evaluate_program(code, first, last, moved, stack) - terms[j]
+                out[k, j] = shift if np.isfinite(shift) else 0.0
+        moved[signal] = signals[signal]
+
+
+@njit(cache=True)
 def fill_lag_noise(code: Array, code_offsets: Integers, history: Array) -> None:
     """One sigma of each lag into history rows: that of what it follows, since errors of the flow angles are slow."""
     values, out = np.empty(len(code_offsets) - 1), np.empty(len(code_offsets) - 1)
@@ -187,6 +217,7 @@ def evaluate_windows(
     code_offsets: Integers,
     samples: Array,
     noise: Array,
+    vane_noise: Array,
     weights: Array,
 ) -> tuple[int, int]:
     """Coefficients and terms at every multiple of the step [s] whose window the history covers.
@@ -194,7 +225,8 @@ def evaluate_windows(
     history (n, TERM + terms) ascending in time; ``next_index`` the first multiple to look at; ``force_noise`` [N] one
     sigma of the accelerometer's white noise over a window, times mass; ``sparse``: rows are far apart for the window.
     Returns the next multiple and how many rows were written to ``samples`` (m, CoefficientSample.TERMS + terms),
-    ``noise`` (m, terms) and ``weights`` (m, WEIGHT_COLUMNS). A window with a gap or on the ground is passed over.
+    ``noise`` (m, terms), ``vane_noise`` (m, 2, terms) and ``weights`` (m, WEIGHT_COLUMNS). A window with a gap or on
+    the ground is passed over.
     """
     times = history[:, TIME].copy()
     count, low = 0, 0
@@ -218,6 +250,8 @@ def evaluate_windows(
         sample[TERMS_OF_SAMPLE:] = means[TERM:] / means[QBAR]
         evaluate_programs(code, code_offsets, signals, at_mean)  # a mean of powers is no power of means
         term_noise(code, code_offsets, signals, means[NOISE:TERM], at_mean, noise[count])
+        of_vanes = means[VANE_NOISE : VANE_NOISE + 2]
+        term_shifts(code, code_offsets, signals, of_vanes, at_mean, vane_noise[count])
         weights[count, WHITE_VARIANCE] = (force_noise / (means[QBAR] * body.geometry[0])) ** 2
         for k in range(_FORCES):
             weights[count, FORCE_BIAS_VARIANCE + k] = means[BIAS_VARIANCE + k]

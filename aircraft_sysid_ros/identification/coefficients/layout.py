@@ -17,7 +17,8 @@ Array = npt.NDArray[np.float64]
 TIME, FLYING, QBAR = 0, 1, 2
 FORCE, RATE, CENTRIPETAL, GYROSCOPIC = 3, 6, 9, 12  # three columns each
 BIAS_VARIANCE = 15  # of the measured force coefficients from the accelerometer bias, three columns
-SIGNAL = 18
+VANE_NOISE = 18  # one sigma [rad] of a vane's white noise in alpha and beta, averaged over a window; two columns
+SIGNAL = 20
 NOISE = SIGNAL + SIGNAL_COUNT
 TERM = NOISE + SIGNAL_COUNT
 
@@ -65,6 +66,7 @@ class CoefficientBatch(NamedTuple):
     body: Body  # that holds for them
     samples: Array  # (m, CoefficientSample.TERMS + terms)
     noise: Array  # (m, terms) one sigma of the noise in each term
+    vane_noise: Array  # (m, 2, terms) by how much one sigma of the noise of each vane moves it
     weights: Array  # (m, WEIGHT_COLUMNS)
 
     def parts(self, edges: list[int], half_width: float) -> Iterator[CoefficientBatch]:
@@ -76,5 +78,5 @@ class CoefficientBatch(NamedTuple):
             of_states, of_samples = slice(low, high), slice(first, last)
             yield CoefficientBatch(
                 self.rows[of_states], self.history[of_states], self.body,
-                self.samples[of_samples], self.noise[of_samples], self.weights[of_samples],
+                self.samples[of_samples], self.noise[of_samples], self.vane_noise[of_samples], self.weights[of_samples],
             )  # fmt: skip

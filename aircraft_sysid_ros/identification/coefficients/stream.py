@@ -13,6 +13,7 @@ from aircraft_sysid_ros.aircraft.expression import Memory, evaluate_rows, link
 from aircraft_sysid_ros.identification.coefficients.body import force_noise
 from aircraft_sysid_ros.identification.coefficients.controls import MOST_EARLY, ControlHistory
 from aircraft_sysid_ros.identification.coefficients.evaluation import evaluate_windows, fill_history, fill_lag_noise
+from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES, FlowAngles, angles_of_filter
 from aircraft_sysid_ros.identification.coefficients.layout import (
     NOISE,
     QBAR,
@@ -35,7 +36,7 @@ Integers = npt.NDArray[np.int64]
 
 #: Rows this long [s] before the newest window are dropped.
 _MARGIN = 0.5
-_OWN_KINDS = [int(kind) for kind in (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.INPUTS)]
+_OWN_KINDS = [int(kind) for kind in (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.INPUTS, *(kind for kind, _ in VANES))]
 
 
 class CoefficientStream:
@@ -47,6 +48,7 @@ class CoefficientStream:
         self._early: deque[Samples] = deque(maxlen=MOST_EARLY)
         self.controls = ControlHistory(aircraft, options.settle)
         self.pace = Pace()  # of the states
+        self._angles = FlowAngles(aircraft, self.controls.body.gravity)
         self.change_options(options)
         self._set_model(aircraft)
         self._history = np.empty((0, self._width))
@@ -102,6 +104,7 @@ class CoefficientStream:
         self._restart()
         self.pace.restart()
         self.controls.restart_clock()
+        self._angles.restart_clock()
 
     # -- what comes in ------------------------------------------------------------------------------------------------
 
@@ -135,20 +138,32 @@ class CoefficientStream:
         self._waiting = [rows[due:]] if due < len(rows) else []
         if not due:
             return
+        angles = self._flow_angles(rows, due)
         for part, body in self.controls.parts_of_one_mass(rows[:due]):
+            of_part, angles = angles[: len(part)], angles[len(part) :]
             for even in self.pace.follow(part[:, StateField.TIME]):
                 if self.pace.interval != self._kept_interval:
                     self._keep_pace()
-                yield part[even], self._history_of(part[even], body), body
+                flow = angles_of_filter(part[even]) if self.pace.is_sparse else of_part[even]
+                yield part[even], self._history_of(part[even], flow, body), body
 
-    def _history_of(self, rows: Array, body: Body) -> Array:
+    def _flow_angles(self, rows: Array, due: int) -> Array:
+        """Angles of the first ``due`` of states, as ``flow_angles`` has them.
+
+        rml predicts the vanes itself and begins on the states of the first step as they are.
+        """
+        options = self._options
+        vanes = self.controls.vanes() if options.measured_angles and options.estimator != "rml" else None
+        return self._angles.at(rows, due, vanes, options.settle, options.half_width)
+
+    def _history_of(self, rows: Array, angles: Array, body: Body) -> Array:
         times = rows[:, StateField.TIME]
         if self.start_time is None:
             self.start_time = float(times[0])
             self._next_index = int(np.ceil(times[0] / self._options.step))
         controls, heights = self.controls.at(rows, self.pace.is_sparse)
         history = np.empty((len(rows), self._width))
-        fill_history(rows, controls, heights, body, self._sensor_noise, *self._code, self.start_time, history)
+        fill_history(rows, angles, controls, heights, body, self._sensor_noise, *self._code, self.start_time, history)
         if self._model.lags:
             self._write_terms(history)
         self.controls.forget_before(float(times[-1]))
@@ -161,11 +176,13 @@ class CoefficientStream:
         span = self._history[-1, TIME] - self._next_index * options.step
         most = max(int(span / options.step) + 2, 0)
         samples, noise = np.empty((most, CoefficientSample.TERMS + terms)), np.empty((most, terms))
-        weights = np.empty((most, WEIGHT_COLUMNS))
+        vane_noise, weights = np.empty((most, len(VANES), terms)), np.empty((most, WEIGHT_COLUMNS))
         self._next_index, count = evaluate_windows(
             self._history, self._next_index, options.step, options.half_width, self._largest_gap, self.force_noise,
-            self.pace.is_sparse, body, *self._code, samples, noise, weights,
+            self.pace.is_sparse, body, *self._code, samples, noise, vane_noise, weights,
         )  # fmt: skip
         oldest = self._next_index * options.step - options.half_width - _MARGIN
         self._history = self._history[int(np.searchsorted(self._history[:, TIME], oldest)) :]
-        return CoefficientBatch(rows, history, body, samples[:count], noise[:count], weights[:count])
+        return CoefficientBatch(
+            rows, history, body, samples[:count], noise[:count], vane_noise[:count], weights[:count]
+        )

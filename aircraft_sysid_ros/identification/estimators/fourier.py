@@ -35,6 +35,7 @@ from aircraft_sysid_ros.estimation.recursive_fourier import (
     spectral_least_squares,
 )
 from aircraft_sysid_ros.identification.coefficients.body import body_of, force_noise
+from aircraft_sysid_ros.identification.coefficients.flow_angles import WINDOW_WIDTH
 from aircraft_sysid_ros.identification.coefficients.layout import TERM, TIME, CoefficientBatch
 from aircraft_sysid_ros.identification.coefficients.pace import Pace
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset, KnownParameters
@@ -63,6 +64,7 @@ from aircraft_sysid_ros.identification.estimators.fourier_transforms import (
     weigh,
 )
 from aircraft_sysid_ros.identification.estimators.reset_prior import MEMORY, within_prior
+from aircraft_sysid_ros.identification.estimators.vane_noise import compensation
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.samples import Samples
 
@@ -202,19 +204,23 @@ class FourierEstimator:
             return AxisEstimate(np.full(n, np.nan), np.full((n, n), np.nan), samples, learnt, np.zeros(n))
         regressors, fit, prior = *self._fit(axis, window), self._prior(axis)
         theta = np.where(fit.solution.determined, fit.solution.estimate, np.nan)
-        noise, unit = bank.noise_square[part], self._unit(axis, fit)
+        unit, of_vanes = self._unit(axis, fit), bank.vane_covariance[axis, :n, :n]
+        put_right = compensation(fit.solution.inverse, unit, of_vanes)
+        all_noise = bank.noise_square[part]
+        noise = np.maximum(all_noise - np.diag(put_right.covariance), 0.0)
         pull = fit.solution.inverse @ (unit * noise * fit.solution.estimate)
         constant = self._model.constants[axis]
         of_bias = bank.bias_variance[axis] * np.outer(constant, constant)
         systematic = np.outer(pull, pull) + of_bias
         if prior is not None:
             covariance = covariance_with_prior(fit, regressors, window, prior) + systematic
-            return AxisEstimate(theta, within_prior(covariance, prior.information), samples, learnt)
-        covariance = spectral_covariance(fit, regressors, window) + systematic
+            covariance = put_right.widened(within_prior(covariance, prior.information), theta)
+            return AxisEstimate(put_right.freed(theta), covariance, samples, learnt)
+        covariance = put_right.widened(spectral_covariance(fit, regressors, window) + systematic, theta)
         variance = np.where(fit.solution.determined, np.diag(fit.solution.inverse) * unit, np.inf)
         alone = 1.0 / np.sqrt(variance)  # rms of what no other term explains, in the band
-        excitation = alone / np.where(noise > 0.0, np.sqrt(noise), _NOISE_OF_ONE)
-        return AxisEstimate(theta, covariance, samples, learnt, excitation)
+        excitation = alone / np.where(all_noise > 0.0, np.sqrt(all_noise), _NOISE_OF_ONE)
+        return AxisEstimate(put_right.freed(theta), covariance, samples, learnt, excitation)
 
     def _has_enough(self, axis: int) -> bool:
         n = int(np.diff(self._model.offsets)[axis])
@@ -319,4 +325,5 @@ def setting_of(aircraft: Aircraft, options: ParameterOptions) -> Setting:
         excitation=options.excitation,
         force_noise=force_noise(aircraft, options.half_width),
         in_band=in_band,
+        vane_in_band=np.sqrt(min(2.0 * (high - low) * options.half_width / WINDOW_WIDTH, 1.0)),
     )

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.estimation.recursive_fourier import advance, step_factor
-from aircraft_sysid_ros.identification.coefficients.evaluation import term_noise
+from aircraft_sysid_ros.identification.coefficients.evaluation import ANGLE_SIGNALS, term_noise, term_shifts
 from aircraft_sysid_ros.identification.coefficients.layout import (
     BIAS_VARIANCE,
     CENTRIPETAL,
@@ -25,8 +25,10 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     SIGNAL,
     TERM,
     TIME,
+    VANE_NOISE,
     Body,
 )
+from aircraft_sysid_ros.identification.estimators.vane_noise import follow_vane_noise
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -53,6 +55,9 @@ class Bank(NamedTuple):
     length: Array  # (6,) [s] of data
     weight: Array  # (6,) root of the weight of data that come now, when the transforms were scaled last
     noise_square: Array  # (parameters,) faded mean of the noise variance of each term in the band
+    vane_covariance: (
+        Array  # (6, n, n) faded mean of the covariance of the terms from the noise of the vanes in the band
+    )
     dynamic_pressure: Array  # (6,) faded mean of its square
     bias_variance: Array  # (6,) newest variance of the coefficient from the accelerometer bias
     last_learnt: Array  # (parameters,) [s]
@@ -61,6 +66,7 @@ class Bank(NamedTuple):
     term_square: Array
     noise: Array  # (parameters,) newest one sigma, as the term is recorded
     noise_in_band: Array  # (parameters,) and what of it lies in the band
+    vane_noise: Array  # (2, parameters) newest: by how much one sigma of each vane, in the band, moves the term
     clock: Array  # (3,) newest time, time of the newest look at motion, step of ``factor``
     factor: ComplexArray  # (m,)
 
@@ -75,6 +81,7 @@ class Setting(NamedTuple):
     excitation: float  # how many sigma of noise a term must move
     force_noise: float  # one sigma [N] of the accelerometer's white noise, as the time domain takes it
     in_band: Array  # (signals,) share of the standard deviation of a signal's noise that lies in the band
+    vane_in_band: float  # the same share of the noise of a vane, which history rows have as a window leaves it
 
 
 def new_bank(offsets: Integers, frequencies: int) -> Bank:
@@ -89,6 +96,7 @@ def new_bank(offsets: Integers, frequencies: int) -> Bank:
         length=np.zeros(6),
         weight=np.full(6, 1e-6),
         noise_square=np.zeros(total),
+        vane_covariance=np.zeros((6, n, n)),
         dynamic_pressure=np.zeros(6),
         bias_variance=np.zeros(6),
         last_learnt=np.full(total, np.nan),
@@ -97,6 +105,7 @@ def new_bank(offsets: Integers, frequencies: int) -> Bank:
         term_square=np.zeros(total),
         noise=np.zeros(total),
         noise_in_band=np.zeros(total),
+        vane_noise=np.zeros((2, total)),
         clock=np.array([-np.inf, -np.inf, np.nan]),
         factor=np.zeros(frequencies, np.complex128),
     )
@@ -122,7 +131,12 @@ def _look_at_motion(h: Array, code: Array, code_offsets: Integers, bank: Bank, s
     terms = h[TERM:] / h[QBAR]
     weight = 1.0 - np.exp(-setting.step / _MOTION_TIME)
     term_noise(code, code_offsets, h[SIGNAL:NOISE], h[NOISE:TERM], terms, bank.noise)
-    term_noise(code, code_offsets, h[SIGNAL:NOISE], h[NOISE:TERM] * setting.in_band, terms, bank.noise_in_band)
+    in_band, of_vanes = h[NOISE:TERM] * setting.in_band, h[VANE_NOISE : VANE_NOISE + 2] * setting.vane_in_band
+    for k in range(len(ANGLE_SIGNALS)):
+        signal = ANGLE_SIGNALS[k]
+        in_band[signal] = np.sqrt(max(in_band[signal] ** 2 - h[VANE_NOISE + k] ** 2, 0.0) + of_vanes[k] ** 2)
+    term_noise(code, code_offsets, h[SIGNAL:NOISE], in_band, terms, bank.noise_in_band)
+    term_shifts(code, code_offsets, h[SIGNAL:NOISE], of_vanes, terms, bank.vane_noise)
     for j in range(len(terms)):
         if np.isfinite(terms[j]):
             if np.isnan(bank.term_mean[j]):
@@ -223,6 +237,7 @@ def follow(axis: int, now: Array, h: Array, step: float, bank: Bank, setting: Se
         bank.dynamic_pressure[axis] += share * (h[QBAR] ** 2 - bank.dynamic_pressure[axis])
         for j in range(first, last):
             bank.noise_square[j] += share * (bank.noise_in_band[j] ** 2 - bank.noise_square[j])
+        follow_vane_noise(bank.vane_noise[:, first:last], share, bank.vane_covariance[axis])
     else:
         bank.boundary[axis] -= now[MOMENTUM]
         bank.open[axis] = True

@@ -296,11 +296,12 @@ class MaximumLikelihoodEstimator:
         history[:, layout.TIME] = rows[:, StateField.TIME]
         history[:, [layout.FLYING, layout.QBAR, _column("V"), _column("mach")]] = 1.0
         columns = layout.CoefficientSample.TERMS + len(self._names)
-        none = np.empty((0, columns)), np.empty((0, len(self._names))), np.empty((0, WEIGHT_COLUMNS))
+        terms = len(self._names)
+        none = np.empty((0, columns)), np.empty((0, terms)), np.empty((0, 2, terms)), np.empty((0, WEIGHT_COLUMNS))
         other.step(CoefficientBatch(rows, history, body_of(self.aircraft), *none))
         n = len(other.estimate(0).theta)
         nothing = np.zeros(n)
-        other.reset_axis(AxisReset(0, 0.0, nothing, nothing, np.eye(n), np.eye(n), 1.0, none[0], none[2]))
+        other.reset_axis(AxisReset(0, 0.0, nothing, nothing, np.eye(n), np.eye(n), 1.0, none[0], none[-1]))
         other.reseed(0, AxisEstimate(np.zeros(n), np.eye(n), 0, np.zeros(n)))
 
     # -- rows to knots ----------------------------------------------------------------------------------------------

@@ -3,6 +3,9 @@
 Of each coefficient sample y = x' theta + e an axis learns where its terms move by more than their noise, with
 directional forgetting. Lagged sums beside it correct the standard errors for coloured residuals.
 
+The recursion predicts best with theta as least squares has it; what is published is freed of the pull of the noise of
+the vanes (``vane_noise``).
+
 It always runs, also where another estimator is published: it knows an axis first, explains no error by noise, and
 therefore says when the aeroplane has changed, how much each term was excited, and what an axis begins anew with.
 """
@@ -39,6 +42,7 @@ from aircraft_sysid_ros.identification.estimators.contract import (
     nothing_known,
 )
 from aircraft_sysid_ros.identification.estimators.reset_prior import within_prior
+from aircraft_sysid_ros.identification.estimators.vane_noise import compensation, follow_vane_noise
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.samples import Samples
 
@@ -56,7 +60,7 @@ _PRIOR_WORTH = 50.0
 
 _TIME = CoefficientSample.TIME
 _FORCES = 3  # axes whose measured coefficient holds the accelerometer bias
-_BY_AXIS = ("theta", "p", "sums", "updates", "bias_variance", "prior", "prior_variance", "sampling")
+_BY_AXIS = ("theta", "p", "sums", "updates", "bias_variance", "prior", "prior_variance", "sampling", "vane_covariance")
 _BY_PARAMETER = ("noise_square", "last_learnt")
 
 
@@ -78,6 +82,7 @@ class RlsState(NamedTuple):
     prior: Array  # (6, n, n) information of what was known before the axis changed, over the noise; 0: it never did
     prior_variance: Array  # (6,) of the noise before the change
     sampling: Array  # (6,) running mean square of the share of a parameter that sparse samples may take, while learning
+    vane_covariance: Array  # (6, n, n) running mean of that of the terms from the noise of the vanes, while learning
 
 
 class RlsTuning(NamedTuple):
@@ -110,6 +115,7 @@ def new_rls_state(model: AerodynamicModel, lags: int) -> RlsState:
         prior=np.zeros((6, n, n)),
         prior_variance=np.zeros(6),
         sampling=np.zeros(6),
+        vane_covariance=np.zeros((6, n, n)),
     )
 
 
@@ -170,7 +176,7 @@ class RecursiveLeastSquares:
 
         The predictions stand in the samples: nothing more is to be made of them.
         """
-        learn(batch.samples, batch.noise, batch.weights, self.state, self.tuning)
+        learn(batch.samples, batch.noise, batch.vane_noise, batch.weights, self.state, self.tuning)
         return nothing_known(0)
 
     def estimate(self, axis: int) -> AxisEstimate:
@@ -253,6 +259,7 @@ def _learn_axis(
     sample: Array,
     terms: Array,
     noise: Array,
+    vane_noise: Array,
     bias_variance: float,
     white_variance: float,
     state: RlsState,
@@ -289,6 +296,8 @@ def _learn_axis(
     rls_update(state.theta[axis, :n], p, x, y, forgetting)
     state.bias_variance[axis] = bias_variance
     accumulate(axis, sample[_TIME], x, y, root_weight, noise, state, tuning)
+    share = root_weight**2 / state.sums[axis, 0, n + 1, n + 1]
+    follow_vane_noise(vane_noise[:, first:last], share, state.vane_covariance[axis])
 
 
 @njit(cache=True)
@@ -336,17 +345,19 @@ def _follow_motion(terms: Array, state: RlsState, tuning: RlsTuning) -> None:
 
 
 @njit(cache=True)
-def learn(samples: Array, noise: Array, weights: Array, state: RlsState, tuning: RlsTuning) -> None:
+def learn(samples: Array, noise: Array, vane_noise: Array, weights: Array, state: RlsState, tuning: RlsTuning) -> None:
     """Predict and learn from samples (m, …) in order of time; fills PREDICTED, VALID and LEARNT of them.
 
-    ``noise`` (m, terms) one sigma of each term, ``weights`` (m, WEIGHT_COLUMNS).
+    ``noise`` (m, terms) one sigma of each term, ``vane_noise`` (m, 2, terms) what one sigma of each vane moves it by,
+    ``weights`` (m, WEIGHT_COLUMNS).
     """
     for i in range(len(samples)):
         terms = samples[i, TERMS_OF_SAMPLE:]
         _follow_motion(terms, state, tuning)
         for axis in range(6):
             bias_variance = weights[i, FORCE_BIAS_VARIANCE + axis] if axis < _FORCES else 0.0
-            _learn_axis(axis, samples[i], terms, noise[i], bias_variance, weights[i, WHITE_VARIANCE], state, tuning)
+            white_variance = weights[i, WHITE_VARIANCE]
+            _learn_axis(axis, samples[i], terms, noise[i], vane_noise[i], bias_variance, white_variance, state, tuning)
 
 
 @njit(cache=True)
@@ -372,8 +383,18 @@ def least_squares(model: AerodynamicModel, axis: int, state: RlsState) -> tuple[
     """What recursive least squares knows of one axis, and its lagged sums (lags, n + 2, n + 2)."""
     part, theta = model.axis_slice(AXES[axis]), known_theta(model, axis, state)
     n, samples = len(theta), int(state.updates[axis])
-    covariance = _covariance(model, axis, state, theta) if _is_known(axis, n, state) else np.full((n, n), np.nan)
-    return AxisEstimate(theta, covariance, samples, state.last_learnt[part]), state.sums[axis, :, : n + 2, : n + 2]
+    sums, last_learnt = state.sums[axis, :, : n + 2, : n + 2], state.last_learnt[part]
+    if not _is_known(axis, n, state):
+        return AxisEstimate(theta, np.full((n, n), np.nan), samples, last_learnt), sums
+    p, of_vanes = state.p[axis, :n, :n], state.vane_covariance[axis, :n, :n]
+    put_right = compensation(p, _effective(axis, n, state), of_vanes)
+    covariance = _covariance(model, axis, state, theta, np.diag(put_right.covariance))
+    return AxisEstimate(put_right.freed(theta), put_right.widened(covariance, theta), samples, last_learnt), sums
+
+
+def _effective(axis: int, n: int, state: RlsState) -> float:
+    """Samples that an axis rests on."""
+    return float(min(int(state.updates[axis]), state.sums[axis, 0, n + 1, n + 1]))
 
 
 def known_theta(model: AerodynamicModel, axis: int, state: RlsState) -> Array:
@@ -386,16 +407,17 @@ def _is_known(axis: int, n: int, state: RlsState) -> bool:
     return bool(state.updates[axis] > n or state.prior[axis].any())
 
 
-def _covariance(model: AerodynamicModel, axis: int, state: RlsState, theta: Array) -> Array:
+def _covariance(model: AerodynamicModel, axis: int, state: RlsState, theta: Array, put_right: Array) -> Array:
     """Covariance of the recursion, widened by what coloured residuals do to its diagonal.
 
-    Two systematic parts are added: the pull of noise in the terms towards zero, and the bias of the
-    accelerometer as far as it is not known, which stands in the constant term.
+    Two systematic parts are added: the pull of noise in the terms towards zero, without that of the variances (n,) that
+    is ``put_right``, and the bias of the accelerometer as far as it is not known, which stands in the constant term.
     """
     n, first, constant = len(theta), int(model.offsets[axis]), model.constants[axis]
-    sums, noise = state.sums[axis, :, : n + 2, : n + 2], state.noise_square[first : first + n]
+    sums = state.sums[axis, :, : n + 2, : n + 2]
+    noise = np.maximum(state.noise_square[first : first + n] - put_right, 0.0)
     p, prior, bias_variance = state.p[axis, :n, :n], state.prior[axis, :n, :n], float(state.bias_variance[axis])
-    effective = float(min(int(state.updates[axis]), sums[0, n + 1, n + 1]))
+    effective = _effective(axis, n, state)
     pull = p @ (effective * noise * theta)
     if not prior.any():
         return np.asarray(_corrected(sums, theta, p, effective, pull, bias_variance, constant))
