@@ -22,6 +22,7 @@ import certificate_tables
 import check_tables
 import closed_loop_tables
 import diagnosis_tables
+import gusts_tables
 import mavlink_tables
 import node_tables
 import paper_tables
@@ -505,6 +506,11 @@ def trust(name: str) -> Callable[[], str]:
     return lambda: table(*trust_tables.TABLES[name](load("bad_minute")))
 
 
+def gusts(name: str) -> Callable[[], str]:
+    """A table of docs/trust.md."""
+    return lambda: table(*gusts_tables.TABLES[name](load("gusts")))
+
+
 def closed_loop(name: str) -> Callable[[], str]:
     """A table of docs/closed-loop.md."""
 
@@ -558,6 +564,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **{f"nodes_{name}": nodes(name) for name in node_tables.TABLES},
     "aircraft_keys": lambda: table(*node_tables.aircraft_keys()),
     **{f"trust_{name}": trust(name) for name in trust_tables.TABLES},
+    **{f"gusts_{name}": gusts(name) for name in gusts_tables.TABLES},
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
     **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},
     **{f"closed_loop_{name}": closed_loop(name) for name in closed_loop_tables.TABLES},
