@@ -137,9 +137,9 @@ def test_the_noise_that_a_window_leaves(interval):
     times, half_width, found = np.arange(0.0, 1.2, 0.01), 0.08, []
     for phase in np.linspace(0.0, interval, 10, endpoint=False):
         samples = np.arange(-0.2, 1.6, interval) + phase
-        weights = np.array([np.interp(times, samples, each) for each in np.eye(len(samples))]).T
+        weights = np.array([np.interp(times, samples, each) for each in np.eye(len(samples))]).T.copy()
         means, slopes = np.empty(len(samples)), np.empty(len(samples))
-        window_average(times, weights, 50, 70, 0.6, half_width, means, slopes)
+        window_average(times, weights, 50, 70, 0.6, half_width, means, slopes, False)
         found.append(np.sum(means**2))
     assert share_in_window(interval, half_width) == pytest.approx(np.mean(found), rel=0.04)
 
