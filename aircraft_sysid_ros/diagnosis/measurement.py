@@ -22,8 +22,8 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GROUPS, Aircraft
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     AIR_DATA,
-    Likelihood,
     OF_FILTER,
+    Likelihood,
     Reconstruction,
     flight_data_of,
     log_likelihood,
