@@ -87,8 +87,8 @@ def test_the_walk_of_the_wind_is_the_likeliest_below_that_of_the_file(centred, w
     noisy = fit_sensor_noise(file, samples)
     walks = (found, given, found / 4.0)  # in a steady wind all small ones are nearly alike
     likelihoods = [log_likelihood(with_setting(noisy, ("process_noise", "wind"), w), samples) for w in walks]
-    assert likelihoods[0] > max(likelihoods) - 3.0
-    assert likelihoods[0] > likelihoods[1] + 20.0
+    assert max(other.over(likelihoods[0]) for other in likelihoods) < 3.0
+    assert likelihoods[0].over(likelihoods[1]) > 20.0
 
 
 def test_a_file_that_knows_its_wind_is_left_alone(aircraft):
