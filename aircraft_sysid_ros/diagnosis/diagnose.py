@@ -12,13 +12,14 @@ cause is not in the library: the verdict is "unexplained", with the expression, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtr
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import (
@@ -38,6 +39,8 @@ from aircraft_sysid_ros.effects.effect import Effect
 Array = npt.NDArray[np.float64]
 
 
+#: Axes whose model reads a signal of the air data.
+_RESTING = {"V": AXES, "alpha": ("CX", "CZ", "Cm"), "beta": ("CY", "Cl", "Cn")}
 NONE, MISSING, UNEXPLAINED = "none", "missing", "unexplained"
 
 
@@ -53,6 +56,11 @@ class Finding:
     size: float  # share of the held-out rms error of its main axis that goes
     confounded_with: tuple[str, ...] = ()
     blocks: tuple[int, ...] = ()  # numbers of the blocks of time that hold most of the evidence
+
+    @property
+    def matters(self) -> bool:
+        """It has size, and explains more than its numbers cost."""
+        return self.size >= THRESHOLDS.size and self.excess > self.trial.price
 
 
 @dataclass(frozen=True)
@@ -120,7 +128,8 @@ def diagnose(
         significant = one.findings(found)
         known = {f.trial.candidate.family for f in listed}
         listed += [f for f in significant if f.trial.candidate.family not in known]
-        best = next((f for f in significant if f.size >= THRESHOLDS.size and f.excess > f.trial.price), None)
+        level = THRESHOLDS.further if found else THRESHOLDS.verdict
+        best = next((f for f in significant if f.matters and f.p_value < level), None)
         if best is None:
             break
         found.append(best)
@@ -128,24 +137,31 @@ def diagnose(
         bench = bench.extended(terms)
         empty = [other.extended(terms) for other in empty]
     progress(1.0)
-    unknown = _unknown(bench, floor, found)
+    unknown = _unknown(bench, floor, [*found, *(f for f in listed if f.matters)])
     if unknown:
-        found, bench = [], first
+        found = [f for f in found if f.trial.main_axis not in _resting_on(bench.data.inferred)]
+        bench = first
+        for finding in found:
+            bench = bench.extended(new_terms(bench.data, finding.trial))
     names = {f.trial.candidate.family for f in found}
     order = found + [f for f in listed if f.trial.candidate.family not in names]
     return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench, unknown)
 
 
-def _unknown(bench: CandidateEvaluator, floor: Mapping[str, float], found: Sequence[Finding]) -> dict[str, float]:
-    """Axes of what was found in a flight with inferred angles whose error is still far above that of replicas."""
-    if not bench.data.inferred:
-        return {}
-    left = {f.trial.main_axis: bench.fits[f.trial.main_axis].nrmse_held_out for f in found}
+def _unknown(bench: CandidateEvaluator, floor: Mapping[str, float], matters: Sequence[Finding]) -> dict[str, float]:
+    """Axes of what matters that rest on inferred angles, and whose error is still far above that of replicas."""
+    axes = {f.trial.main_axis for f in matters} & _resting_on(bench.data.inferred)
+    left = {axis: bench.fits[axis].nrmse_held_out for axis in axes}
     return {
         axis: error / floor[axis]
         for axis, error in left.items()
         if error > min(THRESHOLDS.inferred * floor[axis], THRESHOLDS.inferred_error)
     }
+
+
+def _resting_on(inferred: Collection[str]) -> set[str]:
+    """Axes that rest on signals of the air data that no sensor measures."""
+    return {axis for name in inferred for axis in _RESTING[name]}
 
 
 def _verdict(found: Sequence[Finding]) -> str:

@@ -58,6 +58,16 @@ class Thresholds:
         0.05,
         "Probability that a flight in which nothing is missing gets a finding by significance alone: the usual level.",
     )
+    verdict: float = _of(
+        1e-3,
+        "Level at which an effect is called missing and not only listed: a third of the verdicts on clean flights of",
+        "the benchmark were above it, and those on 5 of 299 with a relevant effect.",
+    )
+    further: float = _of(
+        1e-4,
+        "The same of an effect after the first one: what that leaves, since it has not quite the shape of the truth,",
+        "is in no replica. A judgement.",
+    )
     size: float = _of(
         0.10,
         "Share of the held-out rms error of an axis that an effect must explain: what is true but tiny is listed and",
