@@ -74,7 +74,7 @@ class Diagnosis:
     tried: int
     replicas: int
     bench: CandidateEvaluator = field(repr=False)  # the flight with what was found in the model
-    #: By axis: how many times the error of replicas is left in a flight whose inferred angles allow no name for it.
+    #: By axis in which inferred angles allow no name: the error, over that of replicas.
     unknown: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -120,7 +120,7 @@ def diagnose(
     }
     found: list[Finding] = []
     listed: list[Finding] = []
-    first, tried = bench, 0
+    resting, tried = _resting_on(bench.data.inferred), 0
     one: _Round | None = None
     for number in range(THRESHOLDS.most_effects):
         one = _Round(bench, empty, Null(scores), library, _part(progress, number), one)
@@ -129,7 +129,8 @@ def diagnose(
         known = {f.trial.candidate.family for f in listed}
         listed += [f for f in significant if f.trial.candidate.family not in known]
         level = THRESHOLDS.further if found else THRESHOLDS.verdict
-        best = next((f for f in significant if f.matters and f.p_value < level), None)
+        sure = (f for f in significant if f.matters and f.p_value < level)
+        best = next((f for f in sure if f.trial.main_axis not in resting), None)
         if best is None:
             break
         found.append(best)
@@ -137,26 +138,18 @@ def diagnose(
         bench = bench.extended(terms)
         empty = [other.extended(terms) for other in empty]
     progress(1.0)
-    unknown = _unknown(bench, floor, [*found, *(f for f in listed if f.matters)])
-    if unknown:
-        found = [f for f in found if f.trial.main_axis not in _resting_on(bench.data.inferred)]
-        bench = first
-        for finding in found:
-            bench = bench.extended(new_terms(bench.data, finding.trial))
+    unknown = _unknown(bench, floor, resting, listed)
     names = {f.trial.candidate.family for f in found}
     order = found + [f for f in listed if f.trial.candidate.family not in names]
     return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench, unknown)
 
 
-def _unknown(bench: CandidateEvaluator, floor: Mapping[str, float], matters: Sequence[Finding]) -> dict[str, float]:
-    """Axes of what matters that rest on inferred angles, and whose error is still far above that of replicas."""
-    axes = {f.trial.main_axis for f in matters} & _resting_on(bench.data.inferred)
-    left = {axis: bench.fits[axis].nrmse_held_out for axis in axes}
-    return {
-        axis: error / floor[axis]
-        for axis, error in left.items()
-        if error > min(THRESHOLDS.inferred * floor[axis], THRESHOLDS.inferred_error)
-    }
+def _unknown(
+    bench: CandidateEvaluator, floor: Mapping[str, float], resting: Collection[str], listed: Sequence[Finding]
+) -> dict[str, float]:
+    """Axes in which something could be named if the angles of flow were measured: their error over that of replicas."""
+    axes = {f.trial.main_axis for f in listed if f.matters} & set(resting)
+    return {axis: bench.fits[axis].nrmse_held_out / floor[axis] for axis in sorted(axes, key=AXES.index)}
 
 
 def _resting_on(inferred: Collection[str]) -> set[str]:

@@ -88,14 +88,10 @@ class Thresholds:
         "What replicas show of a candidate is known to so many times its own size: it comes from gusts, and those of",
         "the flight are not those of the replicas.",
     )
-    inferred: float = _of(
-        2.0,
-        "Where angles of flow are inferred: so many times the error of replicas may be left in the axes of what was",
-        "found. Beyond it the angles are not known, and nothing is named: their errors look like effects.",
-    )
     inferred_error: float = _of(
         0.7,
-        "Nor may more of the spread of a coefficient be left there: half of its variance must be explained.",
+        "Where angles of flow are inferred a delay of the controls must leave no more of the spread of a moment: half of",
+        "its variance must be explained.",
     )
     most_effects: int = _of(4, "Effects that are looked for one after another, each with those before it in the model.")
 
