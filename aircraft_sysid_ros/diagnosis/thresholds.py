@@ -90,8 +90,8 @@ class Thresholds:
     )
     inferred_error: float = _of(
         0.7,
-        "Where angles of flow are inferred a delay of the controls must leave no more of the spread of a moment: half of",
-        "its variance must be explained.",
+        "Where angles of flow are inferred a delay of the controls must leave no more of the spread of a moment: half",
+        "of its variance must be explained.",
     )
     most_effects: int = _of(4, "Effects that are looked for one after another, each with those before it in the model.")
 

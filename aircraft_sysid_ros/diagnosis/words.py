@@ -143,8 +143,8 @@ class FlightDiagnosis:
         found = self.diagnosis.found
         for axis, times in self.diagnosis.unknown.items():
             yield (
-                f"The error of {axis[0]}_{axis[1]} is {times:.1f} times what the noise makes of it, and no name is given: "
-                "it rests on angles of flow that no vane measures, and may be their error. Measure them."
+                f"The error of {axis[0]}_{axis[1]} is {times:.1f} times what the noise makes of it, and no name is "
+                "given: it rests on angles of flow that no vane measures, and may be their error. Measure them."
             )
         if not self.settings and not found and not self.diagnosis.unknown:
             yield "Nothing is missing that this flight could show:"
