@@ -422,6 +422,12 @@ def strangers() -> str:
     return table(*diagnosis_tables.strangers([json.loads(line) for line in lines]))
 
 
+def jet() -> str:
+    """A jet at 10 Hz, of another maker."""
+    lines = (RESULTS / "jet.jsonl").read_text(encoding="utf8").splitlines()
+    return table(*diagnosis_tables.jet([json.loads(line) for line in lines]))
+
+
 def failures() -> str:
     """Inputs that fail in flights without vanes."""
     lines = (RESULTS / "failures.jsonl").read_text(encoding="utf8").splitlines()
@@ -573,6 +579,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "diagnosis_thresholds": lambda: table(*diagnosis_tables.thresholds()),
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
+    "jet": jet,
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "failures": failures,
     "slow_imu": slow_imu,

@@ -94,6 +94,27 @@ def slow(by_rate: dict[float, dict[str, Any]]) -> Rows:
     return ["clean flights", "number", "what was said"], rows
 
 
+def jet(records: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """What was said of each flight of a jet at 10 Hz."""
+    header = ["seed", "flight", "true times", "named", "its times", "error of the axis"]
+    words = {
+        "calm": "clean, calm",
+        "gusts": "clean, gusts",
+        "cg_shift": "a passenger walks",
+        "landing_gear": "gear down",
+    }
+    rows = []
+    for record in records:
+        clean = record["kind"] in ("calm", "gusts")
+        true = "" if clean else "{:.0f} to {:.0f} s".format(*record["span"])
+        found = record["found"]
+        times = ["{t0:.0f} to {t1:.0f} s".format(**f["inner"]) if "t1" in f["inner"] else "" for f in found]
+        errors = [f"{100 * f['error_before']:.0f} to {100 * f['error_after']:.0f} %" for f in found]
+        named = [f["label"] for f in found] or [record["verdict"]]
+        rows.append([str(record["seed"]), words[record["kind"]], true, *map(", ".join, (named, times, errors))])
+    return header, rows
+
+
 def strangers(flown: list[dict[str, Any]]) -> Rows:
     """What was said of flights whose file has mass and shape only, by the air."""
     rows = []
