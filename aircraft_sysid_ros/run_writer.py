@@ -15,7 +15,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -27,7 +27,6 @@ import yaml
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import evaluate_rows, with_lags
-from aircraft_sysid_ros.diagnosis.failures.wind_of_speed import contradicted_calm, held
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
@@ -37,12 +36,14 @@ from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.found_noise import noise_json, noise_notes
+from aircraft_sysid_ros.reconstruction.ground_speed_wind import contradicted_calm
 from aircraft_sysid_ros.reconstruction.state import StateField, status_text
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages import output_messages as out
 from aircraft_sysid_ros.run_reader import AIRCRAFT, ESTIMATES, PARAMETERS, POINTS, SAMPLES, STATE
 from aircraft_sysid_ros.samples import Samples, concatenate
+from aircraft_sysid_ros.text_file import write_whole
 
 Array = npt.NDArray[np.float64]
 
@@ -159,7 +160,7 @@ class RunWriter:
         if wind:
             result["state"]["notes"].append(f"the air was not calm: {wind}, so that nothing is to be used")
             listed = result["parameters"]["parameters"]
-            result["parameters"]["parameters"] = held(listed, "the air was taken as calm, and was not")
+            result["parameters"]["parameters"] = _held(listed, "the air was taken as calm, and was not")
 
     def _write_estimates(self, path: Path, epoch: int, parameters: Identifier) -> None:
         with RecordingWriter(path) as writer:
@@ -226,8 +227,13 @@ def state_json(state: StateEstimator) -> dict[str, Any]:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """JSON for people and programs."""
-    path.write_text(json_text(content) + "\n", encoding="utf8")
+    """JSON for people and programs; raises OSError."""
+    write_whole(path, json_text(content) + "\n")
+
+
+def _held(parameters: Sequence[Mapping[str, Any]], why: str) -> list[dict[str, Any]]:
+    """Parameters as in parameters.json with HOLD in place of USE, and the reason."""
+    return [{**p, "status": "HOLD", "reason": why} if p["status"] == "USE" else dict(p) for p in parameters]
 
 
 def _check_target(path: Path, overwrite: bool) -> None:

@@ -402,6 +402,15 @@ def with_lags(
     return out
 
 
+def evaluate_signals(
+    programs: Sequence[Program], times: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], longest: float
+) -> npt.NDArray[np.float64]:
+    """Values (n, len(programs)) on the signal rows of a flight in order of time, with lags as ``with_lags``."""
+    out = np.empty((len(rows), len(programs)))
+    evaluate_rows(*link(programs), with_lags(lags_of(programs), times, rows, longest), out)
+    return out
+
+
 def evaluate(
     programs: Sequence[Program], signals: Mapping[str, npt.ArrayLike], inputs: tuple[str, ...] = ()
 ) -> npt.NDArray[np.float64]:
@@ -414,8 +423,4 @@ def evaluate(
     rows = np.full((size, SIGNAL_COUNT), np.nan)
     for name, value in signals.items():
         rows[:, (*SIGNALS, *inputs).index(name)] = value
-    rows = with_lags(lags_of(programs), rows[:, SIGNAL_INDEX["time"]], rows, np.inf)
-    code, offsets = link(programs)
-    out = np.empty((size, len(programs)))
-    evaluate_rows(code, offsets, rows, out)
-    return out
+    return evaluate_signals(programs, rows[:, SIGNAL_INDEX["time"]], rows, np.inf)

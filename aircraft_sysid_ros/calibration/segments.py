@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.calibration.navigation import Navigation
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.stretches import stretches
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -93,10 +94,10 @@ def _circles(time: Array, heading: Array, flying: Mask, step: float) -> list[Seg
     rate = _smoothed(np.gradient(heading, time), _SMOOTHING / step)
     turning = [(rate > CIRCLE_RATE) & flying, (rate < -CIRCLE_RATE) & flying]
     return [
-        Segment("wind circle", float(time[run.start]), float(time[run.stop - 1]))
+        Segment("wind circle", float(time[begin]), float(time[end - 1]))
         for mask in turning
-        for run in _runs(mask)
-        if abs(heading[run.stop - 1] - heading[run.start]) >= CIRCLE_TURN
+        for begin, end in stretches(mask)
+        if abs(heading[end - 1] - heading[begin]) >= CIRCLE_TURN
     ]
 
 
@@ -106,9 +107,9 @@ def _pushes(time: Array, pitch: Array, roll: Array, flying: Mask, step: float) -
     window = np.lib.stride_tricks.sliding_window_view(np.pad(pitch, half, mode="edge"), 2 * half + 1)
     moving = (window.max(axis=1) - window.min(axis=1) > PUSH_PITCH) & level
     return [
-        Segment("pushover-pullup", float(time[run.start]), float(time[run.stop - 1]))
-        for run in _runs(moving)
-        if (run.stop - run.start) * step > 0.5 * PUSH_WINDOW
+        Segment("pushover-pullup", float(time[begin]), float(time[end - 1]))
+        for begin, end in stretches(moving)
+        if (end - begin) * step > 0.5 * PUSH_WINDOW
     ]
 
 
@@ -117,8 +118,3 @@ def _smoothed(values: Array, length: float) -> Array:
     width = min(2 * round(0.5 * length) + 1, len(values))
     padded = np.pad(values, width // 2, mode="edge")
     return np.convolve(padded, np.full(width, 1.0 / width), mode="same")[width // 2 : width // 2 + len(values)]
-
-
-def _runs(mask: Mask) -> list[slice]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -6,9 +6,9 @@ import argparse
 from typing import Any
 
 from aircraft_sysid_ros.commands.compare import percent
+from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.flight_answer import answer
-from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.run_reader import DIAGNOSIS
@@ -37,22 +37,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; returns the JSON of INTERFACE.md and writes it into the run. Raises InputError."""
     if not FEWEST <= args.replicas <= MOST:
         raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {args.replicas}")
-    opened = open_run(args.run)
-    if opened.samples is None:
-        raise InputError(f"{args.run} holds no samples to diagnose from: replay the recording again")
     with progress_bar() as progress:
         task = progress.add_task("diagnose", total=1.0)
-        result = answer(
-            opened.current.aircraft,
-            opened.samples,
-            opened.calm_air,
-            replicas=args.replicas,
-            progress=lambda what, share: progress.update(task, description=what, completed=share),
-            names=opened.manoeuvres,
+        result, folder = diagnose_run(
+            args.run, args.replicas, lambda what, share: progress.update(task, description=what, completed=share)
         )
-    result = {"model": opened.current.identifier, **result, "file": str(opened.path / DIAGNOSIS)}
+    result["file"] = str(folder / DIAGNOSIS)
     try:
-        write_json(opened.path / DIAGNOSIS, result)
+        write_json(folder / DIAGNOSIS, result)
     except OSError:  # the answer is worth more than its copy
         result["file"] = None
     return result
@@ -68,7 +60,7 @@ def render(result: dict[str, Any]) -> str:
     for candidate in result["candidates"]:
         lines += _about(candidate)
     lines += [result["advice"], ""]
-    lines += [f"note: {note}" for note in result["notes"]]
+    lines += note_lines(result["notes"])
     if result["replicas"]:
         lines.append(
             f"{result['tried']} effects tried, {result['replicas']} replicas; a flight with nothing missing is "

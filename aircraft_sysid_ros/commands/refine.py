@@ -18,8 +18,8 @@ from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Version, folder_of, open_run, run_data, version_named
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, RefineOptions, refine, with_options
+from aircraft_sysid_ros.run_writer import write_json
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     path = folder / f"refined-{args.method}.json"
     title = f"{args.method}: {data.aircraft.name}, model {version.identifier}"
     figure, notes = picture(lambda: _draw(path.with_suffix(".png"), result, title))
-    _write(path, json_text(content) + "\n")
+    write_json(path, content)
     return {**content, "file": str(path), "figure": figure, "notes": [*opened.notes, *notes]}
 
 
@@ -74,13 +74,6 @@ def _draw(path: Path, result: Any, title: str) -> Path:
     outputs_figure(result.time, result.measured, result.modelled, part, title)
     os.replace(part, path)
     return path
-
-
-def _write(path: Path, text: str) -> None:
-    """At once or not at all."""
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text, encoding="utf8")
-    os.replace(part, path)
 
 
 def render(result: dict[str, Any]) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import os
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -42,6 +41,7 @@ from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import Recording
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples
+from aircraft_sysid_ros.text_file import write_whole
 
 Array = npt.NDArray[np.float64]
 
@@ -143,10 +143,8 @@ def _check_new_file(path: Path, overwrite: bool) -> None:
 
 def _write_aircraft(path: Path, content: dict[str, Any]) -> None:
     """The file at once, or not at all."""
-    part = path.with_name(f".{path.name}.part")
     try:
-        part.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf8")
-        os.replace(part, path)
+        write_whole(path, yaml.safe_dump(content, sort_keys=False))
     except OSError as error:
         raise InputError(f"cannot write the aircraft file {path}: {error.strerror}") from None
 

@@ -8,6 +8,7 @@ would look like many other effects. Where the flight allows no search of the lib
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,22 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.failures.failures import FailureReport, failures_of
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm, has_airspeed, options_after_flight
 from aircraft_sysid_ros.samples import Kind, Samples
+
+
+def diagnose_run(
+    folder: str | Path, replicas: int = COUNT, progress: Callable[[str, float], None] = lambda what, share: None
+) -> tuple[dict[str, Any], Path]:
+    """The answer about the current version of a run, with its ``model``, and the run's folder. Raises InputError."""
+    run = open_run(folder)
+    if run.samples is None:
+        raise InputError(f"{folder} holds no samples to diagnose from: replay the recording again")
+    found = answer(run.current.aircraft, run.samples, run.calm_air, replicas, progress, run.manoeuvres)
+    return {"model": run.current.identifier, **found}, run.path
 
 
 def answer(

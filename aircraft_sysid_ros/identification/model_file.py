@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.text_file import write_whole
 
 _FORMAT = "aircraft_sysid_ros model 1"
 _LEARNT = ("theta", "p", "sums", "noise_square", "updates", "vane_covariance")
@@ -29,10 +29,8 @@ def save_model(estimator: Identifier, path: str | Path) -> None:
     if not str(path):
         raise InputError("the path is empty: give that of the file to write")
     path = Path(path)
-    temporary = path.with_name(path.name + ".part")
     try:
-        temporary.write_text(json.dumps(content, allow_nan=False), encoding="utf8")
-        os.replace(temporary, path)
+        write_whole(path, json.dumps(content, allow_nan=False))
     except OSError as error:
         raise InputError(f"cannot write the model to {path}: {error.strerror}") from None
     except ValueError:

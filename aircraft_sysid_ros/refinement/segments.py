@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aircraft_sysid_ros.refinement.record import FlightRecord
+from aircraft_sysid_ros.stretches import stretches
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,7 @@ def segments_of(record: FlightRecord, length: float, held_out: float) -> list[Se
     """Flight cut into pieces of about ``length`` [s], each followed by one of ``held_out`` [s] that is not fitted."""
     steady = np.diff(record.time) < 1.5 * record.longest_step
     found: list[Segment] = []
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], record.in_flight.astype(np.int64), [0]])))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    for begin, end in stretches(record.in_flight):
         cuts = begin + 1 + np.flatnonzero(~steady[begin : end - 1])
         for a, b in zip([begin, *cuts], [*cuts, end], strict=True):
             found += _cut(int(a), int(b), round(length / record.step), round(held_out / record.step))

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, short_
 from aircraft_sysid_ros.flight_check.identifiable import EXCITATION, Identifiability
 from aircraft_sysid_ros.flight_check.signals import Flight, Stream, signal_names
 from aircraft_sysid_ros.report.pyplot import pyplot
+from aircraft_sysid_ros.stretches import stretches
 
 # Okabe and Ito: told apart by the colour-blind.
 _SHOWN, _NOT_SHOWN, _SENSOR, _AIR = "#009E73", "#E69F00", "#0072B2", "#56B4E9"
@@ -40,8 +41,7 @@ def check_figure(checked: Checked, path: str | Path | BinaryIO, title: str) -> N
 def _sensors(plot: Any, checked: Checked) -> None:
     """A row for each sensor with its rate: filled where it speaks, open in its gaps."""
     flight, motion = checked.motion.flight, checked.motion
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], motion.in_air.astype(np.int8), [0]])))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    for begin, end in stretches(motion.in_air):
         plot.axvspan(begin * motion.grid.step, end * motion.grid.step, color=_AIR, alpha=0.18, lw=0)
     labels = []
     for row, (label, stream) in enumerate(_rows(flight)):

@@ -111,18 +111,13 @@ class Desk:
         return ""
 
     def _diagnose(self, job: Job) -> str:
-        from aircraft_sysid_ros.diagnosis.flight_answer import answer
-        from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+        from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run
         from aircraft_sysid_ros.run_reader import DIAGNOSIS
         from aircraft_sysid_ros.run_writer import write_json
 
-        run = open_run(self.path)
-        if run.samples is None:
-            raise InputError(f"{self.path} holds no samples to diagnose from: replay the recording again")
-        found = answer(run.current.aircraft, run.samples, run.calm_air, progress=self.progress, names=run.manoeuvres)
-        result = {"model": run.current.identifier, **found, "file": str(run.path / DIAGNOSIS)}
-        write_json(run.path / DIAGNOSIS, result)
-        return str(found["advice"])
+        result, folder = diagnose_run(self.path, progress=self.progress)
+        write_json(folder / DIAGNOSIS, {**result, "file": str(folder / DIAGNOSIS)})
+        return str(result["advice"])
 
     def _add(self, job: Job) -> str:
         from aircraft_sysid_ros.diagnosis.model_versions.additions import add

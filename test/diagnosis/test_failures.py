@@ -17,10 +17,10 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     intervals,
     sums_of_squares,
 )
-from aircraft_sysid_ros.diagnosis.failures.wind_of_speed import contradicted_calm, wind_of_ground_speed
 from aircraft_sysid_ros.diagnosis.failures.words import candidate_json, report_json, sentence_of
 from aircraft_sysid_ros.diagnosis.flight_answer import answer
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.reconstruction.ground_speed_wind import contradicted_calm, wind_of_ground_speed
 from aircraft_sysid_ros.samples import Kind
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -48,7 +48,8 @@ def test_running_sums_are_the_sums_of_squares_of_the_fits() -> None:
     rest, acting, frozen = rng.standard_normal((n, 2)), rng.standard_normal((n, 1)), np.full((n, 1), 0.3)
     constant, response = rng.uniform(0.5, 1.5, n), rng.standard_normal(n)
     begin, end = intervals(n, 10, 7)
-    found = sums_of_squares(Whitened(rest, acting, frozen, constant, response), begin, end)
+    series = Whitened(rest, acting, frozen, constant, response)
+    found = {kind: sums_of_squares(series, kind, begin, end) for kind in (CONSTANT, FROZEN)}
     for w, (first, last) in enumerate(zip(begin, end, strict=True)):
         inside = np.zeros(n)
         inside[first:last] = 1.0

@@ -231,10 +231,9 @@ class FailureSearch:
         total = np.where(end < self.count, -0.5 * np.log(self.count), 0.0)
         for axis, colour in colours.items():
             lost = len(colour) - 1
-            found = sums_of_squares(
-                self._whitened(axis, name, colour), np.maximum(begin - lost, 0), np.maximum(end - lost, 1)
-            )
-            total -= 0.5 * (self.count - lost) * np.log(np.maximum(found[FROZEN if kind == NIL else kind], 1e-300))
+            first, last = np.maximum(begin - lost, 0), np.maximum(end - lost, 1)
+            left = sums_of_squares(self._whitened(axis, name, colour), FROZEN if kind == NIL else kind, first, last)
+            total -= 0.5 * (self.count - lost) * np.log(np.maximum(left, 1e-300))
         return np.where(self._leaves_enough(begin, end), total, -np.inf)
 
     def _leaves_enough(self, begin: npt.ArrayLike, end: npt.ArrayLike) -> npt.NDArray[np.bool_]:

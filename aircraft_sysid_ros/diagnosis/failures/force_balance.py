@@ -23,15 +23,14 @@ from aircraft_sysid_ros.aircraft.expression import (
     SIGNAL_COUNT,
     SIGNAL_INDEX,
     SIGNALS,
-    evaluate_rows,
-    lags_of,
-    link,
+    evaluate_signals,
     parse_expression,
-    with_lags,
 )
-from aircraft_sysid_ros.diagnosis.failures.wind_of_speed import GroundSpeedWind, wind_of_ground_speed
+from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.reconstruction.ground_speed_wind import GroundSpeedWind, wind_of_ground_speed
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+from aircraft_sysid_ros.stretches import longest_stretch
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -79,10 +78,7 @@ class ForceBalance:
     def columns(self, texts: list[str], signals: Array | None = None) -> Array:
         """Terms (n, len(texts)), on other signals where some are given."""
         programs = [parse_expression(text, self.aircraft.model.inputs) for text in texts]
-        out = np.empty((len(self.time), len(texts)))
-        read = self.signals if signals is None else signals
-        evaluate_rows(*link(programs), with_lags(lags_of(programs), self.time, read, 1.5 * self.step), out)
-        return out
+        return evaluate_signals(programs, self.time, self.signals if signals is None else signals, 1.5 * self.step)
 
 
 class _Series:
@@ -204,10 +200,11 @@ def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, 
     signals[:, len(SIGNALS) : len(SIGNALS) + inputs.shape[1]] = inputs
     every = max(int(_FINE / (POINTS * band)), 1)
     flying = series.sound & (speed > aircraft.minimum_airspeed) & np.isfinite(measured).all(axis=1)
-    keep = _longest(flying[::every])
+    keep = longest_stretch(flying[::every])
     step = every / _FINE
-    if keep.sum() * step < SHORTEST:
-        seconds = f"{keep.sum() * step:.0f} s in the air with IMU and speed: {SHORTEST:g} s are needed"
+    lasting = (keep.stop - keep.start) * step
+    if lasting < SHORTEST:
+        seconds = f"{lasting:.0f} s in the air with IMU and speed: {SHORTEST:g} s are needed"
         raise InputError(f"the flight has {seconds}")
     at = np.arange(0, len(series.grid), every)[keep]
     return ForceBalance(
@@ -217,22 +214,9 @@ def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, 
 
 
 def _coefficients(aircraft: Aircraft, imu: Array, pressure: Array) -> Array:
-    """C_X … C_n (n, 6) of specific forces and rates (n, 6), by (6.14)-(6.19)."""
+    """C_X … C_n (n, 6) of specific forces where the IMU is, and rates (n, 6)."""
     rates = imu[:, 3:]
     turning = np.gradient(rates, 1.0 / _FINE, axis=0)
     arm = aircraft.imu_position
-    force = aircraft.mass * (imu[:, :3] - np.cross(turning, arm) - np.cross(rates, np.cross(rates, arm)))
-    moment = turning @ aircraft.inertia.T + np.cross(rates, rates @ aircraft.inertia.T)
-    moment = moment - np.cross(aircraft.aerodynamic_reference, force)
-    scale = (pressure * aircraft.wing_area)[:, None]
-    return np.hstack([force / scale, moment / (scale * [aircraft.span, aircraft.chord, aircraft.span])])
-
-
-def _longest(flags: Mask) -> Mask:
-    """Only the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    out = np.zeros(len(flags), np.bool_)
-    if len(edges):
-        best = int(np.argmax(edges[1::2] - edges[::2]))
-        out[edges[2 * best] : edges[2 * best + 1]] = True
-    return out
+    force = imu[:, :3] - np.cross(turning, arm) - np.cross(rates, np.cross(rates, arm))
+    return coefficients_of_motion(aircraft, force, rates, turning, pressure)

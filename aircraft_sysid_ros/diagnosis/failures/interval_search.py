@@ -16,9 +16,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-#: The hypotheses of an interval: nothing; another constant; the input frozen, with a constant of each axis; at one
-#: level that is the same in all axes; at 0.
-BASE, CONSTANT, FROZEN, HELD, NIL = "base", "constant", "frozen", "held", "nil"
+#: The hypotheses of an interval: another constant; the input frozen, with a constant of each axis; at one level that is
+#: the same in all axes; at 0.
+CONSTANT, FROZEN, HELD, NIL = "constant", "frozen", "held", "nil"
 
 
 @dataclass(frozen=True)
@@ -40,21 +40,17 @@ def intervals(count: int, shortest: int, every: int) -> tuple[Integers, Integers
     return begin[keep], end[keep]
 
 
-def sums_of_squares(series: Whitened, begin: Integers, end: Integers) -> dict[str, Array]:
-    """Residual sums of squares (w,) of CONSTANT and FROZEN for each interval, and of BASE."""
-    k, m = series.rest.shape[1], series.acting.shape[1]
-    parts = [series.rest, series.acting, series.constant[:, None], series.response[:, None]]
-    acting = np.column_stack(parts)
-    frozen = np.column_stack([parts[0], series.frozen, *parts[2:]])
-    of_acting, of_frozen = _running(acting), _running(frozen)
-    constant, response = k + m, k + m + 1
-    total = of_acting[-1]
-    found = {BASE: np.full(len(begin), _left(total, [*range(k + m)], response))}
-    inside = of_acting[end] - of_acting[begin]  # (w, c, c)
-    found[CONSTANT] = _all_left(_with_constant(total, inside, constant), response)
-    held = of_frozen[end] - of_frozen[begin]
-    found[FROZEN] = _all_left(_with_constant(total - inside + held, held, constant), response)
-    return found
+def sums_of_squares(series: Whitened, kind: str, begin: Integers, end: Integers) -> Array:
+    """Residual sums of squares (w,) of CONSTANT or FROZEN for each interval."""
+    constant = series.rest.shape[1] + series.acting.shape[1]
+    ends = [series.constant[:, None], series.response[:, None]]
+    of_acting = _running(np.column_stack([series.rest, series.acting, *ends]))
+    total, inside = of_acting[-1], of_acting[end] - of_acting[begin]  # (w, c, c)
+    if kind == FROZEN:
+        of_frozen = _running(np.column_stack([series.rest, series.frozen, *ends]))
+        held = of_frozen[end] - of_frozen[begin]
+        total, inside = total - inside + held, held
+    return _all_left(_with_constant(total, inside, constant), constant + 1)
 
 
 def _running(columns: Array) -> Array:
@@ -69,11 +65,6 @@ def _with_constant(sums: Array, inside: Array, constant: int) -> Array:
     out[:, constant, :] = inside[:, constant, :]
     out[:, :, constant] = inside[:, :, constant]
     return out
-
-
-def _left(total: Array, columns: list[int], response: int) -> float:
-    a, b = total[np.ix_(columns, columns)], total[columns, response]
-    return float(total[response, response] - b @ np.linalg.lstsq(a, b, rcond=1e-10)[0])
 
 
 def _all_left(sums: Array, response: int) -> Array:

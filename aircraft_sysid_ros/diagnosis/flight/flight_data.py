@@ -15,11 +15,8 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import (
     SIGNAL_COUNT,
     Program,
-    evaluate_rows,
-    lags_of,
-    link,
+    evaluate_signals,
     parse_expression,
-    with_lags,
 )
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
@@ -180,9 +177,7 @@ class FlightData:
         """Terms (n, len(programs)) on the signals, ``within`` flights."""
         made, new = self._made, [p for p in programs if p.text not in self._made]
         if new:
-            out = np.empty((len(self.time), len(new)))
-            signals = with_lags(lags_of(new), self.time, self.signals, 1.5 * self.step)
-            evaluate_rows(*link(new), signals, out)
+            out = evaluate_signals(new, self.time, self.signals, 1.5 * self.step)
             made.update(zip((p.text for p in new), self.within(out).T.copy(), strict=True))
         columns = np.column_stack([made[p.text] for p in programs]) if len(programs) else np.empty((len(self.time), 0))
         while len(made) > _KEPT:

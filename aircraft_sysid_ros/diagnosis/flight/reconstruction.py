@@ -34,6 +34,7 @@ from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, flights, is_absurd, manoeuvre_at, manoeuvres
+from aircraft_sysid_ros.stretches import longest_stretch
 
 Array = npt.NDArray[np.float64]
 
@@ -325,9 +326,4 @@ def flying(rows: Array, minimum_airspeed: float) -> Array:
     """The longest stretch of rows in flight without a gap, (n, StateField.WIDTH)."""
     good = (rows[:, StateField.AIRSPEED] > minimum_airspeed) & (rows[:, StateField.STATUS] > 0.0)
     broken = np.diff(rows[:, StateField.TIME], prepend=rows[0, StateField.TIME]) > LONGEST_GAP
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good & ~broken, [False]]).astype(int)))
-    starts, ends = edges[::2], edges[1::2]
-    if not len(starts):
-        return rows[:0]
-    longest = int(np.argmax(ends - starts))
-    return rows[starts[longest] : ends[longest]]
+    return rows[longest_stretch(good & ~broken)]

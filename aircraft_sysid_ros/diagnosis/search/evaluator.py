@@ -168,8 +168,8 @@ class CandidateEvaluator:
         best = max(known, key=lambda t: t.score, default=None)
         if best is None:
             return None
-        passing = max(self._passing(effect, known), key=lambda t: t.score, default=best)
-        found = [self._refined(t) for t in {id(t): t for t in (best, passing)}.values()]
+        passing = max(self._passing(effect, known), key=lambda t: t.score, default=None)
+        found = [self._refined(t) for t in (best, passing) if t is not None]
         return max(found, key=lambda t: t.score - t.price)
 
     def _passing(self, effect: Effect, trials: Sequence[Score]) -> Iterator[Score]:
@@ -178,7 +178,7 @@ class CandidateEvaluator:
             passing, steps = variant.passing, [t for t in trials if t.candidate.variant == variant.name]
             if passing is None or not steps:
                 continue
-            edge = dict(max(steps, key=lambda t: t.score).candidate.inner)["t0"]
+            edge = max(steps, key=lambda t: t.score).candidate.moment
             for values in spans(edge, self.data):
                 trial = self.trial(with_inner(effect, passing, values, self.base))
                 if trial is not None:

@@ -35,10 +35,12 @@ def sudden_change(bench: CandidateEvaluator) -> Score | None:
     best = max((trial for trial in chosen if trial is not None), key=_gain, default=None)
     if best is None:
         return None
-    edge, terms = dict(best.candidate.inner)["t0"], best.candidate.changed
-    passing = [bench.trial(_candidate(bench, values, terms)) for values in spans(edge, bench.data)]
-    other = max((trial for trial in passing if trial is not None), key=_gain, default=best)
-    found = [_refined(bench, trial) for trial in {id(t): t for t in (best, other)}.values()]
+    passing = [
+        bench.trial(_candidate(bench, values, best.candidate.changed))
+        for values in spans(best.candidate.moment, bench.data)
+    ]
+    other = max((trial for trial in passing if trial is not None), key=_gain, default=None)
+    found = [_refined(bench, trial) for trial in (best, other) if trial is not None]
     return max(found, key=lambda trial: _gain(trial) - trial.price)
 
 

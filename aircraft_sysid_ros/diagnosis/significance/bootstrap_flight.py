@@ -21,6 +21,7 @@ from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT, evaluate_rows, with_lags
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
+from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
 from aircraft_sysid_ros.estimation.window_average import window_average
@@ -131,7 +132,8 @@ def world_of(
     position[:, 2] += origins[0] - origins  # each manoeuvre has its own
     altitude = origins - on_grid[:, StateField.POSITION.stop - 1]
     controls, inputs, height = _recorded(aircraft, samples, time, epoch, altitude)
-    coefficients = _coefficients(aircraft, force, rates, turning, flow[:, 0], on_grid[:, StateField.AIR_DENSITY])
+    pressure = 0.5 * on_grid[:, StateField.AIR_DENSITY] * flow[:, 0] ** 2
+    coefficients = coefficients_of_motion(aircraft, force, rates, turning, pressure)
     truth = Truth(
         time=time - time[0],
         position=position,
@@ -245,19 +247,6 @@ def _series(samples: Samples, kind: Kind, width: int, time: Array, epoch: int) -
             order = np.argsort(at[known], kind="stable")
             out[:, k] = np.interp(time, at[known][order], values[known, k][order])
     return out
-
-
-def _coefficients(
-    aircraft: Aircraft, force: Array, rates: Array, turning: Array, airspeed: Array, density: Array
-) -> Array:
-    """C_X … C_n (n, 6) of a motion: forces and (6.19)."""
-    total_force = aircraft.mass * force
-    momentum = rates @ aircraft.inertia.T
-    moment = turning @ aircraft.inertia.T + np.cross(rates, momentum)
-    moment = moment - np.cross(aircraft.aerodynamic_reference, total_force)
-    scale = (0.5 * density * airspeed**2 * aircraft.wing_area)[:, None]
-    lengths = np.array([aircraft.span, aircraft.chord, aircraft.span])
-    return np.hstack([total_force / scale, moment / (scale * lengths)])
 
 
 def _model_coefficients(aircraft: Aircraft, rows: Array, controls: Array, height: Array, parameters: Array) -> Array:

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.flight_check.signals import (
     interpolated_length,
 )
 from aircraft_sysid_ros.samples import LARGEST_VALUES, Kind
+from aircraft_sysid_ros.stretches import stretches
 
 Array = npt.NDArray[np.float64]
 
@@ -148,8 +149,7 @@ def saturated(name: str, values: Array, time: Array) -> list[Finding]:
 
 def run_lengths(at: npt.NDArray[np.bool_]) -> list[int]:
     """Lengths of the runs of True (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-    return (edges[1::2] - edges[::2]).tolist()
+    return [end - begin for begin, end in stretches(at)]
 
 
 def _spikes(name: str, values: Array) -> list[Finding]:

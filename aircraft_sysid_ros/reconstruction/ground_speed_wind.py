@@ -6,9 +6,7 @@ about the wind. The airspeed may change slowly, as a line between knots.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -117,8 +115,3 @@ def contradicted_calm(samples: Samples, minimum_airspeed: float) -> str:
         return ""
     wind = wind_of_ground_speed(velocity, float(np.median(np.diff(of_gps.stamp[order]))) * 1e-9)
     return wind.text if wind is not None else ""
-
-
-def held(parameters: Sequence[Mapping[str, Any]], why: str) -> list[dict[str, Any]]:
-    """Parameters as in parameters.json with HOLD in place of USE, and the reason."""
-    return [{**p, "status": "HOLD", "reason": why} if p["status"] == "USE" else dict(p) for p in parameters]

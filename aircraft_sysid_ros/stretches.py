@@ -1,0 +1,19 @@
+"""Uninterrupted stretches of a series: where a condition holds, from which index to which."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Mask = npt.NDArray[np.bool_]
+
+
+def stretches(mask: Mask) -> list[tuple[int, int]]:
+    """First and last index (exclusive) of each run of True in a mask (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def longest_stretch(mask: Mask) -> slice:
+    """The first of the longest runs of True in a mask (n,); empty where there is none."""
+    return slice(*max(stretches(mask), key=lambda run: run[1] - run[0], default=(0, 0)))
