@@ -22,6 +22,7 @@ from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.commands.replay import render as render_run
 from aircraft_sysid_ros.commands.replay_notes import rate_notes, why_no_start
 from aircraft_sysid_ros.errors import IncompleteError, InputError
+from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import missing_ros
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
@@ -165,6 +166,8 @@ def _late(state: Any, parameters: Any) -> dict[str, int]:
     """How many samples of each kind came after their time was used."""
     counts = {kind: c["late"] for kind, c in state.counts().items()}
     counts["controls"] = counts.get("controls", 0) + parameters.late
+    of_first_step = sum(counts.get(kind.name.lower(), 0) for kind, _ in VANES)
+    counts["vanes, for the parameters"] = max(parameters.late_vanes - of_first_step, 0)
     return {kind: count for kind, count in counts.items() if count}
 
 

@@ -52,6 +52,11 @@ class Identifier:
         """Samples of controls and heights that came after their time was used."""
         return self.stream.controls.late
 
+    @property
+    def late_vanes(self) -> int:
+        """The same of vanes, which the first step counts for itself."""
+        return self.stream.controls.late_vanes
+
     # -- starting over ------------------------------------------------------------------------------------------------
 
     def reset(self) -> None:

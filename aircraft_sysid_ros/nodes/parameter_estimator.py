@@ -33,7 +33,7 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
 )
 
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
-#: Heard for the vanes; kept and counted by the first step.
+#: Heard for the vanes; kept by the first step.
 VANES_TOPIC = "air_data"
 #: What an estimator hears besides: the measurements that it predicts.
 MORE_INPUTS = {"rml": ("gps/fix", "gps/vel")}
@@ -142,6 +142,7 @@ class ParameterEstimatorNode(EstimatorNode):
             "states_received": self.states_received,
             "controls_received": self.received["control_surfaces"],
             "controls_late": self.estimator.late,
+            "vanes_late": self.estimator.late_vanes,
             "inputs": " ".join(item.name for item in self.estimator.aircraft.inputs),
             **{trust.name: statuses.count(trust) for trust in Trust},
             **self.estimator.learning.changes.summary(),

@@ -16,9 +16,9 @@ def flight(aircraft):
     return samples[: len(samples) // 2]
 
 
-def with_late_controls(samples, lateness: float):
-    """Every fortieth sample of the controls arrives later [s]; also how many are late."""
-    controls = np.flatnonzero(samples.kind == Kind.CONTROLS)
+def with_late_controls(samples, lateness: float, kind=Kind.CONTROLS):
+    """Every fortieth sample of the controls, or another kind, arrives later [s]; also how many are late."""
+    controls = np.flatnonzero(samples.kind == kind)
     chosen = controls[(np.arange(len(controls)) % 40 == 7) & (controls < 0.7 * len(samples))]
     arrival = samples.stamp.copy()
     arrival[chosen] += round(lateness * 1e9)
@@ -51,3 +51,12 @@ def test_within_the_horizon_it_makes_no_difference(aircraft, flight) -> None:
     again, _ = flown(aircraft, with_late_controls(flight, 0.4)[0], 500)
     assert late == 0
     np.testing.assert_array_equal(again, on_time)
+
+
+def test_late_vanes_are_counted_by_both_steps(aircraft, flight) -> None:
+    samples, count = with_late_controls(flight, 1.5, Kind.ANGLE_OF_ATTACK)
+    pipeline = Pipeline(aircraft)
+    pipeline.push(samples)
+    pipeline.flush()
+    of_first_step = pipeline.state.counts()["angle_of_attack"]["late"]
+    assert (pipeline.parameters.late, pipeline.parameters.late_vanes, of_first_step) == (0, count, count)

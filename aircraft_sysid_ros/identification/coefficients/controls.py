@@ -34,7 +34,7 @@ MOST_EARLY = 10_000
 _MOST_BEHIND = 1000
 #: So many values within so long [s] that no aircraft has are no faults of transmission: the unit is another one.
 _MOST_ABSURD, _ABSURD_TIME = 10, 30.0
-#: Kinds whose late samples the first step counts.
+#: Kinds that the first step hears and counts, too.
 _OF_FIRST_STEP = [kind for kind, _ in VANES]
 _NAMES = ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller speed")
 
@@ -51,6 +51,7 @@ class ControlHistory:
         self._lowest = np.inf
         self.body = body_of(aircraft)
         self.late = 0
+        self.late_vanes = 0
         self.pace = Pace()  # of the controls
         self._misread: dict[int, float] = {}  # columns of controls whose unit is another one, since when [s]
         self._behind: dict[Kind, deque[tuple[float, Array]]] = {}
@@ -71,7 +72,7 @@ class ControlHistory:
         self._absurd: list[list[float]] = [[] for _ in range(CONTROL_COUNT)]  # times [s] of values that none has
         self._misread = dict.fromkeys(self._misread, -np.inf)
         for kind, samples in behind.items():
-            self.late -= len(samples) if kind not in _OF_FIRST_STEP else 0
+            self._count_late(kind, -len(samples))
             for time, values in samples:
                 self._insert(kind, np.array([time]), values[None])
 
@@ -123,7 +124,7 @@ class ControlHistory:
     def _insert(self, kind: Kind, times: Array, values: Array, used: Array | None = None) -> None:
         """Keep a series sorted; what comes after its time was used, or could have been (n,) [s], is late."""
         in_time = times > (self.used_until if used is None else np.maximum(used, self.used_until))
-        self.late += int((~in_time).sum()) if kind not in _OF_FIRST_STEP else 0
+        self._count_late(kind, int((~in_time).sum()))
         if in_time.any():
             self._behind[kind].clear()
         self._behind[kind].extend(zip(times[~in_time].tolist(), values[~in_time], strict=True))
@@ -132,6 +133,12 @@ class ControlHistory:
         all_values = np.vstack([old_values, values[in_time, : old_values.shape[1]]])
         order = np.argsort(all_times, kind="stable")
         self._series[kind] = (all_times[order], all_values[order])
+
+    def _count_late(self, kind: Kind, count: int) -> None:
+        if kind in _OF_FIRST_STEP:
+            self.late_vanes += count
+        else:
+            self.late += count
 
     def at(self, rows: Array, sparse: bool) -> tuple[Array, Array]:
         """Controls (n, 17), with the signs of the aircraft file, and heights above ground (n,) [m] of states (n, …).
