@@ -12,13 +12,11 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import json
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import failure_flights as flights
+from resumed import flown
 
 from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
 from aircraft_sysid_ros.errors import InputError
@@ -76,16 +74,7 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args()
     wanted = jobs(args.clean, args.failed, args.first)
-    lines = args.results.read_text().splitlines() if args.results.exists() else []
-    results = [r for r in map(json.loads, lines) if any(r["seed"] == job["seed"] for job in wanted)]
-    known = {r["seed"] for r in results}
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(args.jobs, mp_context=context) as pool, args.results.open("a") as file:
-        for result in pool.map(fly, [job for job in wanted if job["seed"] not in known]):
-            results.append(result)
-            file.write(json.dumps(result) + "\n")
-            file.flush()
-    print(summary(results))
+    print(summary(list(flown(fly, wanted, args.results, args.jobs))))
 
 
 if __name__ == "__main__":

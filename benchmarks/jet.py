@@ -16,7 +16,6 @@ import csv
 import json
 import os
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import yaml
+from resumed import flown
 
 from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
 from aircraft_sysid_ros.commands.main import main as command
@@ -258,13 +258,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="*", default=list(range(100, 108)))
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
-    known = [json.loads(line) for line in RESULTS.read_text().splitlines()] if RESULTS.exists() else []
-    todo = [seed for seed in arguments.seeds if seed not in {record["seed"] for record in known}]
-    with ProcessPoolExecutor(arguments.jobs) as pool, RESULTS.open("a") as file:
-        for record in pool.map(judged, todo):
-            file.write(json.dumps(record) + "\n")
-            file.flush()
-            print(json.dumps(record))
+    for record in flown(judged, arguments.seeds, RESULTS, arguments.jobs):
+        print(json.dumps(record))
 
 
 if __name__ == "__main__":

@@ -16,14 +16,12 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # flights share the cores; before numpy is loaded
 
-import json
-import multiprocessing
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import resumed
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.config_files import config_path
@@ -139,19 +137,10 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args()
     wanted = jobs(args.clean, args.hidden, args.first)
-    lines = args.results.read_text().splitlines() if args.results.exists() else []
-    results = [r for r in map(json.loads, lines) if any(r["seed"] == job["seed"] for job in wanted)]
-    known = {r["seed"] for r in results}
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(args.jobs, mp_context=context) as pool, args.results.open("a") as file:
-        for result in pool.map(fly, [job for job in wanted if job["seed"] not in known]):
-            results.append(result)
-            file.write(json.dumps(result) + "\n")
-            file.flush()
-            print(
-                f"{len(results)} of {len(wanted)}: {result['seed']} {result['effect']} {result.get('found')}",
-                flush=True,
-            )
+    results = []
+    for result in resumed.flown(fly, wanted, args.results, args.jobs):
+        results.append(result)
+        print(f"{len(results)} of {len(wanted)}: {result['seed']} {result['effect']} {result.get('found')}", flush=True)
     print(summary(results))
 
 

@@ -3,8 +3,9 @@
 A candidate is significant when it explains more than it does in replicas of the flight in which nothing is missing
 (``replica``), by a t-test over the replicas that allows for the number of candidates tried. A verdict needs size as
 well: a share of the held-out error of an axis must go, so that what is true but tiny is listed and not called missing.
-The effects are found one after another, each with those before it in the model, until none is left. All limits are in
-``thresholds``.
+The effects are found one after another, each with those before it in the model, until none is left. What is found
+later must explain that share of the error that there was at first, and more than another shape of what was found
+before would. All limits are in ``thresholds``.
 
 When a generic expression, or a change at one moment, explains clearly more than the best effect of the library, the
 cause is not in the library: the verdict is "unexplained", with the expression, and that effect is not named first.
@@ -28,6 +29,7 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import (
     expressions,
     log_ratio,
     new_terms,
+    shapes_of,
     size_of,
 )
 from aircraft_sysid_ros.diagnosis.search.fit import Gain
@@ -53,9 +55,11 @@ class Finding:
     excess: float  # of the score over that in replicas
     evidence: float  # the same in standard deviations over replicas
     p_value: float  # allowing for the number of candidates
-    size: float  # share of the held-out rms error of its main axis that goes
+    size: float  # share of the held-out rms error of its main axis, before anything was found, that goes
     confounded_with: tuple[str, ...] = ()
     blocks: tuple[int, ...] = ()  # numbers of the blocks of time that hold most of the evidence
+    #: By axis the term that explains most of what the effect leaves since it has another shape, if that has size.
+    shape: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def matters(self) -> bool:
@@ -122,8 +126,9 @@ def diagnose(
     listed: list[Finding] = []
     resting, tried = _resting_on(bench.data.inferred), 0
     one: _Round | None = None
+    first = {axis: fit.nrmse_held_out for axis, fit in bench.fits.items()}
     for number in range(THRESHOLDS.most_effects):
-        one = _Round(bench, empty, Null(scores), library, _part(progress, number), one)
+        one = _Round(bench, empty, Null(scores), library, _part(progress, number), one, first)
         tried = max(tried, len(one.trials))
         significant = one.findings(found)
         known = {f.trial.candidate.family for f in listed}
@@ -133,15 +138,37 @@ def diagnose(
         best = next((f for f in sure if f.trial.main_axis not in resting), None)
         if best is None:
             break
-        found.append(best)
         terms = new_terms(bench.data, best.trial)
         bench = bench.extended(terms)
-        empty = [other.extended(terms) for other in empty]
+        shapes = shapes_of(bench, best.trial)
+        found.append(replace(best, shape=_sizeable(shapes, bench, first)))
+        columns = {
+            axis: [text for part in parts for text in part.candidate.terms[axis]] for axis, parts in shapes.items()
+        }
+        bench = bench.extended({}, columns)
+        empty = [other.extended(terms, columns) for other in empty]
     progress(1.0)
     unknown = _unknown(bench, floor, resting, listed)
     names = {f.trial.candidate.family for f in found}
     order = found + [f for f in listed if f.trial.candidate.family not in names]
     return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench, unknown)
+
+
+def _sizeable(
+    shapes: Mapping[str, Sequence[Score]], bench: CandidateEvaluator, first: Mapping[str, float]
+) -> dict[str, str]:
+    """By axis the term that explains most of what an effect leaves, where that is a share of the first error."""
+    best = {axis: parts[0] for axis, parts in shapes.items()}
+    sizes = {
+        axis: _share(part.gains[axis], bench.fits[axis].nrmse_held_out, first[axis]) for axis, part in best.items()
+    }
+    texts = {axis: bench.data.parsed(part.candidate.terms[axis])[0].text for axis, part in best.items()}
+    return {axis: text for axis, text in texts.items() if sizes[axis] >= THRESHOLDS.size}
+
+
+def _share(gain: Gain, now: float, first: float) -> float:
+    """Share of the error that an axis had at first that goes; ``now`` is what it has now."""
+    return size_of(gain) * min(now / first, 1.0) if first > 0.0 else 0.0
 
 
 def _unknown(
@@ -179,8 +206,10 @@ class _Round:
         library: Sequence[Effect],
         progress: Callable[[float], None],
         last: _Round | None,
+        first: Mapping[str, float],
     ) -> None:
-        self.bench, self.empty, self.null = bench, empty, null
+        """``first``: held-out errors by axis before anything was found."""
+        self.bench, self.empty, self.null, self.first = bench, empty, null, first
         changed = {axis for axis, fit in bench.fits.items() if last is None or fit is not last.bench.fits[axis]}
         tried = {} if last is None else {t.candidate.family: t for t in (*last.trials, *last.outside)}
         self.trials: list[Score] = []
@@ -216,8 +245,11 @@ class _Round:
 
     def _test(self, trial: Score) -> Finding:
         excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score, len(self.trials))
-        gain = trial.gains[trial.main_axis]
-        return Finding(trial, self.bench.data, excess, evidence, p_value, size_of(gain), blocks=_blocks(trial))
+        return Finding(trial, self.bench.data, excess, evidence, p_value, self._size(trial), blocks=_blocks(trial))
+
+    def _size(self, trial: Score) -> float:
+        axis = trial.main_axis
+        return _share(trial.gains[axis], self.bench.fits[axis].nrmse_held_out, self.first[axis])
 
     def _outside(self, best: Finding | None, first: bool) -> Finding | None:
         """The generic expression that explains most, if it explains clearly more than the best effect."""
@@ -244,8 +276,7 @@ class _Round:
         others = [t for t in (other.trial(trial.candidate) for other in self.empty) if t is not None]
         null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
         excess, evidence, p_value = null.test(trial.candidate.family, trial.score, len(self.outside))
-        size = size_of(trial.gains[trial.main_axis])
-        return Finding(trial, self.bench.data, excess, evidence, p_value, size, blocks=_blocks(trial))
+        return Finding(trial, self.bench.data, excess, evidence, p_value, self._size(trial), blocks=_blocks(trial))
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
         """The finding with the candidates that this flight cannot tell from it."""

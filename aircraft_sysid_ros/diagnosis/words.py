@@ -110,6 +110,7 @@ class FlightDiagnosis:
                 for a, texts in terms.items()
                 for text, value in zip(texts, _fitted(added, a, texts), strict=True)
             ],
+            "shape": dict(finding.shape),
             "found": finding in self.diagnosis.found,
         }
 
@@ -160,6 +161,8 @@ class FlightDiagnosis:
                 yield self._outside(finding.trial.candidate)
                 continue
             yield f"{effect.name} is missing (add {effect.identifier})."
+            for axis, text in finding.shape.items():
+                yield f'Its shape is another one in {axis[0]}_{axis[1]}: add the expression "{axis}: {text}", too.'
             for other in finding.confounded_with:
                 if other in BY_ID:
                     yield f"This flight cannot tell it from {BY_ID[other].name}; to separate them: {effect.manoeuvre}"

@@ -97,8 +97,14 @@ def size_of(gain: Gain) -> float:
 class CandidateEvaluator:
     """One flight, with the fit of the present model in every axis, on which candidates are tried."""
 
-    def __init__(self, data: FlightData, fits: Mapping[str, AxisFit] | None = None) -> None:
-        self.data = data
+    def __init__(
+        self,
+        data: FlightData,
+        fits: Mapping[str, AxisFit] | None = None,
+        shapes: Mapping[str, tuple[str, ...]] | None = None,
+    ) -> None:
+        """``shapes``: terms by axis that are fitted beside the model and are none of it."""
+        self.data, self.shapes = data, shapes or {}
         self.fits = _fits(data) if fits is None else dict(fits)
         if not self.fits:
             raise InputError(f"no axis of the model can be judged: {next(iter(fits_of(data)[1].values()))}")
@@ -202,11 +208,19 @@ class CandidateEvaluator:
             best = refined(best, numbers[name], self.data, at, lambda trial: trial.score)
         return best
 
-    def extended(self, terms: Mapping[str, Sequence[str]]) -> CandidateEvaluator:
-        """The bench of the model with more terms by axis; an axis that they leave without data stays as it is."""
-        data = self.data.with_terms(terms)
+    def extended(
+        self, terms: Mapping[str, Sequence[str]], shapes: Mapping[str, Sequence[str]] | None = None
+    ) -> CandidateEvaluator:
+        """The bench of the model with more terms by axis; an axis that they leave without data stays as it is.
+
+        ``shapes``: terms that are fitted, too, but are none of the model.
+        """
+        data, more = self.data.with_terms(terms), dict(self.shapes)
+        for axis, texts in (shapes or {}).items():
+            more[axis] = tuple(dict.fromkeys((*more.get(axis, ()), *texts)))
         tilted = {"CX"} if {"CY", "CZ"} & set(terms) else set()
-        return CandidateEvaluator(data, {**self.fits, **_fits(data, {*terms, *tilted} & set(self.fits))})
+        again = {*terms, *tilted, *(shapes or {})} & set(self.fits)
+        return CandidateEvaluator(data, {**self.fits, **_fits(data, again, more)}, more)
 
     def contribution(self, trial: Score, axis: str) -> Array:
         """What a candidate explains in an axis beyond the model, (n,), 0 where it has no data."""
@@ -268,14 +282,38 @@ def undetermined(flight: FlightData, axis: str, texts: Sequence[str]) -> list[st
     return [text for text, known in zip(texts, determined, strict=True) if not known]
 
 
-def _fits(data: FlightData, axes: Collection[str] = AXES) -> dict[str, AxisFit]:
-    """The fit of every axis that has data, with the tilt of the lift vector in C_X."""
+def shapes_of(bench: CandidateEvaluator, trial: Score) -> dict[str, list[Score]]:
+    """What a true effect leaves where its shape is not quite that of a candidate, by axis, what explains most first.
+
+    Its terms curved, growing with the angle of attack, or once more with other inner numbers. ``bench`` has the
+    candidate in its model.
+    """
+    effect, shapes = trial.candidate.effect, {}
+    again = bench.best_of(effect) if effect is not None and trial.candidate.inner else None
+    for axis, terms in trial.candidate.terms.items():
+        if axis not in bench.fits:
+            continue
+        texts = [text for term in terms for text in (f"({term})*abs({term})", f"({term})**3", f"alpha*({term})")]
+        texts += again.candidate.terms.get(axis, ()) if again is not None else ()
+        parts = [bench.trial(Candidate(None, "", (), {axis: (t,)})) for t in texts if len(t) <= MAXIMUM_LENGTH]
+        known = [part for part in parts if part is not None and part.score > part.price]
+        if known:
+            shapes[axis] = sorted(known, key=lambda part: -part.score)
+    return shapes
+
+
+def _fits(
+    data: FlightData, axes: Collection[str] = AXES, shapes: Mapping[str, Sequence[str]] | None = None
+) -> dict[str, AxisFit]:
+    """The fit of every axis that has data, with the tilt of the lift vector in C_X, and ``shapes`` by axis."""
     fits, _ = fits_of(data, axes)
+    more = {axis: list(texts) for axis, texts in (shapes or {}).items() if axis in fits}
     if "CX" in fits:
-        tilt = tilt_terms(data)
-        columns = data.columns(data.parsed(tilt))
+        more["CX"] = [*tilt_terms(data), *more.get("CX", ())]
+    for axis, texts in more.items():
+        columns = data.columns(data.parsed(texts))
         with contextlib.suppress(InputError):
-            fits["CX"] = fits["CX"].extended(columns, [f"CX_{term}" for term in tilt])
+            fits[axis] = fits[axis].extended(columns, [f"{axis}_{term}" for term in texts])
     return fits
 
 
