@@ -89,11 +89,12 @@ lint: env ## ruff, its format, and the layers of .importlinter
 types: env ## mypy
 	$(BIN)/mypy
 
-# Tests take ROS domains of their own, see test/conftest.py, and hear nothing else on the network.
+# Tests take ROS domains of their own, see test/conftest.py, and hear nothing else on the network. One worker more than
+# cores: two of them run tests with nodes at first, which wait for half of their time.
 pytest: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 pytest: export ROS_LOG_DIR := $(abspath build/ros_log)
 pytest: env ## the tests alone; ARGS='-k name -x' selects
-	$(BIN)/python -m pytest -n $(shell nproc) $(ARGS)
+	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) $(ARGS)
 
 test-long: ## the tests that `make test` leaves out: many flights and seeds
 	@$(MAKE) --no-print-directory pytest ARGS="-m long $(ARGS)"

@@ -40,10 +40,22 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 #: Folders with the groups that take longest: these begin first, so that all workers end together.
-LONGEST_FIRST = ("nodes", "workbench", "documented_ways", "diagnosis", "commands", "refinement", "identification")
+LONGEST_FIRST = (
+    "nodes",
+    "workbench",
+    "documented_ways",
+    "test",
+    "diagnosis",
+    "commands",
+    "refinement",
+    "identification",
+)
 
 #: Other files with nodes than those of their folder.
-WITH_NODES = ("test_demo_story", "test_drone_developer", "test_ros_developer")
+WITH_NODES = ("test_drone_developer", "test_ros_developer")
+
+#: Files whose recordings are played to processes: about half of the time of all files with nodes.
+PLAYED = ("test_calibrated_live", "test_inputs_named_live", "test_live_equals_replay", "test_stopping")
 
 
 def pytest_collection_modifyitems(items):
@@ -68,9 +80,12 @@ def pytest_xdist_make_scheduler(config, log):
 def group_of(path):
     """Tests of a file share a worker, or what they share would be made twice; and those of the page share a server.
 
-    Two tests with nodes at a time would wait for each other's processor time.
+    Tests with nodes wait for half of their time: two of them at a time take what one core has, more would wait for
+    each other.
     """
     page = "workbench" in path.parts
+    if path.stem in PLAYED:
+        return "played"
     if "nodes" in path.parts or path.stem in WITH_NODES or (page and "live" in path.name):
         return "nodes"
     return "workbench" if page else path.stem
@@ -84,6 +99,23 @@ def domain():
     before, os.environ["ROS_DOMAIN_ID"] = os.environ["ROS_DOMAIN_ID"], str(number)
     yield str(number)
     os.environ["ROS_DOMAIN_ID"] = before
+
+
+@pytest.fixture(scope="session", autouse=True)
+def drawing():
+    """How matplotlib writes a picture. In this process none is drawn, which takes longer than what it stands beside."""
+    from matplotlib.figure import Figure
+
+    with pytest.MonkeyPatch.context() as patch:
+        draw = Figure.savefig
+        patch.setattr(Figure, "savefig", lambda self, path, **options: Path(path).touch())
+        yield draw
+
+
+@pytest.fixture
+def pictures(drawing, monkeypatch):
+    """For tests that look at pictures: they are drawn, as in every other process."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", drawing)
 
 
 @pytest.fixture(scope="session")

@@ -23,7 +23,7 @@ def call(capsys, *arguments) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-def test_add_compare_remove(run, capsys) -> None:
+def test_add_compare_remove(run, pictures, capsys) -> None:
     before = call(capsys, "compare", run)
     added = call(capsys, "add", run, "CZ: alpha**3")
     errors = added["axes"]["CZ"]

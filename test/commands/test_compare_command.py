@@ -12,7 +12,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
 
 
-def test_json_is_one_document_with_what_the_interface_promises(run_with_hidden_effect, capsys) -> None:
+def test_json_is_one_document_with_what_the_interface_promises(run_with_hidden_effect, pictures, capsys) -> None:
     capsys.readouterr()
     assert main(["compare", str(run_with_hidden_effect), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)

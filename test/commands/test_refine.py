@@ -30,7 +30,7 @@ def test_a_run_holds_its_samples(run, aircraft):
         np.testing.assert_array_equal(stored["values"], samples.values)
 
 
-def test_refine_writes_file_and_figure(run, capsys):
+def test_refine_writes_file_and_figure(run, pictures, capsys):
     capsys.readouterr()
     assert main(["refine", str(run), "--method", "output-error", "--segment", "6", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)

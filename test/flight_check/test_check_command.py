@@ -129,7 +129,9 @@ def test_stamps_of_another_day_are_said_and_do_not_fill_the_memory(recorded, cap
     assert ("true_airspeed", "jitter", "error") in {(f["signal"], f["kind"], f["severity"]) for f in result["findings"]}
 
 
-def test_a_page_and_a_picture_are_written_and_a_bad_name_is_refused_before_the_work(recorded, capsys, tmp_path):
+def test_a_page_and_a_picture_are_written_and_a_bad_name_is_refused_before_the_work(
+    recorded, capsys, pictures, tmp_path
+):
     pytest.importorskip("matplotlib")
     pytest.importorskip("jinja2")
     path, _ = recorded

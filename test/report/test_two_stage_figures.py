@@ -8,7 +8,7 @@ from aircraft_sysid_ros.report.two_stage_figures import trace_figure
 
 
 @pytest.mark.parametrize("n2", [1, 2, 5])
-def test_the_samples_are_drawn_also_where_some_have_no_value(tmp_path, n2):
+def test_the_samples_are_drawn_also_where_some_have_no_value(tmp_path, pictures, n2):
     xi2 = np.random.default_rng(0).uniform(-1.0, 1.0, (40, n2))
     trace = np.where(np.arange(40) % 7 == 0, np.inf, np.sum(xi2**2, axis=1))
     samples = ResidualSamples(xi2, np.zeros((40, 1)), trace, np.zeros(40, np.int64))
