@@ -304,7 +304,7 @@ def test_with_the_ros_wheels_beside_it_the_installed_program_flies_live(domain, 
     assert found == f"{installed.site / PACKAGE / '__init__.py'}\n"
     program = (sys.executable, installed.command)
     aircraft = installed.site / PACKAGE / "config" / "ultra_stick_25e.yaml"
-    options = ("--reliable", "--until-idle", 3, "--ready-file", "ready", "--out", "live", "--json")
+    options = ("--reliable", "--until-idle", 1.5, "--ready-file", "ready", "--out", "live", "--json")
     with started(*program, "live", "--aircraft", aircraft, *options, cwd=place, **with_ros) as live:
         while not (place / "ready").exists():
             assert live.poll() is None, live.stderr.read()

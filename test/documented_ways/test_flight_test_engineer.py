@@ -28,7 +28,7 @@ WAY = {
     "report": ("README.md", "aircraft-sysid report runs/flight --out flight.html"),
     "remove": ("README.md", "aircraft-sysid remove runs/flight sideslip_drag"),
 }
-SECONDS = 60  # of flight
+SECONDS = 45  # of flight
 #: Diagnosis does without the covariance of the smoother, which is summed in another order.
 SAME = {"rel": 1e-6}
 
@@ -99,6 +99,7 @@ def compared(user):
 def diagnosed(user, before):
     """The effect by its name and no other, with the error that its addition would leave."""
     said = user.ask("diagnose", "--replicas", 2)
+    assert said == read(user.folder / "runs" / "flight" / "diagnosis.json")
     assert [c["effect"] for c in said["candidates"] if c["found"]] == ["sideslip_drag"]
     assert said["verdict"] == "missing"
     assert said["advice"] == f"{BY_ID['sideslip_drag'].name} is missing (add sideslip_drag)."

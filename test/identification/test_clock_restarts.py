@@ -12,7 +12,7 @@ from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
-DURATION, LEAP = 60.0, 35.0  # [s]
+DURATION, LEAP = 45.0, 25.0  # [s]
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ AIRCRAFT = config_path(CALIBRATION_AIRCRAFT)
 def flown(tmp_path_factory):
     """A recording whose air data, pressures and field are all wrong, and the file that says how."""
     folder = tmp_path_factory.mktemp("calibrated")
-    flight = calibration_flight(4, 60.0)
+    flight = calibration_flight(4, 40.0)
     write_flight(flight, folder / "flight")
     content = {
         "five_hole_probe": {"alpha_sensitivity": 3.9, "beta_sensitivity": 3.9, **flight.calibration["five_hole_probe"]},

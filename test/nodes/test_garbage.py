@@ -135,7 +135,7 @@ def test_a_matrix_that_cannot_be_solved_ends_no_node(bench, raw):
     before = state.rows_published
     state.estimator.push = failing_once(state.estimator.push)
     parameters.estimator.push_states = failing_once(parameters.estimator.push_states)
-    bench.play(raw, BEFORE, AFTER, state)
+    bench.play(raw, BEFORE, 3.0 * BEFORE, state)
     bench.spin_until(lambda: parameters.states_received == state.rows_published == len(states))
     assert (state.numerical_faults, parameters.numerical_faults) == (1, 1)
     assert state.rows_published - before > 1000 and states[-1].status == AircraftState.STATUS_OK
