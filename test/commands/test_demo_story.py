@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,12 +12,16 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands import demo_story
 from aircraft_sysid_ros.commands.demo_story import flown_errors, story_json, story_text, tell
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.report.story_figure import story_figure
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 from aircraft_sysid_ros.simulation.truth_files import true_values, truth_document
+
+SOME = [BY_ID[n] for n in ("alpha_scale", "dihedral_alpha", "sideslip_drag", "stall", "adverse_yaw", "control_damage")]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +44,11 @@ def run(flight, aircraft, tmp_path):
     return path
 
 
-def test_the_hidden_effect_is_found_added_and_the_error_falls_to_the_noise(run, flight, tmp_path) -> None:
+@pytest.mark.parametrize("library", [SOME, pytest.param(LIBRARY, marks=pytest.mark.long)], ids=["some", "all"])
+def test_the_hidden_effect_is_found_added_and_the_error_falls_to_the_noise(
+    run, flight, library, pictures, monkeypatch, tmp_path
+) -> None:
+    monkeypatch.setattr(demo_story, "diagnose_flight", partial(diagnose_flight, library=library))
     said: list[str] = []
     story = tell(run, said.append, replicas=2)
     told = story_json(story, truth_document(flight))

@@ -228,6 +228,7 @@ def test_without_a_common_clock_each_begins_anew(clean, aircraft, aircraft_file,
         assert abs(found[name][0] / aircraft.coefficients[name] - 1.0) < 0.05, name
 
 
+@pytest.mark.long  # the same with segments and all main derivatives: test_replay_without_sensors.py
 def test_twenty_manoeuvres_at_25_hz_without_gps(aircraft, aircraft_file, folder):
     flight, every = simulate_samples(aircraft, 61, 240.0), {"imu/data": 4, "air_data": 2, "control_surfaces": 2}
     streams = [

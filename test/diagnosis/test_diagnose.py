@@ -217,6 +217,7 @@ def run_folder(aircraft, tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_the_command_prints_one_document_and_keeps_it(run_folder, capsys):
     assert main(["diagnose", str(run_folder), "--replicas", "2", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)

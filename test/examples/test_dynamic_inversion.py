@@ -147,7 +147,7 @@ def test_with_the_truth_it_tracks_also_after_damage(aircraft):
     assert errors["fixed"] > 2.0 * errors["truth"]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_live_parameters_beat_fixed_ones_when_the_elevator_loses_half_of_its_effect(aircraft, seed):
     case = replace(CASES["elevator"], time=20.0, duration=45.0)
     live, fixed = (fly(aircraft, case, kind, seed, turbulence=2.0) for kind in ("live", "fixed"))

@@ -128,7 +128,17 @@ def test_cruise_is_held_to_the_last_bit(flight, inputs):
     assert np.array_equal(values(estimator), settled)
 
 
-@pytest.mark.parametrize("what", ["gap", "ground", "dead control", "diverged", "no number", "clock"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        "gap",
+        "ground",
+        pytest.param("dead control", marks=pytest.mark.long),  # before any estimator: test_parameter_estimator.py
+        "diverged",
+        "no number",
+        "clock",
+    ],
+)
 def test_what_cannot_be_learnt_from_does_not_corrupt(flight, inputs, what):
     rows, controls = inputs[0].copy(), inputs[1]
     bad = slice(6000, 6600)

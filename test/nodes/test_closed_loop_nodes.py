@@ -25,6 +25,7 @@ sys.path.insert(0, str(EXAMPLE))
 SECONDS = 9.0
 
 
+@pytest.mark.long  # with processes and an aeroplane that changes: test_drone_developer.py
 def test_a_short_flight_over_topics(bench):
     from aeroplane_node import AeroplaneNode
     from controller_node import ControllerNode

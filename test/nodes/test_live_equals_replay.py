@@ -118,6 +118,7 @@ def slow_recording(aircraft, tmp_path_factory):
     return path
 
 
+@pytest.mark.long  # in blocks of any size: test_slow_states.py; what is said of the rate: test_slow_flights.py
 def test_an_imu_of_ten_hertz_is_learnt_from_live_as_in_replay_and_the_run_says_its_rate(
     domain, slow_recording, aircraft_file, tmp_path, capsys
 ):
@@ -157,6 +158,7 @@ def test_stopped_by_a_signal_the_run_is_written_in_full(domain, recording, aircr
     played_in_time(playback)
 
 
+@pytest.mark.long  # the launched executables: test_ros_developer.py; all files of a run: above
 def test_two_processes_give_the_same(domain, recording, aircraft_file, replayed, tmp_path):
     """The executables, steered as a lifecycle manager does; the last message says what replay's files say."""
     rclpy = pytest.importorskip("rclpy")

@@ -181,6 +181,7 @@ def test_files_of_one_pattern_continue_each_other(flown, tmp_path):
     np.testing.assert_allclose(samples.values[:, :3], flown.force, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long  # of the whole process, and at larger sizes: test_import_memory.py
 def test_the_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
     """Twice the rows, read in pieces of 500: the peak of what Python and NumPy hold stays where it was."""
     monkeypatch.setattr(streams, "ROWS", 500)

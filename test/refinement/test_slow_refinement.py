@@ -55,7 +55,7 @@ def test_the_grid_is_dense_and_the_imu_stands_at_its_own_times(samples: Samples,
 @pytest.mark.parametrize(
     ("method", "slow", "largest"),
     [
-        (OUTPUT_ERROR, lambda s: thinned(s, 10.0), 0.02),
+        pytest.param(OUTPUT_ERROR, lambda s: thinned(s, 10.0), 0.02, marks=pytest.mark.long),
         (OUTPUT_ERROR, lambda s: all_thinned(s, 10.0, jitter=0.2, lost=0.1), 0.15),
         pytest.param(FILTER_ERROR, lambda s: thinned(s, 10.0, jitter=0.2, lost=0.1), 0.04, marks=pytest.mark.long),
     ],
