@@ -148,6 +148,7 @@ hidden-effects: env ## does the diagnosis name what is missing: hidden effects a
 	    $(PIP) install --no-build-isolation -c constraints.txt -e '.[bench]'
 	$(BIN)/python benchmarks/hidden_effects.py --set tuned
 	$(BIN)/python benchmarks/hidden_effects.py --set fresh
+	$(BIN)/python benchmarks/further_effects.py
 	@$(MAKE) --no-print-directory docs
 
 paper: env ## tables 1 to 4 and figures 2 and 4 of the two-stage paper, ours beside the published numbers (minutes)

@@ -147,9 +147,17 @@ def _wrong(folder: Path, name: str) -> str:
     return ""
 
 
+def journal_path(run: str | Path) -> Path:
+    """The folder beside a run in which its flight is kept until the run is written."""
+    path = Path(run)
+    return path.with_name(f"{path.name}.flying")
+
+
 def not_a_run(path: str | Path) -> InputError:
     """What to say of a folder that cannot be read as a run: which files are damaged, or that it is something else."""
     folder = Path(path)
+    if not folder.exists() and journal_path(path).is_dir():
+        return InputError(f"{path} was cut off in flight, or is being flown: aircraft-sysid recover {path}")
     if any((folder / name).exists() for name in _READERS):
         wrong = "".join(f", {text}" for text in [" and ".join(damaged_files(folder))] if text)
         return InputError(

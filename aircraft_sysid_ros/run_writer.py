@@ -28,6 +28,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import evaluate_rows, with_lags
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_journal import FlightJournal
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.model_file import parameters_json
@@ -54,23 +55,41 @@ STATE_RATE = 25.0
 class RunWriter:
     """Context manager that gathers a run and writes its folder at once at the end, or not at all."""
 
-    def __init__(self, path: str | Path, aircraft: Aircraft, *, overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        aircraft: Aircraft,
+        *,
+        overwrite: bool = False,
+        in_progress: Mapping[str, Any] | None = None,
+    ) -> None:
+        """``in_progress``: the options of both steps of a flight that is flown now; its samples go to disk as they come
+        (``flight_journal``). Raises InputError where the run cannot be written.
+        """
         self.path = Path(path)
+        _check_target(self.path, overwrite)
         self._aircraft = aircraft
         self._rows: list[Array] = []
         self._points: list[Array] = []
-        self._samples: list[Samples] = []
+        self._journal = None if in_progress is None else FlightJournal(path, aircraft, in_progress)
+        self._samples: list[Samples] | FlightJournal = self._journal or []
         self._parameters: list[ParameterSet] = []
         self._errors: list[tuple[float, list[AxisError]]] = []
         self._last_state = -np.inf
-        _check_target(self.path, overwrite)
 
     def __enter__(self) -> RunWriter:
         return self
 
-    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
         self._rows.clear()
-        self._samples.clear()
+        if self._journal is None:
+            self._samples.clear()
+        elif self._journal.is_open and (kind is None or issubclass(kind, InputError)):  # there was no flight
+            self._journal.clear()
+        else:
+            self._journal.close()
 
     def add_rows(self, rows: Array) -> None:
         """New rows of StateField, in order; STATE_RATE of them are kept per second."""
@@ -125,7 +144,8 @@ class RunWriter:
         without is noted too.
         """
         absent = absences(state, [manoeuvre["name"] for manoeuvre in manoeuvres])
-        told = [*notes, *absent, *noise_notes(state)]
+        lost = [self._journal.note] if self._journal is not None and self._journal.note else []
+        told = [*notes, *lost, *absent, *noise_notes(state)]
         result = {"state": {**state_json(state), "notes": told}, "parameters": parameters_json(parameters)}
         self._doubt_calm_air(state, result)
         if manoeuvres:
@@ -137,7 +157,7 @@ class RunWriter:
                 new.mkdir()
                 self._write_estimates(new / ESTIMATES, state.epoch or 0, parameters)
                 self._write_points(new / POINTS, state.epoch or 0, parameters)
-                samples = concatenate(self._samples)
+                samples = concatenate([*self._samples])
                 np.savez(new / SAMPLES, stamp=samples.stamp, kind=samples.kind.astype(np.int8), values=samples.values)
                 aircraft = yaml.safe_dump(parameters.aircraft.source, sort_keys=False, explicit_end=True)
                 (new / AIRCRAFT).write_text(aircraft, encoding="utf8")
@@ -149,14 +169,20 @@ class RunWriter:
                     self.path.rename(Path(folder) / "replaced")
                 shutil.move(new, self.path)
         except OSError as error:
-            raise InputError(f"cannot write the run {self.path}: {error.strerror or error}") from None
+            kept = ""
+            if self._journal is not None:
+                self._journal.close()
+                kept = f"; its flight is kept: aircraft-sysid recover {self.path}"
+            raise InputError(f"cannot write the run {self.path}: {error.strerror or error}{kept}") from None
+        if self._journal is not None:
+            self._journal.clear()
         return result
 
     def _doubt_calm_air(self, state: StateEstimator, result: dict[str, Any]) -> None:
         """Hold every parameter of a flight whose speed over ground shows a wind that was taken for none."""
         if not state.options.calm_air:
             return
-        wind = contradicted_calm(concatenate(self._samples), self._aircraft.minimum_airspeed)
+        wind = contradicted_calm(concatenate([*self._samples]), self._aircraft.minimum_airspeed)
         if wind:
             result["state"]["notes"].append(f"the air was not calm: {wind}, so that nothing is to be used")
             listed = result["parameters"]["parameters"]

@@ -98,6 +98,8 @@ def concatenate(batches: list[Samples]) -> Samples:
     """Join batches in the given order."""
     if not batches:
         return Samples(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, WIDTH)))
+    if len(batches) == 1:
+        return batches[0]
     return Samples(
         np.concatenate([b.stamp for b in batches]),
         np.concatenate([b.kind for b in batches]),

@@ -1,6 +1,6 @@
 """Is what is named after the first effect there? Flights with one hidden effect, and flights with two.
 
-    python benchmarks/further_effects.py [--single 24] [--pairs 24] [--jobs 2] [--first 9500000]
+    python benchmarks/further_effects.py [--single 20] [--pairs 16] [--jobs 2] [--first 9400000]
 
 Flights of 120 s from the project's own simulator, effects of the aerodynamics and changes drawn from the seed, the
 second half as strong as the first in every other pair, calm air and light turbulence in turn. An effect of a pair is
@@ -41,7 +41,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import (
 )
 
 RESULTS = Path(__file__).parent / "results" / "further_effects.jsonl"
-DURATION, REPLICAS, FIRST = 120.0, 4, 9_500_000
+DURATION, REPLICAS, FIRST = 120.0, 4, 9_400_000
 RELEVANT = 0.2
 #: They need another aeroplane, or are told by other means.
 _ELSEWHERE = ("compressibility", "wind_change")
@@ -125,8 +125,8 @@ def summary(results: list[dict[str, Any]]) -> str:
 def main() -> None:
     """Fly what is not flown yet, and count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--single", type=int, default=24)
-    parser.add_argument("--pairs", type=int, default=24)
+    parser.add_argument("--single", type=int, default=20)
+    parser.add_argument("--pairs", type=int, default=16)
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--results", type=Path, default=RESULTS)

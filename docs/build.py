@@ -422,6 +422,12 @@ def strangers() -> str:
     return table(*diagnosis_tables.strangers([json.loads(line) for line in lines]))
 
 
+def further_effects() -> str:
+    """Flights with one hidden effect, and with two."""
+    lines = (RESULTS / "further_effects.jsonl").read_text(encoding="utf8").splitlines()
+    return table(*diagnosis_tables.further_effects([json.loads(line) for line in lines]))
+
+
 def jet() -> str:
     """A jet at 10 Hz, of another maker."""
     lines = (RESULTS / "jet.jsonl").read_text(encoding="utf8").splitlines()
@@ -580,6 +586,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
     "jet": jet,
+    "further_effects": further_effects,
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "failures": failures,
     "slow_imu": slow_imu,

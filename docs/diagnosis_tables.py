@@ -132,6 +132,28 @@ def strangers(flown: list[dict[str, Any]]) -> Rows:
     return ["air", "clean flights", "given a verdict", "flights with an effect", "named first"], rows
 
 
+def further_effects(flown: list[dict[str, Any]]) -> Rows:
+    """What is named in flights with one effect and with two."""
+
+    def names(effect: str, finding: dict[str, Any]) -> bool:
+        return effect in {finding["effect"], *finding["confounded_with"]} or finding["effect"] in aliases_of(effect)
+
+    rows = []
+    for words, count in {"one effect": 1, "two effects": 2}.items():
+        own = [f for f in flown if "failed" not in f and len(f["hidden"]) == len(f["relevant"]) == count]
+        whole = sum(all(any(names(e, said) for said in f["found"]) for e in f["hidden"]) for f in own)
+        more = sum(any(not any(names(e, said) for e in f["hidden"]) for said in f["found"]) for f in own)
+        rows.append(
+            [
+                words,
+                str(len(own)),
+                counted(whole / max(len(own), 1), len(own)),
+                counted(more / max(len(own), 1), len(own)),
+            ]
+        )
+    return ["hidden", "flights in which all are relevant", "all named", "a name more that is not there"], rows
+
+
 def failures(flown: list[dict[str, Any]]) -> Rows:
     """Inputs that fail in flights without vanes, by what the log holds."""
     signals, rows = {"elevator": "de", "aileron": "da", "rudder": "dr"}, []

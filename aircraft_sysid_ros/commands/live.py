@@ -10,6 +10,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict
 from typing import Any
 
@@ -62,7 +63,22 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     aircraft = load_aircraft(args.aircraft)
     if args.calibration:
         load_calibration(args.calibration)
-    writer = RunWriter(args.out, aircraft, overwrite=args.overwrite) if args.out else None
+    in_progress = {"state": asdict(options[0]), "parameters": asdict(options[1])}
+    writer = None
+    if args.out:
+        writer = RunWriter(args.out, aircraft, overwrite=args.overwrite, in_progress=in_progress)
+    with writer or nullcontext():
+        result = _with_nodes(args, options, writer)
+    missing = lost_in_words(result["lost"])
+    if args.reliable and missing:
+        raise IncompleteError(f"{missing}; the result is of those that came", result)
+    return result
+
+
+def _with_nodes(
+    args: argparse.Namespace, options: tuple[StateOptions, ParameterOptions], writer: RunWriter | None
+) -> dict[str, Any]:
+    """Start both nodes, fly, and take them down."""
     try:
         import rclpy
         from rclpy.exceptions import NameValidationException
@@ -87,17 +103,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             state.on_samples = parameters.on_samples = writer.add_samples
         if not (start(state) and start(parameters)):
             raise InputError("the nodes did not start: see the messages above")
-        result = _fly(args, state, parameters, writer)
+        return _fly(args, state, parameters, writer)
     except NameValidationException as error:
         raise InputError(f"--namespace {args.namespace} is no namespace: {error}") from None
     finally:
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
-    missing = lost_in_words(result["lost"])
-    if args.reliable and missing:
-        raise IncompleteError(f"{missing}; the result is of those that came", result)
-    return result
 
 
 def render(result: dict[str, Any]) -> str:

@@ -31,6 +31,7 @@ COMMANDS = {
     "refine": ("refine", "maximum likelihood on a run, after the flight"),
     "play": ("play", "a recording onto ROS 2 topics"),
     "live": ("live", "all nodes on ROS 2 topics"),
+    "recover": ("recover", "the run of a flight that a crash or a power cut ended"),
     "bridge": ("bridge", "an autopilot's MAVLink onto ROS 2 topics"),
 }
 BAD_INPUT = 2

@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         body = read_body(args.bags, args.segments, aircraft.inputs, lambda recording: _prepared(recording, correction))
         recording = body.recording
         begin = None if args.stage_1 is None else start_by_stage_1(recording.samples, aircraft, args.stage_1)
-        feed(pipeline, recording, writer, begin)
+        feed(pipeline, recording.samples, writer, begin)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
         told, unused = notes(body, pipeline, writer), manoeuvre_notes(body, pipeline, writer)
@@ -185,14 +185,12 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError(f"--stage-1 must be between {SHORTEST:g} and {LONGEST:g} s, not {args.stage_1:g}")
 
 
-def feed(
-    pipeline: Pipeline, recording: Recording, writer: RunWriter, begin: tuple[StartValues, int] | None = None
-) -> None:
-    """Push a recording through the pipeline and keep what comes out; smoothed if the pipeline has a tape.
+def feed(pipeline: Pipeline, samples: Samples, writer: RunWriter, begin: tuple[StartValues, int] | None = None) -> None:
+    """Push samples through the pipeline and keep what comes out; smoothed if the pipeline has a tape.
 
     ``begin``: what the filter takes as known from a stamp [ns] on.
     """
-    samples, due = recording.samples, -np.inf
+    due = -np.inf
     writer.add_samples(samples)
     edges = {*range(0, len(samples), BLOCK), len(samples)}
     known_at = len(samples) if begin is None else int(np.searchsorted(np.maximum.accumulate(samples.stamp), begin[1]))

@@ -86,6 +86,17 @@ def test_a_stall_with_a_memory_is_told_from_one_without(aircraft):
     assert inner["lag"] == pytest.approx(flight.hidden[0].inner["lag"], rel=0.5)
 
 
+def test_another_shape_of_what_was_found_is_no_further_effect(aircraft):
+    """Flaps whose lift and moment are not in proportion: one name, and what to add for the shape."""
+    rivals = [BY_ID[name] for name in ("flaps", "landing_gear", "sideslip_drag", "mass_change")]
+    curved = Term("CZ", "flaps**3", 8.0), Term("Cm", "flaps**3", 2.0)
+    flight = simulate_samples(aircraft, 21, 90.0, rate=200.0, hidden=[("flaps", 1.0)], effects=curved)
+    said = diagnose_flight(aircraft, flight.samples, rivals, replicas=2).json
+    (found,) = [c for c in said["candidates"] if c["found"]]
+    assert found["effect"] == "flaps" and found["shape"]["Cm"] == "flaps**3"
+    assert 'add the expression "Cm: flaps**3", too' in said["advice"]
+
+
 def test_the_size_of_an_effect_is_that_of_the_simulation(two_effects):
     values = {p["term"]: p["value"] for c in two_effects.json["candidates"][:2] for p in c["parameters"]}
     assert values["alpha*beta"] == pytest.approx(-0.8, rel=0.05)

@@ -1,0 +1,64 @@
+"""``recover``: the run of a flight of ``live`` that a crash or a power cut ended, from what was on disk.
+
+What was on disk goes through the same estimators with the same options, and the run is written as ``live`` would have.
+Parameters that were set and services that were called in flight are not repeated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import time
+from typing import Any
+
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.commands.replay import feed
+from aircraft_sysid_ros.commands.replay import render as render_run
+from aircraft_sysid_ros.commands.replay_notes import rate_notes, why_no_start
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_journal import recovered
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.run_reader import journal_path
+from aircraft_sysid_ros.run_writer import RunWriter
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "recover", help="the run of a flight that was cut off", description=__doc__
+    )
+    parser.add_argument("run", metavar="RUN", help="folder that was given to live --out")
+    parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Estimate what was on disk and write the run; returns state, parameters and notes. Raises InputError."""
+    content, file, samples = recovered(args.run)
+    aircraft = load_aircraft(file)
+    try:
+        options = StateOptions(**content["state"]), ParameterOptions(**content["parameters"])
+    except (KeyError, TypeError):
+        raise InputError(
+            f"{journal_path(args.run)} has options of another version of the program: recover it with that which flew"
+        ) from None
+    pipeline = Pipeline(aircraft, *options)
+    seconds = (int(samples.stamp.max()) - int(samples.stamp.min())) * 1e-9
+    told = [f"the flight was cut off: recovered from the {len(samples)} samples of {seconds:.1f} s that were on disk"]
+    with RunWriter(args.run, aircraft, overwrite=args.overwrite) as writer:
+        pipeline.warm_up()
+        started = time.perf_counter()
+        feed(pipeline, samples, writer)
+        if not pipeline.state.has_been_aligned:
+            raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
+        told += rate_notes(pipeline.parameters.stream)
+        result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started, told)
+    shutil.rmtree(journal_path(args.run), ignore_errors=True)
+    return {"run": str(args.run), "notes": result["state"]["notes"], **result}
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    return render_run(result)

@@ -1,0 +1,139 @@
+"""A process that is killed in flight loses seconds and not the flight: `recover` writes the run from the disk."""
+
+import json
+import os
+import time
+
+import numpy as np
+import pytest
+from processes import live, play
+from waiting import LONGEST, finish
+
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.flight_journal import RECORD, RECORDS, FlightJournal, recovered
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.run_reader import journal_path, read_samples
+
+OPTIONS = ("--horizon", "4", "--reliable")
+
+
+def said(capsys, *arguments):
+    """Exit status, answer and complaint of a command."""
+    status = main([str(a) for a in arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+@pytest.fixture(scope="module")
+def flight(aircraft, tmp_path_factory):
+    """A simulated flight of 30 s as a bag."""
+    from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+    from aircraft_sysid_ros.simulation.truth_files import write_flight
+
+    path = tmp_path_factory.mktemp("short") / "flight"
+    write_flight(simulate_samples(aircraft, seed=4, duration=30.0), path)
+    return path
+
+
+def test_a_killed_flight_is_recovered_as_a_replay_has_it(flight, aircraft_file, tmp_path, domain, capsys):
+    run = tmp_path / "run"
+    expected = read_recording(flight).samples
+    with live(run, aircraft_file, *OPTIONS) as flying:
+        play(flight, 8)
+        deadline = time.monotonic() + LONGEST
+        while len(_kept(run)) < len(expected):
+            assert time.monotonic() < deadline, f"{len(_kept(run))} of {len(expected)} samples are on disk"
+            time.sleep(0.1)
+        status, _, err = said(capsys, "recover", run)
+        assert status == 2 and "is being flown" in err
+        flying.kill()
+        finish(flying)
+    assert not run.exists()
+    status, _, err = said(capsys, "compare", run)
+    assert status == 2 and f"aircraft-sysid recover {run}" in err
+    status, _, err = said(capsys, "live", "--aircraft", aircraft_file, "--out", run)
+    assert status == 2 and f"aircraft-sysid recover {run}" in err
+    status, out, err = said(capsys, "recover", run, "--json")
+    assert status == 0, err
+    result = json.loads(out)
+    assert any("the flight was cut off" in note for note in result["notes"])
+    assert not journal_path(run).exists() and len(read_samples(run)) == len(expected)
+    replayed = tmp_path / "replayed"
+    status, out, _ = said(
+        capsys, "replay", flight, "--aircraft", aircraft_file, "--horizon", "4", "--out", replayed, "--json"
+    )
+    assert status == 0
+    assert result["parameters"] == json.loads(out)["parameters"]
+
+
+def _kept(run):
+    """Samples of a flight in progress that are on disk."""
+    path = journal_path(run) / RECORDS
+    return range(path.stat().st_size // RECORD.itemsize if path.exists() else 0)
+
+
+# -- what is on disk ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def journal(aircraft, tmp_path):
+    """A flight in progress."""
+    journal = FlightJournal(tmp_path / "run", aircraft, {"state": {}, "parameters": {}})
+    yield journal
+    journal.clear()
+
+
+@pytest.fixture(scope="module")
+def samples(flight):
+    return read_recording(flight).samples[:500]
+
+
+def written(journal, samples):
+    """The journal with samples, its process gone."""
+    for k in range(0, len(samples), 7):
+        journal.append(samples[k : k + 7])
+    journal.close()
+    return journal.path.with_name("run")
+
+
+def test_what_is_read_is_what_came(journal, samples):
+    _, _, found = recovered(written(journal, samples))
+    for name in ("stamp", "kind", "values"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(samples, name))
+
+
+@pytest.mark.parametrize("damage", ["cut", "zeros"])
+def test_a_torn_end_is_passed_over(journal, samples, damage):
+    run = written(journal, samples)
+    path = journal_path(run) / RECORDS
+    size = path.stat().st_size
+    os.truncate(path, size - 100)  # into the record before the last
+    if damage == "zeros":
+        os.truncate(path, size + 4096)
+    found = recovered(run)[2]
+    assert len(found) == len(samples) - 2
+    np.testing.assert_array_equal(found.values, samples.values[: len(samples) - 2])
+
+
+def test_a_full_disk_does_not_end_the_flight(journal, samples, monkeypatch):
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda file, content: write(file, content[:50]) if _left(file) else _full())
+
+    def _left(file):
+        return os.fstat(file).st_size < 20_000
+
+    def _full():
+        raise OSError(28, "No space left on device")
+
+    for k in range(0, len(samples), 7):
+        journal.append(samples[k : k + 7])
+    kept = [*journal]
+    np.testing.assert_array_equal(np.concatenate([part.stamp for part in kept]), samples.stamp)
+    assert "No space left on device" in journal.note
+
+
+def test_a_flight_that_was_cut_off_is_not_flown_over(journal, samples, aircraft):
+    run = written(journal, samples)
+    with pytest.raises(ValueError, match="recover it with"):
+        FlightJournal(run, aircraft, {})
+    assert len(recovered(run)[2]) == len(samples)
