@@ -34,7 +34,9 @@ class Kind(IntEnum):
     HEIGHT = 10  # above the ground [m]
     MASS = 11  # mass [kg], Ixx, Iyy, Izz, Ixz [kg m^2], centre of gravity (3) [m]
     FIVE_HOLE = 12  # static, dynamic, alpha and beta pressure [Pa]
-    SEAM = 13  # no measurement: another manoeuvre begins, so long [s] after the one before, or NaN
+    #: No measurement: another manoeuvre begins, so long [s] after the one before, or NaN. Where it is the first of
+    #: another run, of several that are diagnosed together, the number of that run from 0.
+    SEAM = 13
     INPUTS = 14  # the inputs that the aircraft file names, in its order, SI; NaN for one that the message leaves out
 
 
@@ -179,6 +181,27 @@ def fewer_manoeuvres(samples: Samples, longest: float) -> Samples:
 def manoeuvre_at(samples: Samples, stamp: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Number (n,) from 0 of the manoeuvre that each stamp [ns] lies in."""
     return np.asarray(np.searchsorted(samples.stamp[samples.kind == Kind.SEAM], stamp, side="right"), dtype=np.int64)
+
+
+def with_run_numbers(samples: Samples, lengths: Sequence[int]) -> Samples:
+    """Samples that ``joined`` made of runs with so many samples each: the seams between runs have the run's number."""
+    values = samples.values.copy()
+    for number in range(1, len(lengths)):
+        values[sum(lengths[:number]) + number - 1, 1] = number
+    return Samples(samples.stamp, samples.kind, values)
+
+
+def run_of_manoeuvres(samples: Samples) -> npt.NDArray[np.int64]:
+    """Number from 0 of the run that each manoeuvre is of: 0 where no runs were joined."""
+    begun = np.nan_to_num(samples.values[samples.kind == Kind.SEAM, 1])
+    return np.maximum.accumulate(np.concatenate([[0.0], begun])).astype(np.int64)
+
+
+def same_imu(a: Samples, b: Samples) -> bool:
+    """Whether two recordings hold the same IMU samples: what was fitted would be held out."""
+    first, second = (samples[samples.kind == Kind.IMU] for samples in (a, b))
+    _, i, j = np.intersect1d(first.stamp, second.stamp, return_indices=True)
+    return bool(len(i)) and np.array_equal(first.values[i, :6], second.values[j, :6], equal_nan=True)
 
 
 def is_absurd(samples: Samples) -> npt.NDArray[np.bool_]:

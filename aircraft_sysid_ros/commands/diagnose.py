@@ -1,4 +1,7 @@
-"""``diagnose``: which physical effect the model of a run lacks, with the evidence."""
+"""``diagnose``: which physical effect the model of a run lacks, with the evidence.
+
+Several runs of one aeroplane are one body of evidence, and what changed between them is said, too.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import Any
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run
+from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run, diagnose_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.run_reader import DIAGNOSIS
@@ -25,7 +28,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "diagnose", help="which effect is missing", description=__doc__
     )
-    parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument(
+        "run", metavar="RUN", nargs="+",
+        help="folder written by replay or live; several of one aeroplane and one model are judged together, and "
+        "nothing is written into them",
+    )  # fmt: skip
     parser.add_argument(
         "--replicas", type=int, default=COUNT, metavar="N",
         help="flights without the effect that the evidence is compared with (default %(default)s)",
@@ -34,14 +41,18 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Diagnose; returns the JSON of INTERFACE.md and writes it into the run. Raises InputError."""
+    """Diagnose; returns the JSON of INTERFACE.md and writes it into the run, where it is one. Raises InputError."""
     if not FEWEST <= args.replicas <= MOST:
         raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {args.replicas}")
     with progress_bar() as progress:
         task = progress.add_task("diagnose", total=1.0)
-        result, folder = diagnose_run(
-            args.run, args.replicas, lambda what, share: progress.update(task, description=what, completed=share)
-        )
+
+        def tell(what: str, share: float) -> None:
+            progress.update(task, description=what, completed=share)
+
+        if len(args.run) > 1:
+            return {**diagnose_runs(args.run, args.replicas, tell), "file": None}
+        result, folder = diagnose_run(args.run[0], args.replicas, tell)
     result["file"] = str(folder / DIAGNOSIS)
     try:
         write_json(folder / DIAGNOSIS, result)
@@ -57,6 +68,8 @@ def render(result: dict[str, Any]) -> str:
     if result.get("unknown") and result["verdict"] == "none":
         headline = "nothing can be named, since the angles of flow are not measured"
     lines = [f"model {result['model']}: {headline}", ""]
+    if "runs" in result:
+        lines[1:] = [f"{len(result['runs'])} runs: {', '.join(result['runs'])}; held out: {result['held_out']}", ""]
     for candidate in result["candidates"]:
         lines += _about(candidate)
     lines += [result["advice"], ""]

@@ -139,14 +139,14 @@ def diagnose(
         if best is None:
             break
         terms = new_terms(bench.data, best.trial)
-        bench = bench.extended(terms)
+        bench = bench.judging(best.trial.candidate).extended(terms)
         shapes = shapes_of(bench, best.trial)
         found.append(replace(best, shape=_sizeable(shapes, bench, first)))
         columns = {
             axis: [text for part in parts for text in part.candidate.terms[axis]] for axis, parts in shapes.items()
         }
         bench = bench.extended({}, columns)
-        empty = [other.extended(terms, columns) for other in empty]
+        empty = [other.judging(best.trial.candidate).extended(terms, columns) for other in empty]
     progress(1.0)
     unknown = _unknown(bench, floor, resting, listed)
     names = {f.trial.candidate.family for f in found}
@@ -245,7 +245,11 @@ class _Round:
 
     def _test(self, trial: Score) -> Finding:
         excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score, len(self.trials))
-        return Finding(trial, self.bench.data, excess, evidence, p_value, self._size(trial), blocks=_blocks(trial))
+        return self._finding(trial, excess, evidence, p_value)
+
+    def _finding(self, trial: Score, excess: float, evidence: float, p_value: float) -> Finding:
+        data = self.bench.judging(trial.candidate).data
+        return Finding(trial, data, excess, evidence, p_value, self._size(trial), blocks=_blocks(trial))
 
     def _size(self, trial: Score) -> float:
         axis = trial.main_axis
@@ -276,7 +280,7 @@ class _Round:
         others = [t for t in (other.trial(trial.candidate) for other in self.empty) if t is not None]
         null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
         excess, evidence, p_value = null.test(trial.candidate.family, trial.score, len(self.outside))
-        return Finding(trial, self.bench.data, excess, evidence, p_value, self._size(trial), blocks=_blocks(trial))
+        return self._finding(trial, excess, evidence, p_value)
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
         """The finding with the candidates that this flight cannot tell from it."""

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.diagnosis.failures.failures import FailureReport, failur
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.diagnosis.several_runs import join_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm, has_airspeed, options_after_flight
@@ -35,6 +36,17 @@ def diagnose_run(
     return {"model": run.current.identifier, **found}, run.path
 
 
+def diagnose_runs(
+    folders: Sequence[str | Path],
+    replicas: int = COUNT,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> dict[str, Any]:
+    """The answer about several runs of one aeroplane as one body, with what changed between them. Raises InputError."""
+    body = join_runs(folders)
+    found = answer(body.aircraft, body.samples, body.calm_air, replicas, progress, body.manoeuvres, body.names)
+    return {"model": body.model, "runs": list(body.names), **found}
+
+
 def answer(
     aircraft: Aircraft,
     samples: Samples,
@@ -42,10 +54,11 @@ def answer(
     replicas: int = COUNT,
     progress: Callable[[str, float], None] = lambda what, share: None,
     names: Sequence[str] = (),
+    runs: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The JSON of INTERFACE.md. Raises InputError where nothing can be said.
 
-    ``calm_air``: as when the flight was replayed. ``names`` are those of manoeuvres that were joined.
+    ``calm_air``: as when the flight was replayed. ``names`` are those of manoeuvres that were joined, ``runs`` of runs.
     """
     options_after_flight(samples, calm_air)
     notes = assumed_calm(samples, calm_air)
@@ -57,7 +70,7 @@ def answer(
         notes.append("the library was not searched: without airspeed its effects cannot be told from wind")
         return report_json(report, notes)
     try:
-        found = diagnose_flight(aircraft, samples, replicas=replicas, progress=progress, names=names).json
+        found = diagnose_flight(aircraft, samples, replicas=replicas, progress=progress, names=names, runs=runs).json
     except InputError as error:
         if report is None:
             raise

@@ -36,10 +36,12 @@ def diagnose_flight(
     replicas: int = COUNT,
     progress: Callable[[str, float], None] = lambda what, share: None,
     names: Sequence[str] = (),
+    runs: Sequence[str] = (),
 ) -> FlightDiagnosis:
     """Diagnose a flight under the model of an aircraft file. Raises InputError when the flight is too short.
 
-    ``progress`` hears what is being done and its share from 0 to 1; ``names`` are those of manoeuvres that were joined.
+    ``progress`` hears what is being done and its share from 0 to 1; ``names`` are those of manoeuvres that were joined,
+    ``runs`` of runs.
     """
     progress("reconstruct the flight", 0.0)
     flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
@@ -60,7 +62,7 @@ def diagnose_flight(
     bench = CandidateEvaluator(data)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
     result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
-    data = replace(data, names=tuple(names))
+    data = replace(data, names=tuple(names), runs=tuple(runs))
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
 
 

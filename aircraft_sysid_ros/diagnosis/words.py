@@ -56,6 +56,7 @@ class FlightDiagnosis:
     def json(self) -> dict[str, Any]:
         """The JSON of INTERFACE.md, with more about each candidate."""
         return {
+            **({"held_out": "runs" if self.flight.by_manoeuvre else "blocks of time"} if self.flight.runs else {}),
             "verdict": self.verdict,
             "candidates": [*map(self._of_setting, self.settings), *map(self._of_finding, self.diagnosis.candidates)],
             "advice": " ".join(self._advice()),
@@ -72,6 +73,7 @@ class FlightDiagnosis:
         unit = setting.effect.inner[0].unit
         return {
             **_about(setting.effect, setting.label),
+            **self._runs_of(None),
             "expression": None,
             "axes": [],
             "main_axis": finding.main_axis,
@@ -93,7 +95,8 @@ class FlightDiagnosis:
         added = finding.flight.with_terms(new_terms(finding.flight, trial))
         before, after = errors_of(finding.flight, trial, axis)
         return {
-            **_about(effect, trial.candidate.label),
+            **_about(effect, self._label(trial.candidate)),
+            **self._runs_of(trial.candidate),
             "expression": None if effect else "; ".join(f"{a}: {text}" for a, ts in terms.items() for text in ts),
             "axes": sorted(trial.gains, key=lambda a: -trial.log_ratios[a]),
             "main_axis": axis,
@@ -126,19 +129,53 @@ class FlightDiagnosis:
         )
         words = unusual(self.flight, inside, judged)
         candidate = finding.trial.candidate
-        since_when = f"{candidate.span}; " if "t0" in dict(candidate.inner) and not candidate.changed else ""
+        since_when = f"{self._when(candidate)}; " if candidate.happens and not candidate.changed else ""
         return f"{since_when}{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
+
+    def _runs_of(self, candidate: Candidate | None) -> dict[str, list[str] | None]:
+        """Of several runs, those in which something changed between them; None of what is no such change."""
+        if not self.flight.runs:
+            return {}
+        return {"runs": (self._changed_runs(candidate) or None) if candidate is not None else None}
+
+    def _changed_runs(self, candidate: Candidate) -> list[str]:
+        times = dict(candidate.inner)
+        return self.flight.runs_within(times["t0"], times.get("t1", np.inf)) if candidate.happens else []
+
+    def _when(self, candidate: Candidate) -> str:
+        """When a change is there, in words: in which runs, where it came between them."""
+        runs = self._changed_runs(candidate)
+        if len(runs) > 1:
+            return f"from {runs[0]} to {runs[-1]}" if candidate.passes else f"from {runs[0]} on"
+        if runs:
+            return f"in {runs[0]}"
+        name = self.flight.at_time(candidate.moment - self.flight.begin) if self.flight.runs else ""
+        return candidate.span.replace(" s ", f" s{name} ", 1)
+
+    def _label(self, candidate: Candidate) -> str:
+        return f"{self._when(candidate)} {candidate.what_changed}" if candidate.changed else candidate.label
 
     def _outside(self, candidate: Candidate) -> str:
         """What to do about terms that are no effect of the library."""
         read = {s for texts in candidate.terms.values() for p in self.flight.parsed(texts) for s in p.signals}
         unused = [s for s in self.flight.model.inputs if s in read and s not in self.flight.model.signals_used]
-        what = _in_words(candidate)
+        what = self._in_words(candidate)
         if unused:
             return f"The model does not use the input {' and '.join(unused)}: {what}; add it as an expression."
         return (
             f"Unexplained: {what}, which no effect of the library explains as well; it can be added as an expression."
         )
+
+    def _in_words(self, candidate: Candidate) -> str:
+        """What depends on what, outside the library."""
+        if candidate.changed:
+            parts = []
+            for axis, names in candidate.changed.items():
+                what = ("another constant" if name == "1" else f"a part in {name}" for name in names)
+                parts.append(f"{axis[0]}_{axis[1]} has {' and '.join(what)}")
+            return f"{self._when(candidate)} " + ", ".join(parts)
+        ((axis, terms),) = candidate.terms.items()
+        return f"{axis[0]}_{axis[1]} depends on {' and '.join(terms)}"
 
     def _advice(self) -> Iterator[str]:
         found = self.diagnosis.found
@@ -150,6 +187,8 @@ class FlightDiagnosis:
         if not self.settings and not found and not self.diagnosis.unknown:
             yield "Nothing is missing that this flight could show:"
             yield f"no effect explains {THRESHOLDS.size:.0%} of the error of an axis on flight that was held out."
+            if self.flight.runs:
+                yield "Nothing that they could show changed between the flights."
         if not self.is_calm:
             yield "In these gusts a wrong scale of the air data could not be seen: fly in calm air for that."
         for mended in self.settings:
@@ -160,7 +199,10 @@ class FlightDiagnosis:
             if effect is None:
                 yield self._outside(finding.trial.candidate)
                 continue
-            yield f"{effect.name} is missing (add {effect.identifier})."
+            if self._changed_runs(finding.trial.candidate):
+                yield f"Between the flights this changed: {effect.name}, {self._when(finding.trial.candidate)}."
+            else:
+                yield f"{effect.name} is missing (add {effect.identifier})."
             for axis, text in finding.shape.items():
                 yield f'Its shape is another one in {axis[0]}_{axis[1]}: add the expression "{axis}: {text}", too.'
             for other in finding.confounded_with:
@@ -181,18 +223,6 @@ def _about(effect: Effect | None, label: str) -> dict[str, Any]:
         "effect": effect.identifier, "label": label, "name": effect.name, "kind": effect.kind,
         "physics": effect.physics, "manoeuvre": effect.manoeuvre,
     }  # fmt: skip
-
-
-def _in_words(candidate: Candidate) -> str:
-    """What depends on what, outside the library."""
-    if candidate.changed:
-        parts = []
-        for axis, names in candidate.changed.items():
-            what = ("another constant" if name == "1" else f"a part in {name}" for name in names)
-            parts.append(f"{axis[0]}_{axis[1]} has {' and '.join(what)}")
-        return f"{candidate.span} " + ", ".join(parts)
-    ((axis, terms),) = candidate.terms.items()
-    return f"{axis[0]}_{axis[1]} depends on {' and '.join(terms)}"
 
 
 def _spans(blocks: Sequence[int]) -> list[tuple[float, float]]:

@@ -20,7 +20,7 @@ from aircraft_sysid_ros.aircraft.configuration import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
-from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, concatenate, joined
+from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, concatenate, joined, same_imu
 from aircraft_sysid_ros.yaml_file import read_yaml
 
 KEYS = ("recording", "start", "stop", "name")
@@ -119,10 +119,8 @@ def _check_twice(given: Sequence[Path]) -> None:
 
 def _check_same_flight(recordings: Mapping[Path, Recording]) -> None:
     """Raises InputError where two recordings hold the same IMU samples: what was fitted would be held out."""
-    of_imu = {path: r.samples[r.samples.kind == Kind.IMU] for path, r in recordings.items()}
-    for (first, a), (second, b) in combinations(of_imu.items(), 2):
-        _, i, j = np.intersect1d(a.stamp, b.stamp, return_indices=True)
-        if len(i) and np.array_equal(a.values[i, :6], b.values[j, :6], equal_nan=True):
+    for (first, a), (second, b) in combinations(recordings.items(), 2):
+        if same_imu(a.samples, b.samples):
             raise InputError(f"the recordings {first} and {second} hold the same IMU samples: give one of them")
 
 

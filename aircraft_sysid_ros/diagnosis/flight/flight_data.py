@@ -59,6 +59,10 @@ class FlightData:
     names: tuple[str, ...] = ()  # of the manoeuvres
     #: (n,) number from 0 of the flight of each point, which has IMU biases of its own; None: it is one.
     flown: Integers | None = None
+    #: (n,) number from 0 of the run of each point, of several that are diagnosed together; None: it is one.
+    run: Integers | None = None
+    runs: tuple[str, ...] = ()  # their names
+    blocks_only: bool = False  # blocks are held out even where there are enough runs or manoeuvres
     inferred: tuple[str, ...] = ()  # signals of the air data that no sensor measures
     #: Newest columns by text: a search tries the same in several axes.
     _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -81,21 +85,41 @@ class FlightData:
         return np.asarray(np.floor(self.time / BLOCK), dtype=np.int64)
 
     @cached_property
+    def _whole(self) -> Integers | None:
+        """Number (n,) of what is held out whole: the run or the manoeuvre, where there are enough; None: blocks are."""
+        for numbers in () if self.blocks_only else (self.run, self.manoeuvre):
+            if numbers is not None and len(np.unique(numbers)) >= LEAST_MANOEUVRES:
+                return np.asarray(np.unique(numbers, return_inverse=True)[1])
+        return None
+
+    @property
     def by_manoeuvre(self) -> bool:
-        """Manoeuvres are held out one by one: there are enough of them."""
-        return self.manoeuvre is not None and len(np.unique(self.manoeuvre)) >= LEAST_MANOEUVRES
+        """Runs or manoeuvres are held out one by one: there are enough of them."""
+        return self._whole is not None
+
+    @property
+    def fold(self) -> Integers:
+        """Number (n,) from 0 of what each point is held out with: its run, its manoeuvre, or every fourth block."""
+        return self.block % FOLDS if self._whole is None else self._whole
 
     @cached_property
-    def fold(self) -> Integers:
-        """Number (n,) from 0 of what each point is held out with: its manoeuvre, or every fourth block."""
-        if self.manoeuvre is not None and self.by_manoeuvre:
-            return np.asarray(np.unique(self.manoeuvre, return_inverse=True)[1])
-        return self.block % FOLDS
+    def seams(self) -> tuple[float, ...]:
+        """The signal ``time`` between one run and the next, of several."""
+        last, time = np.flatnonzero(np.diff(self.run)) if self.run is not None else (), self.signal("time")
+        return tuple(float(0.5 * (time[k] + time[k + 1])) for k in last)
+
+    def runs_within(self, begin: float, end: float = np.inf) -> list[str]:
+        """Names of the runs from one seam up to another one, or up to the end; none where either is no seam."""
+        if self.run is None or begin not in self.seams or end not in (*self.seams, np.inf):
+            return []
+        numbers, first = np.unique(self.run, return_index=True)
+        inside = (self.signal("time")[first] > begin) & (self.signal("time")[first] < end)
+        return [self.runs[number] if number < len(self.runs) else f"run {number + 1}" for number in numbers[inside]]
 
     @property
     def folds(self) -> int:
         """How many parts take turns at being held out."""
-        return int(self.fold.max()) + 1 if self.by_manoeuvre else FOLDS
+        return FOLDS if self._whole is None else int(self._whole.max()) + 1
 
     def held_out_spans(self, fold: int) -> list[tuple[float, float]]:
         """Times [s], from and to, of the points that are held out together."""

@@ -33,7 +33,16 @@ from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
-from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, flights, is_absurd, manoeuvre_at, manoeuvres
+from aircraft_sysid_ros.samples import (
+    SHORTEST,
+    Kind,
+    Samples,
+    flights,
+    is_absurd,
+    manoeuvre_at,
+    manoeuvres,
+    run_of_manoeuvres,
+)
 from aircraft_sysid_ros.stretches import longest_stretch
 
 Array = npt.NDArray[np.float64]
@@ -77,12 +86,16 @@ class Reconstruction:
         data = flight_data_of(with_sparse_rates(self.aircraft, self.samples), self.points)
         several = np.any(self.samples.kind == Kind.SEAM)
         number = self.manoeuvre_at(self.points[:, CoefficientSample.TIME]) if several else None
+        of_runs, run = run_of_manoeuvres(self.samples), None
         of_flights = [len(manoeuvres(each)) for each in flights(self.samples)]
         flown = None if len(of_flights) < 2 else np.repeat(np.arange(len(of_flights)), of_flights)[number]
+        if of_runs[-1] > 0:
+            run, whole = of_runs[number], len(of_runs) == of_runs[-1] + 1
+            flown = None if whole else flown  # a whole flight has learnt its biases, as one by itself has
         measured = set(self.samples.kind[np.isfinite(self.samples.values[:, 0])].tolist())
         inferred = tuple(name for name, kind in _AIR_SIGNALS.items() if kind not in measured)
         interval = sparse_interval(self.samples)
-        return replace(data, sparse_interval=interval, manoeuvre=number, flown=flown, inferred=inferred)
+        return replace(data, sparse_interval=interval, manoeuvre=number, flown=flown, run=run, inferred=inferred)
 
     def manoeuvre_at(self, time: Array) -> npt.NDArray[np.int64]:
         """Number (n,) from 0 of the manoeuvre at times [s]."""
@@ -297,6 +310,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
         smoothed=True,
         manoeuvre=None if data.manoeuvre is None else data.manoeuvre[keep],
         flown=None if data.flown is None else data.flown[keep],
+        run=None if data.run is None else data.run[keep],
     )
 
 
@@ -313,12 +327,15 @@ def given_up(rows: Array) -> list[tuple[float, float]]:
 def repeated_rows(made: Reconstruction, longest: float) -> list[Array]:
     """Rows that stand for the flight, ``longest`` [s] at most: its longest stretch without a gap.
 
-    Of several manoeuvres, that of each, or of every second, third, … of them.
+    Of several manoeuvres, that of each, or of every second, third, … of them; of several runs a share of each.
     """
     parts = [flying(made.rows[at], made.aircraft.minimum_airspeed) for _, at in made.rows_of_manoeuvres]
     parts = [rows for rows in parts if len(rows) > 1 and np.ptp(rows[:, StateField.TIME]) > SHORTEST]
     total = sum(float(np.ptp(rows[:, StateField.TIME])) for rows in parts)
-    parts = parts[:: max(int(np.ceil(total / longest)), 1)]
+    if total > longest and len(np.unique(run_of_manoeuvres(made.samples))) == len(parts):
+        longest = max(longest / len(parts), THRESHOLDS.shortest)
+    else:
+        parts = parts[:: max(int(np.ceil(total / longest)), 1)]
     return [rows[rows[:, StateField.TIME] <= rows[0, StateField.TIME] + longest] for rows in parts]
 
 

@@ -20,6 +20,9 @@ from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
+#: Inner numbers that are times at which something changes.
+MOMENTS_OF_CHANGE = ("t0", "t1")
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -44,11 +47,20 @@ class Candidate:
     def label(self) -> str:
         """Id with variant, or the expression."""
         if self.changed:
-            parts = (f"{axis}: {' + '.join(names)}" for axis, names in self.changed.items())
-            return f"{self.span} {'; '.join(parts)}"
+            return f"{self.span} {self.what_changed}"
         if self.effect is None:
             return "; ".join(f"{axis}: {' + '.join(terms)}" for axis, terms in self.terms.items())
         return self.effect.identifier + (f" ({self.variant})" if self.variant else "")
+
+    @property
+    def what_changed(self) -> str:
+        """Of a change of no known cause, what has changed by axis."""
+        return "; ".join(f"{axis}: {' + '.join(names)}" for axis, names in self.changed.items())
+
+    @property
+    def happens(self) -> bool:
+        """It is a change at a moment of the flight."""
+        return "t0" in dict(self.inner)
 
     @property
     def moment(self) -> float:
@@ -121,8 +133,9 @@ def limits(number: ShapeParameter, data: FlightData) -> tuple[float, float]:
 
 
 def grid(number: ShapeParameter, data: FlightData) -> Array:
-    """Values of an inner number that are tried first."""
-    return np.linspace(*limits(number, data), number.count)
+    """Values of an inner number that are tried first: of a time, those between two runs, too."""
+    values = np.linspace(*limits(number, data), number.count)
+    return np.unique([*values, *data.seams]) if number.name in MOMENTS_OF_CHANGE else values
 
 
 def spans(edge: float, data: FlightData) -> Iterator[dict[str, float]]:

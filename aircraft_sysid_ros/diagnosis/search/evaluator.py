@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
 from aircraft_sysid_ros.diagnosis.flight.flight_data import GUARD, FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import (
+    MOMENTS_OF_CHANGE,
     Candidate,
     base_texts,
     candidates_of,
@@ -28,6 +29,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     with_inner,
 )
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error, tied_gains
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, END, Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError
 
@@ -105,9 +107,22 @@ class CandidateEvaluator:
     ) -> None:
         """``shapes``: terms by axis that are fitted beside the model and are none of it."""
         self.data, self.shapes = data, shapes or {}
-        self.fits = _fits(data) if fits is None else dict(fits)
+        self.fits = _fits(data, shapes=self.shapes) if fits is None else dict(fits)
         if not self.fits:
             raise InputError(f"no axis of the model can be judged: {next(iter(fits_of(data)[1].values()))}")
+
+    @cached_property
+    def _one_off(self) -> CandidateEvaluator:
+        if self.data.run is None or not self.data.by_manoeuvre:
+            return self
+        return CandidateEvaluator(replace(self.data, blocks_only=True), shapes=self.shapes)
+
+    def judging(self, candidate: Candidate) -> CandidateEvaluator:
+        """The bench on which a candidate is judged: this one, which holds out run by run where there are several.
+
+        Of what happened at one moment the other runs teach nothing: there blocks of each run are held out.
+        """
+        return self._one_off if candidate.happens else self
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -156,6 +171,9 @@ class CandidateEvaluator:
 
     def trial(self, candidate: Candidate) -> Score | None:
         """Try one candidate; None where it has no data in any of its axes."""
+        bench = self.judging(candidate)
+        if bench is not self:
+            return bench.trial(candidate)
         if candidate.ties:
             gains = self._tied(candidate)
             return Score(candidate, gains) if gains else None
@@ -206,6 +224,7 @@ class CandidateEvaluator:
                 return self.trial(with_inner(effect, variant, values, self.base)) if lasts(values) else None
 
             best = refined(best, numbers[name], self.data, at, lambda trial: trial.score)
+            best = at_seam(best, name, self.data, at, lambda trial: trial.score)
         return best
 
     def extended(
@@ -253,6 +272,22 @@ def refined(
             if other is not None and gain(other) > gain(best):
                 best = other
     return best
+
+
+def at_seam(
+    best: Score,
+    name: str,
+    data: FlightData,
+    at: Callable[[Score, float], Score | None],
+    gain: Callable[[Score], float],
+) -> Score:
+    """The trial with a time of change at a seam between two runs, where that explains nearly as much.
+
+    Between flights much may change; a change in the last seconds of one is a rarer thing.
+    """
+    trials = [at(best, seam) for seam in data.seams] if name in MOMENTS_OF_CHANGE else []
+    other = max((trial for trial in trials if trial is not None), key=gain, default=None)
+    return other if other is not None and gain(other) >= THRESHOLDS.nearly * gain(best) else best
 
 
 def new_terms(flight: FlightData, trial: Score) -> dict[str, tuple[str, ...]]:

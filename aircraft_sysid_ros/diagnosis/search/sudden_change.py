@@ -15,7 +15,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, grid, lasts, spans
-from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, moves, refined
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, at_seam, moves, refined
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import BEGIN, END, PULSE, STEP, fill
 
@@ -53,7 +53,8 @@ def _refined(bench: CandidateEvaluator, trial: Score) -> Score:
         return bench.trial(_candidate(bench, values, best.candidate.changed)) if lasts(values) else None
 
     for name, number in zip(dict(trial.candidate.inner), (BEGIN, END), strict=False):
-        trial = refined(trial, number, bench.data, partial(at, name=name), _gain)
+        move = partial(at, name=name)
+        trial = at_seam(refined(trial, number, bench.data, move, _gain), name, bench.data, move, _gain)
     return trial
 
 

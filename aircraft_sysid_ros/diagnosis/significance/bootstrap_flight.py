@@ -29,7 +29,7 @@ from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.signals import fill_signals
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
-from aircraft_sysid_ros.samples import Kind, Samples, concatenate, manoeuvre_at, samples_of
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate, manoeuvre_at, run_of_manoeuvres, samples_of
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, arrived, generator, measure, stamps_of
 from aircraft_sysid_ros.sensors.truth import Truth
 
@@ -50,7 +50,8 @@ class FlightConditions:
     truth: Truth
     excess: Array  # (n, 6) C of the motion minus C of the model, at truth.time
     kinds: tuple[int, ...]  # of samples that the flight has
-    spans: tuple[tuple[float, float, float], ...]  # [s] of the world in which it is flown, and since when after another
+    #: [s] of the world in which it is flown, from and to; how long after the one before; and of which run.
+    spans: tuple[tuple[float, float, float, int], ...]
 
     def samples(self, seed: int) -> Samples:
         """What the sensors of the flight would have sent, with the noise of one seed."""
@@ -70,10 +71,10 @@ class FlightConditions:
     def _in_manoeuvres(self, samples: Samples) -> Samples:
         """Samples of the manoeuvres, without what sensors with a delay show of the pauses; a seam before each."""
         delay, parts = max(sensor.delay for sensor in self.sensing.sensors.values()), []
-        for begin, end, since in self.spans:
+        for begin, end, since, run in self.spans:
             first, last = stamps_of([begin + delay, end])
             inside = samples[(samples.stamp >= first) & (samples.stamp <= last)]
-            parts += [samples_of(Kind.SEAM, [first - 1], [since]), inside]
+            parts += [samples_of(Kind.SEAM, [first - 1], [since], [run]), inside]
         return concatenate(parts[1:])
 
     def excess_at(self, times: Array, half_width: float, seen: Array | None = None) -> Array:
@@ -189,12 +190,13 @@ def _recorded(
     return controls, inputs, np.where(np.isfinite(height), height, altitude - ground)
 
 
-def _spans(times: list[Array], samples: Samples, epoch: int) -> tuple[tuple[float, float, float], ...]:
-    """From and to [s] of the world of each stretch, and how long [s] after the one before it was flown, or NaN."""
+def _spans(times: list[Array], samples: Samples, epoch: int) -> tuple[tuple[float, float, float, int], ...]:
+    """Of each stretch: from and to [s] of the world, how long [s] after the one before it (or NaN), and its run."""
     seams = np.concatenate([[np.nan], samples.values[samples.kind == Kind.SEAM, 0]])
+    runs = run_of_manoeuvres(samples)
     numbers = manoeuvre_at(samples, nanoseconds(np.array([time[0] for time in times]), epoch))
     return tuple(
-        (float(time[0] - times[0][0]), float(time[-1] - times[0][0]), float(seams[number]))
+        (float(time[0] - times[0][0]), float(time[-1] - times[0][0]), float(seams[number]), int(runs[number]))
         for time, number in zip(times, numbers, strict=True)
     )
 

@@ -1,0 +1,158 @@
+"""Several runs of one aeroplane as one body of evidence, and what changed between them."""
+
+import contextlib
+import io
+import json
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.several_runs import join_runs
+from aircraft_sysid_ros.run_reader import DIAGNOSIS, read_samples
+from aircraft_sysid_ros.samples import (
+    Kind,
+    joined,
+    manoeuvre_at,
+    manoeuvres,
+    run_of_manoeuvres,
+    samples_of,
+    with_run_numbers,
+)
+
+#: The third aeroplane weighs so much of what its file says.
+HEAVIER = 1.12
+DURATION = 45.0
+
+
+def ask(*words) -> dict:
+    """The JSON that a command answers."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert main([*map(str, words), "--json"]) == 0
+    return json.loads(said.getvalue())
+
+
+def refused(capsys, *words) -> str:
+    """The sentence with which a command refuses, with the status 2."""
+    assert main([*map(str, words)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.count("\n") == 0 and "Traceback" not in said
+    return said
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("several")
+
+
+@pytest.fixture(scope="module")
+def runs(aircraft_file, folder):
+    """Flights on three mornings and one with a load, all replayed with the same file."""
+    file = yaml.safe_load(aircraft_file.read_text())
+    (folder / "loaded.yaml").write_text(yaml.safe_dump({**file, "mass": HEAVIER * file["mass"]}))
+    made = {}
+    for seed, name in enumerate(("monday", "tuesday", "wednesday", "loaded"), 301):
+        flown = folder / "loaded.yaml" if name == "loaded" else aircraft_file
+        ask("simulate", "--out", folder / f"{name}_bag", "--aircraft", flown, "--seed", seed, "--duration", DURATION)
+        made[name] = folder / name
+        ask("replay", folder / f"{name}_bag", "--aircraft", aircraft_file, "--out", made[name])
+    return made
+
+
+def test_a_load_between_two_flights_is_named_with_its_flight(runs):
+    """C_measured = m_file / m C: what C_Z has more is m_file / m - 1 of it."""
+    found = ask("diagnose", runs["monday"], runs["loaded"], runs["tuesday"], "--replicas", 2)
+    best = found["candidates"][0]
+    assert (found["verdict"], best["effect"], best["found"]) == ("missing", "mass_change", True)
+    assert best["runs"] == ["loaded"] and best["where"].startswith("in loaded; ")
+    assert "changed: Change of mass, in loaded." in found["advice"]
+    (value,) = (parameter["value"] for parameter in best["parameters"] if parameter["axis"] == "CZ")
+    assert value == pytest.approx(1.0 / HEAVIER - 1.0, abs=0.02)
+    assert [c["label"] for c in found["candidates"] if c["found"]] == ["mass_change"]
+    assert (found["runs"], found["held_out"]) == (["monday", "loaded", "tuesday"], "runs")
+    assert found["file"] is None and not any((run / DIAGNOSIS).exists() for run in runs.values())
+
+
+def test_flights_that_are_alike_give_nothing(runs):
+    found = ask("diagnose", runs["monday"], runs["tuesday"], runs["wednesday"], "--replicas", 2)
+    assert found["verdict"] == "none" and not [c for c in found["candidates"] if c["found"]]
+    assert "Nothing that they could show changed between the flights." in found["advice"]
+
+
+@pytest.mark.long
+def test_of_two_flights_the_second_is_named(runs, capsys):
+    assert main(["diagnose", str(runs["monday"]), str(runs["loaded"]), "--replicas", "2"]) == 0
+    said = capsys.readouterr().out
+    assert "2 runs: monday, loaded; held out: blocks of time" in said
+    assert "Between the flights this changed: Change of mass, in loaded." in said
+
+
+def test_runs_are_held_out_whole_and_what_happened_once_by_blocks(runs):
+    body = join_runs([runs["monday"], runs["loaded"], runs["tuesday"]])
+    data = settled_flight(reconstruct(body.aircraft, body.samples, with_covariance=False))
+    assert data.folds == 3 and np.array_equal(data.fold, data.run)
+    assert data.flown is None  # a flight has learnt its biases
+    bench = CandidateEvaluator(data)
+    begin, end = data.seams
+    for number in range(3):
+        time = data.signal("time")[data.run == number]
+        assert (time.min() > begin) == (number > 0) and (time.max() < end) == (number < 2)
+    lasting = Candidate(None, "", (), {"CZ": ("alpha**3",)})
+    passing = Candidate(None, "", (("t0", begin), ("t1", end)), {"CZ": (f"sign(time-{begin:.6g})",)})
+    assert bench.judging(lasting) is bench
+    once = bench.judging(passing)
+    assert once.data.blocks_only and np.array_equal(once.data.fold, once.data.block % 4)
+    assert set(bench.trial(passing).gains["CZ"].fit.fold) == {0, 1, 2, 3}
+    assert once.judging(passing) is once
+
+
+def test_samples_know_their_run(runs):
+    parts = [read_samples(runs[name]) for name in ("monday", "tuesday")]
+    cut = [part[(np.arange(len(part)) // 4000) < 2] for part in parts]
+    half = len(cut[0]) // 2
+    several, _ = joined([cut[0][:half], cut[0][half:]])  # a run of two manoeuvres
+    body = with_run_numbers(joined([several, cut[1]])[0], [len(several), len(cut[1])])
+    assert len(manoeuvres(body)) == 3
+    assert run_of_manoeuvres(body).tolist() == [0, 0, 1]
+    last = body.stamp[body.kind != Kind.SEAM][-1:]
+    assert run_of_manoeuvres(body)[manoeuvre_at(body, last)].tolist() == [1]
+    assert run_of_manoeuvres(samples_of(Kind.IMU, [0], np.zeros((1, 6)))).tolist() == [0]
+
+
+# -- what is refused -----------------------------------------------------------------------------------------------
+
+
+def test_another_aeroplane_is_refused_and_the_key_named(runs, folder, capsys):
+    other = shutil.copytree(runs["tuesday"], folder / "other")
+    file = yaml.safe_load((other / "aircraft.yaml").read_text())
+    file["inertia"]["yy"] *= 1.5
+    file["name"] = "the same by another name"
+    (other / "aircraft.yaml").write_text(yaml.safe_dump(file, explicit_end=True))
+    said = refused(capsys, "diagnose", runs["monday"], other)
+    assert "not runs of one aeroplane: inertia.yy is" in said and said.endswith("replay both with one aircraft file")
+
+
+def test_a_name_alone_makes_no_other_aeroplane(runs, folder):
+    other = shutil.copytree(runs["tuesday"], folder / "renamed")
+    file = yaml.safe_load((other / "aircraft.yaml").read_text())
+    (other / "aircraft.yaml").write_text(yaml.safe_dump({**file, "name": "renamed"}, explicit_end=True))
+    assert join_runs([runs["monday"], other]).names == ("monday", "renamed")
+
+
+def test_another_model_is_refused(runs, folder, capsys):
+    other = shutil.copytree(runs["tuesday"], folder / "extended")
+    ask("add", other, "CZ: alpha**3")
+    said = refused(capsys, "diagnose", runs["monday"], other)
+    assert "extended has the model" in said and said.endswith("bring them to one model with add and remove")
+
+
+def test_the_same_flight_twice_is_refused(runs, folder, capsys):
+    assert "is given twice" in refused(capsys, "diagnose", runs["monday"], runs["monday"])
+    copy = shutil.copytree(runs["monday"], folder / "copy")
+    assert "hold the same IMU samples" in refused(capsys, "diagnose", runs["tuesday"], runs["monday"], copy)
