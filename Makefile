@@ -66,7 +66,7 @@ KERNELS := $(shell grep -rl --include='*.py' njit aircraft_sysid_ros)
 $(STAMPS)/kernels: $(KERNELS) $(STAMPS)/messages
 	@rm -f $(STAMPS)/complete
 	@echo "make env: compiling the numerical kernels, about two minutes"
-	@find aircraft_sysid_ros -name '*.nb[ic]' -delete
+	@find aircraft_sysid_ros examples test -name '*.nb[ic]' -delete
 	@$(BIN)/python -m aircraft_sysid_ros.compile_kernels
 	@touch $@
 

@@ -97,7 +97,7 @@ def test_derivatives_without_part_or_all_of_the_gps(replayed, flown, aircraft, t
     assert wind == [None] * 3 if topics == GPS else np.abs(np.array(wind) - flown.truth.wind[-1]).max() < 1.0
 
 
-@pytest.mark.parametrize("rate", [25.0, 10.0])
+@pytest.mark.parametrize("rate", [pytest.param(25.0, marks=pytest.mark.long), 10.0])
 def test_a_slow_imu_without_gps_and_attitude_shows_the_main_derivatives(replayed, aircraft, rate):
     slow = simulate_samples(at_rate(aircraft, rate), seed=42, duration=90.0)
     result = replayed(without(slow.streams, GPS))

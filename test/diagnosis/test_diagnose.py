@@ -51,7 +51,7 @@ def flight_of(aircraft, *effects, seed=11, duration=90.0, **options):
 def two_effects(aircraft):
     """A flight in light turbulence with two effects that its file does not know, diagnosed."""
     flight = flight_of(aircraft, DIHEDRAL, DRAG, turbulence="light")
-    return diagnose_flight(aircraft, flight.samples, SOME, replicas=3)
+    return diagnose_flight(aircraft, flight.samples, SOME, replicas=2)
 
 
 @pytest.mark.parametrize("turbulence", [pytest.param("none", marks=pytest.mark.long), "light"])

@@ -37,7 +37,7 @@ def bench_of(aircraft):
 @pytest.fixture(scope="module")
 def loose_fin(aircraft):
     samples = simulate_samples(aircraft, seed=5, duration=100.0, effects=LOOSE).samples
-    return diagnose_flight(aircraft, samples, CHANGES, replicas=3)
+    return diagnose_flight(aircraft, samples, CHANGES, replicas=2)
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ def simulate(runs, seed):
     return y
 
 
-@njit
+@njit(cache=True)
 def innovations(theta, y):
     """Kalman filter over many runs at once: innovations (runs, N, 2) and their covariance (N, 2, 2)."""
     a, b, q, r = theta[0], theta[1], np.exp(theta[2]), np.exp(theta[3])

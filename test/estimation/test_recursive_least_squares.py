@@ -212,16 +212,17 @@ def test_the_printed_4_14_gives_another_covariance_than_4_13():
     assert np.abs(printed - expected).max() > 0.1
 
 
-def test_a_million_vector_steps_stay_symmetric_and_positive():
-    @njit
-    def many(theta, p, root, rows, y, w, count):
-        for k in range(count):
-            gain_update(theta, p, rows[k % len(rows)], y[k % len(rows)], w)
-            square_root_update(root, rows[k % len(rows)], y[k % len(rows)], w, 1.0)
+@njit(cache=True)
+def many_updates(theta, p, root, rows, y, w, count):
+    for k in range(count):
+        gain_update(theta, p, rows[k % len(rows)], y[k % len(rows)], w)
+        square_root_update(root, rows[k % len(rows)], y[k % len(rows)], w, 1.0)
 
+
+def test_a_million_vector_steps_stay_symmetric_and_positive():
     h, y, w = vector_problem()
     theta, p, root = np.zeros(3), 1e8 * np.eye(3), np.zeros((4, 4))
-    many(theta, p, root, h, y, w[0], 1_000_000)
+    many_updates(theta, p, root, h, y, w[0], 1_000_000)
     np.testing.assert_array_equal(p, p.T)
     assert np.linalg.eigvalsh(p)[0] > 0.0
     batch = weighted_least_squares(h, y, np.tile(w[0], (len(h), 1, 1)))

@@ -122,7 +122,7 @@ def test_linear_regression_is_batch_least_squares_with_the_prior():
     np.testing.assert_allclose(root @ root.T, np.linalg.inv(information), rtol=1e-9, atol=1e-13)
 
 
-@njit
+@njit(cache=True)
 def filter_flight(noise, truth, start, forgetting, early, root, scores, block):
     """x(k+1) = a x(k) + w, y = x + v with theta = (a, ln q, ln r): Kalman filter with exact sensitivities."""
     theta, bound = start.copy(), np.array([0.05, 0.2, 0.2])
@@ -174,7 +174,7 @@ def test_state_space_model_with_unknown_noise_levels_converges_with_honest_error
     assert np.all(z.std(axis=0) > 0.6)  # and not by standard errors that are far too large
 
 
-@njit
+@njit(cache=True)
 def regression_flight(x, y, root, scores, block):
     theta, bound = np.zeros(2), np.full(2, np.inf)
     rows, residuals = np.empty((2, 2)), np.empty(2)
@@ -213,7 +213,7 @@ def test_standard_errors_allow_for_coloured_innovations():
     assert np.all(np.mean(widened, axis=0) > 0.87), np.mean(widened, axis=0)
 
 
-@njit
+@njit(cache=True)
 def long_run(rows, residuals, root, forgetting, steps):
     theta, bound = np.zeros(rows.shape[1]), np.full(rows.shape[1], 1.0)
     for k in range(steps):

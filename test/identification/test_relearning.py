@@ -253,7 +253,7 @@ def test_a_change_that_was_undone_is_told_of_no_more():
     assert changes.summary()["last_change"] == ""
 
 
-@pytest.mark.parametrize("estimator", ["rls", "fourier", pytest.param("rml", marks=pytest.mark.long)])
+@pytest.mark.parametrize("estimator", ["rls", *(pytest.param(e, marks=pytest.mark.long) for e in ("fourier", "rml"))])
 def test_a_lost_elevator_is_noticed_and_learnt_anew_and_never_wild_in_use(lossy, flown, estimator):
     pipeline, sets = flown(estimator)
     changes, truth = pipeline.parameters.learning.changes, 0.5 * lossy.aircraft.coefficients["Cm_de"]
