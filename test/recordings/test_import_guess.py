@@ -12,6 +12,7 @@ import pytest
 import strange_layouts as layouts
 from scipy.io import loadmat
 
+from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.mat_import import import_mat
@@ -19,6 +20,7 @@ from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tabular.column_map import load_column_map, parse_column_map
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map, map_text
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_name
+from aircraft_sysid_ros.recordings.tabular.guess.series import Column, Grid, fit
 from aircraft_sysid_ros.samples import Kind
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -64,6 +66,87 @@ def test_a_flight_test_csv_without_units_is_understood_by_its_physics(flown, tmp
     assert found["elevator"] == ("Elevator", "deg", -1.0)
     assert found["static_pressure"] == ("Ps", "inHg", 1.0)
     assert "thrust" not in found  # N or lbf: nothing tells
+
+
+def side_force_alone(flight, folder, sign, without=(), late=0.0):
+    """What is guessed of a_y in SI, of a table that says all else; the vanes may come late [s]."""
+    truth = flight.truth
+    time = np.arange(truth.time[0] + 1.0, truth.time[-1], 0.04)
+    euler = np.array([euler_from_quaternion(q) for q in truth.quaternion])
+    columns = {
+        **{f"a{axis}_mps2": truth.specific_force[:, i] for i, axis in enumerate("xyz")},
+        **{f"{axis}_rps": truth.rates[:, i] for i, axis in enumerate("pqr")},
+        **{f"{name}_rad": np.unwrap(euler[:, i]) for i, name in enumerate(("phi", "theta", "psi"))},
+        **{f"v{way}_mps": truth.velocity[:, i] for i, way in enumerate("ned")},
+        "alt_m": truth.origin[2] - truth.position[:, 2], "tas_mps": truth.airspeed,
+        "alpha_rad": truth.alpha, "beta_rad": truth.beta,
+    }  # fmt: skip
+    columns["ay_mps2"] = sign * columns["ay_mps2"]
+    there = {name: values for name, values in columns.items() if name not in without}
+    delays = {"alpha_rad": late, "beta_rad": late}
+    rows = [np.interp(time - delays.get(name, 0.0), truth.time, values) for name, values in there.items()]
+    layouts.write_rows(folder / "flight.csv", ["time_s", *there], [time, *rows])
+    (line,) = (
+        line for part in guess_map(folder / "flight.csv").parts for line in part.lines if line.column == "ay_mps2"
+    )
+    return line
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_either_law_tells_which_way_a_lateral_acceleration_counts(flight, tmp_path, sign):
+    """d beta/dt, r, bank and f_y / V make up a whole; so do the acceleration over ground and gravity."""
+    for without in (("vn_mps", "ve_mps"), ("beta_rad",)):
+        line = side_force_alone(flight, tmp_path, sign, without)
+        assert (line.active, line.sign) == (True, sign)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_with_a_part_of_each_law_missing_the_lateral_acceleration_is_left_to_the_user(flight, tmp_path, sign):
+    line = side_force_alone(flight, tmp_path, sign, ("vn_mps", "ve_mps", "beta_rad"))
+    assert not line.active
+    assert line.evidence.startswith("which way is positive cannot be told")
+
+
+@pytest.mark.parametrize("late", [0.05, 0.1, 0.2])
+def test_a_vane_that_comes_late_turns_no_lateral_acceleration_round(flight, tmp_path, late):
+    """Late by tau it adds tau d2 beta/dt2, in a Dutch roll a multiple of f_y / V, in phase with it and against it."""
+    line = side_force_alone(flight, tmp_path, 1.0, ("vn_mps", "ve_mps"), late)
+    assert line.sign > 0.0 or not line.active
+
+
+def test_the_t_value_of_a_chance_likeness_of_slow_signals_is_small():
+    """Two independent random motions with a memory of 3 s: one in a thousand pairs may pass t = 5, not one in four."""
+    rng = np.random.default_rng(7)
+    width, count = 75, 2500  # rows of 40 ms: 100 s
+    passed = naive = 0
+    for _ in range(300):
+        y, x = (np.convolve(rng.normal(size=count + width - 1), np.ones(width), "valid") for _ in range(2))
+        found = fit(y, x, block=250)
+        passed += abs(found.t) > 5.0
+        naive += abs(found.correlation) * np.sqrt(count) > 5.0
+    assert naive > 75
+    assert passed <= 15
+
+
+def test_a_heading_that_jumps_between_rows_far_apart_is_unwrapped_first():
+    """At 2 Hz a turn through north lies between two rows: its mean would be south."""
+    time = np.arange(0.0, 60.0, 0.5)
+    heading = 3.0 * time
+    jumping = Column("t", "psi", "attitude.yaw", np.mod(heading + 180.0, 360.0) - 180.0, time)
+    fast = Column("t", "p", "angular_velocity.x", np.zeros(3000), np.arange(3000) * 0.02)
+    grid = Grid([jumping, fast, fast])
+    found = grid.raw(jumping, 360.0)
+    inside = np.isfinite(found)
+    np.testing.assert_allclose(found[inside], 3.0 * grid.time[inside], atol=1e-9)
+
+
+def test_a_remark_above_the_names_with_fewer_cells_is_no_header(tmp_path):
+    rows = [f"{0.04 * i:.2f},{0.01 * np.sin(i):.5f},{0.01 * np.cos(i):.5f}" for i in range(100)]
+    lines = ["Flight data, recorded by our logger", "time,alpha_vane,beta_vane", "s,rad,rad", *rows]
+    (tmp_path / "vanes.csv").write_text("\n".join(lines) + "\n")
+    (part,) = guess_map(tmp_path / "vanes.csv").parts
+    assert part.time.column == "time"
+    assert {line.column for line in part.lines} == {"alpha_vane", "beta_vane"}
 
 
 def test_what_is_said_of_each_line_is_in_the_map_and_the_map_is_read_again(flown, tmp_path, capsys):

@@ -116,13 +116,15 @@ def listed_names(lines: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]
 def _above(rows: list[list[str]], count: int, first_row: int, *, prose: bool) -> Header:
     """Names and units from the rows above the data, which have ``count`` columns.
 
-    Names are the first row that has a text for most columns, or, where ``prose`` may have as many words, the last.
+    Names are the first row that has a text for most columns, the last of them too if there is such a row, or, where
+    ``prose`` may have as many words, the last.
     """
     fitted = [row for each in rows if (row := _fitted(each, count)) is not None]
     most = max((sum(bool(cell) for cell in row) for row in fitted), default=0)
     full = [row for row in fitted if sum(bool(cell) for cell in row) >= (1.0 if prose else 0.6) * most]
     of_units = [row for i, row in enumerate(full) if _is_of_units(row, certain=i == 0 or prose)]
     of_names = [row for row in full if row not in of_units] or full
+    of_names = [row for row in of_names if row[-1]] or of_names
     if not of_names:
         return Header(tuple(str(i + 1) for i in range(count)), {}, first_row)
     names = tuple(of_names[-1 if prose else 0])

@@ -35,6 +35,12 @@ _CLIMB = ("m/s", "ft/min", "ft/s", "kt")
 _GOOD, _FAIR = 0.8, 0.55  # correlations
 _SPEEDS = ("true_airspeed", "calibrated_airspeed", "indicated_airspeed")
 _RATE_SECONDS, _SLOW_SECONDS = 0.25, 1.0
+_BLOCK = (
+    10.0  # [s] of manoeuvres and of the slower motions of an aeroplane: what is nearer than that is not independent
+)
+_ANSWER = 3.0  # [s] of a motion about the centre of gravity after a deflection
+_LEFT_OVER = 0.5  # of the largest term of a law, at most, in mean squares
+_NOISE_T = 2.5  # t-values below it contradict nothing
 
 
 class Flight:
@@ -43,8 +49,7 @@ class Flight:
     def __init__(self, columns: dict[str, Column], turns: dict[str, float]) -> None:
         self.columns = columns
         self.grid = Grid(list(columns.values()))
-        self._raw = {name: self.grid.raw(column) for name, column in columns.items()}
-        self.turns = turns
+        self._raw = {name: self.grid.raw(column, turns.get(name)) for name, column in columns.items()}
 
     def raw(self, signal: str) -> Array:
         """A column's own numbers on the grid."""
@@ -69,14 +74,19 @@ class Flight:
 
     def raw_rate(self, signal: str, seconds: float = _RATE_SECONDS) -> Array:
         """Derivative of a column's own numbers."""
-        raw = self._raw[signal]
-        if signal in self.turns:
-            raw = self.grid.unwrapped(raw, self.turns[signal])
-        return self.grid.rate(raw, seconds)
+        return self.grid.rate(self._raw[signal], seconds)
 
     def smooth(self, values: Array, seconds: float = _RATE_SECONDS) -> Array:
         """As the derivatives are."""
         return self.grid.smooth(values, seconds)
+
+    def block(self, seconds: float = _BLOCK) -> int:
+        """Rows that are not independent of one another."""
+        return max(round(seconds / self.grid.step), 1)
+
+    def fit(self, reference: Array, column: Array) -> Fit | None:
+        """How a reference follows a column in the air."""
+        return fit(reference, column, self.block(), self.flying())
 
     def speed(self) -> Array | None:
         """Airspeed [m/s], or the speed over ground in its place."""
@@ -213,20 +223,16 @@ def _force_x_by_gravity(f: Flight) -> tuple[str, Array, Array, float] | None:
 def _track_rate(f: Flight) -> Array | None:
     if not f.known("velocity.north", "velocity.east"):
         return None
-    return f.grid.rate(np.unwrap(np.nan_to_num(_track(f))), 2.0)
-
-
-def _track(f: Flight) -> Array:
-    return np.arctan2(f.si("velocity.east"), f.si("velocity.north"))
+    track = np.arctan2(f.si("velocity.east"), f.si("velocity.north"))
+    return f.grid.rate(f.grid.unwrapped(track, 2.0 * np.pi), 2.0)
 
 
 def _yaw_by_track(f: Flight) -> tuple[str, Array, Array, float] | None:
-    if not f.known("velocity.north", "velocity.east"):
+    """Turns alike; courses and headings themselves drift apart in the wind."""
+    rate = _track_rate(f)
+    if rate is None:
         return None
-    track = f.grid.unwrapped(_track(f), 2.0 * np.pi)
-    yaw = f.raw("attitude.yaw")
-    yaw = f.grid.unwrapped(yaw, f.turns.get("attitude.yaw", 2.0 * np.pi))
-    return "the course over ground", f.smooth(track, _SLOW_SECONDS), f.smooth(yaw, _SLOW_SECONDS), 0.5
+    return "the rate of turn of the course", rate, f.raw_rate("attitude.yaw", 2.0), 0.5
 
 
 def _yaw_by_turn(f: Flight) -> tuple[str, Array, Array, float] | None:
@@ -341,7 +347,7 @@ def _down_by_height(f: Flight) -> tuple[str, Array, Array, float] | None:
     height = _height(f)
     if height is None:
         return None
-    return height[0], -f.smooth(height[1], _SLOW_SECONDS), f.grid.integral(f.raw("velocity.down")), 0.25
+    return height[0], -f.smooth(height[1], _SLOW_SECONDS), f.grid.integral(f.raw("velocity.down")), 0.15
 
 
 def _metres(f: Flight, axis: int) -> Array | None:
@@ -394,41 +400,48 @@ _LAWS: dict[str, tuple[Law, ...]] = {
 }
 
 
-def unit_of_slope(slope: float, correlation: float, signal: str, tolerance: float, said: str = "") -> str:
-    """The unit whose factor the slope [SI per unit] allows; "" where none does, or more than one.
+def unit_of_slope(slope: float, correlation: float, signal: str, tolerance: float) -> str:
+    """The unit whose factor the slope [SI per unit] allows; "" where none does, or another is not far enough from it.
 
     What is not explained may belong to either side: the slope is between slope * correlation and slope / correlation.
     """
     units = _CLIMB if signal == "velocity.down" else CANDIDATES[UNITS[signal]]
     width = tolerance - np.log(max(abs(correlation), 0.05))
-    fitting = [
-        unit
-        for unit in ((said,) if said else units)
-        if abs(np.log(abs(slope) / conversion(unit, UNITS[signal]).factor)) < width
-    ]
-    return fitting[0] if len(fitting) == 1 else ""
+    away = {unit: abs(np.log(abs(slope) / conversion(unit, UNITS[signal]).factor)) for unit in units}
+    near = [unit for unit in units if away[unit] < 2.0 * width]
+    return near[0] if len(near) == 1 and away[near[0]] < width else ""
+
+
+def is_of_size(slope: float, column: Column, tolerance: float) -> bool:
+    """Whether a slope [SI per unit] is that of the unit of a column, to within exp(tolerance)."""
+    return bool(abs(np.log(abs(slope) / column.factor)) < tolerance)
 
 
 Slopes = dict[str, tuple[float, float]]
 
 
-def _joint(f: Flight, target: Array, parts: dict[str, Array], seconds: float) -> Slopes:
+def _joint(f: Flight, target: Array, parts: dict[str, Array], free: list[Array] | None = None) -> Slopes:
     """Slopes and t-values of columns that together make up a target; nothing where they do not."""
     if not parts:
         return {}
-    result = regress(np.where(f.flying(), target, np.nan), list(parts.values()), 2.0 * seconds / f.grid.step)
-    if result is None or result[2] < _FAIR:
+    result = regress(np.where(f.flying(), target, np.nan), list(parts.values()), free or [], f.block())
+    if result is None or result[2] > _LEFT_OVER:
         return {}
     return {name: (float(k), float(t)) for name, k, t in zip(parts, result[0], result[1], strict=True)}
 
 
 def _clearest(law: Callable[[float], Slopes], scales: tuple[float, ...]) -> Slopes:
-    """Of a law looked at with several smoothing times [s], for each signal the slope with the largest t-value."""
+    """Of a law looked at with several smoothing times [s], for each signal the slope with the largest t-value.
+
+    Nothing of a signal whose slope changes its sign from one of them to another: something else is in it.
+    """
+    found = [law(seconds) for seconds in scales]
     best: Slopes = {}
-    for seconds in scales:
-        for signal, found in law(seconds).items():
-            if signal not in best or abs(found[1]) > abs(best[signal][1]):
-                best[signal] = found
+    for signal in {signal: None for slopes in found for signal in slopes}:
+        told = [slopes[signal] for slopes in found if signal in slopes]
+        clearest = max(told, key=lambda slope: abs(slope[1]))
+        if all(slope * clearest[0] > 0.0 or abs(t) < _NOISE_T for slope, t in told):
+            best[signal] = clearest
     return best
 
 
@@ -459,11 +472,11 @@ def _longitudinal(f: Flight, seconds: float) -> Slopes:
         turning = f.si("angular_velocity.y") * forward * np.sin(f.si("angle_of_attack"))
         parts["turning"] = f.smooth(turning, seconds)
     if f.has("attitude.pitch"):
-        return _joint(f, target, {**parts, "attitude.pitch": G * f.smooth(f.raw("attitude.pitch"), seconds)}, seconds)
+        return _joint(f, target, {**parts, "attitude.pitch": G * f.smooth(f.raw("attitude.pitch"), seconds)})
     if not f.known("angular_velocity.y"):
         return {}
     parts["gravity"] = G * f.smooth(f.grid.integral(f.si("angular_velocity.y")), seconds)
-    return _joint(f, f.grid.changes(target), {name: f.grid.changes(part) for name, part in parts.items()}, seconds)
+    return _joint(f, f.grid.changes(target), {name: f.grid.changes(part) for name, part in parts.items()})
 
 
 def climb_of_pitch(f: Flight, height: str) -> Fit | None:
@@ -473,11 +486,20 @@ def climb_of_pitch(f: Flight, height: str) -> Fit | None:
         return None
     theta = pitch.factor * f.raw("attitude.pitch")
     reference = np.where(f.flying(), speed * np.sin(theta - np.nanmedian(theta)), np.nan)
-    return fit(f.smooth(reference, 2.0), f.raw_rate(height, 2.0))
+    return f.fit(f.smooth(reference, 2.0), f.raw_rate(height, 2.0))
+
+
+def _turning(f: Flight, axis: int) -> Array | None:
+    """p, q or r [rad/s] of the gyro, or of the attitude in its place."""
+    signal = f"angular_velocity.{'xyz'[axis]}"
+    if f.known(signal):
+        return f.si(signal)
+    rates = None if f.has(signal) else _body_rates(f)
+    return None if rates is None else rates[axis]
 
 
 def vertical(f: Flight) -> Slopes:
-    """(f_z + g cos(theta) cos(phi)) / V = d alpha/dt - q."""
+    """(f_z + g cos(theta) cos(phi)) / V = d alpha/dt - q, of which d alpha/dt alone tells nothing: q goes with it."""
     return _clearest(lambda seconds: _vertical(f, seconds), (0.25, 0.8))
 
 
@@ -488,17 +510,22 @@ def _vertical(f: Flight, seconds: float) -> Slopes:
     with np.errstate(all="ignore"):
         target = f.smooth((f.si("specific_force.z") + G * _cosines(f)) / speed, seconds)
     parts = {}
-    if f.has("angle_of_attack"):
-        parts["angle_of_attack"] = f.raw_rate("angle_of_attack", seconds)
     if f.has("angular_velocity.y"):
         parts["angular_velocity.y"] = -f.smooth(f.raw("angular_velocity.y"), seconds)
-    return _joint(f, target, parts, seconds)
+    elif (turning := _turning(f, 1)) is not None:
+        target = target + f.smooth(turning, seconds)
+    else:
+        return {}
+    if f.has("angle_of_attack"):
+        parts["angle_of_attack"] = f.raw_rate("angle_of_attack", seconds)
+    return _joint(f, target, parts)
 
 
 def lateral(f: Flight) -> Slopes:
     """g cos(theta) sin(phi) / V = d beta/dt + r cos(alpha) - p sin(alpha) - f_y / V.
 
-    Without a bank angle its changes are those of the integral of p.
+    Without a bank angle its changes are those of the integral of p. All of it must be there: in a slip d beta/dt
+    and r are opposite and much larger than f_y / V, so that what is left without one of them tells no sign.
     """
     return _clearest(lambda seconds: _lateral(f, seconds), (0.25, 0.8, 2.0))
 
@@ -506,26 +533,49 @@ def lateral(f: Flight) -> Slopes:
 def _lateral(f: Flight, seconds: float) -> Slopes:
     speed = f.speed()
     by_roll = f.known("attitude.roll")
-    if speed is None or not (by_roll or f.known("angular_velocity.x")):
+    if speed is None or not (by_roll or f.known("angular_velocity.x")) or not f.has("sideslip"):
         return {}
-    alpha = f.si("angle_of_attack") if f.known("angle_of_attack") else np.zeros(len(f.grid.time))
-    if not f.known("angle_of_attack") and f.known("attitude.pitch"):
-        alpha = f.smooth(f.si("attitude.pitch"), 5.0)
-    theta = f.si("attitude.pitch") if f.known("attitude.pitch") else alpha
     changes = (lambda values: values) if by_roll else f.grid.changes
+    theta = f.si("attitude.pitch") if f.known("attitude.pitch") else np.zeros(len(f.grid.time))
+    alpha = f.si("angle_of_attack") if f.known("angle_of_attack") else f.smooth(theta, 5.0)
+    rolling = f.si("angular_velocity.x") if f.known("angular_velocity.x") else f.rate("attitude.roll", 0.0)
     with np.errstate(all="ignore"):
-        roll = np.sin(f.si("attitude.roll")) if by_roll else changes(f.grid.integral(f.si("angular_velocity.x")))
-        target = f.smooth(G * np.cos(theta) * roll / speed, seconds)
-        if f.known("angular_velocity.x"):
-            target = target + changes(f.smooth(f.si("angular_velocity.x") * np.sin(alpha), seconds))
-        parts = {}
-        if f.has("sideslip"):
-            parts["sideslip"] = changes(f.raw_rate("sideslip", seconds))
+        roll = np.sin(f.si("attitude.roll")) if by_roll else changes(f.grid.integral(rolling))
+        target = f.smooth(G * np.cos(theta) * roll / speed + rolling * np.sin(alpha), seconds)
+        slip = f.raw_rate("sideslip", seconds)
+        parts = {"sideslip": slip}
         if f.has("angular_velocity.z"):
-            parts["angular_velocity.z"] = changes(f.smooth(f.raw("angular_velocity.z") * np.cos(alpha), seconds))
+            parts["angular_velocity.z"] = f.smooth(f.raw("angular_velocity.z") * np.cos(alpha), seconds)
+        elif (turning := _turning(f, 2)) is not None:
+            target = target - f.smooth(turning * np.cos(alpha), seconds)
+        else:
+            return {}
         if f.has("specific_force.y"):
-            parts["specific_force.y"] = -changes(f.smooth(f.raw("specific_force.y") / speed, seconds))
-    return _joint(f, target, parts, seconds)
+            parts["specific_force.y"] = -f.smooth(f.raw("specific_force.y") / speed, seconds)
+    # A bank and a vane that come late, and an angle of attack that is not the one of the flow.
+    late = [changes(f.smooth(rolling, seconds)), changes(np.gradient(slip, f.grid.step))]
+    return _joint(f, changes(target), {name: changes(part) for name, part in parts.items()}, late)
+
+
+def side_force(f: Flight) -> Slopes:
+    """f_y = y axis of the acceleration over ground less gravity."""
+    return _clearest(lambda seconds: _side_force(f, seconds), (0.8, 2.0, 4.0))
+
+
+def _side_force(f: Flight, seconds: float) -> Slopes:
+    angles = ("attitude.roll", "attitude.pitch", "attitude.yaw")
+    if not f.has("specific_force.y") or not f.known("velocity.north", "velocity.east", *angles):
+        return {}
+    phi, theta, psi = (f.si(angle) for angle in angles)
+    climb = _climb(f)
+    down = -f.grid.rate(climb[1], seconds) if climb is not None else np.zeros(len(phi))
+    north, east = (f.rate(f"velocity.{way}", seconds) for way in ("north", "east"))
+    across = f.smooth(np.sin(phi) * np.sin(theta) * np.cos(psi) - np.cos(phi) * np.sin(psi), seconds)
+    along = f.smooth(np.sin(phi) * np.sin(theta) * np.sin(psi) + np.cos(phi) * np.cos(psi), seconds)
+    level = f.smooth(np.sin(phi) * np.cos(theta), seconds)
+    target = north * across + east * along + (down - G) * level
+    late = [f.rate("attitude.roll", seconds)]
+    return _joint(f, target, {"specific_force.y": f.smooth(f.raw("specific_force.y"), seconds)}, late)
 
 
 def wind_triangle(f: Flight, signal: str) -> tuple[float, float] | None:
@@ -565,7 +615,7 @@ def acceleration_along(f: Flight, signal: str) -> Fit | None:
     reference = (
         f.si("specific_force.x") * np.cos(alpha) + f.si("specific_force.z") * np.sin(alpha) - G * np.sin(theta - alpha)
     )
-    return fit(f.smooth(reference, 0.5), f.raw_rate(signal, 0.5))
+    return fit(f.smooth(reference, 0.5), f.raw_rate(signal, 0.5), f.block())
 
 
 def speed_of_pressure(f: Flight, signal: str) -> Fit | None:
@@ -576,7 +626,7 @@ def speed_of_pressure(f: Flight, signal: str) -> Fit | None:
     if density is None:
         return None
     reference = np.sqrt(2.0 * np.maximum(f.si("dynamic_pressure"), 0.0) / density)
-    return fit(f.smooth(reference, 0.5), f.smooth(f.raw(signal), 0.5), f.flying())
+    return f.fit(f.smooth(reference, 0.5), f.smooth(f.raw(signal), 0.5))
 
 
 def speed_and_pressure(f: Flight, speed: str) -> tuple[str, str] | None:
@@ -615,26 +665,27 @@ def turn_speed(f: Flight, signal: str) -> float | None:
     return float(np.median(G * np.tan(roll[turning]) / rate[turning] / f.raw(signal)[turning]))
 
 
-def control_sign(f: Flight, signal: str) -> tuple[float, float] | None:
-    """Sign of the moment per deflection, and its t-value."""
+def control_sign(f: Flight, signal: str) -> Slopes:
+    """Angular acceleration per deflection, by its signal."""
+    return _clearest(lambda seconds: _control(f, signal, seconds), (0.12, 0.3))
+
+
+def _control(f: Flight, signal: str, seconds: float) -> Slopes:
     axis, others = {
-        "elevator": ("y", ("angle_of_attack", "specific_force.z")),
-        "aileron": ("x", ("sideslip", "specific_force.y", "rudder")),
-        "rudder": ("z", ("sideslip", "specific_force.y", "aileron")),
+        "aileron": (0, ("sideslip", "specific_force.y", "rudder")),
+        "elevator": (1, ("angle_of_attack", "specific_force.z")),
+        "rudder": (2, ("sideslip", "specific_force.y", "aileron")),
     }[signal]
-    rate = f"angular_velocity.{axis}"
-    if not f.known(rate):
-        return None
-    reference = np.where(f.flying(), f.rate(rate, 0.12), np.nan)
-    columns = [f.smooth(f.raw(signal), 0.12), f.smooth(f.si(rate), 0.12)]
-    columns += [f.smooth(f.raw(other), 0.12) for other in others if f.has(other)]
-    columns += [
-        f.smooth(f.si(f"angular_velocity.{a}"), 0.12)
-        for a in "xz"
-        if axis != "y" and a != axis and f.known(f"angular_velocity.{a}")
-    ]
-    result = regress(reference, columns, 0.24 / f.grid.step)
-    return None if result is None else (float(np.sign(result[0][0])), float(abs(result[1][0])))
+    rate = _turning(f, axis)
+    if rate is None:
+        return {}
+    reference = np.where(f.flying(), f.grid.rate(rate, seconds), np.nan)
+    columns = [f.smooth(f.raw(signal), seconds), f.smooth(rate, seconds)]
+    columns += [f.smooth(f.raw(other), seconds) for other in others if f.has(other)]
+    beside = _turning(f, 2 - axis) if axis != 1 else None
+    columns += [f.smooth(beside, seconds)] if beside is not None else []
+    result = regress(reference, columns, [], f.block(_ANSWER))
+    return {} if result is None else {signal: (float(result[0][0]), float(result[1][0]))}
 
 
 def temperature_of_density(f: Flight) -> float | None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess import physics
-from aircraft_sysid_ros.recordings.tabular.guess.physics import Flight, G, unit_of_slope
-from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, fit
+from aircraft_sysid_ros.recordings.tabular.guess.physics import Flight, G, is_of_size, unit_of_slope
+from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 
@@ -30,6 +31,7 @@ _CUSTOM = (
 _PASSES = 6
 _SLOWEST, _FASTEST = 6.0, 340.0  # [m/s] over ground
 _SURE_T = 5.0  # t-values that are believed
+_SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
 
 
 def resolve(columns: dict[str, Column]) -> Flight:
@@ -59,6 +61,7 @@ def _resolved(columns: dict[str, Column]) -> Flight:
             _likely_units(flight)
         elif stage == 1:
             _customs(flight)
+    _check_signs(flight)
     _controls(flight)
     _air(flight)
     _check_said(flight)
@@ -217,24 +220,30 @@ def _degrees_per_second(flight: Flight) -> None:
 
 
 def _by_laws(flight: Flight) -> None:
-    flying = flight.flying()
     for signal, column in flight.columns.items():
         if column.is_known or column.doubt:
             continue
-        for law, reference, raw, tolerance in flight.references(signal):
-            found = fit(reference, raw, flying)
-            least = physics.good if law.startswith("gravity") else physics.fair  # thrust and drag are in it, too
-            if found is None or abs(found.correlation) < least or found.slope == 0.0:
-                continue
-            told = f"{law} follows it, correlation {found.correlation:.2f}"
+        for law, found, tolerance in _followed(flight, signal):
+            told = f"{law} follows it, correlation {found.correlation:.2f}, t = {abs(found.t):.0f}"
             if not column.unit:
                 _set_unit(column, unit_of_slope(found.slope, found.correlation, signal, tolerance), told)
+            if column.unit and np.isfinite(tolerance) and not is_of_size(found.slope, column, tolerance + 0.5):
+                continue
             _set_sign(column, found.sign, told)
             column.sure = column.sure and abs(found.correlation) > physics.good
             if signal == "attitude.yaw" and column.is_known:
                 _yaw_offset(flight, column)
             if column.is_known:
                 break
+
+
+def _followed(flight: Flight, signal: str) -> Iterator[tuple[str, Fit, float]]:
+    """Laws of a signal that its column obeys beyond what chance does, and the tolerance of the slope."""
+    for law, reference, raw, tolerance in flight.references(signal):
+        found = flight.fit(reference, raw)
+        least = physics.good if law.startswith("gravity") else physics.fair  # thrust and drag are in it, too
+        if found is not None and abs(found.correlation) >= least and abs(found.t) > _SURE_T:
+            yield law, found, tolerance
 
 
 def _yaw_offset(flight: Flight, column: Column) -> None:
@@ -283,34 +292,45 @@ def _speeds(flight: Flight) -> None:
 
 def _joint_laws(flight: Flight) -> None:
     """Laws in which several columns of unknown unit and sign make up something known."""
-    found = physics.longitudinal(flight)
-    speed = next((signal for signal in found if signal in (*_SPEEDS, "speed")), None)
-    if speed is not None and abs(found[speed][1]) > _SURE_T:
-        told = f"a_x is the acceleration along the path and gravity, t = {abs(found[speed][1]):.0f}"
-        _set_sign(flight.columns["specific_force.x"], float(np.sign(found[speed][0])), told)
-        if speed != "speed" and not flight.columns[speed].unit:
-            flight.columns[speed].rough = abs(found[speed][0])
-    elif "gravity" in found and abs(found["gravity"][1]) > _SURE_T:
-        told = f"a_x follows gravity along the body, t = {abs(found['gravity'][1]):.0f}"
-        _set_sign(flight.columns["specific_force.x"], float(np.sign(found["gravity"][0])), told)
-    if flight.known("specific_force.x") and "attitude.pitch" in found:
-        slope, t = found["attitude.pitch"]
-        told = f"gravity along the body, t = {abs(t):.0f}"
-        _take_slope(flight, "attitude.pitch", slope * flight.columns["specific_force.x"].sign, t, told, 0.7)
+    _forward(flight)
     for law, told in (
         (physics.vertical, "a_z turns the path: the kinematics of angle of attack and pitch rate"),
         (physics.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
+        (physics.side_force, "the acceleration over ground and gravity"),
     ):
         if any(not column.is_known and not column.doubt for column in flight.columns.values()):
             for signal, (slope, t) in law(flight).items():
-                _take_slope(flight, signal, slope, t, f"{told}, t = {abs(t):.0f}", 0.9)
+                _take_slope(flight, signal, slope, t, f"{told}, t = {abs(t):.0f}", 0.5)
+
+
+def _forward(flight: Flight) -> None:
+    """a_x, airspeed and pitch."""
+    found = physics.longitudinal(flight)
+    force = flight.columns.get("specific_force.x")
+    if force is None or not found:
+        return
+    speed = next((signal for signal in found if signal in (*_SPEEDS, "speed")), "")
+    for signal, told in (
+        (speed, "a_x is the acceleration along the path and gravity"),
+        ("gravity", "a_x follows gravity"),
+    ):
+        slope, t = found.get(signal, (0.0, 0.0))
+        column = flight.columns.get(signal)
+        factor = 1.0 if column is None else column.factor  # NaN as long as its unit is not known
+        if abs(t) > _SURE_T and not abs(np.log(abs(slope) / factor)) > _SIZE:
+            _set_sign(force, float(np.sign(slope)), f"{told}, t = {abs(t):.0f}")
+            if column is not None and not column.unit:
+                column.rough = abs(slope)
+    if force.is_known and "attitude.pitch" in found:
+        slope, t = found["attitude.pitch"]
+        _take_slope(flight, "attitude.pitch", slope * force.sign, t, f"gravity along the body, t = {abs(t):.0f}", 0.7)
 
 
 def _climb_of_pitch(flight: Flight) -> None:
     """The unit of a height and the sign of pitch at once: heights count upwards."""
     for height in ("altitude", "pressure_altitude", "height_above_ground"):
         found = physics.climb_of_pitch(flight, height)
-        if found is None or abs(found.correlation) < physics.fair:
+        if found is None or abs(found.correlation) < physics.fair or abs(found.t) < _SURE_T:
             continue
         told = f"V sin(theta) is the climb, correlation {found.correlation:.2f}"
         column, pitch = flight.columns[height], flight.columns["attitude.pitch"]
@@ -328,7 +348,7 @@ def _take_slope(flight: Flight, signal: str, slope: float, t: float, told: str, 
         return
     if not column.unit:
         _set_unit(column, unit_of_slope(slope, 1.0, signal, tolerance), told)
-    if column.unit and abs(np.log(abs(slope) / column.factor)) < max(tolerance, 1.2):
+    if column.unit and is_of_size(slope, column, max(tolerance, _SIZE)):
         _set_sign(column, float(np.sign(slope)), told)
 
 
@@ -390,14 +410,11 @@ def _controls(flight: Flight) -> None:
         column = flight.columns.get(signal)
         if column is None or column.doubt or column.sign:
             continue
-        found = physics.control_sign(flight, signal)
-        if found is not None and found[1] > _SURE_T:
+        slope, t = physics.control_sign(flight, signal).get(signal, (0.0, 0.0))
+        if abs(t) > _SURE_T:
             moment = {"elevator": "pitching", "aileron": "rolling", "rudder": "yawing"}[signal]
-            _set_sign(
-                column,
-                -found[0],
-                f"the {moment} moment follows it with t = {found[1]:.0f}; positive gives a negative one",
-            )
+            told = f"the {moment} moment follows it with t = {abs(t):.0f}; positive gives a negative one"
+            _set_sign(column, -float(np.sign(slope)), told)
 
 
 def _speed_and_pressure(flight: Flight) -> None:
@@ -426,7 +443,7 @@ def _air(flight: Flight) -> None:
         and flight.known("true_airspeed")
     ):
         density = flight.si("air_density") if flight.known("air_density") else physics.standard_density(flight) or 1.15
-        found = fit(0.5 * density * speed**2, flight.raw("dynamic_pressure"), flight.flying())
+        found = flight.fit(0.5 * density * speed**2, flight.raw("dynamic_pressure"))
         if found is not None and found.correlation > physics.good:
             _set_unit(
                 column, unit_of_slope(found.slope, found.correlation, "dynamic_pressure", 0.15), "airspeed and density"
@@ -448,18 +465,30 @@ def _air(flight: Flight) -> None:
 
 def _check_said(flight: Flight) -> None:
     """That a unit of the header is the one that the physics has."""
-    flying = flight.flying()
     for signal, column in flight.columns.items():
         if not column.is_known or not column.said_unit:
             continue
         for law, reference, raw, tolerance in flight.references(signal):
-            found = fit(reference, raw, flying)
+            found = flight.fit(reference, raw)
             if found is None or abs(found.correlation) < 0.9 or not np.isfinite(tolerance):
                 continue
-            if abs(np.log(abs(found.slope) / column.factor)) > tolerance + 0.5:
+            if not is_of_size(found.slope, column, tolerance + 0.5):
                 unit = unit_of_slope(found.slope, found.correlation, signal, tolerance)
                 column.doubt = f"its header says {column.said_unit}, but {law} says {unit or 'another unit'}"
             break
+
+
+def _check_signs(flight: Flight) -> None:
+    """That no law has a sign that another has not: then neither is believed."""
+    against = {
+        signal: law
+        for signal, column in flight.columns.items()
+        if column.is_known and signal not in _POSITIVE
+        for law, found, _ in _followed(flight, signal)
+        if found.sign != column.sign
+    }
+    for signal, law in against.items():
+        flight.columns[signal].doubt = f"{law} says the other way"
 
 
 def _explain_open(flight: Flight) -> None:

@@ -12,6 +12,7 @@ Array = npt.NDArray[np.float64]
 _LONGEST = 1800.0  # [s] of a flight that are looked at
 _FASTEST, _SLOWEST = 0.02, 0.2  # [s] steps of the grid
 _GAP = 1.0  # [s]
+_FEWEST_BLOCKS = 6  # of a flight, of which a spread is made
 
 
 @dataclass
@@ -49,10 +50,11 @@ class Column:
 
 @dataclass(frozen=True)
 class Fit:
-    """reference = slope * column + constant: slope, correlation, and the share of the reference that is explained."""
+    """reference = slope * column + constant: slope, correlation, and the t-value of the correlation."""
 
     slope: float
     correlation: float
+    t: float
 
     @property
     def sign(self) -> float:
@@ -75,8 +77,11 @@ class Grid:
         self.step = float(np.clip(np.median(steps), _FASTEST, _SLOWEST))
         self.time = np.arange(start, end, self.step)
 
-    def raw(self, column: Column) -> Array:
-        """The column's own numbers at the times of the grid, NaN in gaps; of held numbers the new ones."""
+    def raw(self, column: Column, turn: float | None) -> Array:
+        """The column's own numbers at the times of the grid, NaN in gaps; of held numbers the new ones.
+
+        Angles go on over their jumps of a whole ``turn``.
+        """
         known = np.isfinite(column.values) & np.isfinite(column.time)
         time, values = column.time[known], column.values[known]
         if len(values) < 4:
@@ -84,6 +89,8 @@ class Grid:
         fresh = np.concatenate([[True], np.diff(values) != 0.0])
         if fresh.sum() > 10 and fresh.mean() < 0.5:
             time, values = time[fresh], values[fresh]
+        if turn is not None:
+            values = np.unwrap(values, period=turn)
         found = np.interp(self.time, time, values, left=np.nan, right=np.nan)
         after = np.clip(np.searchsorted(time, self.time), 1, len(time) - 1)
         usual = float(np.median(np.diff(time)))
@@ -123,8 +130,8 @@ class Grid:
         return np.gradient(self.smooth(values, seconds), self.step)
 
 
-def fit(reference: Array, column: Array, where: npt.NDArray[np.bool_] | None = None) -> Fit | None:
-    """How ``reference`` follows ``column``; None without enough of both."""
+def fit(reference: Array, column: Array, block: int, where: npt.NDArray[np.bool_] | None = None) -> Fit | None:
+    """How ``reference`` follows ``column``; None without enough of both. ``block``: as in regress."""
     known = np.isfinite(reference) & np.isfinite(column)
     if where is not None:
         known &= where
@@ -137,32 +144,44 @@ def fit(reference: Array, column: Array, where: npt.NDArray[np.bool_] | None = N
     yy, xx, xy = float(y @ y), float(x @ x), float(x @ y)
     if yy <= 0.0 or xx <= 0.0:
         return None
-    return Fit(float(np.sign(xy)) * np.sqrt(yy / xx), xy / np.sqrt(xx * yy))
+    left = x * (y - x * (xy / xx))
+    with np.errstate(all="ignore"):
+        t = xy / float(np.sqrt(_spread_of_sums(left[:, None], block)[0, 0]))
+    return Fit(float(np.sign(xy)) * np.sqrt(yy / xx), xy / np.sqrt(xx * yy), t)
 
 
-def regress(reference: Array, columns: list[Array], dependent: float) -> tuple[Array, Array, float] | None:
-    """Least squares of ``reference`` on columns and a constant: coefficients, t-values, correlation.
+def regress(reference: Array, columns: list[Array], free: list[Array], block: int) -> tuple[Array, Array, float] | None:
+    """Least squares of ``reference`` (n,) on columns, a constant and ``free`` columns, which take up known errors.
 
-    ``dependent``: so many rows that follow one another count as one, because they were smoothed together.
+    Slopes and t-values of the columns, and the share of the largest term of the law that is left over. Residuals of
+    smoothed rows follow one another: their spread is that of overlapping blocks of so many rows (Newey and West 1987).
     """
-    matrix = np.stack([*columns, np.ones(len(reference))], axis=1)
+    matrix = np.stack([*columns, *free, np.ones(len(reference))], axis=1)
     known = np.isfinite(reference) & np.isfinite(matrix).all(axis=1)
     if known.sum() < 60:
         return None
-    y, x = reference[known], matrix[known]
-    scale = np.std(x, axis=0)
-    scale[-1] = 1.0
-    if (scale <= 0.0).any() or np.std(y) <= 0.0:
+    x = matrix[known]
+    x[:, :-1] -= x[:, :-1].mean(axis=0)
+    y = reference[known] - reference[known].mean()
+    scale = np.sqrt(np.mean(x * x, axis=0))
+    if (scale[: len(columns)] <= 0.0).any() or not y.any():
         return None
-    x = x / scale
-    solution, *_ = np.linalg.lstsq(x, y, rcond=None)
+    x = x / np.where(scale > 0.0, scale, 1.0)
+    inverse = np.linalg.pinv(x.T @ x)
+    solution = inverse @ (x.T @ y)
     residual = y - x @ solution
-    spread = np.sqrt(
-        np.diag(np.linalg.pinv(x.T @ x))
-        * float(residual @ residual)
-        / max(len(y) / max(dependent, 1.0) - x.shape[1], 1.0)
-    )
+    spread = np.sqrt(np.diag(inverse @ _spread_of_sums(x * residual[:, None], block) @ inverse))
     with np.errstate(all="ignore"):
         t = solution / spread
-    correlation = float(np.sqrt(max(0.0, 1.0 - float(residual @ residual) / float((y - y.mean()) @ (y - y.mean())))))
-    return solution[:-1] / scale[:-1], t[:-1], correlation
+    count = len(columns)
+    largest = max(float(np.mean(y * y)), float(np.max(solution[:count] ** 2)))
+    return solution[:count] / scale[:count], t[:count], float(np.mean(residual**2)) / largest
+
+
+def _spread_of_sums(rows: Array, block: int) -> Array:
+    """Covariance (k, k) of the sum of rows (n, k) that are dependent over less than a block."""
+    block = max(min(block, len(rows) // _FEWEST_BLOCKS), 1)
+    padding = np.zeros((block, rows.shape[1]))
+    total = np.cumsum(np.concatenate([padding, rows, padding]), axis=0)
+    sums = total[block:] - total[:-block]
+    return np.asarray(sums.T @ sums / block)
