@@ -40,6 +40,7 @@ _BLOCK = (
 )
 _ANSWER = 3.0  # [s] of a motion about the centre of gravity after a deflection
 _LEFT_OVER = 0.5  # of the largest term of a law, at most, in mean squares
+SURE_T = 5.0  # t-values that are believed
 _NOISE_T = 2.5  # t-values below it contradict nothing
 
 
@@ -445,6 +446,23 @@ def _clearest(law: Callable[[float], Slopes], scales: tuple[float, ...]) -> Slop
     return best
 
 
+def _in_whole(f: Flight, found: Slopes, large: tuple[str, ...]) -> Slopes:
+    """Slopes of a law, only those of its large terms where these do not come out as large as they are.
+
+    A term that is lost in its noise leaves what it should explain to the others, with any sign.
+    """
+    if all(_is_seen(f.columns[signal], *found[signal]) for signal in large if signal in found):
+        return found
+    return {signal: slope for signal, slope in found.items() if signal in large}
+
+
+def _is_seen(column: Column, slope: float, t: float) -> bool:
+    """Whether a slope is beyond noise and one that its column can have."""
+    if abs(t) < SURE_T or slope * column.sign < 0.0:
+        return False
+    return is_of_size(slope, column, 0.4) if column.unit else bool(unit_of_slope(slope, 1.0, column.signal, 0.4))
+
+
 def longitudinal(f: Flight) -> Slopes:
     """f_x = dV/dt + g theta: slopes of the numbers of an airspeed, and of pitch (per g), for a_x as it reads.
 
@@ -518,7 +536,7 @@ def _vertical(f: Flight, seconds: float) -> Slopes:
         return {}
     if f.has("angle_of_attack"):
         parts["angle_of_attack"] = f.raw_rate("angle_of_attack", seconds)
-    return _joint(f, target, parts)
+    return _in_whole(f, _joint(f, target, parts), ("angular_velocity.y",))
 
 
 def lateral(f: Flight) -> Slopes:
@@ -554,7 +572,8 @@ def _lateral(f: Flight, seconds: float) -> Slopes:
             parts["specific_force.y"] = -f.smooth(f.raw("specific_force.y") / speed, seconds)
     # A bank and a vane that come late, and an angle of attack that is not the one of the flow.
     late = [changes(f.smooth(rolling, seconds)), changes(np.gradient(slip, f.grid.step))]
-    return _joint(f, changes(target), {name: changes(part) for name, part in parts.items()}, late)
+    found = _joint(f, changes(target), {name: changes(part) for name, part in parts.items()}, late)
+    return _in_whole(f, found, ("sideslip", "angular_velocity.z"))
 
 
 def side_force(f: Flight) -> Slopes:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess import physics
-from aircraft_sysid_ros.recordings.tabular.guess.physics import Flight, G, is_of_size, unit_of_slope
+from aircraft_sysid_ros.recordings.tabular.guess.physics import SURE_T, Flight, G, is_of_size, unit_of_slope
 from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
@@ -28,9 +28,14 @@ _CUSTOM = (
     "specific_force.x", "attitude.roll", "angular_velocity.x", "velocity.north", "velocity.east", "velocity.down",
     "position.north", "position.east",
 )  # fmt: skip
+#: Laws of several columns, from which slopes are taken that are those of the columns' units.
+_JOINT = (
+    (physics.vertical, "a_z turns the path: the kinematics of angle of attack and pitch rate"),
+    (physics.side_force, "the acceleration over ground and gravity"),
+    (physics.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
+)
 _PASSES = 6
 _SLOWEST, _FASTEST = 6.0, 340.0  # [m/s] over ground
-_SURE_T = 5.0  # t-values that are believed
 _SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
 
 
@@ -242,7 +247,7 @@ def _followed(flight: Flight, signal: str) -> Iterator[tuple[str, Fit, float]]:
     for law, reference, raw, tolerance in flight.references(signal):
         found = flight.fit(reference, raw)
         least = physics.good if law.startswith("gravity") else physics.fair  # thrust and drag are in it, too
-        if found is not None and abs(found.correlation) >= least and abs(found.t) > _SURE_T:
+        if found is not None and abs(found.correlation) >= least and abs(found.t) > SURE_T:
             yield law, found, tolerance
 
 
@@ -293,12 +298,8 @@ def _speeds(flight: Flight) -> None:
 def _joint_laws(flight: Flight) -> None:
     """Laws in which several columns of unknown unit and sign make up something known."""
     _forward(flight)
-    for law, told in (
-        (physics.vertical, "a_z turns the path: the kinematics of angle of attack and pitch rate"),
-        (physics.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
-        (physics.side_force, "the acceleration over ground and gravity"),
-    ):
-        if any(not column.is_known and not column.doubt for column in flight.columns.values()):
+    if any(not column.is_known and not column.doubt for column in flight.columns.values()):
+        for law, told in _JOINT:
             for signal, (slope, t) in law(flight).items():
                 _take_slope(flight, signal, slope, t, f"{told}, t = {abs(t):.0f}", 0.5)
 
@@ -317,7 +318,7 @@ def _forward(flight: Flight) -> None:
         slope, t = found.get(signal, (0.0, 0.0))
         column = flight.columns.get(signal)
         factor = 1.0 if column is None else column.factor  # NaN as long as its unit is not known
-        if abs(t) > _SURE_T and not abs(np.log(abs(slope) / factor)) > _SIZE:
+        if abs(t) > SURE_T and not abs(np.log(abs(slope) / factor)) > _SIZE:
             _set_sign(force, float(np.sign(slope)), f"{told}, t = {abs(t):.0f}")
             if column is not None and not column.unit:
                 column.rough = abs(slope)
@@ -330,7 +331,7 @@ def _climb_of_pitch(flight: Flight) -> None:
     """The unit of a height and the sign of pitch at once: heights count upwards."""
     for height in ("altitude", "pressure_altitude", "height_above_ground"):
         found = physics.climb_of_pitch(flight, height)
-        if found is None or abs(found.correlation) < physics.fair or abs(found.t) < _SURE_T:
+        if found is None or abs(found.correlation) < physics.fair or abs(found.t) < SURE_T:
             continue
         told = f"V sin(theta) is the climb, correlation {found.correlation:.2f}"
         column, pitch = flight.columns[height], flight.columns["attitude.pitch"]
@@ -344,7 +345,7 @@ def _climb_of_pitch(flight: Flight) -> None:
 def _take_slope(flight: Flight, signal: str, slope: float, t: float, told: str, tolerance: float) -> None:
     """Unit and sign of a column from its slope in a law, where that is sure."""
     column = flight.columns[signal]
-    if column.is_known or column.doubt or abs(t) < _SURE_T:
+    if column.is_known or column.doubt or abs(t) < SURE_T:
         return
     if not column.unit:
         _set_unit(column, unit_of_slope(slope, 1.0, signal, tolerance), told)
@@ -411,7 +412,7 @@ def _controls(flight: Flight) -> None:
         if column is None or column.doubt or column.sign:
             continue
         slope, t = physics.control_sign(flight, signal).get(signal, (0.0, 0.0))
-        if abs(t) > _SURE_T:
+        if abs(t) > SURE_T:
             moment = {"elevator": "pitching", "aileron": "rolling", "rudder": "yawing"}[signal]
             told = f"the {moment} moment follows it with t = {abs(t):.0f}; positive gives a negative one"
             _set_sign(column, -float(np.sign(slope)), told)
@@ -487,6 +488,10 @@ def _check_signs(flight: Flight) -> None:
         for law, found, _ in _followed(flight, signal)
         if found.sign != column.sign
     }
+    for joint, told in _JOINT:
+        for signal, (slope, t) in joint(flight).items():
+            if flight.columns[signal].is_known and abs(t) > SURE_T and slope * flight.columns[signal].sign < 0.0:
+                against[signal] = told
     for signal, law in against.items():
         flight.columns[signal].doubt = f"{law} says the other way"
 
