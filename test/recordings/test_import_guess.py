@@ -68,8 +68,8 @@ def test_a_flight_test_csv_without_units_is_understood_by_its_physics(flown, tmp
     assert "thrust" not in found  # N or lbf: nothing tells
 
 
-def side_force_alone(flight, folder, sign, without=(), late=0.0):
-    """What is guessed of a_y in SI, of a table that says all else; the vanes may come late [s]."""
+def lines_with(flight, folder, signs, without=(), late=0.0):
+    """What is guessed by column of a flight in SI, some with another sign; the vanes may come late [s]."""
     truth = flight.truth
     time = np.arange(truth.time[0] + 1.0, truth.time[-1], 0.04)
     euler = np.array([euler_from_quaternion(q) for q in truth.quaternion])
@@ -81,28 +81,25 @@ def side_force_alone(flight, folder, sign, without=(), late=0.0):
         "alt_m": truth.origin[2] - truth.position[:, 2], "tas_mps": truth.airspeed,
         "alpha_rad": truth.alpha, "beta_rad": truth.beta,
     }  # fmt: skip
-    columns["ay_mps2"] = sign * columns["ay_mps2"]
-    there = {name: values for name, values in columns.items() if name not in without}
+    there = {name: signs.get(name, 1.0) * values for name, values in columns.items() if name not in without}
     delays = {"alpha_rad": late, "beta_rad": late}
     rows = [np.interp(time - delays.get(name, 0.0), truth.time, values) for name, values in there.items()]
     layouts.write_rows(folder / "flight.csv", ["time_s", *there], [time, *rows])
-    (line,) = (
-        line for part in guess_map(folder / "flight.csv").parts for line in part.lines if line.column == "ay_mps2"
-    )
-    return line
+    return {line.column: line for part in guess_map(folder / "flight.csv").parts for line in part.lines}
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_either_law_tells_which_way_a_lateral_acceleration_counts(flight, tmp_path, sign):
     """d beta/dt, r, bank and f_y / V make up a whole; so do the acceleration over ground and gravity."""
     for without in (("vn_mps", "ve_mps"), ("beta_rad",)):
-        line = side_force_alone(flight, tmp_path, sign, without)
+        line = lines_with(flight, tmp_path, {"ay_mps2": sign}, without)["ay_mps2"]
         assert (line.active, line.sign) == (True, sign)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_with_a_part_of_each_law_missing_the_lateral_acceleration_is_left_to_the_user(flight, tmp_path, sign):
-    line = side_force_alone(flight, tmp_path, sign, ("vn_mps", "ve_mps", "beta_rad"))
+    without = ("vn_mps", "ve_mps", "beta_rad")
+    line = lines_with(flight, tmp_path, {"ay_mps2": sign}, without)["ay_mps2"]
     assert not line.active
     assert line.evidence.startswith("which way is positive cannot be told")
 
@@ -110,8 +107,17 @@ def test_with_a_part_of_each_law_missing_the_lateral_acceleration_is_left_to_the
 @pytest.mark.parametrize("late", [0.05, 0.1, 0.2])
 def test_a_vane_that_comes_late_turns_no_lateral_acceleration_round(flight, tmp_path, late):
     """Late by tau it adds tau d2 beta/dt2, in a Dutch roll a multiple of f_y / V, in phase with it and against it."""
-    line = side_force_alone(flight, tmp_path, 1.0, ("vn_mps", "ve_mps"), late)
+    line = lines_with(flight, tmp_path, {}, ("vn_mps", "ve_mps"), late)["ay_mps2"]
     assert line.sign > 0.0 or not line.active
+
+
+def test_without_any_speed_the_rates_of_turn_are_told_by_what_turns_the_path(flight, tmp_path):
+    """a_z follows q, and the bank r, by a speed that nobody has measured."""
+    without = ("tas_mps", "vn_mps", "ve_mps", "vd_mps", "alt_m")
+    signs = {"q_rps": -1.0, "r_rps": -1.0, "theta_rad": -1.0}
+    lines = lines_with(flight, tmp_path, signs, without)
+    for name in ("q_rps", "r_rps", "theta_rad", "psi_rad", "alpha_rad", "beta_rad"):
+        assert (lines[name].active, lines[name].sign) == (True, signs.get(name, 1.0)), name
 
 
 def test_the_t_value_of_a_chance_likeness_of_slow_signals_is_small():

@@ -35,9 +35,9 @@ _CLIMB = ("m/s", "ft/min", "ft/s", "kt")
 _GOOD, _FAIR = 0.8, 0.55  # correlations
 _SPEEDS = ("true_airspeed", "calibrated_airspeed", "indicated_airspeed")
 _RATE_SECONDS, _SLOW_SECONDS = 0.25, 1.0
-_BLOCK = (
-    10.0  # [s] of manoeuvres and of the slower motions of an aeroplane: what is nearer than that is not independent
-)
+SLOWEST, FASTEST = 6.0, 340.0  # [m/s] of an aeroplane
+#: [s] that manoeuvres and the slower motions of an aeroplane last: rows nearer to each other are not independent.
+_BLOCK = 10.0
 _ANSWER = 3.0  # [s] of a motion about the centre of gravity after a deflection
 _LEFT_OVER = 0.5  # of the largest term of a law, at most, in mean squares
 SURE_T = 5.0  # t-values that are believed
@@ -104,6 +104,20 @@ class Flight:
             return None
         return np.asarray(np.hypot(self.grid.rate(north, 2.0), self.grid.rate(east, 2.0)))
 
+    def pace(self) -> Array | None:
+        """Airspeed [m/s] for laws that need little of it: the mean that a_z and q have in common, where none is there.
+
+        All slopes of such a law are then wrong by the same share.
+        """
+        speed, rate = self.speed(), self.columns.get("angular_velocity.y")
+        if speed is not None or rate is None or not rate.unit or not self.known("specific_force.z"):
+            return speed
+        lift = self.smooth(self.si("specific_force.z") + G * _cosines(self), _SLOW_SECONDS)
+        found = self.fit(lift, self.smooth(rate.factor * self.raw("angular_velocity.y"), _SLOW_SECONDS))
+        if found is None or abs(found.correlation) < _GOOD or not SLOWEST < abs(found.slope) < FASTEST:
+            return None
+        return np.full(len(lift), abs(found.slope))
+
     def flying(self) -> npt.NDArray[np.bool_]:
         """Where it is in the air: faster than a third of its usual fast speed."""
         speed = self.speed()
@@ -153,19 +167,23 @@ def _gyro(axis: int) -> Law:
     return law
 
 
-def _yaw_rate_by_turn(f: Flight) -> tuple[str, Array, Array, float] | None:
-    """r = g sin(phi) / V in a coordinated turn."""
-    speed = f.speed()
-    if speed is None or not f.known("attitude.roll"):
-        return None
-    with np.errstate(all="ignore"):
-        reference = np.where(f.flying(), G * np.sin(f.si("attitude.roll")) / speed, np.nan)
-    return "the bank in turns", f.smooth(reference, 2.0), f.smooth(f.raw("angular_velocity.z"), 2.0), 0.5
+def _yaw_rate_by_turn(seconds: float) -> Law:
+    """r = g sin(phi) / V in a coordinated turn; the longer the mean, the less there is of a Dutch roll."""
+
+    def law(f: Flight) -> tuple[str, Array, Array, float] | None:
+        speed = f.pace()
+        if speed is None or not f.known("attitude.roll"):
+            return None
+        with np.errstate(all="ignore"):
+            reference = np.where(f.flying(), G * np.sin(f.si("attitude.roll")) / speed, np.nan)
+        return "the bank in turns", f.smooth(reference, seconds), f.smooth(f.raw("angular_velocity.z"), seconds), 0.5
+
+    return law
 
 
 def _pitch_rate_by_kinematics(f: Flight) -> tuple[str, Array, Array, float] | None:
     """q = d alpha/dt - (f_z + g cos(theta) cos(phi)) / V, slow."""
-    speed = f.speed()
+    speed = f.pace()
     if speed is None or not f.known("specific_force.z"):
         return None
     with np.errstate(all="ignore"):
@@ -293,7 +311,7 @@ def _alpha_by_climb(f: Flight) -> tuple[str, Array, Array, float] | None:
 
 def _alpha_by_kinematics(f: Flight) -> tuple[str, Array, Array, float] | None:
     """d alpha/dt = q + (f_z + g cos(theta) cos(phi)) / V."""
-    speed = f.speed()
+    speed = f.pace()
     if speed is None or not f.known("angular_velocity.y", "specific_force.z"):
         return None
     weight = G * _cosines(f)
@@ -388,7 +406,7 @@ _LAWS: dict[str, tuple[Law, ...]] = {
     "attitude.yaw": (_yaw_by_track, _angle_by_gyro(2), _yaw_by_turn),
     "angular_velocity.x": (_gyro(0),),
     "angular_velocity.y": (_gyro(1), _pitch_rate_by_kinematics),
-    "angular_velocity.z": (_gyro(2), _yaw_rate_by_turn),
+    "angular_velocity.z": (_gyro(2), _yaw_rate_by_turn(2.0), _yaw_rate_by_turn(5.0)),
     "specific_force.x": (_force_x_by_gravity,),
     "angle_of_attack": (_alpha_by_kinematics, _alpha_by_climb),
     "velocity.north": (_ground_velocity(0),),
@@ -522,7 +540,7 @@ def vertical(f: Flight) -> Slopes:
 
 
 def _vertical(f: Flight, seconds: float) -> Slopes:
-    speed = f.speed()
+    speed = f.pace()
     if speed is None or not f.known("specific_force.z"):
         return {}
     with np.errstate(all="ignore"):
@@ -549,7 +567,7 @@ def lateral(f: Flight) -> Slopes:
 
 
 def _lateral(f: Flight, seconds: float) -> Slopes:
-    speed = f.speed()
+    speed = f.pace()
     by_roll = f.known("attitude.roll")
     if speed is None or not (by_roll or f.known("angular_velocity.x")) or not f.has("sideslip"):
         return {}
@@ -686,7 +704,7 @@ def turn_speed(f: Flight, signal: str) -> float | None:
 
 def control_sign(f: Flight, signal: str) -> Slopes:
     """Angular acceleration per deflection, by its signal."""
-    return _clearest(lambda seconds: _control(f, signal, seconds), (0.12, 0.3))
+    return _clearest(lambda seconds: _control(f, signal, seconds), (0.12, 0.3, 0.6))
 
 
 def _control(f: Flight, signal: str, seconds: float) -> Slopes:

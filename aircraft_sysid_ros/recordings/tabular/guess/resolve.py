@@ -8,7 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess import physics
-from aircraft_sysid_ros.recordings.tabular.guess.physics import SURE_T, Flight, G, is_of_size, unit_of_slope
+from aircraft_sysid_ros.recordings.tabular.guess.physics import (
+    FASTEST,
+    SLOWEST,
+    SURE_T,
+    Flight,
+    G,
+    is_of_size,
+    unit_of_slope,
+)
 from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
@@ -35,7 +43,6 @@ _JOINT = (
     (physics.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
 )
 _PASSES = 6
-_SLOWEST, _FASTEST = 6.0, 340.0  # [m/s] over ground
 _SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
 
 
@@ -186,7 +193,7 @@ def _place_in_radians(flight: Flight) -> None:
         return
     speed = float(np.nanpercentile(speeds, 75))
     for unit, factor in (("rad", 1.0), ("deg", np.pi / 180.0)):
-        if _SLOWEST < speed * factor < _FASTEST:
+        if SLOWEST < speed * factor < FASTEST:
             for column in pair:
                 if column is not None:
                     _set_unit(column, unit, f"the aeroplane then moves at {speed * factor:.3g} m/s")
