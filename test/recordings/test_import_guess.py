@@ -49,6 +49,14 @@ def test_scrambled_layouts_are_never_wrong_and_mostly_right(monkeypatch):
     assert total["right"] >= 0.95 * sum(total.values())
 
 
+@pytest.mark.parametrize("seed", [2047, 3044])
+def test_a_law_that_lacks_a_part_or_has_lost_it_in_noise_tells_no_sign(seed):
+    """a_y came out backwards: without a vane d beta/dt was left out, or noise hid it and a_y took its place."""
+    verdicts = import_guess.judged(seed)
+    assert verdicts["wrong"] == []
+    assert len(verdicts["right"]) >= 20
+
+
 def test_a_flight_test_csv_without_units_is_understood_by_its_physics(flown, tmp_path):
     """The columns of the known layout, without what its header says of units; Nz up, elevator up, climb in ft/min."""
     path, _ = layouts.flight_test_csv(flown, tmp_path)
