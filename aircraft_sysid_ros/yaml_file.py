@@ -1,4 +1,7 @@
-"""Files in YAML that people write. A key that is there twice is refused: PyYAML would take the last of the two."""
+"""Files in YAML that people write. A key that is there twice is refused: PyYAML would take the last of the two.
+
+So is a file whose aliases (``*name``) repeat each other, since some lines of those stand for a thousand million values.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,20 @@ from aircraft_sysid_ros.errors import InputError
 
 #: Characters of a key that a message shows.
 _LONGEST_SHOWN = 60
+#: Values that a file may have, each counted as often as aliases repeat it.
+MOST_VALUES = 200_000
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses repeated keys, which YAML itself forbids and PyYAML does not notice."""
+    """Refuses repeated keys, which YAML itself forbids and PyYAML does not notice, and what is too large."""
+
+    def get_single_node(self) -> yaml.Node | None:
+        node = super().get_single_node()
+        if node is not None and _count(node, {}) > MOST_VALUES:
+            raise InputError(
+                f"it has more than {MOST_VALUES} values: write them into a recording, or leave out aliases"
+            )
+        return node
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -26,6 +39,17 @@ class _Loader(yaml.SafeLoader):
                     raise _twice(key.value, lines[key.value], line)
                 lines[key.value] = line
         return node
+
+
+def _count(node: yaml.Node, known: dict[int, float]) -> float:
+    """Values of a node, with those that aliases repeat; of one that holds itself, once."""
+    if isinstance(node, yaml.ScalarNode):
+        return 1.0
+    if id(node) not in known:
+        known[id(node)] = 1.0
+        parts = [part for item in node.value for part in (item if isinstance(item, tuple) else (item,))]
+        known[id(node)] = 1.0 + sum(_count(part, known) for part in parts)
+    return known[id(node)]
 
 
 def _twice(key: str, first: int, second: int) -> InputError:

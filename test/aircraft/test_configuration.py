@@ -319,3 +319,16 @@ def test_inputs_that_cannot_be_are_one_sentence(tmp_path, text, said):
     with pytest.raises(InputError) as caught:
         loaded(tmp_path, MINIMAL + text + "\n")
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+BOMB = "\n".join(f"- &{b} [{', '.join([f'*{a}'] * 10)}]" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+
+
+def test_aliases_that_repeat_each_other_are_refused(tmp_path):
+    with pytest.raises(InputError, match="more than 200000 values"):
+        loaded(tmp_path, f"- &a [1, 2]\n{BOMB}\n")
+
+
+def test_an_alias_that_repeats_a_few_values_is_read(tmp_path):
+    text = MINIMAL.replace("span: 1.2", "span: &span 1.2").replace("chord: 0.25", "chord: *span")
+    assert loaded(tmp_path, text).chord == 1.2
