@@ -4,6 +4,8 @@ RUN.flying/aircraft.yaml  the aircraft file
 RUN.flying/flight.json    format, when it began, and the options of both steps
 RUN.flying/samples.bin    every sample as it arrived, one record each; the operating system has it at once, the disk
                           within ``FLUSHED``; what was cut off at the end is passed over
+RUN.flying/states-*.bin, points-*.bin, parameters.bin
+                          what was estimated, so that memory does not grow with the flight; ``recover`` makes it anew
 
 Who flies holds a lock on the samples, so that nobody recovers a flight that still goes on.
 """
@@ -13,6 +15,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import pickle
 import shutil
 import threading
 from collections.abc import Iterator, Mapping
@@ -31,6 +34,8 @@ from aircraft_sysid_ros.run_reader import AIRCRAFT, journal_path
 from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
 from aircraft_sysid_ros.text_file import write_whole
 
+Array = npt.NDArray[np.float64]
+
 FLIGHT, RECORDS = "flight.json", "samples.bin"
 #: Longest time [s] until what has come is on the disk itself.
 FLUSHED = 2.0
@@ -40,8 +45,106 @@ _MARK = 0xA5
 RECORD = np.dtype([("begin", "u1"), ("kind", "u1"), ("stamp", "<i8"), ("values", "<f8", (WIDTH,)), ("end", "u1")])
 
 
+class OnDisk:
+    """Records of one kind, appended to a file; where the disk takes no more they go to memory: the flight goes on."""
+
+    def __init__(self, path: Path, kind: np.dtype[Any]) -> None:
+        self.path, self.kind = path, kind
+        self.count, self.wrong = 0, ""  # records in the file; why it takes no more
+        self._in_memory: list[npt.NDArray[Any]] = []
+        self.file = os.open(path, os.O_CREAT | os.O_APPEND | os.O_RDWR, 0o644)
+
+    def append(self, records: npt.NDArray[Any]) -> None:
+        """New records (n,), in order."""
+        if self.wrong:
+            self._in_memory.append(records.copy())
+            return
+        content = records.tobytes()
+        try:
+            while content:
+                content = content[os.write(self.file, content) :]
+        except OSError as error:
+            os.ftruncate(self.file, self.count * self.kind.itemsize)
+            self.wrong = error.strerror or str(error)
+            self._in_memory.append(records.copy())
+        else:
+            self.count += len(records)
+
+    def __iter__(self) -> Iterator[npt.NDArray[Any]]:
+        if self.count:
+            yield np.memmap(self.path, self.kind, "r", shape=(self.count,))
+        yield from self._in_memory
+
+    def close(self) -> None:
+        """Write no more; what has come stays."""
+        os.close(self.file)
+
+
+class RowsOnDisk:
+    """Rows (n, width) of numbers, in place of a list of them; another width begins another file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._parts: list[OnDisk] = []
+
+    def append(self, rows: Array) -> None:
+        """New rows, in order."""
+        if not self._parts or self._parts[-1].kind["values"].shape != rows.shape[1:]:
+            name = f"{self._path.name}-{len(self._parts)}.bin"
+            self._parts.append(OnDisk(self._path.with_name(name), np.dtype([("values", "<f8", rows.shape[1:])])))
+        records = np.empty(len(rows), self._parts[-1].kind)
+        records["values"] = rows
+        self._parts[-1].append(records)
+
+    def __iter__(self) -> Iterator[Array]:
+        for part in self._parts:
+            for records in part:
+                yield records["values"]
+
+    def __bool__(self) -> bool:
+        return bool(self._parts)
+
+    def close(self) -> None:
+        """Write no more."""
+        for part in self._parts:
+            part.close()
+
+
+class ObjectsOnDisk:
+    """Objects in place of a list of them, for the process that wrote them alone."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w+b")
+        self._end = 0
+        self._in_memory: list[Any] = []
+
+    def append(self, item: Any) -> None:
+        """A new object."""
+        try:
+            if not self._in_memory:
+                self._file.seek(self._end)
+                pickle.dump(item, self._file)
+                self._file.flush()
+                self._end = self._file.tell()
+                return
+        except OSError:  # the journal says so of the samples
+            pass
+        self._in_memory.append(item)
+
+    def __iter__(self) -> Iterator[Any]:
+        self._file.seek(0)
+        while self._file.tell() < self._end:
+            yield pickle.load(self._file)
+        yield from self._in_memory
+
+    def close(self) -> None:
+        """Write no more."""
+        with suppress(OSError):
+            self._file.close()
+
+
 class FlightJournal:
-    """Samples of a flight in progress, on disk instead of in memory; in place of a list of them."""
+    """A flight in progress, on disk instead of in memory; in place of a list of its samples."""
 
     def __init__(self, run: str | Path, aircraft: Aircraft, options: Mapping[str, Any]) -> None:
         """``options``: those of both steps, for ``recover``. Raises InputError where it cannot be written, or holds a
@@ -56,12 +159,13 @@ class FlightJournal:
             content = yaml.safe_dump(aircraft.source, sort_keys=False, explicit_end=True)
             write_whole(self.path / AIRCRAFT, content)
             write_whole(self.path / FLIGHT, json_text({"format": _FORMAT, **options}) + "\n")
-            self._file = os.open(self.path / RECORDS, os.O_CREAT | os.O_APPEND | os.O_RDWR, 0o644)
+            self._records = OnDisk(self.path / RECORDS, RECORD)
         except OSError as error:
             raise InputError(f"cannot write {self.path}: {error.strerror}") from None
-        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        self.note = ""
-        self._size, self._in_memory = 0, list[Samples]()
+        fcntl.flock(self._records.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        #: What was estimated, for the run that this process writes.
+        self.rows, self.points = RowsOnDisk(self.path / "states"), RowsOnDisk(self.path / "points")
+        self.parameters = ObjectsOnDisk(self.path / "parameters.bin")
         self._ended = threading.Event()
         self._flusher = threading.Thread(target=self._flush, daemon=True)
         self._flusher.start()
@@ -71,31 +175,23 @@ class FlightJournal:
         """Neither closed nor cleared."""
         return not self._ended.is_set()
 
+    @property
+    def note(self) -> str:
+        """What the disk did not take, in words."""
+        if not self._records.wrong:
+            return ""
+        what = f"the disk took no more after {self._records.count} samples ({self._records.wrong})"
+        return f"{what}: the rest was in memory alone"
+
     def append(self, samples: Samples) -> None:
-        """New samples, in the order of arrival. Where the disk takes no more they go to memory: the flight goes on."""
-        if self._in_memory:
-            self._in_memory.append(samples)
-            return
+        """New samples, in the order of arrival."""
         records = np.empty(len(samples), RECORD)
         records["begin"], records["end"], records["kind"] = _MARK, _MARK, samples.kind
         records["stamp"], records["values"] = samples.stamp, samples.values
-        content = records.tobytes()
-        try:
-            while content:
-                content = content[os.write(self._file, content) :]
-        except OSError as error:
-            os.ftruncate(self._file, self._size)
-            self._in_memory.append(samples)
-            count = self._size // RECORD.itemsize
-            self.note = f"the disk took no more after {count} samples ({error.strerror}): the rest was in memory alone"
-        else:
-            self._size += records.nbytes
+        self._records.append(records)
 
     def __iter__(self) -> Iterator[Samples]:
-        samples = _read(self.path / RECORDS)
-        if len(samples):
-            yield samples
-        yield from self._in_memory
+        return map(_samples, self._records)
 
     def clear(self) -> None:
         """Forget the flight: its run has been written, or there was none."""
@@ -107,12 +203,13 @@ class FlightJournal:
         if self.is_open:
             self._ended.set()
             self._flusher.join()
-            os.close(self._file)
+            for part in (self._records, self.rows, self.points, self.parameters):
+                part.close()
 
     def _flush(self) -> None:
         while not self._ended.wait(0.5 * FLUSHED):
             with suppress(OSError):  # the next write says it, too
-                os.fsync(self._file)
+                os.fsync(self._records.file)
 
 
 def recovered(run: str | Path) -> tuple[dict[str, Any], Path, Samples]:
@@ -161,7 +258,10 @@ def _read(path: Path) -> Samples:
     count = path.stat().st_size // RECORD.itemsize
     if not count:
         return Samples(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, WIDTH)))
-    records: npt.NDArray[Any] = np.memmap(path, RECORD, "r", shape=(count,))
+    records = np.memmap(path, RECORD, "r", shape=(count,))
     wrong = np.flatnonzero((records["begin"] != _MARK) | (records["end"] != _MARK) | (records["kind"] >= len(Kind)))
-    records = records[: wrong[0]] if len(wrong) else records
+    return _samples(records[: wrong[0]] if len(wrong) else records)
+
+
+def _samples(records: npt.NDArray[Any]) -> Samples:
     return Samples(records["stamp"], records["kind"].astype(np.int64), records["values"])

@@ -11,6 +11,7 @@ aircraft.yaml    the aircraft file that was used
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 import tempfile
@@ -28,7 +29,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import evaluate_rows, with_lags
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_journal import FlightJournal
+from aircraft_sysid_ros.flight_journal import FlightJournal, ObjectsOnDisk, RowsOnDisk
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.model_file import parameters_json
@@ -69,12 +70,15 @@ class RunWriter:
         self.path = Path(path)
         _check_target(self.path, overwrite)
         self._aircraft = aircraft
-        self._rows: list[Array] = []
-        self._points: list[Array] = []
         self._journal = None if in_progress is None else FlightJournal(path, aircraft, in_progress)
-        self._samples: list[Samples] | FlightJournal = self._journal or []
-        self._parameters: list[ParameterSet] = []
-        self._errors: list[tuple[float, list[AxisError]]] = []
+        self._samples: list[Samples] | FlightJournal = [] if self._journal is None else self._journal
+        self._rows: list[Array] | RowsOnDisk = [] if self._journal is None else self._journal.rows
+        self._points: list[Array] | RowsOnDisk = [] if self._journal is None else self._journal.points
+        #: Parameters and model error, but for the newest.
+        self._told: list[tuple[ParameterSet, list[AxisError]]] | ObjectsOnDisk = []
+        if self._journal is not None:
+            self._told = self._journal.parameters
+        self._newest: tuple[ParameterSet, list[AxisError]] | None = None
         self._last_state = -np.inf
 
     def __enter__(self) -> RunWriter:
@@ -83,9 +87,8 @@ class RunWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._rows.clear()
         if self._journal is None:
-            self._samples.clear()
+            self._rows, self._samples = [], []
         elif self._journal.is_open and (kind is None or issubclass(kind, InputError)):  # there was no flight
             self._journal.clear()
         else:
@@ -111,11 +114,11 @@ class RunWriter:
 
     def add_parameters(self, estimates: ParameterSet, errors: list[AxisError]) -> None:
         """Parameters and model error at one time of the flight; what is newer at the same time takes the place."""
-        if self._parameters and self._parameters[-1].time == estimates.time:
-            del self._parameters[-1], self._errors[-1]
+        if self._newest is not None and self._newest[0].time != estimates.time:
+            self._told.append(self._newest)
+            self._newest = None
         if np.isfinite(estimates.time):
-            self._parameters.append(estimates)
-            self._errors.append((estimates.time, errors))
+            self._newest = (estimates, errors)
 
     @property
     def state_times(self) -> Array:
@@ -191,15 +194,15 @@ class RunWriter:
     def _write_estimates(self, path: Path, epoch: int, parameters: Identifier) -> None:
         with RecordingWriter(path) as writer:
             if self._rows:
-                rows = np.vstack(self._rows)
+                rows = np.vstack([*self._rows])
                 stamps = nanoseconds(rows[:, StateField.TIME], epoch)
                 said = rows[:, [StateField.STATUS, StateField.CONTRADICTION]].astype(int)
                 texts = np.array([status_text(*each) for each in said.tolist()])
                 fields = {**out.state_fields(rows), "status_text": texts}
                 writer.write(out.STATE_TOPIC, out.STATE_TYPE, stamps, fields)
                 writer.write(out.WIND_TOPIC, out.WIND_TYPE, stamps, out.wind_fields(rows))
-            for estimates, (at, errors) in zip(self._parameters, self._errors, strict=True):
-                stamp = int(nanoseconds(np.array(at), epoch))
+            for estimates, errors in itertools.chain(self._told, [self._newest] if self._newest is not None else []):
+                stamp = int(nanoseconds(np.array(estimates.time), epoch))
                 content = {"header": {"stamp": stamp}, **out.parameters_content(estimates)}
                 writer.write_message(out.PARAMETERS_TOPIC, out.PARAMETERS_TYPE, stamp, content)
                 window = parameters.options.error_window

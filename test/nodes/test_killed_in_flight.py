@@ -3,6 +3,8 @@
 import json
 import os
 import time
+import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +13,12 @@ from waiting import LONGEST, finish
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.flight_journal import RECORD, RECORDS, FlightJournal, recovered
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import journal_path, read_samples
+from aircraft_sysid_ros.run_writer import RunWriter
 
 OPTIONS = ("--horizon", "4", "--reliable")
 
@@ -137,3 +143,23 @@ def test_a_flight_that_was_cut_off_is_not_flown_over(journal, samples, aircraft)
     with pytest.raises(ValueError, match="recover it with"):
         FlightJournal(run, aircraft, {})
     assert len(recovered(run)[2]) == len(samples)
+
+
+def test_memory_does_not_grow_with_the_flight(aircraft, samples, tmp_path):
+    nothing = Identifier(aircraft)
+    told = nothing.snapshot(), nothing.model_error()
+    states, evaluated = np.ones((25, StateField.WIDTH)), np.ones((25, CoefficientSample.TERMS + 32))
+    writer = RunWriter(tmp_path / "long", aircraft, in_progress={"state": {}, "parameters": {}})
+    tracemalloc.start()
+    with writer:
+        for second in range(600):  # that is 0.1 MB per second in memory
+            states[:, StateField.TIME] = second + (np.arange(25) + 0.5) / 25.0
+            writer.add_rows(states)
+            writer.add_points(evaluated)
+            writer.add_samples(samples)
+            writer.add_parameters(replace(told[0], time=float(second)), told[1])
+            if second == 60:
+                early = tracemalloc.get_traced_memory()[0]
+        assert tracemalloc.get_traced_memory()[0] - early < 1e6
+        assert len(writer.state_times) == 600 * 25
+    tracemalloc.stop()
