@@ -440,6 +440,21 @@ def failures() -> str:
     return table(*diagnosis_tables.failures([json.loads(line) for line in lines]))
 
 
+def choice() -> str:
+    """Every estimator, and the one that chooses itself, by what the sensors are."""
+    header = ["air", "sensors", "estimator", "published at the end", "inside 1.96 standard errors", "USE"]
+    header += ["error of main derivatives with USE, median", "off by > 25 %"]
+    rows = [
+        [
+            {"none": "calm", "light": "light turbulence"}[c["air"]], c["sensors"], f"`{c['estimator']}`",
+            " ".join(f"`{name}`" for name in c["published"]), f"{c['inside']} of {c['excited']}",
+            str(c["use"]), "-" if c["error"] is None else percent(c["error"]), f"{c['far']} of {c['use_main']}",
+        ]
+        for c in load("choice")["cells"]
+    ]  # fmt: skip
+    return table(header, rows)
+
+
 def slow_imu() -> str:
     """What a slow IMU costs."""
     header = ["rate of the IMU", "estimator", "inside 1.96 standard errors", "main derivatives with USE"]
@@ -590,6 +605,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "failures": failures,
     "slow_imu": slow_imu,
+    "choice": choice,
     "sensor_noise": sensor_noise,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},
     "effects": effects,

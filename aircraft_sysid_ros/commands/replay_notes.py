@@ -20,6 +20,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
 )
 from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream
 from aircraft_sysid_ros.identification.conditions import listed
+from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import absences, of_manoeuvres
@@ -59,6 +60,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     else:
         found += length_notes(pipeline, writer) + rate_notes(pipeline.parameters.stream)
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
+    found += estimator_notes(pipeline.parameters)
     found += bound_notes(pipeline.parameters.aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
@@ -82,6 +84,15 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         times = pipeline.state.realignments
         found.append(f"the filter aligned anew {times} times after gaps or contradictions")
     return found
+
+
+def estimator_notes(parameters: Identifier) -> list[str]:
+    """Where the estimator chose itself, and did not stay with least squares: which, and why."""
+    chosen = parameters.learning.published
+    choice = parameters.learning.choice
+    if choice is None or (choice.successor is None and not parameters.learning.lends):
+        return []
+    return [f"the parameters are those of {chosen['published']}, chosen by itself: {chosen['why']}"]
 
 
 def manoeuvre_notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:

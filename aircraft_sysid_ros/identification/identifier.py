@@ -32,7 +32,7 @@ EVALUATION_STEP = 0.2
 class Identifier:
     """Estimates the parameters of an aircraft's model, fed with states and samples of controls, height and mass.
 
-    ``options.estimator`` names whose parameters are the result.
+    ``options.estimator`` names whose parameters are the result, or leaves it to the flight (``learning.published``).
     """
 
     def __init__(self, aircraft: Aircraft, options: ParameterOptions | None = None) -> None:
@@ -109,7 +109,7 @@ class Identifier:
         if epoch is None:
             self.stream.wait_for_states(samples, whole=self.learning.lends)
             return
-        self.learning.estimator.push_samples(samples, epoch)
+        self.learning.push_samples(samples, epoch)
         self.stream.controls.add(samples, epoch, due)
 
     def push_states(self, rows: Array, epoch: int | None = None) -> Array:
@@ -149,6 +149,7 @@ class Identifier:
                     time, used_until = float(part.rows[0, StateField.TIME]), self.stream.controls.used_until
                     misread = self.stream.controls.misread(time)
                     self.learning.evaluate(time, self.stream.start_time or 0.0, used_until, misread)
+                    self.learning.choose(part)
                 self.learning.learn(part)
             found.append(batch.samples)
         return np.vstack(found)
@@ -163,7 +164,7 @@ class Identifier:
     def snapshot(self) -> ParameterSet:
         """What is published now: ``estimates`` that have passed the integrity monitor, or what was known before."""
         changed, start = self.learning.changes.since, self.stream.start_time or 0.0
-        return self.learning.integrity.gated(self.estimates(), changed, start)
+        return self.learning.credited(self.learning.integrity.gated(self.estimates(), changed, start))
 
     def estimates(self) -> ParameterSet:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
@@ -191,5 +192,4 @@ def warm_up(identifier: Identifier) -> None:
     identifier.push_states(rows)
     identifier.flush()
     identifier.snapshot()
-    identifier.learning.least_squares.warm_up()
-    identifier.learning.estimator.warm_up()
+    identifier.learning.warm_up()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,8 @@ from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, Learnt
 from aircraft_sysid_ros.identification.description import Description
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
-from aircraft_sysid_ros.identification.estimators.contract import AxisReset, Estimator
+from aircraft_sysid_ros.identification.estimators.choice import EstimatorChoice
+from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset, Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RecursiveLeastSquares, RlsState
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
@@ -23,10 +25,14 @@ from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMoni
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.predictions import KnownHistory
-from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.identification.trust import Trust, TrustRules
+from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
 
+#: Time [s] between two looks at the flight counts as so much at most.
+LONGEST_LOOK = 1.0
 #: Without a sample for so long [s] what is published has the time of the newest state.
 STALE = 1.0
 
@@ -40,7 +46,8 @@ class Learning:
     """Recursive least squares, the estimator that is published, and the monitors of both.
 
     Least squares always runs: it knows an axis first, says when the aeroplane has changed and how the terms moved, and
-    lends an axis its start. Where it is the published one, ``estimator`` is ``least_squares``.
+    lends an axis its start. Where it is the published one, ``estimator`` is ``least_squares``. With ``auto`` a
+    ``choice`` may bring another one, which learns beside it and is published once it knows all axes.
     """
 
     def __init__(self, aircraft: Aircraft, options: ParameterOptions, pace: Pace, pace_of_controls: Pace) -> None:
@@ -49,6 +56,8 @@ class Learning:
         self._pace, self._pace_of_controls = pace, pace_of_controls
         self.least_squares = RecursiveLeastSquares(aircraft, options)
         self.estimator: Estimator = make_estimator(aircraft, options, self.least_squares)
+        self.choice = EstimatorChoice(aircraft, options, pace) if options.estimator == "auto" else None
+        self._considered = np.nan  # [s]
         self.constants = DoubtfulConstants()
         self._begin_monitors()
 
@@ -72,11 +81,23 @@ class Learning:
         """Whether another estimator than least squares is published."""
         return self.estimator is not self.least_squares
 
+    @property
+    def published(self) -> dict[str, str]:
+        """Which estimator was asked for, which is published, and why, for people and files."""
+        asked = self._options.estimator
+        if self.choice is None:
+            return {"asked": asked, "published": asked, "why": "asked for"}
+        waits = "" if self.lends or self.choice.successor is None else "until rml knows all axes: "
+        return {"asked": asked, "published": "rml" if self.lends else "rls", "why": waits + self.choice.why}
+
     # -- starting over ------------------------------------------------------------------------------------------------
 
     def reset(self) -> None:
         """Forget all that was learnt."""
         self.least_squares.reset()
+        if self.choice is not None:
+            self.estimator = self.least_squares
+            self.choice.begin_anew(self.aircraft)
         self.estimator.reset()
         self._begin_monitors()
 
@@ -86,7 +107,9 @@ class Learning:
             self.changes.restart()  # its memory is from before it was switched off
         self._options = options
         self.least_squares.change_options(options)
-        if self.lends:
+        if self.choice is not None:
+            self.choice.change_options(options)
+        elif self.lends:
             self.estimator.change_options(options)
         self.integrity.forget_at(self.least_squares.tuning.forgetting)
         self.history.keep_newest(newest_count(options))
@@ -94,7 +117,9 @@ class Learning:
     def keep_pace(self) -> None:
         """States come at another rate from now on."""
         self.least_squares.keep_pace(self._pace)
-        if self.lends:
+        if self.choice is not None:
+            self.choice.keep_pace()
+        elif self.lends:
             self.estimator.keep_pace(self._pace)
 
     def adopt(self, aircraft: Aircraft, state: RlsState, estimator: Estimator) -> None:
@@ -102,6 +127,9 @@ class Learning:
         self.least_squares.adopt(aircraft.model, state)
         if estimator is not self.estimator and estimator is not self.least_squares:
             self.known.begin(self.least_squares.known())  # until the new estimator knows better
+        if self.choice is not None and aircraft.model.terms != self.aircraft.model.terms:
+            self.choice.adopt(aircraft)
+            self.integrity.joint = False
         self.aircraft, self.estimator = aircraft, estimator
         self.history.widen(self.columns)
         self.changes.restart()
@@ -110,7 +138,10 @@ class Learning:
     def restart_clock(self) -> None:
         """The clock began anew: what was learnt stays."""
         self.least_squares.restart_clock()
-        if self.lends:
+        if self.choice is not None:
+            self.choice.restart_clock()
+            self._considered = np.nan
+        elif self.lends:
             self.estimator.restart_clock()
         self.known.restart_clock()
         self.history.restart()
@@ -132,12 +163,20 @@ class Learning:
 
     # -- samples in ---------------------------------------------------------------------------------------------------
 
+    def push_samples(self, samples: Samples, epoch: int) -> None:
+        """All samples of the flight, as ``Estimator`` has them."""
+        self.estimator.push_samples(samples, epoch)
+        if self.choice is not None and not self.lends:
+            self.choice.push_samples(samples, epoch)
+
     def learn(self, batch: CoefficientBatch) -> None:
         """Learn from samples, each predicted with what was known before it."""
         self.changes.add_states(batch.rows)
         self.integrity.sensors.add(batch.rows)
         if self.lends:
             self.known.add(self.estimator.step(batch))
+        elif self.choice is not None:
+            self.choice.step(batch)
         self.least_squares.step(batch)
         samples = batch.samples
         if len(samples):
@@ -161,11 +200,32 @@ class Learning:
         if self.newest is not None and self.integrity.checkpoints.is_due(time):
             self.integrity.keep(self._checkpoint(time, used_until))
 
+    def choose(self, batch: CoefficientBatch) -> None:
+        """Where the estimator chooses itself: look at the flight, and go over to a successor that knows all axes."""
+        if self.choice is None or self.lends:
+            return
+        time, before = float(batch.rows[0, StateField.TIME]), self._considered
+        self._considered = time
+        trusted = not any(hold is not None and hold.sensor for hold in self.integrity.holds)
+        self.choice.consider(batch, min(time - before, LONGEST_LOOK) if time > before else 0.0, trusted)
+        if self.choice.is_ready():
+            self._publish(self.choice.successor)
+
+    def _publish(self, successor: Estimator | None) -> None:
+        """Publish another estimator from now on, or least squares again, under which the same one learns anew."""
+        if successor is None:
+            self.estimator.reset()
+        self.estimator = self.least_squares if successor is None else successor
+        self.integrity.joint = self.estimator.joint
+        self.known.begin(self.estimator.known())
+
     def _reset_axes(self, resets: list[AxisReset], time: float) -> None:
         for reset in resets:
             self.least_squares.reset_axis(reset)
             self.integrity.note_change(reset.axis, time)
         if not self.lends:
+            if resets and self.choice is not None:
+                self.choice.forget()
             return
         if resets:
             self.estimator.reset_axis(*resets)
@@ -181,8 +241,13 @@ class Learning:
             self.least_squares.restore(good.least_squares, axis)
             self.changes.undo(axis, good.changed[:, axis])
             self.conditions.ranges[:] = good.ranges
+        if restores and not self.lends and self.choice is not None:
+            self.choice.forget()
         if restores and self.lends:
             oldest = min((good for _, good in restores), key=lambda good: good.time)
+            if oldest.estimator is None:  # from before it was published
+                self._publish(None)
+                return
             self.estimator.restore(oldest.estimator, *(axis for axis, _ in restores))
             self.known.begin(self.estimator.known())
 
@@ -211,17 +276,43 @@ class Learning:
 
     def _describe(self, state: RlsState, time: float) -> Description:
         """What is known now; ``state`` of least squares must not have changed by the time that it is made."""
-        axes, estimator = range(len(AXES)), self.estimator
-        lent = [not self.lends or estimator.needs_reseed(axis) for axis in axes]
+        axes = range(len(AXES))
         return Description(
             self.aircraft.model, time, self.newest, state,
-            own=[None if lent[axis] else estimator.estimate(axis) for axis in axes],
+            own=[self._own(axis) for axis in axes],
             missing=[self._missing(axis) for axis in axes],
             changed=self.changes.times.tolist(),
             constants=copy(self.constants),
             ranges=[(float(low), float(high)) for low, high in self.conditions.ranges],
             bounds=self.aircraft.parameter_bounds,
         )  # fmt: skip
+
+    def _own(self, axis: int) -> AxisEstimate | None:
+        """What the published estimator knows of an axis; None: what least squares knows is published.
+
+        That is so of an axis that waits, and, where nobody asked for this estimator, of one that it has given up.
+        """
+        if not self.lends or self.estimator.needs_reseed(axis):
+            return None
+        found = self.estimator.estimate(axis)
+        return None if self.choice is not None and not found.samples else found
+
+    def credited(self, found: ParameterSet) -> ParameterSet:
+        """The parameters, and where the estimator chose itself another than least squares, that and why in words."""
+        if self.choice is None or not self.lends:
+            return found
+        words = f"by rml: {self.choice.why}"
+        return replace(found, parameters=tuple(
+            replace(p, reason="; ".join(filter(None, (p.reason, words)))) if p.status == Trust.USE else p
+            for p in found.parameters
+        ))  # fmt: skip
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, what two seconds of level flight do not reach."""
+        self.least_squares.warm_up()
+        self.estimator.warm_up()
+        if self.choice is not None:
+            self.choice.warm_up()
 
     def _missing(self, axis: int) -> str:
         """What keeps an axis from being learnt, in words; empty where nothing but motion does."""

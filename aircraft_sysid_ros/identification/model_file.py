@@ -74,6 +74,7 @@ def parameters_json(estimator: Identifier) -> dict[str, Any]:
     estimates = estimator.snapshot()
     return {
         "model": estimates.model,
+        "estimator": estimator.learning.published,
         "parameters": [
             {
                 "name": p.name,

@@ -9,7 +9,7 @@ from pydantic import model_validator
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.option import OptionError, option, options, options_of
 
-EstimatorName = Literal["rls", "fourier", "rml"]
+EstimatorName = Literal["auto", "rls", "fourier", "rml"]
 _WINDOW = "the windows that were learnt from are made of it"
 _FORM = "what was learnt is in its form"
 
@@ -34,9 +34,10 @@ class ParameterOptions:
     lag_time: float = option(2.0, "Time over which residuals may be correlated.", "s", 0.1, 10.0, _WINDOW)
     error_window: float = option(10.0, "Length of the sliding window of the model error.", "s", 1.0, 600.0)
     estimator: EstimatorName = option(
-        "rls",
-        "Estimator whose parameters are the result: rls, recursive least squares in the time domain; fourier, equation "
-        "error in the frequency domain; rml, recursive maximum likelihood.",
+        "auto",
+        "Estimator whose parameters are the result: auto, the one that suits the flight, rls or rml; rls, recursive "
+        "least squares in the time domain; fourier, equation error in the frequency domain; rml, recursive maximum "
+        "likelihood.",
         fixed=_FORM,
     )
     lowest_frequency: float = option(0.1, "Lowest frequency that the estimator fourier uses.", "Hz", 0.01, 20.0, _FORM)

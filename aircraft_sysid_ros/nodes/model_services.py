@@ -192,9 +192,9 @@ class ModelServices:
     def _change(self, added: Terms, removed: Terms) -> str:
         """Change the model of the estimator; a note on what began anew."""
         estimator = self._node.estimator
+        name = estimator.learning.published["published"]
         change = change_model(estimator, with_terms(estimator.aircraft, added, removed), self.memory.newest())
         self._due = -np.inf  # what is missing now?
-        name = estimator.options.estimator
         return f"; the estimator {name} begins anew with this model" if change.restarted else ""
 
 

@@ -35,8 +35,8 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
 #: Heard for the vanes; kept by the first step.
 VANES_TOPIC = "air_data"
-#: What an estimator hears besides: the measurements that it predicts.
-MORE_INPUTS = {"rml": ("gps/fix", "gps/vel")}
+#: What an estimator hears besides: the measurements that it predicts, or would if it came to it.
+MORE_INPUTS = dict.fromkeys(("auto", "rml"), ("gps/fix", "gps/vel"))
 OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions)
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
@@ -138,6 +138,7 @@ class ParameterEstimatorNode(EstimatorNode):
     def condition(self) -> tuple[str, dict[str, Any]]:
         """Whether it learns, and how many parameters may be used."""
         statuses = [p.status for p in self.estimator.snapshot().parameters]
+        published = self.estimator.learning.published
         values: dict[str, Any] = {
             "states_received": self.states_received,
             "controls_received": self.received["control_surfaces"],
@@ -145,6 +146,8 @@ class ParameterEstimatorNode(EstimatorNode):
             "vanes_late": self.estimator.late_vanes,
             "inputs": " ".join(item.name for item in self.estimator.aircraft.inputs),
             **{trust.name: statuses.count(trust) for trust in Trust},
+            "estimator": published["published"],
+            "estimator_because": published["why"],
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),
         }

@@ -187,7 +187,7 @@ def test_a_folder_without_permission(cli, bag, aircraft_file, tmp_path):
         ("replay BAG --aircraft FILE --out RUN --horizon nan", ("--horizon must be between 0 and 5",)),
         ("replay BAG --aircraft FILE --out RUN --forgetting-time 0", ("--forgetting-time",)),
         ("replay BAG --aircraft FILE --out RUN --forgetting-time inf", ("--forgetting-time",)),
-        ("replay BAG --aircraft FILE --out RUN --frequencies 0.1 1.5", ("--frequencies is for", "rls")),
+        ("replay BAG --aircraft FILE --out RUN --frequencies 0.1 1.5", ("--frequencies is for", "auto")),
         ("replay BAG --aircraft FILE --out RUN --estimator fourier --frequencies 2 1", ("must rise between 0.01",)),
         ("live --aircraft FILE --estimator rml --frequencies 0.1 1.5", ("--frequencies is for --estimator fourier",)),
         ("replay BAG --aircraft FILE --out RUN --wrong 1", ("unrecognized arguments: --wrong",)),

@@ -11,8 +11,9 @@ from aircraft_sysid_ros.identification.estimators.maximum_likelihood import Maxi
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RecursiveLeastSquares
 from aircraft_sysid_ros.identification.options import EstimatorName, ParameterOptions
 
-#: Whose parameters are published.
+#: Whose parameters are published, ``auto`` as it begins (``choice``).
 ESTIMATORS: dict[EstimatorName, Callable[[Aircraft, ParameterOptions], Estimator]] = {
+    "auto": RecursiveLeastSquares,
     "rls": RecursiveLeastSquares,
     "fourier": FourierEstimator,
     "rml": MaximumLikelihoodEstimator,
