@@ -111,8 +111,9 @@ class Hidden:
 
 
 def _text(aircraft: Aircraft, coefficients: Coefficients, axis: str) -> str:
-    names = aircraft.model.parameter_names[aircraft.model.axis_slice(axis)]
-    return "+".join(f"{coefficients[n]:.6g}*{t}" for n, t in zip(names, aircraft.model.terms[axis], strict=True))
+    names, terms = aircraft.model.parameter_names[aircraft.model.axis_slice(axis)], aircraft.model.terms[axis]
+    known = [(n, t) for n, t in zip(names, terms, strict=True) if n in coefficients]  # not those of other effects
+    return "+".join(f"{coefficients[n]:.6g}*{t}" for n, t in known)
 
 
 def hidden_effect(
