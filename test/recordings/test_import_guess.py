@@ -351,3 +351,28 @@ def test_clocks_of_tables_that_do_not_overlap_are_said(flown, tmp_path):
     (note,) = guess_map(tmp_path).notes
     assert note.startswith("the clock of b.csv (5000 to 5019.9 s) does not overlap with that of a.csv (0 to 19.9 s): ")
     assert note.endswith("set the offset of one time, -5000 s of b.csv if both began together")
+
+
+def test_times_of_day_and_counted_times_have_the_clock_that_import_gives_them(flown, tmp_path, capsys):
+    """The offset that a guess names puts the tables together at import; seconds of a day need none."""
+    source, time = tmp_path / "flight", np.arange(0.0, 20.0, 0.1)
+    source.mkdir()
+    texts = [f"14:22:{second:06.3f}" for second in time + 10.5]
+    (source / "gps.csv").write_text("\n".join(["UTC,lat", *(f"{text},44.7" for text in texts)]) + "\n")
+    layouts.write_rows(source / "imu.csv", ["time_s", "p"], [time + 412.0, np.sin(time)])
+    (note,) = guess_map(source).notes
+    offset, name = re.search(r"set the offset of one time, (\S+) s of (\S+) if both", note).groups()
+    assert abs(float(offset)) == 51318.5
+    tables = (
+        ("gps.csv", "column: UTC, unit: iso", "altitude: {column: lat, unit: m}"),
+        ("imu.csv", "column: time_s, unit: s", "angular_velocity.x: {column: p, unit: rad/s}"),
+    )
+    lines = [
+        f"  - {{file: {file}, time: {{{of}{f', offset: {offset}' * (file == name)}}}, signals: {{{signal}}}}}"
+        for file, of, signal in tables
+    ]
+    (tmp_path / "map.yaml").write_text("\n".join(["tables:", *lines]))
+    assert main(["import", str(source), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "bag")]) == 0
+    assert f"{time[-1]:.1f} s from" in capsys.readouterr().out  # all of both within the 19.9 s of each
+    layouts.write_rows(source / "imu.csv", ["time_s", "p"], [time + 51730.5, np.sin(time)])
+    assert guess_map(source).notes == []

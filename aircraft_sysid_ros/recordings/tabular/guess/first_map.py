@@ -11,7 +11,8 @@ import numpy.typing as npt
 import yaml
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, parse_column_map
+from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE
+from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, ColumnMap, parse_column_map
 from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import KnownLine, known_lines
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
@@ -78,6 +79,7 @@ def guess_map(path: Path) -> FirstMap:
         taken = {column.name for column in named} | ({time.column} if time is not None else set())
         part.unmapped = [name for name in table.columns if name and name not in taken]
         columns += [(part, column) for column in named]
+    _count_as_import(parts, columns)
     best = _best_by_signal(columns)
     resolve(best)
     for part, column in columns:
@@ -126,6 +128,17 @@ def _doubled(tables: list[tuple[str | None, Table]]) -> list[str]:
         for name in dict.fromkeys(table.columns)
         if name and table.columns.count(name) > 1
     ]
+
+
+def _count_as_import(parts: list[TablePart], columns: list[tuple[TablePart, Column]]) -> None:
+    """Count times that are texts from the time 0 of numbers where the MAP will have no clock, as import does."""
+    times = [part.time for part in parts if part.time is not None]
+    if _clock(parts) is not None or all(time.unit in TEXT_TIMES for time in times):
+        return
+    of_columns = [(part.time, column.time) for part, column in columns if part.time is not None]
+    for time, seconds in [*((time, time.seconds) for time in times), *of_columns]:
+        if time.unit in TEXT_TIMES:
+            seconds -= NO_DATE
 
 
 def _apart(parts: list[TablePart]) -> list[str]:

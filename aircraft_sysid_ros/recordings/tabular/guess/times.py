@@ -42,7 +42,7 @@ class TimeGuess:
     def in_its_unit(self, seconds: float) -> str:
         """A span of time as an offset of the MAP has it; those of texts are in seconds."""
         unit = "s" if self.unit in TEXT_TIMES else self.unit
-        return f"{seconds / conversion(unit, 's').factor:.15g} {unit}"
+        return f"{round(seconds / conversion(unit, 's').factor, 6):.15g} {unit}"
 
 
 def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess | None:
