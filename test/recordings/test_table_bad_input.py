@@ -175,6 +175,21 @@ def test_what_is_no_measurement_is_left_out_and_counted(tmp_path, capsys):
     assert "imu/data: without specific_force.x, specific_force.y" in said  # never silently
 
 
+@pytest.mark.parametrize("made_of", ["column: Words", 'expression: "P/0"', 'expression: "sqrt(-1 - P**2)"'])
+def test_one_axis_without_any_number_is_said(tmp_path, capsys, made_of):
+    (tmp_path / "flight.csv").write_text(table(*(f"{row},n/a" for row in ROWS), header="Time,P,Nz,Words"))
+    (tmp_path / "map.yaml").write_text(f"{MAP}      specific_force.x: {{{made_of}, unit: g}}\n")
+    assert (
+        main(
+            ["import", str(tmp_path / "flight.csv"), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "b")]
+        )
+        == 0
+    )
+    said = capsys.readouterr().out
+    assert "note: specific_force.x: what it is mapped to holds no number: check that line" in said
+    assert "specific_force.z: what" not in said
+
+
 def test_a_table_without_a_map_is_told_the_way(tmp_path, capsys):
     (tmp_path / "flight.csv").write_text(table(*ROWS))
     assert main(["import", str(tmp_path / "flight.csv"), "--out", str(tmp_path / "bag")]) == 2

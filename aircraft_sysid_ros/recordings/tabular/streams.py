@@ -44,6 +44,7 @@ class Stream:
     folder: Path
     count: int = 0
     repeated: int = 0
+    measured: set[str] = field(default_factory=set)  # signals that have a value anywhere
     marks: list[int] = field(default_factory=list, repr=False)  # stamp [ns] of every ROWS-th row
     newest: int = 0  # stamp [ns]
     _number: int = field(default_factory=itertools.count().__next__)
@@ -57,7 +58,9 @@ class Stream:
 
     def add(self, stamp: Stamps, values: Array) -> None:
         """Rows (n, k) in which anything is measured."""
-        measured = np.isfinite(values).any(axis=1)
+        there = np.isfinite(values)
+        self.measured.update(self.signals[i] for i in np.flatnonzero(there.any(axis=0)))
+        measured = there.any(axis=1)
         stamp, values = stamp[measured], values[measured]
         if not len(stamp):
             return
@@ -244,10 +247,10 @@ def _collect_table(source: Source, table_map: TableMap, colmap: ColumnMap, folde
         tables
     )
     collected.streams += streams.values()
-    empty = [s.name for name, signals in by_vector.items() if not streams[name].count for s in signals]
+    empty = [s.name for name, signals in by_vector.items() for s in signals if s.name not in streams[name].measured]
     if empty and len(empty) == len(table_map.signals):
         raise InputError(f"{', '.join(table.name for table in tables)} holds no values of the mapped columns")
-    collected.notes += [f"{name}: its column holds no number" for name in empty]
+    collected.notes += [f"{name}: what it is mapped to holds no number: check that line" for name in empty]
 
 
 class _TableReader:
