@@ -62,6 +62,18 @@ def test_a_rate_that_halves_in_flight_is_found(clean):
     assert ("true_airspeed", "rate") in serious(checked(clean[kept]))
 
 
+def test_an_imu_that_is_too_slow_for_any_filter_is_an_error(clean):
+    """As of a time in ms that was taken as s."""
+    from aircraft_sysid_ros.samples import Kind
+
+    rows = flight_check.np.flatnonzero(clean.kind == Kind.IMU)
+    kept = clean.kind != Kind.IMU
+    kept[rows[::40]] = True  # 2.5 Hz
+    found = [f for f in checked(clean[kept]).findings if f.kind == "rate" and f.severity == "error"]
+    assert len(found) == 1
+    assert "angular_velocity.x" in found[0].signals and "at most 0.25 s apart" in found[0].sentence
+
+
 def test_a_gps_that_was_interpolated_to_the_rate_of_others_is_found(clean):
     """Errors that count four times make settings of the sensors significant that are none."""
     from aircraft_sysid_ros.samples import Kind, concatenate, samples_of

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, Finding
 from aircraft_sysid_ros.flight_check.signals import Flight, Stream, groups, signal_names
+from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
@@ -131,7 +132,13 @@ def _rate(stream: Stream, names: tuple[str, ...]) -> list[Finding]:
             f"the rate changes between {min(rates):.3g} and {max(rates):.3g} Hz during the flight: look for an "
             "overloaded link or recorder, and state the noise for the slower rate",
         ))  # fmt: skip
-    if stream.kind == Kind.IMU and stream.rate < _SLOW_IMU:
+    if stream.kind == Kind.IMU and stream.interval > LARGEST_GAP:
+        found.append(Finding(
+            names, "rate", ERROR,
+            f"{stream.rate:.3g} Hz: the filter needs samples that are at most {LARGEST_GAP:g} s apart, so that replay "
+            "cannot start: check the unit of the time in the import map, or record faster",
+        ))  # fmt: skip
+    elif stream.kind == Kind.IMU and stream.rate < _SLOW_IMU:
         found.append(Finding(
             names, "rate", INFO,
             f"{stream.rate:.3g} Hz: moments are derivatives of body rates, and motions faster than "
