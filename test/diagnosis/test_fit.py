@@ -124,6 +124,14 @@ def test_what_only_one_fold_holds_explains_nothing_held_out(aircraft) -> None:
     assert np.sum(gain.after) > 0.9 * np.sum(gain.before)
 
 
+def test_terms_that_are_measured_in_one_fold_only_are_refused_for_that(aircraft) -> None:
+    """As thrust in one manoeuvre of three: hundreds of points are not too few of them."""
+    flight = flight_of(aircraft)
+    columns = np.where(flight.block % FOLDS == 1, 1.0, np.nan)[:, None] * np.ones((1, 2))
+    with pytest.raises(InputError, match="measured together in one part of the flight only"):
+        AxisFit(flight, "CZ", columns)
+
+
 def test_standard_errors_hold_in_coloured_noise(aircraft) -> None:
     """100 flights with slow noise in response and regressor: within 1.96 sigma 95 % of the times, white ones fail."""
     random, z, z_white = np.random.default_rng(0), [], []

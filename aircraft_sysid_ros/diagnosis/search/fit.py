@@ -138,8 +138,13 @@ class AxisFit:
             unknown = [self.names[j] for j in np.flatnonzero(empty)]
             raise InputError(f"{axis} cannot be fitted: {self.flight.why_unknown(axis, unknown)}")
         count, folds = int(self.rows.sum()), np.unique(self.flight.fold[self.rows])
-        if count < LEAST_POINTS * self.columns.shape[1] or len(folds) < 2:
+        if count < LEAST_POINTS * self.columns.shape[1]:
             raise InputError(f"{axis} cannot be fitted: it has {count} points, too few for {len(self.names)} terms")
+        if len(folds) < 2:
+            raise InputError(
+                f"{axis} cannot be fitted: its terms are measured together in one part of the flight only, and nothing "
+                "is left to hold out: measure them in the other manoeuvres too, or replay that one by itself"
+            )
 
     # -- factorisation ---------------------------------------------------------------------------------------
 
