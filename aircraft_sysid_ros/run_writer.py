@@ -226,6 +226,7 @@ class RunWriter:
                 step = parameters.options.step
                 signals = with_lags(model.lags, points[:, CoefficientSample.TIME], signals, 1.5 * step)
                 evaluate_rows(*model.linked, signals, terms)
+        response, of_terms = parameters.learning.noise_of(points)
         np.savez(
             path,
             stamp=nanoseconds(points[:, CoefficientSample.TIME], epoch),
@@ -235,6 +236,8 @@ class RunWriter:
             learnt=points[:, CoefficientSample.LEARNT] > 0.0,
             signals=points[:, CoefficientSample.SIGNALS][:, : len(model.signal_names)],
             terms=terms,
+            response_variance=response,
+            term_variance=of_terms,
             signal_names=np.array(model.signal_names),
             parameter_names=np.array(model.parameter_names),
             axes=np.array(AXES),

@@ -234,9 +234,9 @@ def run_data(flight: SimulatedFlight) -> tuple[RunData, Record]:
     biases = np.array([*state["accelerometer_bias"], *state["gyro_bias"]])
     stamp = nanoseconds(points[:, CoefficientSample.TIME], epoch)
     terms = points[:, CoefficientSample.TERMS :]
-    return RunData(
-        flight.aircraft, flight.samples, parameters, biases, stamp, points[:, CoefficientSample.MEASURED], terms
-    ), record
+    noise = live.pipeline.parameters.learning.noise_of(points)
+    measured = points[:, CoefficientSample.MEASURED]
+    return RunData(flight.aircraft, flight.samples, parameters, biases, stamp, measured, terms, noise=noise), record
 
 
 def refined_record(run: RunData, live: Record, air: str, method: str) -> Record:

@@ -455,6 +455,27 @@ def choice() -> str:
     return table(header, rows)
 
 
+def lack_of_fit() -> str:
+    """How far errors of coefficients are above their noise, with right models and with others."""
+    header = [
+        "flights",
+        "number",
+        "model",
+        "estimator",
+        "error over noise at the end, worst axis",
+        "largest on the way",
+    ]
+    header += ["axes in HOLD for it", "USE", "without"]
+    rows = [
+        [
+            r["name"], str(r["flights"]), r["model"], f"`{r['estimator']}`", f"{r['end']:.1f} ({r['axis']})",
+            f"{r['ever']:.1f}", " ".join(r["held"]) or "-", str(r["use"]), str(r["use_without"]),
+        ]
+        for r in load("lack_of_fit")["rows"]
+    ]  # fmt: skip
+    return table(header, rows)
+
+
 def slow_imu() -> str:
     """What a slow IMU costs."""
     header = ["rate of the IMU", "estimator", "inside 1.96 standard errors", "main derivatives with USE"]
@@ -606,6 +627,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "failures": failures,
     "slow_imu": slow_imu,
     "choice": choice,
+    "lack_of_fit": lack_of_fit,
     "sensor_noise": sensor_noise,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},
     "effects": effects,

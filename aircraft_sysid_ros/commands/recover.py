@@ -14,7 +14,7 @@ from typing import Any
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.commands.replay import feed
 from aircraft_sysid_ros.commands.replay import render as render_run
-from aircraft_sysid_ros.commands.replay_notes import rate_notes, why_no_start
+from aircraft_sysid_ros.commands.replay_notes import estimator_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_journal import recovered
 from aircraft_sysid_ros.identification.options import ParameterOptions
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         feed(pipeline, samples, writer)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
-        told += rate_notes(pipeline.parameters.stream)
+        told += rate_notes(pipeline.parameters.stream) + estimator_notes(pipeline.parameters)
         result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started, told)
     shutil.rmtree(journal_path(args.run), ignore_errors=True)
     return {"run": str(args.run), "notes": result["state"]["notes"], **result}

@@ -67,7 +67,10 @@ class Learning:
         self.history = SampleHistory(self.columns, newest_count(options))
         self.changes = ChangeDetector(options.step, options.half_width, self.history)
         forgetting = self.least_squares.tuning.forgetting
-        self.integrity = IntegrityMonitor(self.aircraft, options.step, forgetting, self.estimator.joint, self.history)
+        joint = self.estimator.joint
+        self.integrity = IntegrityMonitor(
+            self.aircraft, options.step, options.half_width, forgetting, joint, self.history
+        )
         self.conditions = LearntConditions()
         self.newest: Array | None = None  # sample
 
@@ -173,6 +176,7 @@ class Learning:
         """Learn from samples, each predicted with what was known before it."""
         self.changes.add_states(batch.rows)
         self.integrity.sensors.add(batch.rows)
+        self.integrity.noise.add(batch)
         if self.lends:
             self.known.add(self.estimator.step(batch))
         elif self.choice is not None:
@@ -273,6 +277,10 @@ class Learning:
     def estimates(self, used_until: float) -> ParameterSet:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
         return self._describe(self.least_squares.state, self.time(used_until))()
+
+    def noise_of(self, points: Array) -> tuple[Array, Array]:
+        """Variances of samples from the noise of the IMU (m, 6), and of the noise of terms (parameters,)."""
+        return self.integrity.noise.response(points), self.least_squares.state.noise_square.copy()
 
     def _describe(self, state: RlsState, time: float) -> Description:
         """What is known now; ``state`` of least squares must not have changed by the time that it is made."""

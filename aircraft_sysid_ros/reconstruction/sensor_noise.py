@@ -359,6 +359,11 @@ def imu_has_learnt(noise: Array) -> bool:
     return bool(noise[_OF_IMU, _IMU_COUNT] > _ENOUGH)
 
 
+def imu_interval(noise: Array) -> float:
+    """Time [s] between samples of the IMU that differ; 0 before there are two."""
+    return float(noise[_OF_IMU, _IMU_INTERVAL])
+
+
 @njit(cache=True)
 def largest_scale(is_sparse: bool) -> float:
     """Largest factor on the variances of an IMU: beside sparse samples (``sparse_imu``) what differs is motion."""

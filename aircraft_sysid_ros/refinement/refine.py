@@ -59,6 +59,8 @@ _START_LEVELS = (0.3, 0.3, 0.05)
 _CORRELATION = 1.0
 #: Error where nothing was fitted over that of the first parameters, from which the refined are not to be used.
 WORSE = 1.5
+#: Coefficients of the forces across which a bias of the accelerometer looks like tilt.
+_NEAR_TILT = ("CX", "CY")
 #: Least time [s] to fit on.
 SHORTEST = 10.0
 
@@ -270,14 +272,18 @@ def errors_not_fitted(
 ) -> dict[str, dict[str, float]]:
     """NRMSE of each coefficient on the pieces that were not fitted, by these parameters and by those before.
 
-    Those before have learnt from these pieces as well; the constant that biases leave in a coefficient is taken out.
+    And of these parameters the error over what noise makes of it, where the run says that.
+
+    Those before have learnt from these pieces as well; the constant that biases leave in a coefficient is taken out, in
+    each piece from C_X and C_Y, in which a bias is not told from tilt before the first turn.
     This is not the held-out error of ``compare``, which asks how good a model can be and not these parameters of it.
     """
-    inside = np.zeros(len(run.point_stamp), np.bool_)
-    for segment in segments:
+    piece = np.full(len(run.point_stamp), -1)
+    for number, segment in enumerate(segments):
         if segment.held_out:
             low, high = record.stamp[segment.part.start], record.stamp[segment.part.stop - 1]
-            inside |= (run.point_stamp >= low) & (run.point_stamp <= high)
+            piece[(run.point_stamp >= low) & (run.point_stamp <= high)] = number
+    inside = piece >= 0
     model, result = run.aircraft.model, {}
     for i, axis in enumerate(AXES):
         part = model.axis_slice(axis)
@@ -286,19 +292,31 @@ def errors_not_fitted(
         if there.sum() < 10:
             continue
         spread = float(np.std(measured[there]))
-        after, before = (measured[there] - terms[there] @ p[part] for p in (theta, run.start))
-        result[axis] = {
-            "nrmse": float(np.std(after)) / spread,
-            "nrmse_before": float(np.std(before)) / spread,
-        }
+        apart = piece[inside][there] if axis in _NEAR_TILT else np.zeros(int(there.sum()), np.int64)
+        errors = (measured[there] - terms[there] @ p[part] for p in (theta, run.start))
+        after, before = (_rms_about_means(error, apart) for error in errors)
+        result[axis] = {"nrmse": after / spread, "nrmse_before": before / spread}
+        if run.noise is not None:
+            response, of_terms = run.noise
+            noise = float(response[inside, i][there].mean() + of_terms[part] @ theta[part] ** 2)
+            result[axis]["over_noise"] = after / float(np.sqrt(noise))
     return result
+
+
+def _rms_about_means(values: Array, part: npt.NDArray[np.int64]) -> float:
+    """Rms of values (n,) about their means in the parts (n,) that they belong to."""
+    _, at, counts = np.unique(part, return_inverse=True, return_counts=True)
+    means = np.bincount(at, weights=values) / counts
+    return float(np.sqrt(np.mean((values - means[at]) ** 2)))
 
 
 def _doubts(found: _Fitted, errors: dict[str, dict[str, float]]) -> dict[str, str]:
     """Axes of which nothing is to be used, with the reason."""
     if not found.converged:
         return dict.fromkeys(AXES, f"it did not converge: {found.reason}")
-    doubts = {axis: lack_of_fit(axis, error["nrmse"] ** 2) for axis, error in errors.items()}
+    doubts = {
+        axis: lack_of_fit(axis, error["nrmse"] ** 2, error.get("over_noise", np.nan)) for axis, error in errors.items()
+    }
     for axis in worse_axes(errors):
         doubts[axis] = doubts[axis] or f"where it was not fitted it predicts {axis} worse than the run did"
     return {axis: words for axis, words in doubts.items() if words}

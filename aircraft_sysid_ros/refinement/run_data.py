@@ -44,6 +44,8 @@ class RunData:
     measured: Array  # (n, 6) coefficients
     terms: Array  # (n, parameters)
     calm_air: bool = False  # it was taken as calm when the flight was replayed
+    #: Variances of the measured coefficients from the noise of the IMU (n, 6), and of the noise of terms (parameters,).
+    noise: tuple[Array, Array] | None = None  # None: an older run does not say
 
     @property
     def start(self) -> Array:
@@ -84,6 +86,12 @@ def load_run(run: str | Path) -> RunData:
     names = aircraft.model.parameter_names
     sound = samples.values.shape == (len(samples.stamp), WIDTH) and samples.kind.shape == samples.stamp.shape
     sound = sound and bool(np.all(np.isin(samples.kind, [int(kind) for kind in Kind])))
-    if not sound or measured.shape != (len(stamp), len(AXES)) or terms.shape != (len(stamp), len(names)):
+    sound = sound and measured.shape == (len(stamp), len(AXES)) and terms.shape == (len(stamp), len(names))
+    noise = None
+    if "response_variance" in points:
+        noise = points["response_variance"], points["term_variance"]
+        sound = sound and noise[0].shape == measured.shape and noise[1].shape == (len(names),)
+    if not sound:
         raise InputError(f"the run {run} is of another version or model: replay the recording again")
-    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms, bool(state.get("calm_air", False)))
+    calm_air = bool(state.get("calm_air", False))
+    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms, calm_air, noise)

@@ -197,7 +197,7 @@ def test_a_state_that_begins_anew_is_a_sign(aircraft):
 
 @pytest.mark.parametrize(("seconds", "axes_back"), [(1.5, 0), (5.0, 6)])
 def test_a_short_contradiction_is_held_and_forgotten_and_a_long_one_goes_back(aircraft, seconds, axes_back):
-    integrity, back = IntegrityMonitor(aircraft, 0.04, 0.999, False, SampleHistory(60, 250)), []
+    integrity, back = IntegrityMonitor(aircraft, 0.04, 0.08, 0.999, False, SampleHistory(60, 250)), []
     rows = level(3000)
     rows[1000 : 1000 + int(100 * seconds), StateField.CONSISTENCY] = 2.5
     for part in np.split(rows, np.arange(20, len(rows), 20)):

@@ -5,8 +5,24 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.config_files import config_path
-from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
+from aircraft_sysid_ros.estimation.window_average import window_average
+from aircraft_sysid_ros.identification.coefficients.body import body_of
+from aircraft_sysid_ros.identification.coefficients.evaluation import measured_coefficients
+from aircraft_sysid_ros.identification.coefficients.layout import (
+    FLYING,
+    FORCE,
+    LEARNT,
+    MEASURED,
+    QBAR,
+    RATE,
+    SIGNAL,
+    TIME,
+    CoefficientBatch,
+    CoefficientSample,
+)
+from aircraft_sysid_ros.identification.monitoring.coefficient_noise import CoefficientNoise
 from aircraft_sysid_ros.identification.monitoring.residuals import (
     FIT_BLOCKS,
     GUARD,
@@ -14,8 +30,9 @@ from aircraft_sysid_ros.identification.monitoring.residuals import (
     WINDOW,
     ResidualMonitor,
 )
-from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.identification.trust import BEYOND_NOISE, Trust, lack_of_fit
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.recordings.mat_import import import_mat
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -77,6 +94,57 @@ def test_a_coefficient_that_hardly_moves_says_nothing_of_a_model_that_explained_
     assert monitor.unexplained(4) > 0.5
 
 
+@pytest.mark.parametrize("block", [1, 7, 10_000])
+def test_the_error_over_its_noise_is_that_of_the_same_blocks_and_nothing_where_noise_is_not_known(block):
+    random, monitor = np.random.default_rng(4), ResidualMonitor(STEP)
+    truth = random.normal(-0.3, 0.1, 40 * WINDOW + GUARD)
+    noise = np.zeros((len(truth), 6))
+    noise[:, 4] = random.uniform(1e-4, 4e-4, len(truth))
+    noise[: 20 * WINDOW, 4] = np.nan  # the estimator knew nothing
+    samples, predicted = samples_of(truth), predictions(truth + 0.04)
+    for first in range(0, len(truth), block):
+        part = slice(first, first + block)
+        monitor.add(samples[part], predicted[part], ALL, noise[part])
+    of_blocks = noise[20 * WINDOW : 40 * WINDOW, 4].reshape(20, WINDOW).mean(axis=1)
+    assert monitor.over_noise(4) == pytest.approx(np.sqrt(np.mean(0.04**2 / of_blocks)), rel=1e-9)
+    assert np.isnan(monitor.over_noise(0))
+
+
+def test_what_is_said_of_an_axis():
+    assert lack_of_fit("Cm", 0.02, 2.9) == lack_of_fit("Cm", 0.02) == ""
+    assert lack_of_fit("Cm", 0.12, 4.2) == "the error of Cm is 4.2 times its noise: the model explains 88.0% of it"
+    assert lack_of_fit("Cm", 0.3, 4.2) == lack_of_fit("Cm", 0.3, 0.5) == "the model explains 70% of Cm"
+
+
+@pytest.mark.parametrize(("rate", "factor"), [(100.0, 1.0), (100.0, 3.0), (200.0, 1.0), (50.0, 0.3)])
+def test_noise_of_the_imu_makes_of_coefficients_what_it_says(aircraft, rate, factor):
+    """Windows over white noise; what the samples show counts where it is more than the file says."""
+    random, count, half_width = np.random.default_rng(5), 6000, 0.08
+    force, gyro = (factor * aircraft.sensors[name].noise[0] for name in ("accelerometer", "gyro"))
+    rows, history = np.zeros((count, StateField.WIDTH)), np.zeros((count, SIGNAL))
+    rows[:, StateField.TIME] = history[:, TIME] = np.arange(count) / rate
+    rows[:, StateField.SPECIFIC_FORCE] = force * random.normal(size=(count, 3))
+    rows[:, StateField.ANGULAR_VELOCITY] = gyro * random.normal(size=(count, 3))
+    history[:, FLYING], history[:, QBAR] = 1.0, 150.0
+    history[:, FORCE : FORCE + 3] = aircraft.mass * rows[:, StateField.SPECIFIC_FORCE]
+    history[:, RATE : RATE + 3] = rows[:, StateField.ANGULAR_VELOCITY]
+    body, none = body_of(aircraft), np.empty((0, 0))
+    noise = CoefficientNoise(aircraft, half_width)
+    noise.add(CoefficientBatch(rows, history, body, none, none, none, none))
+    found, means, slopes = np.empty((400, 6)), np.empty(SIGNAL), np.empty(SIGNAL)
+    reach = int(np.ceil(half_width * rate)) + 1
+    for k, at in enumerate(np.linspace(reach + 1, count - reach - 2, len(found)).astype(int)):
+        center = rows[at, StateField.TIME]
+        window_average(
+            history[:, TIME].copy(), history, at - reach, at + reach, center, half_width, means, slopes, False
+        )
+        measured_coefficients(means, slopes, body, found[k])
+    sample = np.zeros((1, CoefficientSample.TERMS))
+    sample[0, CoefficientSample.SIGNALS.start + SIGNAL_INDEX["qbar"]] = 150.0
+    said = noise.response(sample)[0] * min(factor, 1.0) ** 2  # the file's, where the samples show less
+    np.testing.assert_allclose(found.std(axis=0), np.sqrt(said), rtol=0.12)
+
+
 def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_so(aircraft):
     flight = simulate_samples(aircraft, 3, 100.0, hidden=[("flaps", 2.0)], manoeuvres="flaps", rate=200.0)
     identifier = flown(aircraft, flight.samples)
@@ -88,6 +156,11 @@ def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_
         assert all(p.status == Trust.HOLD for p in held)
         assert any(p.reason.startswith("the model explains") and p.reason.endswith(f"of {axis}") for p in held)
     assert all(p.status == Trust.USE for p in of_axis(found, "Cl"))
+    over_noise = identifier.learning.integrity.monitor.over_noise
+    assert over_noise(AXES.index("CZ")) > BEYOND_NOISE and unexplained(AXES.index("CZ")) < 0.1
+    assert not any(p.status == Trust.USE for p in of_axis(found, "CZ"))
+    assert any("times its noise: the model explains 9" in p.reason for p in of_axis(found, "CZ"))
+    assert over_noise(AXES.index("Cl")) < 0.6 * BEYOND_NOISE
     known = flown(flight.oracle, flight.samples)
     assert not any("the model explains" in p.reason for p in known.snapshot().parameters)
     assert any(p.status == Trust.USE for p in of_axis(known.snapshot(), "Cm"))
@@ -98,6 +171,7 @@ def test_gusts_are_no_lack_of_fit(aircraft, turbulence):
     flight = simulate_samples(aircraft, 8, 90.0, turbulence=turbulence, rate=200.0)
     identifier = flown(aircraft, flight.samples)
     assert max(identifier.learning.integrity.monitor.unexplained(i) for i in range(6)) < 0.1
+    assert 0.5 < max(identifier.learning.integrity.monitor.over_noise(i) for i in range(6)) < 2.0
     assert not any("the model explains" in p.reason for p in identifier.snapshot().parameters)
 
 

@@ -24,6 +24,7 @@ def run_of(flight):
         nanoseconds(points[:, CoefficientSample.TIME], pipeline.state.epoch),
         points[:, CoefficientSample.MEASURED],
         points[:, CoefficientSample.TERMS :],
+        noise=pipeline.parameters.learning.noise_of(points),
     )
 
 

@@ -76,6 +76,7 @@ def test_the_content_says_what_it_holds(still, still_flight):
     assert {p["status"] for p in content["parameters"]} <= {"USE", "HOLD", "REJECT"}
     assert set(content["not_fitted"]) == {"CX", "CY", "CZ", "Cl", "Cm", "Cn"}
     assert all(0.0 < e["nrmse"] < 0.5 for e in content["not_fitted"].values())
+    assert all(0.1 < e["over_noise"] < 2.0 for e in content["not_fitted"].values())
     assert still.measured.shape == still.modelled.shape == (len(still.time), 18)
     held = np.isnan(still.modelled[:, 0])
     assert 0.1 < held.mean() < 0.4  # pieces that were not fitted have no model output

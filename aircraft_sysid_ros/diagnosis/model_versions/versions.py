@@ -277,6 +277,7 @@ def run_data(run: Run, version: Version) -> RunData:
         measured=points[:, CoefficientSample.MEASURED],
         terms=points[:, CoefficientSample.TERMS :],
         calm_air=run.calm_air,
+        noise=pipeline.parameters.learning.noise_of(points),
     )
 
 

@@ -35,8 +35,7 @@ from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import Fit
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
-from aircraft_sysid_ros.identification.coefficients.evaluation import measured_coefficients
-from aircraft_sysid_ros.identification.coefficients.layout import FORCE, QBAR, RATE, SIGNAL
+from aircraft_sysid_ros.identification.coefficients.evaluation import imu_response
 from aircraft_sysid_ros.identification.options import ParameterOptions
 
 Array = npt.NDArray[np.float64]
@@ -155,16 +154,8 @@ def response_sources(aircraft: Aircraft, qbar: Array, index: int, sparse: float 
 
     ``sparse``: time [s] between states where they are sparse, else 0.
     """
-    body = body_of(aircraft)
     accelerometer, gyro = aircraft.sensors["accelerometer"], aircraft.sensors["gyro"]
-    of_force, of_slope, out = 0.0, 0.0, np.empty(6)
-    for i in range(3):
-        for first in (True, False):
-            means, slopes = np.zeros(SIGNAL), np.zeros(SIGNAL)
-            means[QBAR], means[FORCE + i], slopes[RATE + i] = 1.0, float(first), float(not first)
-            measured_coefficients(means, slopes, body, out)
-            of_force += out[index] ** 2 * first
-            of_slope += out[index] ** 2 * (not first)
+    of_force, of_slope = imu_response(body_of(aircraft))[index]
     force = aircraft.mass * accelerometer.noise[0] / qbar
     return (
         _source(of_force * force**2, accelerometer.rate, sparse),

@@ -136,6 +136,21 @@ def measured_coefficients(means: Array, slopes: Array, body: Body, out: Array) -
     out[:] = coefficients_of(at_cg, moment, means[QBAR], area, span, chord)
 
 
+def imu_response(body: Body) -> Array:
+    """Variance (6, 2) of the coefficients at a dynamic pressure of 1 Pa, from independent unit variances.
+
+    Of the three components of the mean force [N], and of the mean slope of the rates [rad/s^2].
+    """
+    found, out = np.zeros((6, 2)), np.empty(6)
+    for i in range(3):
+        for kind, column in enumerate((FORCE + i, RATE + i)):
+            both = np.zeros((2, SIGNAL))
+            both[0, QBAR], both[kind, column] = 1.0, 1.0
+            measured_coefficients(both[0], both[1], body, out)
+            found[:, kind] += out**2
+    return found
+
+
 @njit(cache=True)
 def term_noise(code: Array, code_offsets: Integers, signals: Array, noise: Array, terms: Array, out: Array) -> None:
     """One sigma of each term (n,) from the noise of the signals it reads, by finite differences."""

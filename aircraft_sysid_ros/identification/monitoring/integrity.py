@@ -7,6 +7,7 @@ At every evaluation each axis is asked whether its parameters may be believed:
 - The same against the error of what was known LAG seconds ago, over the same samples: learning must not make it worse.
 - The error over the spread of the coefficient (``residuals.unexplained``): a model that explains less than three
   quarters of its variance lacks something, for which its parameters then stand. The axis goes on learning, with HOLD.
+  So it does where the error is BEYOND_NOISE times what noise makes of it (``coefficient_noise``).
 - ``sensor_faults``: where the first step contradicts its sensors, all axes are held at once. So they are where the wind
   that explains the air data leaps together with a model error.
 
@@ -46,6 +47,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASUR
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import least_squares
 from aircraft_sysid_ros.identification.history import Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.agreement import SplitHalfAgreement
+from aircraft_sysid_ros.identification.monitoring.coefficient_noise import CoefficientNoise
 from aircraft_sysid_ros.identification.monitoring.residuals import SPREAD, WINDOW, ResidualMonitor, Summary
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, SensorFaultDetector
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
@@ -152,13 +154,16 @@ class Restore(NamedTuple):
 class IntegrityMonitor:
     """State of all axes."""
 
-    def __init__(self, aircraft: Aircraft, step: float, forgetting: float, joint: bool, history: SampleHistory) -> None:
-        """``step`` [s] between evaluations, ``forgetting`` per evaluation.
+    def __init__(
+        self, aircraft: Aircraft, step: float, half_width: float, forgetting: float, joint: bool, history: SampleHistory
+    ) -> None:
+        """``step`` [s] between evaluations, ``half_width`` [s] of their windows, ``forgetting`` per evaluation.
 
         ``joint``: the published estimator goes back as a whole, so that all axes are released together, and is compared
         with recursive least squares instead of that with itself.
         """
         self._step, self._forgetting, self.joint, self._history = step, forgetting, joint, history
+        self.noise = CoefficientNoise(aircraft, half_width)
         self.adopt(aircraft)
 
     def adopt(self, aircraft: Aircraft) -> None:
@@ -259,7 +264,8 @@ class IntegrityMonitor:
         if self._seen == first:
             return
         new, free = self._history.since(first), known & ~self._held()
-        self.monitor.add(new, new[:, CoefficientSample.PREDICTED], free)
+        noise = self.noise.variances(new, self._history.weights(first))
+        self.monitor.add(new, new[:, CoefficientSample.PREDICTED], free, noise)
         self.agreement.add(free, new)
 
     def _errors(self, axis: int, since: float, most: int, theta: Array | None = None) -> tuple[Array, Array]:
@@ -418,8 +424,9 @@ class IntegrityMonitor:
         """What is known now; whether it explains the coefficients, and agrees with before, is looked at, too."""
         self.checkpoints.keep(kept)
         self._disagreeing, self._misfits = {}, {}
+        self.noise.note(kept, self.model)
         for axis, name in enumerate(AXES):
-            if words := lack_of_fit(name, self.monitor.unexplained(axis)):
+            if words := lack_of_fit(name, self.monitor.unexplained(axis), self.monitor.over_noise(axis)):
                 self._misfits[axis] = words
             if self.joint or self.holds[axis] or not self.agreement.are_apart(axis):
                 continue

@@ -10,6 +10,7 @@ SPREAD times its length: in cruise an axis learns now and then, from what is not
 
 How much of a coefficient the model explains: the mean square error over the variance of the coefficient, over the
 newest FIT_BLOCKS blocks in which it moves. One in which it has less than LEAST_MOTION of its variance says nothing.
+Over the same blocks, how much of it is no noise: the mean square error over what noise makes of it.
 
 When the change was: with n errors of variance s^2 before it and RATIO^2 s^2 since, the sum of
 
@@ -57,12 +58,14 @@ class Errors(NamedTuple):
     time: Array  # (6, GUARD) [s] of them
     filled: Integers  # (6,) how many there are
     measured: Array  # (6, GUARD) the coefficients of them
-    block: Array  # (6, 4) sum of squared errors, count, and sums of the coefficient and its square, of one being filled
+    noise: Array  # (6, GUARD) variances that noise makes of them
+    block: Array  # (6, 5) of one being filled: sums of squared errors, 1, the coefficient, its square, and noise
     blocks: Array  # (6, MOST_BLOCKS) mean squares, newest first
     block_count: Integers  # (6,)
     fit_error: Array  # (6, FIT_BLOCKS) mean squares of blocks in which the coefficient moves, newest first
     fit_mean: Array  # (6, FIT_BLOCKS) means of the coefficient in them
     fit_square: Array  # (6, FIT_BLOCKS) and of its square
+    fit_noise: Array  # (6, FIT_BLOCKS) and of what noise makes of the mean squares
     fit_count: Integers  # (6,)
 
 
@@ -82,29 +85,33 @@ def _shift(array: Array, axis: int, count: int) -> None:
 
 
 @njit(cache=True)
-def add_errors(samples: Array, predicted: Array, known: npt.NDArray[np.bool_], errors: Errors) -> None:
-    """Take samples (m, …) with predictions (m, 6) of the axes (6,) whose parameters are known, in place."""
+def add_errors(samples: Array, predicted: Array, noise: Array, known: npt.NDArray[np.bool_], errors: Errors) -> None:
+    """Take samples (m, …) with predictions and noise (m, 6) of the axes (6,) whose parameters are known, in place."""
     for i in range(len(samples)):
         for axis in range(6):
             e = samples[i, MEASURED + axis] - predicted[i, axis]
             if not (known[axis] and samples[i, LEARNT + axis] > 0.0 and np.isfinite(e)):
                 continue
             if errors.filled[axis] == GUARD:
-                _add_to_block(axis, errors.newest[axis, GUARD - 1], errors.measured[axis, GUARD - 1], errors)
+                _add_to_block(axis, errors)
             _shift(errors.newest, axis, GUARD)
             _shift(errors.time, axis, GUARD)
             _shift(errors.measured, axis, GUARD)
+            _shift(errors.noise, axis, GUARD)
             errors.newest[axis, 0], errors.time[axis, 0] = e * e, samples[i, _TIME]
-            errors.measured[axis, 0] = samples[i, MEASURED + axis]
+            errors.measured[axis, 0], errors.noise[axis, 0] = samples[i, MEASURED + axis], noise[i, axis]
             errors.filled[axis] = min(errors.filled[axis] + 1, GUARD)
 
 
 @njit(cache=True)
-def _add_to_block(axis: int, square: float, measured: float, errors: Errors) -> None:
-    errors.block[axis, 0] += square
+def _add_to_block(axis: int, errors: Errors) -> None:
+    """The oldest error of the newest ones goes there."""
+    measured = errors.measured[axis, GUARD - 1]
+    errors.block[axis, 0] += errors.newest[axis, GUARD - 1]
     errors.block[axis, 1] += 1.0
     errors.block[axis, 2] += measured
     errors.block[axis, 3] += measured * measured
+    errors.block[axis, 4] += errors.noise[axis, GUARD - 1]
     if errors.block[axis, 1] == WINDOW:
         _add_to_fit(axis, errors)
         _shift(errors.blocks, axis, MOST_BLOCKS)
@@ -126,8 +133,10 @@ def _add_to_fit(axis: int, errors: Errors) -> None:
     _shift(errors.fit_error, axis, FIT_BLOCKS)
     _shift(errors.fit_mean, axis, FIT_BLOCKS)
     _shift(errors.fit_square, axis, FIT_BLOCKS)
+    _shift(errors.fit_noise, axis, FIT_BLOCKS)
     errors.fit_error[axis, 0] = errors.block[axis, 0] / WINDOW
     errors.fit_mean[axis, 0], errors.fit_square[axis, 0] = mean, square
+    errors.fit_noise[axis, 0] = errors.block[axis, 4] / WINDOW
     errors.fit_count[axis] = min(count + 1, FIT_BLOCKS)
 
 
@@ -169,6 +178,7 @@ def excesses(summary: Summary, out: Array) -> None:
 def _follow(
     samples: Array,
     predicted: Array,
+    noise: Array,
     known: npt.NDArray[np.bool_],
     longest: float,
     errors: Errors,
@@ -176,7 +186,7 @@ def _follow(
     excess: Array,
 ) -> None:
     """``add_errors``, and all that follows from them, in one call."""
-    add_errors(samples, predicted, known, errors)
+    add_errors(samples, predicted, noise, known, errors)
     summarise(errors, longest, summary)
     excesses(summary, excess)
 
@@ -192,21 +202,27 @@ class ResidualMonitor:
             time=np.zeros((6, GUARD)),
             filled=np.zeros(6, np.int64),
             measured=np.zeros((6, GUARD)),
-            block=np.zeros((6, 4)),
+            noise=np.zeros((6, GUARD)),
+            block=np.zeros((6, 5)),
             blocks=np.zeros((6, MOST_BLOCKS)),
             block_count=np.zeros(6, np.int64),
             fit_error=np.zeros((6, FIT_BLOCKS)),
             fit_mean=np.zeros((6, FIT_BLOCKS)),
             fit_square=np.zeros((6, FIT_BLOCKS)),
+            fit_noise=np.zeros((6, FIT_BLOCKS)),
             fit_count=np.zeros(6, np.int64),
         )
         self.summary = Summary(np.full((6, 3), np.nan), np.full((6, 2), np.nan), np.ones(1))
         self._excess = np.full(6, np.nan)
         self._raised = np.zeros(6, np.int64)  # evaluations in a row at which the error was too large
 
-    def add(self, samples: Array, predicted: Array, known: npt.NDArray[np.bool_]) -> None:
-        """Take samples (m, …) with predictions (m, 6); only axes (6,) whose parameters are known count."""
-        _follow(samples, predicted, known, self._longest, self._errors, self.summary, self._excess)
+    def add(self, samples: Array, predicted: Array, known: npt.NDArray[np.bool_], noise: Array | None = None) -> None:
+        """Take samples (m, …) with predictions (m, 6); only axes (6,) whose parameters are known count.
+
+        ``noise`` (m, 6): variances that noise makes of their errors, where they are known.
+        """
+        noise = np.zeros((len(samples), 6)) if noise is None else noise
+        _follow(samples, predicted, noise, known, self._longest, self._errors, self.summary, self._excess)
 
     def forget(self, axis: int) -> None:
         """The parameters of an axis are others now: what its errors are is still to be seen."""
@@ -248,6 +264,17 @@ class ResidualMonitor:
         mean = self._errors.fit_mean[axis, :count].mean()
         variance = self._errors.fit_square[axis, :count].mean() - mean * mean
         return float(self._errors.fit_error[axis, :count].mean() / variance) if variance > 0.0 else np.nan
+
+    def over_noise(self, axis: int) -> float:
+        """Rms error over what noise makes of it, the mean over the blocks of ``unexplained`` in which that is known.
+
+        NaN before there are enough.
+        """
+        count = int(self._errors.fit_count[axis])
+        known = np.flatnonzero(self._errors.fit_noise[axis, :count] > 0.0)
+        if len(known) < LEAST_BLOCKS:
+            return np.nan
+        return float(np.sqrt(np.mean(self._errors.fit_error[axis, known] / self._errors.fit_noise[axis, known])))
 
     def excess(self, axis: int) -> float:
         """Variance in the window that the blocks do not explain, over RATIO^2; negative or NaN: there is no alarm."""

@@ -1,0 +1,134 @@
+"""What noise makes of the error of a coefficient: the floor under the residual of a model that lacks nothing.
+
+Per axis, variances added:
+
+- the response: white noise of accelerometer and gyro through the window of ``estimation.window_average``, which takes
+  means of the one and slopes of the other, and through m A / (qbar S) and (6.19). It is that of the aircraft file, or
+  what fifth differences of the flight's own samples show where that is more (``reconstruction.sensor_noise``): a
+  recording that was smoothed shows less than it had;
+- the condition: noise of the terms, times the parameters, as least squares keeps it;
+- the bias of the accelerometer, as far as it is not known yet;
+- what sparse samples may take of a coefficient (``coefficients.pace``);
+- the errors of the parameters, x' P x, since a sample is predicted with what was known before it. A sample of which
+  less was known than it says itself, by least squares or the estimator that is published, says nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.identification.coefficients.body import body_of
+from aircraft_sysid_ros.identification.coefficients.evaluation import imu_response
+from aircraft_sysid_ros.identification.coefficients.flow_angles import share_in_window
+from aircraft_sysid_ros.identification.coefficients.layout import (
+    FLYING,
+    FORCE_BIAS_VARIANCE,
+    TERMS_OF_SAMPLE,
+    WEIGHT_COLUMNS,
+    Body,
+    CoefficientBatch,
+    CoefficientSample,
+)
+from aircraft_sysid_ros.identification.history import ParameterCheckpoint
+from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.reconstruction.sensor_noise import imu_interval, imu_scales, learn_imu, new_imu_noise
+from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
+from aircraft_sysid_ros.reconstruction.state import StateField
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+#: Integral of the square of the derivative of the parabola of ``window_average``, times its half-width cubed.
+_SLOPE_WIDTH = 1.5
+#: Variance of a prediction by least squares over that of noise from which the sample says nothing.
+_MOST_RELATIVE = 1.0
+#: The same where another estimator is published: what it knows from little it takes for sure.
+_MOST_OF_ANOTHER = 0.1
+_QBAR = CoefficientSample.SIGNALS.start + SIGNAL_INDEX["qbar"]
+_TIME, _FORCE, _RATES = StateField.TIME, StateField.SPECIFIC_FORCE.start, StateField.ANGULAR_VELOCITY.start
+
+
+@njit(cache=True)
+def _learn(rows: Array, flying: Array, of_force: float, of_rate: float, noise: Array) -> None:
+    values = np.empty(6)
+    for i in range(len(rows)):
+        if flying[i] > 0.0:
+            values[:3], values[3:] = rows[i, _FORCE : _FORCE + 3], rows[i, _RATES : _RATES + 3]
+            learn_imu(rows[i, _TIME], values, of_force, of_rate, noise)
+
+
+@njit(cache=True)
+def _add_parameters(samples: Array, offsets: Integers, p: Array, own: Array, out: Array) -> None:
+    """The errors of parameters into variances (m, 6): ``p`` (6, n, n) of least squares, over the variance of the noise.
+
+    ``own`` (6, n, n) is the covariance of another estimator, 0 where there is none.
+    """
+    for k in range(len(samples)):
+        for axis in range(len(p)):
+            first, last, relative, total = offsets[axis], offsets[axis + 1], 0.0, 0.0
+            x = samples[k, TERMS_OF_SAMPLE + first : TERMS_OF_SAMPLE + last]
+            for i in range(last - first):
+                for j in range(last - first):
+                    relative += x[i] * p[axis, i, j] * x[j]
+                    total += x[i] * own[axis, i, j] * x[j]
+            known = relative <= (_MOST_RELATIVE if total == 0.0 else _MOST_OF_ANOTHER)
+            out[k, axis] = out[k, axis] * (1.0 + relative) + total if known else np.nan
+
+
+class CoefficientNoise:
+    """Follows the noise of the IMU, and says what noise makes of samples."""
+
+    def __init__(self, aircraft: Aircraft, half_width: float) -> None:
+        """``half_width`` [s] of the differentiating window."""
+        sensors = aircraft.sensors
+        self._said = sensors["accelerometer"].noise[0] ** 2, sensors["gyro"].noise[0] ** 2
+        self._half_width, self._imu = half_width, new_imu_noise()
+        self._set_body(body_of(aircraft))
+        self._terms = self._sampling = np.zeros(len(AXES))
+        self._offsets = np.zeros(len(AXES) + 1, np.int64)
+        self._p = self._own = np.zeros((len(AXES), 0, 0))
+
+    def _set_body(self, body: Body) -> None:
+        self._body, self._response = body, imu_response(body)
+
+    def add(self, batch: CoefficientBatch) -> None:
+        """Take states that came together."""
+        if batch.body is not self._body:
+            self._set_body(batch.body)
+        _learn(batch.rows, batch.history[:, FLYING], *self._said, self._imu)
+
+    def note(self, kept: ParameterCheckpoint, model: AerodynamicModel) -> None:
+        """Take what is known now."""
+        known, parts = kept.least_squares, [model.axis_slice(name) for name in AXES]
+        of_each = kept.theta**2 * known.noise_square
+        self._terms = np.array([of_each[part].sum() for part in parts])
+        self._sampling = known.sampling.copy()
+        self._offsets, self._p, self._own = model.offsets, known.p, np.zeros_like(known.p)
+        for axis, own in enumerate(kept.describe.own):
+            if own is not None:
+                n, enough = len(own.theta), own.samples >= TrustRules().samples
+                self._own[axis, :n, :n] = own.covariance if enough else np.nan
+
+    def response(self, samples: Array) -> Array:
+        """Variances (m, 6) of samples (m, …) from the noise of the IMU."""
+        interval = imu_interval(self._imu)
+        shown = imu_scales(self._imu, 1.0 if interval > LONG else np.inf)
+        force, rate = (said * max(scale, 1.0) for said, scale in zip(self._said, shown, strict=True))
+        of_force = self._body.mass**2 * force * share_in_window(interval, self._half_width)
+        of_rate = rate * _SLOPE_WIDTH * interval / self._half_width**3
+        return np.asarray((self._response @ np.array([of_force, of_rate])) / samples[:, _QBAR, None] ** 2)
+
+    def variances(self, samples: Array, weights: Array) -> Array:
+        """Of the errors of samples (m, …), with weights (m, WEIGHT_COLUMNS), from all that is known now: (m, 6).
+
+        NaN where it was not known what was predicted.
+        """
+        found = self.response(samples) + self._terms + self._sampling * samples[:, CoefficientSample.MEASURED] ** 2
+        found[:, :3] += weights[:, FORCE_BIAS_VARIANCE:WEIGHT_COLUMNS]
+        _add_parameters(samples, self._offsets, self._p, self._own, found)
+        return found
