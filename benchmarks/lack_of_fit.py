@@ -86,7 +86,7 @@ def own(seed: int, air: str, rate: float) -> Flight:
     if rate > 100.0:
         imu = {name: replace(aircraft.sensors[name], rate=rate) for name in ("accelerometer", "gyro")}
         aircraft = replace(aircraft, sensors={**aircraft.sensors, **imu})
-    flight = simulate_samples(aircraft, seed, DURATION, wind=wind, turbulence=air, rate=max(rate, 200.0))
+    flight = simulate_samples(aircraft, seed, DURATION, wind=wind, turbulence=air)
     flight = with_slow_imu(flight, rate) if rate < 100.0 else flight
     return flight.aircraft, flight.samples
 

@@ -73,8 +73,8 @@ def are_far(a: Array, b: Array, effect: Array) -> npt.NDArray[np.bool_]:
 
 #: Rms error over the spread of a coefficient from which the model does not explain it.
 MISFIT = 0.5
-#: Rms error over what noise makes of it from which the model lacks something. With right models it was at most 1.6 at
-#: the end of a flight and 2.9 on the way, in any air, at 10 to 400 Hz (benchmarks/results/lack_of_fit.json).
+#: Rms error over what noise makes of it from which the model lacks something. With right models it was at most 1.9 at
+#: the end of a flight and 2.2 on the way, in any air, at 10 to 400 Hz (benchmarks/results/lack_of_fit.json).
 BEYOND_NOISE = 3.0
 
 
