@@ -151,7 +151,7 @@ class EstimatorChoice:
             self._waiting.popleft()
 
     def _interval(self, time: float) -> float:
-        """Time [s] between the newest samples of the vane up to ``time``; NaN where it is not heard."""
+        """Mean time [s] between the newest samples of the vane up to ``time``; NaN where it is not heard."""
         times, values = self._vane
         now = int(np.searchsorted(times, time, side="right"))
         first = max(now - _INTERVALS - 1, 0)
@@ -159,7 +159,7 @@ class EstimatorChoice:
         newest = times[first:now]
         if len(newest) <= _INTERVALS or time - newest[-1] > _OLDEST:
             return np.nan
-        return float(np.median(np.diff(newest)))
+        return float(newest[-1] - newest[0]) / _INTERVALS
 
     def _is_late(self, row: Array, interval: float) -> bool:
         left = self._of_vane**2 * share_in_window(interval, self._options.half_width)

@@ -104,15 +104,18 @@ class CoefficientNoise:
 
     def note(self, kept: ParameterCheckpoint, model: AerodynamicModel) -> None:
         """Take what is known now."""
-        known, parts = kept.least_squares, [model.axis_slice(name) for name in AXES]
-        of_each = kept.theta**2 * known.noise_square
-        self._terms = np.array([of_each[part].sum() for part in parts])
-        self._sampling = known.sampling.copy()
-        self._offsets, self._p, self._own = model.offsets, known.p, np.zeros_like(known.p)
+        known, self._offsets = kept.least_squares, model.offsets
+        self._sampling, self._p, self._own = known.sampling, known.p, np.zeros_like(known.p)
+        terms = np.zeros(len(AXES))
         for axis, own in enumerate(kept.describe.own):
+            part = slice(model.offsets[axis], model.offsets[axis + 1])
+            n = part.stop - part.start
+            theta = known.theta[axis, :n] if own is None else np.nan_to_num(own.theta)
+            terms[axis] = theta**2 @ known.noise_square[part]
             if own is not None:
-                n, enough = len(own.theta), own.samples >= TrustRules().samples
+                enough = own.samples >= TrustRules().samples
                 self._own[axis, :n, :n] = own.covariance if enough else np.nan
+        self._terms = terms
 
     def response(self, samples: Array) -> Array:
         """Variances (m, 6) of samples (m, …) from the noise of the IMU."""
