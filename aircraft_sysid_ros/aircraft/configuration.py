@@ -32,6 +32,7 @@ class Sensor:
     delay: float = 0.0
     noise_is_given: bool = False  # by the aircraft file: then it goes before the covariance of the messages
     scale: float = 1.0
+    drift: float = 0.0  # [1/s] of the scale of an airspeed, [rad/s] of an angle, from when the filter starts
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ SENSOR_GROUPS: dict[str, tuple[str, ...]] = {
     "air_data": ("airspeed", "angle_of_attack", "sideslip"),
 }
 SCALED_SENSORS = SENSOR_GROUPS["air_data"]
+#: Drifts [1/s or rad/s] beyond this are no slow fault.
+FASTEST_DRIFT = 0.01
 SENSOR_ALIASES = {
     "gyroscope": "gyro", "alpha": "angle_of_attack", "beta": "sideslip", "true_airspeed": "airspeed",
     "orientation": "attitude", "controls": "control_surfaces",
@@ -110,7 +113,8 @@ KEYS = {
     "aerodynamic_reference": Key(f"point of the moment coefficients {_POSITION}", "m", "centre of gravity"),
     "sensors": Key(
         "per sensor `noise` (one sigma per sample), `rate` [Hz], `delay` [s], of `airspeed`, `angle_of_attack` and "
-        "`sideslip` also `scale` (measured = scale × true)",
+        "`sideslip` also `scale` (measured = scale × true) and `drift` (of airspeed what it shows more per second as a "
+        "share, of an angle rad/s, from when the filter starts)",
         default="small UAV",
     ),
     "process_noise": Key(
@@ -362,7 +366,7 @@ def _sensors(data: Mapping[str, Any]) -> dict[str, Sensor]:
         value = {} if data[name] is None else data[name]
         if not isinstance(value, Mapping):
             _reject(f"sensor {name}", "a mapping with noise, rate and delay", value)
-        _check_keys(value, ("noise", "rate", "delay", "scale"), f"key of sensor {name}:")
+        _check_keys(value, ("noise", "rate", "delay", "scale", "drift"), f"key of sensor {name}:")
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
             sensors[member] = _sensor(sensors[member], value, name, i, len(members), member)
@@ -385,18 +389,23 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
     if not least <= delay <= 2.0:
         raise InputError(f"the delay of sensor {name} must be between {least:g} and 2 s, not {delay:g}")
     rate = _positive(value, "rate", default=base.rate, what=f"the rate of sensor {name}")
-    return Sensor(noise, rate, delay, given, _scale(base, value, name, member))
+    scale = _of_air_data(base.scale, value, "scale", name, member, (0.2, 5.0))
+    drift = _of_air_data(base.drift, value, "drift", name, member, (-FASTEST_DRIFT, FASTEST_DRIFT))
+    return Sensor(noise, rate, delay, given, scale, drift)
 
 
-def _scale(base: Sensor, value: Mapping[str, Any], name: str, member: str) -> float:
-    if value.get("scale") is None:
-        return base.scale
+def _of_air_data(
+    base: float, value: Mapping[str, Any], key: str, name: str, member: str, limits: tuple[float, float]
+) -> float:
+    """A number that only sensors of the air data have."""
+    if value.get(key) is None:
+        return base
     if member not in SCALED_SENSORS:
-        raise InputError(f"sensor {name} has no scale: only {', '.join(SCALED_SENSORS)} have one")
-    scale = _number(value["scale"], f"the scale of sensor {name}")
-    if not 0.2 <= scale <= 5.0:
-        raise InputError(f"the scale of sensor {name} must be between 0.2 and 5, not {scale:g}")
-    return scale
+        raise InputError(f"sensor {name} has no {key}: only {', '.join(SCALED_SENSORS)} have one")
+    number = _number(value[key], f"the {key} of sensor {name}")
+    if not limits[0] <= number <= limits[1]:
+        raise InputError(f"the {key} of sensor {name} must be between {limits[0]:g} and {limits[1]:g}, not {number:g}")
+    return number
 
 
 def _process_noise(data: Mapping[str, Any]) -> dict[str, float]:

@@ -53,10 +53,10 @@ def diagnose_flight(
     for _ in range(THRESHOLDS.most_settings):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
         faults = [f for f in faults if all(f.effect is not s.setting.effect for s in settings)]
-        mended = _mended(faults, aircraft, flight, calm, len(measuring))
+        mended = with_best_setting(faults, aircraft, flight, calm, len(measuring))
         if mended is None:
             break
-        aircraft, flight, finding = mended
+        aircraft, flight, calm, finding = mended
         data = settled_flight(flight)
         settings.append(finding)
     bench = CandidateEvaluator(data)
@@ -66,22 +66,25 @@ def diagnose_flight(
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
 
 
-def _mended(
+def with_best_setting(
     faults: Sequence[Setting], aircraft: Aircraft, flight: Reconstruction, calm: bool, tried: int
-) -> tuple[Aircraft, Reconstruction, MeasurementFinding] | None:
-    """The aircraft and the flight with the best of some settings, and what that says; None where there is none.
+) -> tuple[Aircraft, Reconstruction, bool, MeasurementFinding] | None:
+    """The aircraft and the flight with the best of some settings, whether it is calm then, and what that says; None
+    where there is none.
 
     In gusts a setting may make likelier what is only a gust: there it must lower the error of an axis by
     ``Thresholds.size``, too.
     """
     for number, fault in enumerate(faults):
         better = with_setting(aircraft, fault.variant.setting, fault.value)
-        mended, _ = reconstruct_as_flown(better, flight.samples, with_covariance=False)
+        mended, calm_then = reconstruct_as_flown(better, flight.samples, with_covariance=False)
+        if fault.drifts and not calm_then:  # gusts do what it explains
+            continue
         finding = _judged(faults[number:], settled_flight(flight), settled_flight(mended), tried)
         if CONTROLS in fault.variant.setting and flight.data.inferred and not _explains_moments(finding):
             continue
         if calm or any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values()):
-            return better, mended, finding
+            return better, mended, calm or fault.drifts, finding
     return None
 
 

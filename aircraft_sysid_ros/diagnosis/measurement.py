@@ -3,7 +3,8 @@
 Scale, lag and place of the air data and of the IMU change what the first step makes of a flight. Its likelihood (5.7),
 the product over all innovations, knows nothing of aerodynamics: it tells such a fault from a missing force. Each
 setting of the aircraft file that an effect names is moved to where the likelihood is largest. A measurement that is
-divided by a scale gives away ln(scale) per sample, the Jacobian of the density, or a larger scale would always win.
+divided by a scale gives away ln(scale) per sample, the Jacobian of the density, or a larger scale would always win; so
+does an airspeed whose scale drifts.
 
 The delay of the recorded controls does not touch the first step; it is judged by the held-out error of the second, in
 the moments.
@@ -56,6 +57,11 @@ class Setting:
     gain: float  # of the log-likelihood
     evidence: float  # the gain over what is needed: above 1 it is significant
     std: float  # of the value, from the curvature of the likelihood
+
+    @property
+    def drifts(self) -> bool:
+        """It is a drift, which feigns a wind that walks: the air must be calm once the drift is taken off."""
+        return self.variant.setting[-1] == "drift"
 
     @property
     def label(self) -> str:
@@ -129,7 +135,8 @@ def try_setting(job: Job) -> Setting:
     start = nominal(flight.aircraft, variant.setting)
     of_controls = CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
-    of_sensors = THRESHOLDS.setting_total if calm else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
+    total = calm or variant.setting[-1] == "drift"
+    of_sensors = THRESHOLDS.setting_total if total else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
     needed = THRESHOLDS.control_gain if of_controls else of_sensors
 
     def gain(value: float) -> float:

@@ -70,7 +70,6 @@ class FlightDiagnosis:
 
     def _of_setting(self, finding: MeasurementFinding) -> dict[str, Any]:
         setting, (before, after) = finding.setting, finding.errors[finding.main_axis]
-        unit = setting.effect.inner[0].unit
         return {
             **_about(setting.effect, setting.label),
             **self._runs_of(None),
@@ -82,7 +81,7 @@ class FlightDiagnosis:
             "error_before": before,
             "error_after": after,
             "confounded_with": list(finding.confounded_with),
-            "where": f"{setting.label}: {setting.value:.3g} {unit} fits the sensors better than {setting.nominal:.3g}",
+            "where": f"{setting.label}: {_of_sensors(setting)}",
             "inner": {setting.effect.inner[0].name: setting.value},
             "parameters": [],
             "found": True,
@@ -190,7 +189,7 @@ class FlightDiagnosis:
             if self.flight.runs:
                 yield "Nothing that they could show changed between the flights."
         if not self.is_calm:
-            yield "In these gusts a wrong scale of the air data could not be seen: fly in calm air for that."
+            yield "In these gusts a wrong scale or drift of the air data could not be seen: fly in calm air for that."
         for mended in self.settings:
             fault = mended.setting.effect
             yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
@@ -223,6 +222,17 @@ def _about(effect: Effect | None, label: str) -> dict[str, Any]:
         "effect": effect.identifier, "label": label, "name": effect.name, "kind": effect.kind,
         "physics": effect.physics, "manoeuvre": effect.manoeuvre,
     }  # fmt: skip
+
+
+def _of_sensors(setting: Setting) -> str:
+    """What fits the sensors better than the number of the file."""
+    inner = setting.effect.inner[0]
+    if inner.name != "drift":
+        return f"{setting.value:.3g} {inner.unit} fits the sensors better than {setting.nominal:.3g}"
+    speed = setting.variant.setting[1] == "airspeed"
+    each = 60.0 * (setting.value - setting.nominal) * (100.0 if speed else 180.0 / np.pi)
+    change = f"{abs(each):.2g} {'%' if speed else 'deg'} per minute {'less' if each < 0.0 else 'more'}"
+    return f"it shows {change} since the flight began, which fits the sensors better"
 
 
 def _spans(blocks: Sequence[int]) -> list[tuple[float, float]]:

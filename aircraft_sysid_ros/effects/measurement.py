@@ -50,6 +50,47 @@ EFFECTS: tuple[Effect, ...] = (
         (ShapeParameter("scale", "", 0.85, 1.15, 9),),
     ),
     Effect(
+        "airspeed_drift",
+        "Airspeed that drifts",
+        MEASUREMENT,
+        "Ice or dirt that closes a pitot tube slowly makes it show less and less of the airspeed. All coefficients "
+        "seem to grow by twice that share, as if the aeroplane grew heavier.",
+        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046",
+        "V_measured = V (1 + d t)",
+        (Variant(setting=("sensors", "airspeed", "drift")),),
+        "The wind that is found turns with the heading, more from minute to minute.",
+        "Turns through all headings in steady wind, at the beginning and at the end.",
+        (ShapeParameter("drift", "1/s", -0.001, 0.001, 9),),
+    ),
+    Effect(
+        "alpha_drift",
+        "Angle of attack that drifts",
+        MEASUREMENT,
+        "A vane that is bending, or turns on its shaft, shows an angle with an error that grows. The lift at the angle "
+        "that it shows then changes with time, and a vertical wind seems to rise.",
+        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, "
+        "Aircraft System Identification",
+        "α_measured = α + d t",
+        (Variant(setting=("sensors", "angle_of_attack", "drift")),),
+        "A vertical wind that grows and turns with the bank of the aeroplane; constants of C_Z and C_m that change.",
+        "Straight flight and steep turns in calm air, at the beginning and at the end.",
+        (ShapeParameter("drift", "rad/s", -0.001, 0.001, 9),),
+    ),
+    Effect(
+        "beta_drift",
+        "Sideslip that drifts",
+        MEASUREMENT,
+        "A vane for sideslip that is bending, or turns on its shaft, shows an angle with an error that grows. A wind "
+        "from the side then seems to rise and to turn with the heading.",
+        "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, "
+        "Aircraft System Identification",
+        "β_measured = β + d t",
+        (Variant(setting=("sensors", "sideslip", "drift")),),
+        "A wind that turns with the heading and grows; constants of C_Y, C_l and C_n that change.",
+        "Turns through all headings in calm air, at the beginning and at the end.",
+        (ShapeParameter("drift", "rad/s", -0.001, 0.001, 9),),
+    ),
+    Effect(
         "air_data_lag",
         "Lag of the air data",
         MEASUREMENT,

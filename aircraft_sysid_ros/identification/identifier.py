@@ -96,6 +96,8 @@ class Identifier:
         """
         samples = self.flush()
         self.learning.begin_anew(same_flight)
+        if not same_flight:
+            self.stream.begin_flight()
         return samples
 
     # -- what comes in ------------------------------------------------------------------------------------------------

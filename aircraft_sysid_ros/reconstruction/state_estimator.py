@@ -18,6 +18,7 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import (
     without_errors,
 )
 from aircraft_sysid_ros.reconstruction.alignment import GPS, Alignment, keep_biases
+from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.reconstruction.filter_setup import (
     CALM_STD,
     SENSOR_OF_KIND,
@@ -142,6 +143,7 @@ class StateEstimator:
         self.realignments = 0
         self._gate = gate_thresholds(self.options.gate)
         self._scales = sensor_scales(aircraft)
+        self.drift = Drift(aircraft)
         self._still = StuckSensors(aircraft.minimum_airspeed)
         self._alignment = self._new_alignment(9.80665)
         self._start = StartValues()
@@ -225,6 +227,7 @@ class StateEstimator:
         self._aligned = False
         self._wait.reconsider()
         if not since <= SAME_FLIGHT:
+            self.drift.begin_flight()
             self._forget_slow_states()
         elif self._has_biases:
             self._p = self._p.copy()
@@ -400,9 +403,13 @@ class StateEstimator:
             end = at + self._before_new_gps(kinds[at:])
             rows = np.full((int(np.sum(kinds[at:end] == Kind.IMU)), StateField.WIDTH), np.nan)
             tape = np.empty((0 if self.tape is None else end - at, STEP_WIDTH))
+            begin, newest = at, -np.inf if self.last_row is None else float(self.last_row[StateField.TIME])
+            self.drift.note_states(times[at:end][kinds[at:end] == Kind.IMU], newest)
+            shown = self.drift.without(times[:end], kinds[:end], values[:end])
             at, count, steps, state = run(
-                times[:end], kinds[:end], values[:end], at, self._x, self._p, self._setup, self.memory, rows, tape
+                times[:end], kinds[:end], shown, at, self._x, self._p, self._setup, self.memory, rows, tape
             )
+            self.drift.count(times[begin:at], kinds[begin:at])
             if count:
                 rows[:count, StateField.LATE] = self.order.counts.late.sum()
                 rows[:count, StateField.CONTRADICTION] = 0.0
@@ -439,7 +446,8 @@ class StateEstimator:
         """Feed the alignment until it gives a start; returns what follows, and the index of the next sample in it."""
         alignment, wait = self._alignment, self._wait
         for i in range(at, len(times)):
-            time, kind, shown = float(times[i]), int(kinds[i]), values[i]
+            time, kind = float(times[i]), int(kinds[i])
+            shown = self.drift.without(times[i : i + 1], kinds[i : i + 1], values[i : i + 1])[0]
             if self.options.air_data_errors:
                 shown = without_errors(kind, shown, self._known_errors()[0])
             is_imu = alignment.take(time, kind, shown)

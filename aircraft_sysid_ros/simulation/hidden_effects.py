@@ -57,9 +57,9 @@ class Hidden:
     gust: tuple[float, float] = (0.0, 0.0)  # [m/s] north, east, from t0 on
 
     def sensors_of(self, aircraft: Aircraft) -> Aircraft:
-        """The aircraft as its sensors really are: scales and places; lags are flown and not set."""
+        """The aircraft as its sensors really are: scales, drifts and places; lags are flown and not set."""
         for path, value in self.settings:
-            if path[-1] == "scale" or path[0].endswith("_position"):
+            if path[-1] in ("scale", "drift") or path[0].endswith("_position"):
                 aircraft = with_setting(aircraft, path, value)
         return aircraft
 
@@ -191,6 +191,17 @@ def _scale(d: _Draw) -> Hidden:
     return Hidden(d.name, "", d.strength, {"scale": value}, settings=((("sensors", sensor, "scale"), value),))
 
 
+def _drift(d: _Draw) -> Hidden:
+    """A pitot that ices shows ever less, a vane bends to either side: over a minute so much, at full strength."""
+    sensor, each_minute = {
+        "alpha_drift": ("angle_of_attack", d.sign * np.radians(1.5)),
+        "beta_drift": ("sideslip", d.sign * np.radians(1.5)),
+        "airspeed_drift": ("airspeed", -0.03),
+    }[d.name]
+    value = float(d.strength * each_minute / 60.0)
+    return Hidden(d.name, "", d.strength, {"drift": value}, settings=((("sensors", sensor, "drift"), value),))
+
+
 def _air_data_lag(d: _Draw) -> Hidden:
     lag = 0.12 * d.strength
     setting = (("sensors", "air_data", "delay"), lag)
@@ -226,7 +237,9 @@ def _wind_change(d: _Draw) -> Hidden:
 #: Effects that are not terms of the aerodynamics, and the flights in which they show.
 _OTHER: dict[str, Callable[[_Draw], Hidden]] = {
     "mass_change": _mass_change, "cg_shift": _cg_shift, "alpha_scale": _scale, "beta_scale": _scale,
-    "airspeed_scale": _scale, "air_data_lag": _air_data_lag, "actuator_lag": _actuator_lag,
+    "airspeed_scale": _scale,
+    "alpha_drift": _drift, "beta_drift": _drift, "airspeed_drift": _drift,
+    "air_data_lag": _air_data_lag, "actuator_lag": _actuator_lag,
     "probe_offset": _offset, "imu_offset": _offset, "wind_change": _wind_change,
 }  # fmt: skip
 #: Ids that a simulated flight can hide.

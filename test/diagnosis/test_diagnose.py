@@ -21,8 +21,8 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     reconstruct_as_flown,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.measurement import maximum, measurement_faults
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight, with_best_setting
+from aircraft_sysid_ros.diagnosis.measurement import Setting, maximum, measurement_faults
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import fitted_parameters, without_excess
@@ -172,6 +172,30 @@ def test_a_wrong_scale_of_the_vane_is_found_before_aerodynamics_is_blamed(aircra
     assert [f.effect.identifier for f in faults][:1] == ["alpha_scale"]
     assert faults[0].value == pytest.approx(1.15, abs=0.03)
     assert not measurement_faults(reconstruct(truth, samples, with_covariance=False), [BY_ID["alpha_scale"]], True)
+
+
+@pytest.mark.parametrize(
+    ("effect", "unit"), [("alpha_drift", "deg"), pytest.param("airspeed_drift", "%", marks=pytest.mark.long)]
+)
+def test_a_slow_drift_of_the_air_data_is_found_before_aerodynamics_is_blamed(aircraft, effect, unit):
+    flight = simulate_samples(aircraft, 21, 90.0, hidden=[(effect, 1.0)])
+    found = diagnose_flight(aircraft, flight.samples, [BY_ID["alpha_drift"], BY_ID["airspeed_drift"]], 2).json
+    ((_, rate),) = flight.hidden[0].settings
+    first = found["candidates"][0]
+    assert (found["verdict"], first["effect"]) == ("missing", effect)
+    assert first["inner"]["drift"] == pytest.approx(rate, rel=0.15)
+    assert f" per minute {'more' if rate > 0.0 else 'less'} since the flight began" in first["where"]
+    each = abs(first["inner"]["drift"]) * 60.0 * (100.0 if unit == "%" else np.degrees(1.0))
+    assert f"it shows {each:.2g} {unit} per minute" in first["where"]
+
+
+def test_gusts_are_no_drift(aircraft):
+    """A drift counts where the air is calm once it is taken off: here it is not."""
+    samples = simulate_samples(aircraft, 22, 60.0, turbulence="light").samples
+    flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
+    assert not calm
+    feigned = Setting(BY_ID["alpha_drift"], BY_ID["alpha_drift"].variants[0], 0.0, 1e-4, 100.0, 5.0, 1e-5)
+    assert feigned.drifts and with_best_setting([feigned], aircraft, flight, calm, 1) is None
 
 
 def test_faults_of_transmission_do_not_count_as_noise(aircraft):

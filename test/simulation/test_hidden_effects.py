@@ -78,7 +78,9 @@ def test_the_same_seed_is_the_same_flight_and_strength_scales_the_truth(aircraft
             assert 30.0 <= full.inner["t0"] <= 70.0
 
 
-@pytest.mark.parametrize("name", ["control_damage", "alpha_scale", "air_data_lag", "mass_change", "imu_offset"])
+@pytest.mark.parametrize(
+    "name", ["control_damage", "alpha_scale", "airspeed_drift", "air_data_lag", "mass_change", "imu_offset"]
+)
 def test_what_the_user_has_tells_nothing(clean, name):
     flight = hidden_flight(effect=name, seed=4, duration=40.0)
     assert flight.aircraft.source == clean.aircraft.source
@@ -94,6 +96,27 @@ def test_mass_and_centre_of_gravity_change_at_their_time():
     late = flight.truth.time > flight.hidden[0].inner["t0"]
     np.testing.assert_allclose(ratio[~late], 1.0, rtol=1e-9)
     np.testing.assert_allclose(ratio[late], 1.0 / flight.hidden[0].mass_factor, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [("airspeed_drift", "true_airspeed"), ("alpha_drift", "angle_of_attack"), ("beta_drift", "sideslip")],
+)
+def test_a_drift_grows_from_nothing(clean, name, field):
+    """Same flight, same noise: an angle shows d t more, an airspeed the share d t."""
+    flight = hidden_flight(effect=name, seed=4, duration=40.0, manoeuvres=clean.manoeuvres)
+    ((key, rate),) = flight.hidden[0].settings
+    assert key[-1] == "drift"
+    shown, without = (next(s for s in f.streams if s.topic == "air_data") for f in (flight, clean))
+    time = (shown.stamp - shown.stamp[0]) * 1e-9
+    more = shown.fields[field] - without.fields[field]
+    if name == "airspeed_drift":
+        assert rate == pytest.approx(-0.03 / 60.0) and abs(more[0]) < 0.01
+        share = more / without.fields[field]
+        np.testing.assert_allclose(share, rate * time, atol=1e-3)  # noise does not drift
+    else:
+        assert abs(rate) == pytest.approx(np.radians(1.5) / 60.0)
+        np.testing.assert_allclose(more, rate * time, atol=1e-4)
 
 
 def test_wind_changes_by_a_gust():

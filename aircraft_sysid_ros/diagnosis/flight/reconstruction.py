@@ -214,6 +214,7 @@ def log_likelihood(aircraft: Aircraft, samples: Samples) -> Likelihood:
     independent[heard] = np.minimum(normalised / np.maximum(means, 1e-300), 1.0)
     for name, kind in AIR_DATA.items():
         parts[kind] -= sums[kind, 0] * np.log(aircraft.sensors[name].scale)
+    parts[Kind.AIRSPEED] -= sums[Kind.AIRSPEED, 0] * state.drift.mean_logarithm
     return Likelihood(parts, independent, walk)
 
 

@@ -44,7 +44,7 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, ne
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.samples import Samples
@@ -195,10 +195,7 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
     samples = run.samples
     flown, calm = as_flown(run.current.aircraft, samples)
     if not calm and all(variant.setting[-1] == "scale" for variant in effect.variants):
-        raise InputError(
-            f"in these gusts '{effect.identifier}' cannot be told from gusts: fly in calm air, or set "
-            f"{'.'.join(effect.variants[0].setting)} in the aircraft file"
-        )
+        raise _only_gusts(effect)
     jobs = list(_gust_jobs(run.current.aircraft, samples, effect))
     jobs = jobs or list(jobs_of(reconstruct(flown, samples, with_covariance=False), [effect], calm))
     tried: list[Setting] = []
@@ -213,7 +210,16 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
         raise InputError(
             f"'{effect.identifier}' is not missing: the sensors of this flight fit best with the aircraft file as it is"
         )
+    if best.drifts and not as_flown(with_setting(run.current.aircraft, best.variant.setting, best.value), samples)[1]:
+        raise _only_gusts(effect)
     return Change(settings=((best.variant.setting, best.value),)), best
+
+
+def _only_gusts(effect: Effect) -> InputError:
+    return InputError(
+        f"in these gusts '{effect.identifier}' cannot be told from gusts: fly in calm air, or set "
+        f"{'.'.join(effect.variants[0].setting)} in the aircraft file"
+    )
 
 
 def _gust_jobs(aircraft: Aircraft, samples: Samples, effect: Effect) -> Iterator[Job]:

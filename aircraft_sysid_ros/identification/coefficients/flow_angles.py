@@ -28,6 +28,7 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
+from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.samples import Kind
 
@@ -199,12 +200,18 @@ class FlowAngles:
         self._tracks = np.zeros((len(VANES), _TRACK))
         for track, (_, sensor) in zip(self._tracks, VANES, strict=True):
             track[_SQUARE] = track[_FIRST] = aircraft.sensors[sensor].noise[0] ** 2
+        self._drift = Drift(aircraft)
         self.restart_clock()
 
     def restart_clock(self) -> None:
         """The clock began anew: the noise of the vanes stays what it was."""
+        self._drift.begin_flight()
         self._tracks[:, _ROW:_SQUARE] = np.nan
         self._tracks[:, [_ROW, _BEFORE, _AFTER]] = -np.inf
+
+    def begin_flight(self) -> None:
+        """Another flight begins by the same clock."""
+        self._drift.begin_flight()
 
     def at(
         self, rows: Array, due: int, series: list[tuple[Array, Array]] | None, settle: float, half_width: float
@@ -215,12 +222,13 @@ class FlowAngles:
         due states may be there; ``half_width`` [s] of the differentiating window.
         """
         out = angles_of_filter(rows[:due])
+        self._drift.note_states(rows[:, _TIME], -np.inf)
         if series is None:
             return out
         aircraft = self._aircraft
         longest, least = min(_LONGEST, settle), aircraft.minimum_airspeed
         place = _Place(aircraft.air_data_position, self._gravity, least, half_width, longest)
-        for column, ((_, sensor), (times, values)) in enumerate(zip(VANES, series, strict=True)):
-            shown = values[:, 0] / aircraft.sensors[sensor].scale
-            write_measured(rows, due, times, shown, column, place, self._tracks[column], out)
+        for column, ((kind, sensor), (times, values)) in enumerate(zip(VANES, series, strict=True)):
+            shown = self._drift.without(times, np.full(len(times), kind), values / aircraft.sensors[sensor].scale)
+            write_measured(rows, due, times, shown[:, 0], column, place, self._tracks[column], out)
         return out

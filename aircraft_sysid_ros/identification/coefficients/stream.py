@@ -99,6 +99,10 @@ class CoefficientStream:
         #: Time [s] of the first state by this clock.
         self.start_time: float | None = None
 
+    def begin_flight(self) -> None:
+        """Another flight begins, by the same clock."""
+        self._angles.begin_flight()
+
     def restart_clock(self) -> None:
         """The clock began anew: what waited has been taken."""
         self._restart()
