@@ -24,7 +24,7 @@ class Kind(IntEnum):
     IMU = 0  # specific force (3) [m/s^2], angular rate (3) [rad/s], body; their variances or NaN
     ATTITUDE = 1  # quaternion body to NED (4), variance (3) [rad^2] or NaN
     MAGNETIC_FIELD = 2  # field (3), body, any unit
-    GPS_POSITION = 3  # latitude, longitude [rad], altitude [m], variance north, east, down [m^2] or NaN
+    GPS_POSITION = 3  # latitude, longitude [rad], altitude [m], variance north, east, down [m^2] or NaN; see GPS_NED
     GPS_VELOCITY = 4  # velocity over ground NED (3) [m/s]
     AIRSPEED = 5  # true airspeed [m/s]
     ANGLE_OF_ATTACK = 6  # [rad]
@@ -39,6 +39,9 @@ class Kind(IntEnum):
     SEAM = 13
     INPUTS = 14  # the inputs that the aircraft file names, in its order, SI; NaN for one that the message leaves out
 
+
+#: Where a GPS_POSITION has its position NED [m] within the first step, which works it out (``earth.Odometer``).
+GPS_NED = slice(6, 9)
 
 #: How many leading values must be finite for a sample of the kind to be of use.
 REQUIRED_VALUES = np.zeros(len(Kind), dtype=np.int64)

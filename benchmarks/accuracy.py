@@ -59,9 +59,9 @@ def state_error(flight: SimulatedFlight, pipeline: Pipeline) -> np.ndarray[Any, 
     arm = flight.aircraft.imu_position
     c = rotation_matrix(truth.quaternion[0])
     geodetic_origin = estimator.last_row[57:60]
-    from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
+    from aircraft_sysid_ros.aircraft.earth import ned_between
 
-    shift = ned_from_geodetic(*flight.truth.origin, geodetic_origin)
+    shift = ned_between(geodetic_origin, flight.truth.origin)
     error = np.empty(ERROR_SIZE)
     error[0:3] = truth.velocity[0] + c @ np.cross(truth.rates[0], arm) - x[0:3]
     error[3:6] = truth.position[0] + shift + c @ arm - x[3:6]

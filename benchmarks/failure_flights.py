@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
-from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
+from aircraft_sysid_ros.aircraft.earth import geodetic_along
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
@@ -187,7 +187,7 @@ def _logged(
     stamp, values = at(min(layout.imu, 10.0), readings[:, Reading.QUATERNION], 0.005)
     parts.append(samples_of(Kind.ATTITUDE, stamp, values / np.linalg.norm(values, axis=1, keepdims=True)))
     stamp, values = at(5.0, readings[:, Reading.POSITION], 0.0)
-    places = np.array([geodetic_from_ned(row, plane.setup.origin) for row in values])
+    places = geodetic_along(values, plane.setup.origin)
     parts.append(samples_of(Kind.GPS_POSITION, stamp, places))
     stamp, values = at(5.0, readings[:, Reading.VELOCITY], 0.15 * noise[2])
     parts.append(samples_of(Kind.GPS_VELOCITY, stamp, values))

@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 from resumed import flown
 
-from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
+from aircraft_sysid_ros.aircraft.earth import geodetic_along
 from aircraft_sysid_ros.commands.main import main as command
 
 RESULTS = Path(__file__).parent / "results" / "jet.jsonl"
@@ -178,7 +178,7 @@ class Jet:
 def columns_of(rows: np.ndarray) -> dict[str, np.ndarray]:
     """By column of the table."""
     turns = np.array([matrix_of(q) for q in rows[:, 7:11]])
-    places = np.array([geodetic_from_ned(position, ORIGIN) for position in rows[:, 11:14]])
+    places = geodetic_along(rows[:, 11:14], ORIGIN)
     velocity = np.einsum("nij,nj->ni", turns, rows[:, 1:4])
     yaw = np.unwrap(np.arctan2(turns[:, 1, 0], turns[:, 0, 0]))
     return {

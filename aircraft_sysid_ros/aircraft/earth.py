@@ -1,7 +1,9 @@
 """The earth under a flight: WGS-84 positions in a local level frame, gravity.
 
-The world is a plane tangent at the origin (the first GPS fix): over 30 km the height error of the plane is
-70 m, which the position carries consistently; earth rotation (0.004 deg/s) is left to the gyro biases.
+A position is the way that was made north and east since the origin (the first GPS fix), each piece of it by the radii
+of the ellipsoid there, and the altitude that was lost: what velocities north, east and down add up to at any distance.
+It is no map: two ways to one place give two positions, 4 m apart after a loop around 25 km^2 at 48 degrees. Earth
+rotation (0.004 deg/s) and the turning of the level (0.001 deg/s at 100 m/s) are left to the gyro biases.
 """
 
 from __future__ import annotations
@@ -17,49 +19,65 @@ ECCENTRICITY_SQUARED = 6.69437999014e-3
 
 
 @njit(cache=True)
-def ecef_from_geodetic(latitude: float, longitude: float, altitude: float) -> Array:
-    """Earth-centred position, shape (3,) [m], of WGS-84 latitude, longitude [rad] and altitude [m]."""
-    s, c = np.sin(latitude), np.cos(latitude)
-    n = SEMI_MAJOR_AXIS / np.sqrt(1.0 - ECCENTRICITY_SQUARED * s * s)
-    return np.array(
-        [
-            (n + altitude) * c * np.cos(longitude),
-            (n + altitude) * c * np.sin(longitude),
-            (n * (1.0 - ECCENTRICITY_SQUARED) + altitude) * s,
-        ]
-    )
+def _metres_per_radian(latitude: float, altitude: float) -> tuple[float, float]:
+    """How far [m] a radian of latitude and one of longitude go."""
+    s = np.sin(latitude)
+    root = np.sqrt(1.0 - ECCENTRICITY_SQUARED * s * s)
+    meridian = SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / root**3
+    return meridian + altitude, (SEMI_MAJOR_AXIS / root + altitude) * np.cos(latitude)
 
 
 @njit(cache=True)
-def ned_axes(latitude: float, longitude: float) -> Array:
-    """Matrix, shape (3, 3), that turns earth-centred vectors into NED at that place."""
-    sa, ca = np.sin(latitude), np.cos(latitude)
-    so, co = np.sin(longitude), np.cos(longitude)
-    return np.array([[-sa * co, -sa * so, ca], [-so, co, 0.0], [-ca * co, -ca * so, -sa]])
+def ned_between(begin: Array, end: Array) -> Array:
+    """From one place (3,), latitude, longitude [rad], altitude [m], to another that is near: north, east, down [m]."""
+    north, east = _metres_per_radian(0.5 * (begin[0] + end[0]), 0.5 * (begin[2] + end[2]))
+    turned = (end[1] - begin[1] + np.pi) % (2.0 * np.pi) - np.pi
+    return np.array([north * (end[0] - begin[0]), east * turned, begin[2] - end[2]])
 
 
 @njit(cache=True)
-def ned_from_geodetic(latitude: float, longitude: float, altitude: float, origin: Array) -> Array:
-    """Position NED, shape (3,) [m], relative to ``origin`` = (latitude, longitude [rad], altitude [m])."""
-    difference = ecef_from_geodetic(latitude, longitude, altitude) - ecef_from_geodetic(origin[0], origin[1], origin[2])
-    return ned_axes(origin[0], origin[1]) @ difference
+def moved(begin: Array, way: Array) -> Array:
+    """The place (3,) that is ``way`` (3,) [m] north, east, down from another; inverse of ned_between."""
+    end = begin.copy()
+    end[2] -= way[2]
+    for _ in range(4):  # each pass gains three digits
+        north, east = _metres_per_radian(0.5 * (begin[0] + end[0]), 0.5 * (begin[2] + end[2]))
+        end[0] = begin[0] + way[0] / north
+        end[1] = begin[1] + way[1] / east
+    end[1] = (end[1] + np.pi) % (2.0 * np.pi) - np.pi
+    return end
 
 
-@njit(cache=True)
-def geodetic_from_ned(position: Array, origin: Array) -> Array:
-    """Latitude, longitude [rad], altitude [m], (3,), of a NED position; inverse of ned_from_geodetic."""
-    ecef = ecef_from_geodetic(origin[0], origin[1], origin[2]) + ned_axes(origin[0], origin[1]).T @ position
-    longitude = np.arctan2(ecef[1], ecef[0])
-    radius = np.sqrt(ecef[0] ** 2 + ecef[1] ** 2)
-    latitude = np.arctan2(ecef[2], radius * (1.0 - ECCENTRICITY_SQUARED))
-    altitude = 0.0
-    for _ in range(6):  # each pass gains three digits
-        s = np.sin(latitude)
-        n = SEMI_MAJOR_AXIS / np.sqrt(1.0 - ECCENTRICITY_SQUARED * s * s)
-        latitude = np.arctan2(ecef[2] + ECCENTRICITY_SQUARED * n * s, radius)
-        altitude = radius * np.cos(latitude) + ecef[2] * np.sin(latitude)
-        altitude -= SEMI_MAJOR_AXIS * np.sqrt(1.0 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
-    return np.array([latitude, longitude, altitude])
+class Odometer:
+    """Positions along a way, from places or to them; ``origin`` (3,): latitude, longitude [rad], altitude [m]."""
+
+    def __init__(self, origin: npt.ArrayLike) -> None:
+        self.place = np.array(origin, dtype=np.float64)
+        self.position = np.zeros(3)
+
+    def position_at(self, place: Array) -> Array:
+        """North, east, down [m] (3,) of the next place (3,)."""
+        self.position = self.position + ned_between(self.place, place)
+        self.place = np.array(place)
+        return self.position
+
+    def place_at(self, position: Array) -> Array:
+        """The place (3,) of the next position (3,)."""
+        self.place = moved(self.place, position - self.position)
+        self.position = np.array(position)
+        return self.place
+
+
+def ned_along(places: Array, origin: npt.ArrayLike) -> Array:
+    """Positions NED (n, 3) [m] of places (n, 3) along a way that begins at ``origin``."""
+    odometer = Odometer(origin)
+    return np.array([odometer.position_at(place) for place in places]).reshape(-1, 3)
+
+
+def geodetic_along(positions: Array, origin: npt.ArrayLike) -> Array:
+    """Latitude, longitude [rad], altitude [m] (n, 3) of positions NED (n, 3) along a way; inverse of ned_along."""
+    odometer = Odometer(origin)
+    return np.array([odometer.place_at(position) for position in positions]).reshape(-1, 3)
 
 
 @njit(cache=True)

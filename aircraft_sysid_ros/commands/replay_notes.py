@@ -6,9 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.atmosphere import LAPSE_RATE, SEA_LEVEL_TEMPERATURE
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.earth import SEMI_MAJOR_AXIS
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.flight_check.signals import NAMES
 from aircraft_sysid_ros.identification.coefficients.pace import (
@@ -43,8 +41,6 @@ _START_WITH = {
 _WHAT_TO_RECORD = (
     "record the airspeed or GPS; with GPS and no airspeed calm_air (--calm-air) takes the speed over ground for it"
 )
-#: The world is a plane at the start of a flight: so far away [m] it is half a degree out of level, and 200 m too high.
-FAR = 50_000.0
 #: A silence [s] of a sensor that is worth a note.
 LONGEST_SILENCE = 2.0
 
@@ -64,7 +60,6 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     found += bound_notes(pipeline.parameters.aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
-    found += distance_notes(recording.samples)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
@@ -188,27 +183,6 @@ def rate_notes(stream: CoefficientStream) -> list[str]:
         too_few = controls.interval > SPARSEST_CONTROLS
         found.append(f"the controls come at {controls.rate:.2g} Hz: {needed if too_few else unknown}")
     return found
-
-
-def distance_notes(samples: Samples) -> list[str]:
-    """Said of a flight, or of the longest of several manoeuvres, that goes far from its start."""
-    furthest = 0.0
-    for manoeuvre in manoeuvres(samples):
-        place = manoeuvre.values[manoeuvre.kind == Kind.GPS_POSITION, :2]
-        place = place[np.isfinite(place).all(axis=1)]
-        if len(place):
-            north, east = (place - place[0]).T
-            turned = np.remainder(east + np.pi, 2.0 * np.pi) - np.pi
-            away = SEMI_MAJOR_AXIS * np.hypot(north, turned * np.cos(place[0, 0]))
-            furthest = max(furthest, float(np.percentile(away, 99)))
-    if furthest < FAR:
-        return []
-    high = 0.5 * furthest**2 / SEMI_MAJOR_AXIS
-    return [
-        f"it flies {furthest / 1000.0:.0f} km from its start, on a plane world: heights are off by up to {high:.0f} m "
-        f"there, and coefficients by up to {100.0 * high * LAPSE_RATE / SEA_LEVEL_TEMPERATURE:.1f} % with the density: "
-        "replay it in segments (--segments), each of which has a start of its own"
-    ]
 
 
 def bound_notes(aircraft: Aircraft) -> list[str]:

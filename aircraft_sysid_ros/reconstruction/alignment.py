@@ -23,7 +23,6 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import altitude_at
-from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
 from aircraft_sysid_ros.aircraft.frames import (
     cross_matrix,
     quaternion_exp,
@@ -48,7 +47,7 @@ from aircraft_sysid_ros.reconstruction.state import (
     STATE_SIZE,
     VELOCITY,
 )
-from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.samples import GPS_NED, Kind
 
 Array = npt.NDArray[np.float64]
 
@@ -116,7 +115,7 @@ class Alignment:
         if kind == Kind.GPS_POSITION:
             if self.origin is None or np.isnan(self.origin[0]):
                 self.origin = values[:3].copy()
-            self._position.append((time, values[:3].copy()))
+            self._position.append((time, values[GPS_NED].copy()))
             _drop_before(self._position, time - POSITION_WINDOW)
         self._newest[kind] = (time, values.copy())
         if kind in GPS:
@@ -152,8 +151,7 @@ class Alignment:
         rotation, attitude_covariance = attitude
         x, p = np.zeros(STATE_SIZE), np.zeros((ERROR_SIZE, ERROR_SIZE))
         x[VELOCITY] = velocity[:3] + acceleration * (now - self._newest[Kind.GPS_VELOCITY][0])
-        x[POSITION] = ned_from_geodetic(position[0], position[1], position[2], self.origin)
-        x[POSITION] += velocity[:3] * (now - self._newest[Kind.GPS_POSITION][0])
+        x[POSITION] = position[GPS_NED] + velocity[:3] * (now - self._newest[Kind.GPS_POSITION][0])
         x[ATTITUDE] = quaternion_from_matrix(rotation)
         _set_block(p, D_POSITION, np.eye(3) * POSITION_STD**2)
         _set_block(p, D_VELOCITY, np.eye(3) * VELOCITY_STD**2)
@@ -201,7 +199,7 @@ class Alignment:
         times = np.array([time for time, _ in self._position])
         if times[-1] - times[0] < 0.9 * WINDOW or self.origin is None:
             return None
-        places = np.array([ned_from_geodetic(p[0], p[1], p[2], self.origin) for _, p in self._position])
+        places = np.array([place for _, place in self._position])
         away = times - times.mean()
         return np.asarray(away @ places / (away @ away))
 
@@ -209,7 +207,7 @@ class Alignment:
         """Position NED (3,), of the origin that is set here if there is none."""
         position = self._recent(Kind.GPS_POSITION, now, LARGEST_GPS_AGE)
         if Kind.GPS_POSITION in gps and position is not None and self.origin is not None:
-            return np.asarray(ned_from_geodetic(position[0], position[1], position[2], self.origin))
+            return np.asarray(position[GPS_NED])
         air = self._recent(Kind.AIR, now, LARGEST_GPS_AGE)
         is_known = air is not None and air[1] > 0.0
         altitude = float(altitude_at(air[1])) if air is not None and is_known else self._ground

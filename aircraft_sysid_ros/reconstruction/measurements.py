@@ -12,7 +12,6 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density, pressure
-from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
 from aircraft_sysid_ros.aircraft.frames import (
     Vector,
     applied,
@@ -44,7 +43,7 @@ from aircraft_sysid_ros.reconstruction.state import (
     VELOCITY,
     Setup,
 )
-from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.samples import GPS_NED, Kind
 
 Array = npt.NDArray[np.float64]
 
@@ -112,7 +111,7 @@ def _gps(kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual
     w, i, j, k = attitude_of(x)
     c, place = rotation(w, i, j, k), three(setup.gps_from_imu)
     if kind == _GPS_POSITION:
-        measured = three(ned_from_geodetic(values[0], values[1], values[2], setup.origin))
+        measured = three(values[GPS_NED])
         arm, block, state = place, D_POSITION, three(x[POSITION])
     else:
         measured, bias = three(values), GYRO_BIAS.start

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.earth import Odometer
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.reconstruction.air_data_errors import (
     StartValues,
@@ -53,6 +54,7 @@ from aircraft_sysid_ros.reconstruction.state import (
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.stuck_sensors import StuckSensors
 from aircraft_sysid_ros.samples import (
+    GPS_NED,
     SAME_FLIGHT,
     WIDTH,
     Kind,
@@ -151,6 +153,7 @@ class StateEstimator:
         self._guide = int(Kind.GPS_VELOCITY)  # of the newest start
         self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
         self._setup: Setup | None = None  # known once there is an origin
+        self._odometer: Odometer | None = None  # from the origin on
         self._x = np.zeros(STATE_SIZE)
         self._p = np.zeros((ERROR_SIZE, ERROR_SIZE))
         self._aligned = False
@@ -224,6 +227,7 @@ class StateEstimator:
         self.order.begin_anew()
         self._still = StuckSensors(self.aircraft.minimum_airspeed)
         self._alignment, self._setup, self._held = self._new_alignment(9.80665), None, None
+        self._odometer = None
         self._aligned = False
         self._wait.reconsider()
         if not since <= SAME_FLIGHT:
@@ -386,8 +390,20 @@ class StateEstimator:
                 if self.watch is not None:
                     self.watch.add(part.samples)
                 times = seconds(part.samples.stamp, self.epoch)
-                blocks.extend(self._process(times, part.samples.kind, part.samples.values))
+                blocks.extend(self._process(times, part.samples.kind, self._with_positions(part.samples)))
         return np.vstack(blocks) if blocks else np.empty((0, StateField.WIDTH))
+
+    def _with_positions(self, samples: Samples) -> Array:
+        """Values (n, WIDTH) with the positions of GPS places."""
+        values = samples.values
+        at = np.flatnonzero(samples.kind == Kind.GPS_POSITION)
+        if len(at):
+            values = values.copy()
+            if self._odometer is None:
+                self._odometer = Odometer(values[at[0], :3])
+            for i in at:
+                values[i, GPS_NED] = self._odometer.position_at(values[i, :3])
+        return values
 
     def _process(self, times: Array, kinds: npt.NDArray[np.int64], values: Array) -> Iterator[Array]:
         """Samples in time order; those after the last IMU sample wait for the next one."""

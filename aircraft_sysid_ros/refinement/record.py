@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.earth import gravity, ned_from_geodetic
+from aircraft_sysid_ros.aircraft.earth import gravity, ned_along
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT
 from aircraft_sysid_ros.aircraft.frames import (
     quaternion_conjugate,
@@ -257,8 +257,10 @@ def _outputs(
     geodetic = of(Kind.GPS_POSITION, 3)
     row, _ = _nearest(row_time, times[kinds == Kind.GPS_POSITION], longest_step)
     origins = rows[row, StateField.ORIGIN]  # a manoeuvre has its own
-    ned = [ned_from_geodetic(g[0], g[1], g[2], o) for g, o in zip(geodetic, origins, strict=True)]
-    position = np.array(ned).reshape(-1, 3)
+    position = np.full_like(geodetic, np.nan)
+    for origin in np.unique(origins[np.isfinite(origins).all(axis=1)], axis=0):
+        own = (origins == origin).all(axis=1)
+        position[own] = ned_along(geodetic[own], origin)
     put(Kind.GPS_POSITION, GPS_POSITION, position, rows[:, StateField.POSITION])
     put(Kind.GPS_VELOCITY, GPS_VELOCITY, of(Kind.GPS_VELOCITY, 3), rows[:, StateField.VELOCITY])
     for kind, at, column in (

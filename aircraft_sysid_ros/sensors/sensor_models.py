@@ -191,7 +191,7 @@ class _Suite:
         seen = self.seen("gps_position", time)
         position = seen.position + turned(seen.quaternion, self.aircraft.gps_position)
         position += self.noise("gps_position", position.shape)
-        geodetic = np.array([earth.geodetic_from_ned(p, seen.origin) for p in position])
+        geodetic = earth.geodetic_along(position, seen.origin)
         north, east, down = self.variance("gps_position")
         fields = ros_conversion.gps_fix_fields(*geodetic.T, variance_ned=(north, east, down))
         return self.stream("gps/fix", time, fields)

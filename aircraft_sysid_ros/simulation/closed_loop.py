@@ -17,7 +17,7 @@ from numba import njit
 
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
+from aircraft_sysid_ros.aircraft.earth import Odometer
 from aircraft_sysid_ros.aircraft.frames import (
     air_data_from_velocity,
     quaternion_exp,
@@ -162,7 +162,7 @@ class Sensors:
 
     def __init__(self, aircraft: Aircraft, origin: Array, seed: int, count: int, fault: Fault) -> None:
         """``count``: steps of the flight."""
-        self._origin, self._fault = origin, fault
+        self._odometer, self._fault = Odometer(origin), fault
         self._signs = np.array([aircraft.surface_signs[name] for name in SURFACES])
         self._every = {t: max(round(1.0 / (STEP * aircraft.sensors[s].rate)), 1) for t, (_, s) in _TOPICS.items()}
         rng = generator(seed, "biases in closed loop")
@@ -182,7 +182,7 @@ class Sensors:
             if step % every == 0:
                 values = self._shown(topic, reading) + self._noise[topic][step]
                 if topic == "gps/fix":
-                    values = geodetic_from_ned(values, self._origin)
+                    values = self._odometer.place_at(values)
                 elif topic == ATTITUDE_TOPIC:
                     values = quaternion_product(reading[Reading.QUATERNION], quaternion_exp(values))
                 elif topic == "control_surfaces":

@@ -361,7 +361,7 @@ def log_row(executive: Any) -> Array:
 
 
 def truth_of_log(aircraft: Aircraft, time: Array, log: Array) -> Truth:
-    """Truth of a log; the world is a plane tangent where the log begins."""
+    """Truth of a log, its positions along the way from where it begins."""
     part = {group: log[:, columns] for group, columns in _AT.items()}
     origin = part["place"][0].copy()
     u, v, w = part["air_velocity"].T
@@ -376,7 +376,7 @@ def truth_of_log(aircraft: Aircraft, time: Array, log: Array) -> Truth:
     ]  # fmt: skip
     return Truth(
         time=time,
-        position=np.array([earth.ned_from_geodetic(p[0], p[1], p[2], origin) for p in part["place"]]),
+        position=earth.ned_along(part["place"], origin),
         velocity=part["velocity"],
         quaternion=continuous(np.array([quaternion_from_euler(a[0], a[1], a[2]) for a in part["euler"]])),
         rates=part["rates"],

@@ -5,16 +5,12 @@ import struct
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
-from aircraft_sysid_ros.commands.replay_notes import distance_notes
 from aircraft_sysid_ros.recordings import mcap_records
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import gps_velocity_fields
-from aircraft_sysid_ros.samples import Kind, samples_of
 
 
 def command(*arguments):
@@ -110,21 +106,3 @@ def test_a_recording_of_which_nothing_can_be_read_is_refused_in_a_sentence(aircr
         "the file has a wrong checksum; 2 of the 2 messages that its summary counts could not be read: /gps/vel 2\n"
     )
     assert not (tmp_path / "run").exists()
-
-
-def places(latitudes, longitudes):
-    stamp = np.arange(len(latitudes)) * 10**9
-    return samples_of(
-        Kind.GPS_POSITION, stamp, np.radians(latitudes), np.radians(longitudes), np.full(len(stamp), 900.0)
-    )
-
-
-def test_a_flight_that_goes_far_is_told_how_wrong_a_plane_world_is_there():
-    (note,) = distance_notes(places(np.linspace(44.0, 46.0, 2400), np.full(2400, 8.0)))
-    assert note.startswith("it flies 220 km from its start") and "--segments" in note
-    said = float(note.split("off by up to ")[1].split(" m")[0])
-    origin = np.array([np.radians(44.0), np.radians(8.0), 900.0])
-    high = ned_from_geodetic(np.radians(45.98), np.radians(8.0), 900.0, origin)[2]  # the plane is so much above it
-    assert said == pytest.approx(high, rel=0.01)
-    over_the_date_line = np.remainder(np.linspace(179.9, 180.1, 600) + 180.0, 360.0) - 180.0
-    assert distance_notes(places(np.full(600, -40.0), over_the_date_line)) == []

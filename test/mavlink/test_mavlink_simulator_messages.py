@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
+from aircraft_sysid_ros.aircraft.earth import geodetic_along
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, rotation_matrix
 from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import KNOWN, MavlinkSimulator
 from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import ATTITUDE, VELOCITY, FlightSensors, pieces
@@ -142,7 +142,7 @@ def magnetic_field(sent):
 
 
 def geodetic(truth, position):
-    return np.array([geodetic_from_ned(p, truth.origin) for p in truth.position + turned(truth, position)])
+    return geodetic_along(truth.position + turned(truth, position), truth.origin)
 
 
 def antenna(sent):

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.reconstruction.process import add_process_noise, propaga
 from aircraft_sysid_ros.reconstruction.state import ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
-from aircraft_sysid_ros.samples import WIDTH, Kind
+from aircraft_sysid_ros.samples import GPS_NED, WIDTH, Kind
 
 GRAVITY = 9.81
 PITCHES = [0.1, -0.4, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-7]
@@ -162,7 +162,7 @@ def test_measurement_jacobians(kind: Kind, pitch: float, setup: Setup) -> None:
     if kind == Kind.ATTITUDE:
         values[:4] = quaternion_product(x[ATTITUDE], quaternion_exp(np.array([0.3, -0.8, 0.5])))
     elif kind == Kind.GPS_POSITION:
-        values[:3] = [0.8, -1.5, 300.0]
+        values[GPS_NED] = [140.0, -90.0, -30.0]
     else:
         values[:3] = [0.3, 0.2, 0.4]
     h, scratch = np.empty((3, ERROR_SIZE)), np.empty((3, ERROR_SIZE))

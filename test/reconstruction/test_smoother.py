@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
+from aircraft_sysid_ros.aircraft.earth import ned_between
 from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_log, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.commands.replay import BLOCK, smoothed
@@ -49,7 +49,7 @@ def errors_of(flight, estimator, rows) -> tuple[np.ndarray, np.ndarray]:
         quaternion_log(quaternion_product(quaternion_conjugate(q), t))
         for q, t in zip(rows[:, StateField.ATTITUDE], truth.quaternion, strict=True)
     ]
-    shift = ned_from_geodetic(*flight.truth.origin, rows[0, StateField.ORIGIN])
+    shift = ned_between(rows[0, StateField.ORIGIN], flight.truth.origin)
     biases = np.hstack([flight.biases.accelerometer, flight.biases.gyro])
     bias_time = (flight.biases.stamp - start) * 1e-9
     bias = np.stack([np.interp(time, bias_time, column) for column in biases.T], axis=1)
@@ -198,7 +198,7 @@ def nees_of(flight, estimator, row, x, p) -> float:
     truth, arm = flight.truth.at([time]), flight.aircraft.imu_position
     turn = np.cross(truth.rates[0], arm)
     c = rotation_matrix(truth.quaternion[0])
-    shift = ned_from_geodetic(*flight.truth.origin, row[StateField.ORIGIN])
+    shift = ned_between(row[StateField.ORIGIN], flight.truth.origin)
     nearest = int(np.argmin(np.abs(flight.biases.stamp - start - time * 1e9)))
     true = np.concatenate(
         [

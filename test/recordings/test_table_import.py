@@ -158,7 +158,7 @@ def test_positions_in_metres_keep_their_distances(tmp_path):
         tmp_path / "gps.tsv", layouts.map_of((None, "{column: t, unit: s}", signals)), tmp_path
     )
     place = samples.values[:, :3]
-    found = np.array([earth.ned_from_geodetic(*row, place[0]) for row in place])
+    found = earth.ned_along(place, place[0])
     expected_ned = np.stack([north - north[0], east - east[0], down - down[0]], axis=1)
     np.testing.assert_allclose(found, expected_ned, atol=0.02)  # the plane of the first fix is turned by 1e-4 rad
     assert any("45° north" in note for note in report["notes"])
@@ -269,7 +269,7 @@ class TestRealFlights:
         assert delay.min() >= -1e-3 and delay.max() < 0.25
         steps = np.diff(velocity.stamp) * 1e-6  # the receiver gives a solution every 200 ms
         assert set(np.round(steps).astype(int)) <= {200, 400}
-        place = np.array([earth.ned_from_geodetic(*row, fix.values[0, :3]) for row in fix.values[:, :3]])
+        place = earth.ned_along(fix.values[:, :3], fix.values[0, :3])
         for axis in range(2):
             travelled = np.cumsum(velocity.values[:, axis]) * 0.2
             assert np.corrcoef(place[:, axis], travelled)[0, 1] > 0.99

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.earth import ned_from_geodetic
+from aircraft_sysid_ros.aircraft.earth import ned_along
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Kind
@@ -84,7 +84,7 @@ def test_samples_have_the_noise_and_the_rates_of_the_file(aircraft):
     assert error[:, :3].std() == pytest.approx(0.03, rel=0.2) or error[:, 0].std() == pytest.approx(0.03, rel=0.1)
     assert (by["air_data"][:, 1] - readings[::2, 7]).std() == pytest.approx(0.003, rel=0.1)
     assert (by["control_surfaces"][:, 0] - readings[::2, 21]).std() == pytest.approx(0.0005, rel=0.1)
-    position = np.array([ned_from_geodetic(*row, aeroplane.setup.origin) for row in by["gps/fix"]])
+    position = ned_along(np.array(by["gps/fix"]), aeroplane.setup.origin)
     assert np.abs(position - readings[::20, Reading.POSITION]).max() < 6.0
     samples = samples_of_sensed(sensed)
     assert np.bincount(samples.kind)[int(Kind.ANGLE_OF_ATTACK)] == 500 and not np.any(np.diff(samples.stamp) < 0)

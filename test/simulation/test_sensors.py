@@ -153,7 +153,7 @@ def test_gps_without_noise_is_its_antenna(flight, still, exact):
     time, values = of_kind(exact, Kind.GPS_POSITION)
     truth = flight.truth.at(time)
     antenna = truth.position + np.array([rotation_matrix(q) @ still.gps_position for q in truth.quaternion])
-    ned = np.array([earth.ned_from_geodetic(v[0], v[1], v[2], truth.origin) for v in values])
+    ned = earth.ned_along(np.array(values), truth.origin)
     np.testing.assert_allclose(ned, antenna, atol=1e-5)
     _, velocity = of_kind(exact, Kind.GPS_VELOCITY)
     arm = np.array([rotation_matrix(q) @ np.cross(w, still.gps_position)

@@ -9,12 +9,14 @@ still finding then do not end up in constant terms, nor the noise of air data in
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.earth import gravity, ned_from_geodetic
+from aircraft_sysid_ros.aircraft.earth import Odometer, gravity
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.estimation.recursive_maximum_likelihood import coloured_covariance, new_scores
 from aircraft_sysid_ros.flight_model.layout import (
@@ -64,7 +66,7 @@ _OUTPUTS = {
     Kind.AIRSPEED: (AIRSPEED, 1),
     Kind.ANGLE_OF_ATTACK: (ALPHA, 1),
     Kind.SIDESLIP: (BETA, 1),
-    Kind.GPS_POSITION: (GPS_POSITION, 3),  # geodetic until the origin is known
+    Kind.GPS_POSITION: (GPS_POSITION, 3),  # places until they are used
     Kind.GPS_VELOCITY: (GPS_VELOCITY, 3),
 }
 #: Levels at the start: gusts [m/s per sqrt(s)] horizontal and vertical, rates [rad/s per sqrt(s)].
@@ -104,6 +106,7 @@ class MaximumLikelihoodEstimator:
         self.keep_pace(Pace())
         self._body: Body | None = None
         self._origin: Array | None = None
+        self._odometer: Odometer | None = None  # at the newest place that was used
         self._covariance: tuple[float, Array] = (-1.0, np.empty((0, 0)))
         self._past = Past()
         self.late = 0
@@ -245,6 +248,7 @@ class MaximumLikelihoodEstimator:
             epochs, self._times, self._ned_samples(), batch.body, self._model, self.aircraft.model.offsets,
             self.recursion, self._tuning, times, known,
         )  # fmt: skip
+        self._odometer = self._along(self._samples[:used])[1]
         self._times, self._samples = self._times[used:], self._samples[used:]
         self._used_until = float(epochs.time[-1])
         return KnownParameters(times[:count], known[:count])
@@ -353,19 +357,22 @@ class MaximumLikelihoodEstimator:
 
     def _ned_samples(self) -> Array:
         """The waiting samples (m, 18), positions in NED."""
-        samples = self._samples.copy()
-        place = slice(GPS_POSITION, GPS_POSITION + 3)
-        assert self._origin is not None
-        for i in np.flatnonzero(np.isfinite(samples[:, GPS_POSITION])):
-            latitude, longitude, altitude = samples[i, place]
-            samples[i, place] = ned_from_geodetic(latitude, longitude, altitude, self._origin)
-        return samples
+        return self._along(self._samples)[0]
+
+    def _along(self, samples: Array) -> tuple[Array, Odometer]:
+        """Samples with positions for places, on the way from the newest that was used; and the odometer after them."""
+        samples, place = samples.copy(), slice(GPS_POSITION, GPS_POSITION + 3)
+        assert self._odometer is not None
+        odometer = copy(self._odometer)
+        for i in np.flatnonzero(np.isfinite(samples[:, place]).all(axis=1)):
+            samples[i, place] = odometer.position_at(samples[i, place])
+        return samples, odometer
 
     def _set_body(self, body: Body, row: Array) -> None:
         """Mass properties and gravity of the place into the flight model; a new origin starts the filters anew."""
         origin = row[StateField.ORIGIN]
         if self._origin is None or not np.array_equal(origin, self._origin, equal_nan=True):
-            self._origin = origin.copy()
+            self._origin, self._odometer = origin.copy(), Odometer(origin)
             self.recursion.clock[loop.RUNNING] = 0.0
             self._body = None
             self._past.clear()

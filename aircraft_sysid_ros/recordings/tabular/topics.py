@@ -274,7 +274,7 @@ class Plan:
         stamp, place = self._whole(window, names)
         if names == VECTORS["position"]:
             away = place - np.array([self._first("position.north"), self._first("position.east"), 0.0])
-            place = np.array([earth.geodetic_from_ned(row, REFERENCE) for row in away]).reshape(-1, 3)
+            place = earth.geodetic_along(away, REFERENCE)
         yield Messages("gps/fix", stamp, gps_fix_fields(place[:, 0], place[:, 1], place[:, 2]))
 
     def _velocity_messages(self, window: Window) -> Messages | None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.earth import geodetic_from_ned
+from aircraft_sysid_ros.aircraft.earth import geodetic_along
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS, flu_from_frd, samples_and_rows
 from aircraft_sysid_ros.samples import Samples, concatenate
@@ -93,7 +93,7 @@ def _filtered(topic: str, seen: Truth, noise: Array) -> dict[str, npt.NDArray[An
         return {"attitude": seen.quaternion, "rates": seen.rates}
     if topic == WIND:
         return {"wind": seen.wind}
-    place = np.array([geodetic_from_ned(position, seen.origin) for position in seen.position])
+    place = geodetic_along(seen.position, seen.origin)
     return {"velocity": seen.velocity + _VELOCITY_NOISE * noise, "place": place, "above_home": -seen.position[:, 2]}
 
 
