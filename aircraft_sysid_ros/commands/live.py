@@ -21,7 +21,7 @@ from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.commands.replay import render as render_run
-from aircraft_sysid_ros.commands.replay_notes import estimator_notes, rate_notes, why_no_start
+from aircraft_sysid_ros.commands.replay_notes import estimator_notes, place_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
 from aircraft_sysid_ros.identification.options import ParameterOptions
@@ -220,6 +220,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             *(note for note in told if note),
             *estimator_notes(parameters.estimator),
             *rate_notes(parameters.estimator.stream),
+            *place_notes(parameters.estimator.aircraft),
             *absences(state.estimator),
             *noise_notes(state.estimator),
         ],

@@ -57,7 +57,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found += length_notes(pipeline, writer) + rate_notes(pipeline.parameters.stream)
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += estimator_notes(pipeline.parameters)
-    found += bound_notes(pipeline.parameters.aircraft)
+    found += bound_notes(aircraft) + place_notes(aircraft) + segment_notes(body)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
@@ -183,6 +183,26 @@ def rate_notes(stream: CoefficientStream) -> list[str]:
         too_few = controls.interval > SPARSEST_CONTROLS
         found.append(f"the controls come at {controls.rate:.2g} Hz: {needed if too_few else unknown}")
     return found
+
+
+def place_notes(aircraft: Aircraft) -> list[str]:
+    """Places of sensors that the aircraft file does not say, and what that costs."""
+    unsaid = [key for key in ("imu_position", "air_data_position") if key not in aircraft.source]
+    if not unsaid:
+        return []
+    return [
+        f"the aircraft file does not say {' and '.join(unsaid)}: the centre of gravity is taken, and a sensor that is "
+        "elsewhere makes values wrong by more than their standard errors say; measure it, or ask diagnose"
+    ]
+
+
+def segment_notes(body: Body) -> list[str]:
+    """A list of segments beside a recording that was read whole."""
+    path = body.recording.path
+    beside = path.with_name(f"{path.name}.segments.yaml")
+    if body.manoeuvres or not beside.is_file():
+        return []
+    return [f"{beside} lists the manoeuvres of this recording: give it with --segments"]
 
 
 def bound_notes(aircraft: Aircraft) -> list[str]:

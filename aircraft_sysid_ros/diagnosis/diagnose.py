@@ -63,8 +63,10 @@ class Finding:
 
     @property
     def matters(self) -> bool:
-        """It has size, and explains more than its numbers cost."""
-        return self.size >= THRESHOLDS.size and self.excess > self.trial.price
+        """It has size, moves the coefficient, and explains more than its numbers cost."""
+        gain = self.trial.gains[self.trial.main_axis]
+        moved = np.sqrt(max(gain.nrmse_before**2 - gain.nrmse_after**2, 0.0))
+        return bool(self.size >= THRESHOLDS.size and moved >= THRESHOLDS.least_moved and self.excess > self.trial.price)
 
 
 @dataclass(frozen=True)

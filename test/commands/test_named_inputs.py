@@ -153,7 +153,8 @@ def test_elevons_alone_say_what_elevator_and_aileron_say(flight, tables, tmp_pat
     assert np.isnan(samples.values[samples.kind == Kind.CONTROLS, :4]).all()
     for short, other, factor in PAIRS:
         one, same = runs["plane"][short], runs["wing"][other]
-        assert one["status"] == same["status"] == "USE"
+        # without the trim tab the value of the elevator is less than half of the true one, and is held for that
+        assert one["status"] == same["status"] == ("HOLD" if short == "Cm_de" else "USE")
         # what a term must exceed to be learnt differs a little
         assert abs(factor * same["value"] - one["value"]) < 0.1 * one["std"]
     errors = {name: call(capsys, "compare", tmp_path / name)["axes"] for name in runs}

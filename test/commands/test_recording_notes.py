@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.commands.replay_notes import place_notes
 from aircraft_sysid_ros.recordings import mcap_records
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -106,3 +108,12 @@ def test_a_recording_of_which_nothing_can_be_read_is_refused_in_a_sentence(aircr
         "the file has a wrong checksum; 2 of the 2 messages that its summary counts could not be read: /gps/vel 2\n"
     )
     assert not (tmp_path / "run").exists()
+
+
+def test_places_that_the_aircraft_file_does_not_say_are_told(aircraft):
+    shape = {key: value for key, value in aircraft.source.items() if not key.endswith("_position")}
+    (note,) = place_notes(aircraft_from_dict(shape))
+    assert "imu_position and air_data_position" in note
+    (note,) = place_notes(aircraft_from_dict({**shape, "imu_position": [0.1, 0.0, 0.0]}))
+    assert "air_data_position" in note and "imu_position" not in note
+    assert not place_notes(aircraft)

@@ -97,6 +97,14 @@ def test_another_shape_of_what_was_found_is_no_further_effect(aircraft):
     assert 'add the expression "Cm: flaps**3", too' in said["advice"]
 
 
+def test_what_hardly_moves_a_coefficient_does_not_matter(two_effects):
+    finding = two_effects.diagnosis.found[0]
+    axis = finding.trial.main_axis
+    small = replace(finding.trial.gains[axis], nrmse_before=0.019, nrmse_after=0.014)
+    assert finding.matters
+    assert not replace(finding, trial=replace(finding.trial, gains={**finding.trial.gains, axis: small})).matters
+
+
 def test_the_size_of_an_effect_is_that_of_the_simulation(two_effects):
     values = {p["term"]: p["value"] for c in two_effects.json["candidates"][:2] for p in c["parameters"]}
     assert values["alpha*beta"] == pytest.approx(-0.8, rel=0.05)

@@ -213,7 +213,7 @@ def test_a_mass_that_changes_in_flight_is_followed(flight, inputs):
 
 
 def test_bad_options_are_answered_with_a_sentence(aircraft):
-    with pytest.raises(InputError, match="must be one of rls, fourier"):
+    with pytest.raises(InputError, match="must be one of auto, rls, fourier or rml"):
         Identifier(aircraft, ParameterOptions(estimator="best"))
     with pytest.raises(InputError, match="band"):
         Identifier(aircraft, ParameterOptions(estimator="fourier", lowest_frequency=3.0))
