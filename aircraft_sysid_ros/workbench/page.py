@@ -13,9 +13,9 @@ from aircraft_sysid_ros.workbench.model_panel import ModelPanel
 from aircraft_sysid_ros.workbench.other_panels import ParametersPanel, StatePanel, VersionsPanel
 from aircraft_sysid_ros.workbench.panel import Panel
 from aircraft_sysid_ros.workbench.run_view import RunView
-from aircraft_sysid_ros.workbench.session import Session
+from aircraft_sysid_ros.workbench.session import READS, Session
 from aircraft_sysid_ros.workbench.views.history import effect_name
-from aircraft_sysid_ros.workbench.worker import DIAGNOSE, LOAD, RECORD
+from aircraft_sysid_ros.workbench.worker import DIAGNOSE, RECORD
 
 #: Why less is compared than was recorded.
 COMPARED = "compared is the longest stretch in flight, from when the filter has settled to its last whole window"
@@ -103,7 +103,8 @@ class Page(Frame):
     @property
     def allowed(self) -> bool:
         """Whether the run may be changed now."""
-        return not self.session.damage and (self.session.job is None or self.session.job.kind == RECORD)
+        session = self.session
+        return not (session.damage or session.waiting) and (session.job is None or session.job.kind == RECORD)
 
     def _facts_text(self) -> str:
         view = self.view
@@ -113,7 +114,7 @@ class Page(Frame):
     def _say(self) -> None:
         """One line under the header: work under way, what came of the last, or why the run cannot be read."""
         session, job = self.session, self.session.job
-        works = job is not None and job.kind not in (LOAD, RECORD)
+        works = job is not None and job.kind not in READS
         text = "" if works else session.damage or session.sentence
         self.notice(text, bool(session.damage or session.is_bad), is_shown=works)
         self._progress()
@@ -122,7 +123,7 @@ class Page(Frame):
 
     def _progress(self) -> None:
         job = self.session.job
-        if job is None or job.kind in (LOAD, RECORD):
+        if job is None or job.kind in READS:
             return
         told = self.session.told
         what = told.what or ("looking for what is missing" if job.kind == DIAGNOSE else job.text)

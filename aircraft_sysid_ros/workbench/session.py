@@ -25,6 +25,8 @@ from aircraft_sysid_ros.workbench.worker import (
 
 #: Time [s] between looks at the folder: the command line may have changed it.
 _LOOK = 1.0
+#: Jobs that nobody asks for and that change nothing.
+READS = (LOAD, RECORD)
 WORDS = {
     LOAD: "reading {}", RECORD: "reading what was estimated in flight", DIAGNOSE: "looking for what is missing",
     ADD: "adding", REMOVE: "taking away",
@@ -42,6 +44,7 @@ class Session:
         self.record: FlightRecord | None = None
         self.record_problem = ""
         self.job: Job | None = None
+        self.waiting: Job | None = None  # asked for while the folder is read, begun then
         self.began = 0.0
         self.told = Told("", 0.0)
         self.sentence, self.is_bad = "", False  # what is said of the last job
@@ -57,7 +60,7 @@ class Session:
     @property
     def busy(self) -> bool:
         """Whether a job is under way that changes or reads the run."""
-        return self.job is not None
+        return self.job is not None or self.waiting is not None
 
     @property
     def elapsed(self) -> float:
@@ -65,15 +68,26 @@ class Session:
         return time.monotonic() - self.began
 
     def start(self, job: Job) -> bool:
-        """Begin a job; False where another one is under way or the session is closed."""
+        """Begin a job, or let it wait while the folder is read; False where another one is asked for, or closed."""
         with self._lock:
-            if self.job is not None or self._closed:
+            if self._closed or self.waiting is not None:
                 return False
-            self.job, self.began = job, time.monotonic()
-            self.told = Told(WORDS[job.kind].format(self.path), 0.0)
-        if job.kind not in (LOAD, RECORD):
+            if self.job is not None:
+                if self.job.kind in READS and job.kind not in READS:
+                    self.waiting = job
+                return self.waiting is job
+            self._take(job)
+        return self._send(job)
+
+    def _take(self, job: Job) -> None:
+        """From now on a job is under way."""
+        self.job, self.began = job, time.monotonic()
+        self.told = Told(WORDS[job.kind].format(self.path), 0.0)
+        if job.kind not in READS:
             self.sentence, self.is_bad = "", False
         self.revision += 1
+
+    def _send(self, job: Job) -> bool:
         try:
             self._pipe.send(job)
         except OSError:
@@ -83,7 +97,7 @@ class Session:
 
     def stop(self) -> None:
         """End the job under way, at once; the run is as it was before."""
-        if self.job is not None and self.job.kind not in (LOAD, RECORD):
+        if self.job is not None and self.job.kind not in READS:
             self._process.kill()  # the listener notices and starts another worker
 
     def close(self) -> None:
@@ -140,22 +154,30 @@ class Session:
             self.record, self.record_problem = answer.record, ""
         if answer.sentence:
             self.sentence, self.is_bad = answer.sentence, False
-        self.job = None
-        if self.record is None and not self.record_problem:
-            self.start(Job(RECORD))
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """After a job: what waits, or the record of the flight where it was not read yet."""
+        with self._lock:
+            needs_record = self.record is None and not (self.record_problem or self.damage)
+            following, self.waiting, self.job = self.waiting or (Job(RECORD) if needs_record else None), None, None
+            if following is not None:
+                self._take(following)
+        if following is not None:
+            self._send(following)
 
     def _failed(self, answer: Failed) -> None:
-        self.job = None
         if answer.job.kind == LOAD:
             self.damage, self._damaged_at = answer.sentence, signature_of(self.path)
         elif answer.job.kind == RECORD:
             self.record_problem = answer.sentence
         else:
             self.sentence, self.is_bad = answer.sentence, True
+        self._go_on()
 
     def _restart(self, sentence: str) -> None:
         self._process.join()
         self._process, self._pipe = start_worker(self.path)
-        self.job, self.sentence, self.is_bad = None, sentence, False
+        self.job, self.waiting, self.sentence, self.is_bad = None, None, sentence, False
         self.revision += 1
         self.start(Job(LOAD))

@@ -151,7 +151,7 @@ def test_an_aeroplane_whose_commands_stop_says_so(bench, monkeypatch, capfd, rat
     bench.spin_until(lambda: node.command[3] == 0.5)
     assert aeroplane_node.fly_when_heard(node, bench.executor, threading.Event()) == 1
     log = capfd.readouterr().err
-    assert log.count("no commands for 0.") == 1
+    assert log.count("no commands for ") == 1
     assert "flown for 1.0 s, without a command for the last" in log and "100 of 100 samples had no answer" in log
 
 

@@ -44,9 +44,14 @@ def shown(errors: dict, axis: str) -> str:
 
 
 def wait_for_text(page, name: str, text: str, timeout: float = 300_000) -> None:
-    page.wait_for_function(
-        "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[marked(name), text], timeout=timeout
-    )
+    from playwright.sync_api import TimeoutError as PlaywrightTimeout
+
+    try:
+        page.wait_for_function(
+            "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[marked(name), text], timeout=timeout
+        )
+    except PlaywrightTimeout:
+        raise AssertionError(f"no '{text}' in {name}: {page.inner_text('body')}") from None
 
 
 def window_of(page) -> list[list[float]]:

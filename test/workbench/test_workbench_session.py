@@ -12,7 +12,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import server
 from aircraft_sysid_ros.workbench.run_view import load_run_view
 from aircraft_sysid_ros.workbench.session import Session
-from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
+from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, LOAD, REMOVE, Job
 
 
 @pytest.fixture
@@ -52,6 +52,19 @@ def test_jobs_one_at_a_time_and_the_folder_is_watched(session, run) -> None:
     assert session.view.current == open_run(run).current.identifier and not (run / "diagnosis.json").exists()
     assert main(["remove", str(run), "Cl: alpha*beta"]) == 0  # another program changes the run
     until(lambda: session.view.current == first)
+
+
+def test_what_is_asked_for_while_the_folder_is_read_is_done_then(run) -> None:
+    """A press of a button is never lost, however slow the machine."""
+    session = Session(run)
+    try:
+        assert session.job.kind == LOAD and session.start(Job(ADD, "Cl: alpha*beta")) and session.busy
+        assert not session.start(Job(DIAGNOSE))  # one waits
+        session.wait(120.0)
+        until(lambda: session.record is not None)
+        assert session.sentence.startswith("the held-out error falls") and not session.is_bad
+    finally:
+        session.close()
 
 
 @pytest.mark.parametrize(

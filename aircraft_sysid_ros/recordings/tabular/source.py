@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -96,6 +97,12 @@ def open_file(path: Path) -> tuple[str, list[Table]]:
     if not path.stat().st_size:
         raise InputError(f"{path} is empty")
     return reader(path, path.name)
+
+
+def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
+    """A key that has 2 before 10."""
+    parts = re.findall(r"\d+|\D+", name)
+    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
 
 
 def is_table_file(path: Path) -> bool:

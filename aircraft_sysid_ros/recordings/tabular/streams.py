@@ -16,7 +16,7 @@ from aircraft_sysid_ros.flight_check.signals import interpolated_length
 from aircraft_sysid_ros.recordings.tabular.clock import LATEST, NO_TIME, Stamps, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSignal, TableMap
 from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, vector_of
-from aircraft_sysid_ros.recordings.tabular.source import Source
+from aircraft_sysid_ros.recordings.tabular.source import Source, natural_order
 from aircraft_sysid_ros.recordings.tabular.table import Piece, Table, numbers
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 from aircraft_sysid_ros.samples import PAUSE
@@ -25,6 +25,7 @@ Array = npt.NDArray[np.float64]
 ROWS = 50_000  # of a piece
 #: [ns] between manoeuvres of which each begins at its own time 0: longer than anything in a filter remembers.
 _PAUSE = int(PAUSE * NANOSECONDS)
+_FEWEST_ROWS = 3  # between restarts of a time
 #: Commands may stand still; of everything else that repeats itself most of the time only what is new was measured.
 _MAY_STAND_STILL = ("controls", "inputs", "mass")
 _DAY = 86_400.0  # [s]
@@ -266,6 +267,7 @@ class _TableReader:
         self._shift = 0  # [ns] by which what follows restarts of the time is later
         self._begins: list[int] = []
         self._ends: list[int] = []
+        self._rows = 0  # since the last restart
 
     @property
     def manoeuvres(self) -> list[tuple[int, int]]:
@@ -275,13 +277,15 @@ class _TableReader:
         return list(zip(self._begins, [*self._ends, self._last], strict=True))
 
     def in_order(self, tables: list[Table]) -> list[Table]:
-        """Tables of one pattern by their first time."""
+        """Tables of one pattern by their first time, or by their names where each begins anew."""
         for table in tables:
             table.position(self.map.time.column)
             for signal in self.map.signals:
                 self._check_columns(table, signal)
         if len(tables) < 2:
             return tables
+        if self.map.time.restarts:
+            return sorted(tables, key=lambda table: natural_order(table.name))
 
         def first(table: Table) -> int:
             piece = next(table.read([self.map.time.column], 1000), None)
@@ -361,11 +365,23 @@ class _TableReader:
         there = stamp[rows] + self._shift
         before = np.concatenate([[there[0] if self._last is None else self._last], there[:-1]])
         again = there < before
+        self._check_lengths(np.flatnonzero(again), len(rows))
         out[rows] = there + np.cumsum(np.where(again, before - there + _PAUSE, 0))
         self._shift += int(out[rows[-1]] - there[-1])
         self._begins += ([] if self._begins else [int(out[rows[0]])]) + out[rows[again]].tolist()
         self._ends += (out[rows[again]] - _PAUSE).tolist()
         return out
+
+    def _check_lengths(self, again: npt.NDArray[np.intp], rows: int) -> None:
+        """Refuse a time that goes back after a row or two: no manoeuvre is as short."""
+        lengths = np.diff([-self._rows, *again])
+        if len(again) and lengths.min() < _FEWEST_ROWS:
+            raise InputError(
+                f"the time column '{self.map.time.column}' goes back after {lengths.min()} row"
+                f"{'s' * (lengths.min() > 1)}, and restarts: true takes that for a manoeuvre: "
+                "sort the rows, or map another column as the time"
+            )
+        self._rows = rows - int(again[-1]) if len(again) else self._rows + rows
 
     def _differs(self, stamp: Stamps, timed: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
         """Rows whose time differs from that of the timed row before."""

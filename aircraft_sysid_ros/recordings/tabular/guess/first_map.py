@@ -14,6 +14,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE
 from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, ColumnMap, parse_column_map
 from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import KnownLine, known_lines
+from aircraft_sysid_ros.recordings.tabular.guess.manoeuvre_tables import joined_manoeuvres
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
@@ -68,7 +69,7 @@ def guess_map(path: Path) -> FirstMap:
         return _of_known_kind(tables, known, notes)
     notes += [note for _, table in tables if (note := table.note or _without_names(table))]
     parts, columns = [], []
-    for file, table in tables:
+    for file, table in joined_manoeuvres(tables, lambda table: guess_time(table, _content(table)) is not None):
         content = _content(table)
         time = guess_time(table, content)
         if time is None:
