@@ -207,3 +207,41 @@ def sheets(flown, folder, seconds=np.inf):
     path = folder / "Flight 12.xlsx"
     book.save(path)
     return path
+
+
+def manoeuvre_columns(flown, time, start):
+    """Columns with units of one manoeuvre that begins at ``start`` [s] of the flight, at times (n,) [s] of its own."""
+    c = flown.at(start + time)
+    columns = {"Time [s]": time, "Nx [g]": c["fx"] / GRAVITY, "Ny [g]": c["fy"] / GRAVITY, "Nz [g]": -c["fz"] / GRAVITY}
+    columns |= {f"{n} [deg/s]": np.degrees(c[n]) for n in "pqr"}
+    angles = {"Phi": "phi", "Theta": "theta", "Psi": "psi", "Alpha": "alpha", "Beta": "beta", "Elevator": "de"}
+    angles |= {"Aileron": "da", "Rudder": "dr"}
+    columns |= {f"{name} [deg]": np.degrees(c[key]) for name, key in angles.items()}
+    return columns | {"TAS [m/s]": c["V"], "Hp [m]": altitude_at(c["ps"])}
+
+
+def sheet_per_manoeuvre(flown, folder, starts, rate=25.0):
+    """A workbook with a sheet for each manoeuvre, each from time 0."""
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for number, start in enumerate(starts, 1):
+        columns = manoeuvre_columns(flown, np.arange(0.0, 8.0 + number, 1.0 / rate), start)
+        sheet = book.create_sheet(f"Man {number}")
+        sheet.append(list(columns))
+        for row in np.stack(list(columns.values()), axis=1).tolist():
+            sheet.append(row)
+    path = folder / "Flight 13.xlsx"
+    book.save(path)
+    return path
+
+
+def file_per_manoeuvre(flown, folder, starts, rate=25.0):
+    """A folder with a CSV for each manoeuvre, whose clock goes on; by its name the tenth comes before the second."""
+    for number, start in enumerate(starts, 1):
+        columns = manoeuvre_columns(flown, np.arange(0.0, 8.0, 1.0 / rate), start)
+        columns["Time [s]"] = columns["Time [s]"] + start
+        content = np.stack(list(columns.values()), axis=1)
+        np.savetxt(
+            folder / f"run{number}.csv", content, fmt="%.9g", delimiter=",", header=",".join(columns), comments=""
+        )
+    return folder

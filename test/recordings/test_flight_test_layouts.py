@@ -12,7 +12,16 @@ import h5py
 import numpy as np
 import pytest
 import yaml
-from flight_test_layouts import Flown, ascii_manoeuvres, business_jet, semicolons, sheets
+from flight_test_layouts import (
+    Flown,
+    ascii_manoeuvres,
+    business_jet,
+    file_per_manoeuvre,
+    manoeuvre_columns,
+    semicolons,
+    sheet_per_manoeuvre,
+    sheets,
+)
 
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.commands.main import main
@@ -157,6 +166,62 @@ def test_a_time_that_goes_back_without_a_word_is_refused_with_the_way_out(flown,
     (tmp_path / "map.yaml").unlink()
     _, out = guessed(source, tmp_path, capsys)
     assert "have no names, their numbers stand for them: list the names, one a line, in a text file beside it" in out
+
+
+def test_a_sheet_for_each_manoeuvre_is_one_body_of_data(flown, tmp_path, capsys):
+    starts = [4.0 + 8.0 * i for i in range(11)]
+    said, _ = guessed(sheet_per_manoeuvre(flown, tmp_path, starts), tmp_path, capsys)
+    assert all(certainty != "undecided" for certainty, *_ in said.values()) and len(said) == 16
+    text = (tmp_path / "map.yaml").read_text()
+    assert 'file: "Man *"' in text and "restarts: true" in text and text.count("time:") == 1
+    recording, out = imported(tmp_path / "Flight 13.xlsx", tmp_path, text, capsys)
+    assert "11 manoeuvres, each 10 s after the one before" in out
+    segments = yaml.safe_load((tmp_path / "bag.segments.yaml").read_text())
+    lengths = [s["stop"] - s["start"] for s in segments]
+    assert lengths == pytest.approx([8.96 + i for i in range(11)], abs=2e-3)  # the second before the tenth
+    imu = recording.samples[recording.samples.kind == Kind.IMU]
+    truth = flown.at(starts[1] + np.arange(250) / 25.0)
+    np.testing.assert_allclose(imu.values[225 : 225 + 250, 3], truth["p"], atol=1e-6)
+
+
+def test_a_file_for_each_manoeuvre_whose_clock_goes_on(flown, tmp_path, capsys):
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    file_per_manoeuvre(flown, folder, starts=[4.0 + 8.0 * i for i in range(11)])
+    said, _ = guessed(folder, tmp_path, capsys)
+    assert len(said) == 16 and 'file: "run*.csv"' in (tmp_path / "map.yaml").read_text()
+    recording, _ = imported(folder, tmp_path, (tmp_path / "map.yaml").read_text(), capsys)
+    imu = recording.samples[recording.samples.kind == Kind.IMU]
+    time = (imu.stamp - imu.stamp[0]) * 1e-9
+    np.testing.assert_allclose(time, np.arange(11 * 200) / 25.0, atol=1e-6)
+    np.testing.assert_allclose(imu.values[:, 3], flown.at(4.0 + time)["p"], atol=1e-6)
+
+
+def test_two_recorders_of_one_flight_are_no_manoeuvres(flown, tmp_path, capsys):
+    """They have the same columns and both begin at time 0."""
+    folder, rng = tmp_path / "flight", np.random.default_rng(3)
+    folder.mkdir()
+    for name in ("ins_a.csv", "ins_b.csv"):
+        columns = manoeuvre_columns(flown, np.arange(0.0, 60.0, 0.04), start=4.0)
+        content = np.stack(list(columns.values()), axis=1)
+        content[:, 1:] *= 1.0 + 0.01 * rng.standard_normal(content[:, 1:].shape)
+        np.savetxt(folder / name, content, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+    guessed(folder, tmp_path, capsys)
+    text = (tmp_path / "map.yaml").read_text()
+    assert "ins_*" not in text and "restarts" not in text and 'file: "ins_a.csv"' in text
+
+
+def test_rows_in_the_wrong_order_are_no_manoeuvres(flown, tmp_path, capsys):
+    source, columns = tmp_path / "backwards.csv", manoeuvre_columns(flown, np.arange(0.0, 20.0, 0.04), start=4.0)
+    content = np.stack(list(columns.values()), axis=1)[::-1]
+    np.savetxt(source, content, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+    text = 'tables:\n  - time: {column: "Time [s]", unit: s, restarts: true}\n    signals:\n'
+    (tmp_path / "map.yaml").write_text(text + '      angular_velocity.x: {column: "p [deg/s]", unit: deg/s}\n')
+    command = ["import", source, "--map", tmp_path / "map.yaml", "--out", tmp_path / "bag"]
+    assert main([str(word) for word in command]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "'Time [s]' goes back after 1 row, and restarts: true takes that for a manoeuvre: sort the rows" in line
+    assert not (tmp_path / "bag").exists()
 
 
 def test_a_clock_that_shows_the_second_of_the_minute_is_no_row_of_manoeuvres(flown, tmp_path, capsys):

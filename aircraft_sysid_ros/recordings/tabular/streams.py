@@ -374,12 +374,12 @@ class _TableReader:
 
     def _check_lengths(self, again: npt.NDArray[np.intp], rows: int) -> None:
         """Refuse a time that goes back after a row or two: no manoeuvre is as short."""
-        lengths = np.diff([-self._rows, *again])
-        if len(again) and lengths.min() < _FEWEST_ROWS:
+        shortest = min(np.diff([-self._rows, *again]).tolist(), default=_FEWEST_ROWS)
+        if shortest < _FEWEST_ROWS:
+            unit = "row" if shortest == 1 else "rows"
             raise InputError(
-                f"the time column '{self.map.time.column}' goes back after {lengths.min()} row"
-                f"{'s' * (lengths.min() > 1)}, and restarts: true takes that for a manoeuvre: "
-                "sort the rows, or map another column as the time"
+                f"the time column '{self.map.time.column}' goes back after {shortest} {unit}, and restarts: true takes "
+                "that for a manoeuvre: sort the rows, or map another column as the time"
             )
         self._rows = rows - int(again[-1]) if len(again) else self._rows + rows
 

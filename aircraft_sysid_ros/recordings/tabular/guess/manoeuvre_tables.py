@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
@@ -78,12 +77,18 @@ def joined_manoeuvres(tables: list[Named], has_time: Callable[[Table], bool]) ->
 
 def _pattern(names: list[str], of_all: list[str]) -> str | None:
     """A pattern of these names and of no others; None where there is none."""
-    begin, end = os.path.commonprefix(names), os.path.commonprefix([name[::-1] for name in names])[::-1]
+    begin, end = _common(names), _common([name[::-1] for name in names])[::-1]
     shortest = min(map(len, names))
     pattern = begin + "*" + end[len(end) - min(len(end), shortest - len(begin)) :]
     if any(letter in begin + end for letter in "*?["):
         return None
     return pattern if [name for name in of_all if fnmatchcase(name, pattern)] == names else None
+
+
+def _common(names: list[str]) -> str:
+    """The letters with which all names begin."""
+    alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
+    return "".join(letters[0] for letters in alike)
 
 
 def _is_flight(columns: Sequence[str], table: Table) -> bool:
