@@ -15,7 +15,6 @@ from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density
 from aircraft_sysid_ros.aircraft.frames import (
     Vector,
     applied,
-    cross_matrix,
     crossing,
     multiplied,
     put_matrix,
@@ -142,17 +141,21 @@ def _attitude(values: Array, x: Array, residual: Array, h: Array) -> int:
 
 @njit(cache=True)
 def _heading(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -> int:
-    """Heading of the magnetic field: its horizontal direction in NED is the declination."""
+    """Heading of the magnetic field: its horizontal direction in NED is the declination.
+
+    The Jacobian is that of the predicted direction, of which the sample gives the inclination alone. At that of the
+    sample it would carry the same noise as the residual, and the products of both would tilt the attitude.
+    """
     c = rotation_matrix(x[ATTITUDE])
-    field = values[:3] / np.sqrt(np.sum(values[:3] * values[:3]))
-    level = c @ field
+    level = c @ (values[:3] / np.sqrt(np.sum(values[:3] * values[:3])))
     horizontal2 = level[0] ** 2 + level[1] ** 2
     if horizontal2 < 0.04 or np.isnan(setup.declination):  # field nearly vertical: no heading in it
         return 0
     residual[0] = wrap(setup.declination - np.arctan2(level[1], level[0]))
-    turned = -(c @ cross_matrix(field))
+    north, east = np.cos(setup.declination), np.sin(setup.declination)
+    slope = level[2] / np.sqrt(horizontal2)
     for j in range(3):
-        h[0, D_ATTITUDE + j] = (level[0] * turned[1, j] - level[1] * turned[0, j]) / horizontal2
+        h[0, D_ATTITUDE + j] = c[2, j] - slope * (north * c[0, j] + east * c[1, j])
     return 1
 
 

@@ -95,11 +95,12 @@ def in_deviations(error: np.ndarray) -> float:
 def test_iterated_to_the_end_it_is_the_most_probable_state(kind: Kind, setup: Setup) -> None:
     best, covariance = most_probable(kind, setup)
     x, p = updated(kind, setup, 100)
-    assert in_deviations(error_from_prior(x) - best) < 1e-6
+    is_exact = kind != Kind.MAGNETIC_FIELD  # its Jacobian is that of the predicted field, and not of what was measured
+    assert in_deviations(error_from_prior(x) - best) < (1e-6 if is_exact else 2e-3)
     turned = np.eye(ERROR_SIZE)
     turned[6:9, 6:9] = right_jacobian(best[6:9])
     std = np.sqrt(np.diag(p))
-    assert np.abs((p - turned @ covariance @ turned.T) / np.outer(std, std)).max() < 1e-4
+    assert np.abs((p - turned @ covariance @ turned.T) / np.outer(std, std)).max() < (1e-4 if is_exact else 1e-2)
     assert in_deviations(error_from_prior(updated(kind, setup, 1)[0]) - best) > 0.05
 
 

@@ -12,6 +12,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_from_euler,
     quaternion_log,
     quaternion_product,
+    rotation_matrix,
 )
 from aircraft_sysid_ros.reconstruction.fusion import retract
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
@@ -163,6 +164,9 @@ def test_measurement_jacobians(kind: Kind, pitch: float, setup: Setup) -> None:
         values[:4] = quaternion_product(x[ATTITUDE], quaternion_exp(np.array([0.3, -0.8, 0.5])))
     elif kind == Kind.GPS_POSITION:
         values[GPS_NED] = [140.0, -90.0, -30.0]
+    elif kind == Kind.MAGNETIC_FIELD:  # in the predicted direction, at which its Jacobian is taken
+        north, east = np.cos(setup.declination), np.sin(setup.declination)
+        values[:3] = rotation_matrix(x[ATTITUDE]).T @ [0.4 * north, 0.4 * east, 0.8]
     else:
         values[:3] = [0.3, 0.2, 0.4]
     h, scratch = np.empty((3, ERROR_SIZE)), np.empty((3, ERROR_SIZE))

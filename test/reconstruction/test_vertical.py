@@ -160,7 +160,6 @@ def test_straight_flight_is_as_uncertain_as_it_says(straight) -> None:
     assert np.abs(np.mean(error[:, :, :2], axis=(0, 1))).max() < 1.0
 
 
-@pytest.mark.xfail(strict=True, reason="_heading takes its Jacobian at the noisy field: docs/state-reconstruction.md")
 def test_the_noise_of_a_magnetometer_does_not_pitch(straight) -> None:
     error, std = straight[True]
     assert np.abs(np.mean(error[:, :, 1])) < 2.0
