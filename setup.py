@@ -38,6 +38,8 @@ SIMULATION = ["jsbsim>=1.2,<2"]
 LOGS = ["pyulog>=1.0,<2", "pymavlink>=2.4.40,<3"]
 # Flights in tables of other programs: `import --map`.
 TABLES = ["h5py>=3.10,<4", "openpyxl>=3.1,<4", "pandas>=2.2,<4", "pint>=0.24,<1", "pyarrow>=15"]
+# Many flights at once: `fleet`.
+FLEET = ["dask>=2025.1", "distributed>=2025.1", "jinja2>=3.1,<4", "pyarrow>=15"]
 BRIDGE = ["pymavlink>=2.4.40,<3", "pyserial>=3.5,<4"]
 # What `make bench` and `make hidden-effects` compare with.
 BENCH = ["filterpy>=1.4.5,<3", "statsmodels>=0.14,<0.16", "pysindy>=2,<3", "scikit-learn>=1.7.2,<2"]
@@ -106,9 +108,10 @@ setup(
         "bridge": BRIDGE,
         "report": REPORT,
         "workbench": WORKBENCH,
+        "fleet": FLEET,
         "bench": BENCH,
         "test": TEST,
-        "all": ROS + MESSAGES + SIMULATION + LOGS + TABLES + BRIDGE + REPORT + WORKBENCH + TEST,
+        "all": ROS + MESSAGES + SIMULATION + LOGS + TABLES + BRIDGE + REPORT + WORKBENCH + FLEET + TEST,
     },
     entry_points={
         "console_scripts": [

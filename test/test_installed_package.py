@@ -246,6 +246,7 @@ EXTRAS = [
     (("import", "log.bin", "--out", "other"), "pymavlink", "logs"),
     (("import", "log.tlog", "--out", "other"), "pymavlink", "logs"),
     (("import", "table.csv", "--map", "map.yaml", "--out", "other"), "pint", "tables"),
+    (("fleet", "run", "--aircraft", "aircraft.yaml", "--out", "other"), "pyarrow", "fleet"),
     (("bridge", "udp:127.0.0.1:14999"), "pymavlink", "bridge"),
     (("report", "run", "--out", "run.html"), "jinja2 and plotly", "workbench"),
     (("workbench", "run"), "nicegui and plotly", "workbench"),

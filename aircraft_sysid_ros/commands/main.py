@@ -28,6 +28,7 @@ COMMANDS = {
     "remove": ("remove", "an effect or a term taken out again"),
     "workbench": ("workbench", "the same on a web page on this machine, with a mouse"),
     "report": ("report", "the page of a run as one HTML file"),
+    "fleet": ("fleet", "many flights at once, and what changes between them"),
     "refine": ("refine", "maximum likelihood on a run, after the flight"),
     "play": ("play", "a recording onto ROS 2 topics"),
     "live": ("live", "all nodes on ROS 2 topics"),

@@ -12,7 +12,6 @@ the moments.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -29,7 +28,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     flight_data_of,
     log_likelihood,
 )
-from aircraft_sysid_ros.diagnosis.processes import worker_pool
+from aircraft_sysid_ros.diagnosis.processes import cores, worker_pool
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
@@ -79,7 +78,7 @@ def measurement_faults(
     jobs = list(jobs_of(flight, library, calm))
     if not jobs:
         return []
-    workers = min(len(jobs), len(os.sched_getaffinity(0)))
+    workers = min(len(jobs), cores())
     found: list[Setting] = []
     with worker_pool(workers) as pool:
         for number, setting in enumerate(pool.map(try_setting, jobs), 1):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,7 +38,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     version_with,
     write_version,
 )
-from aircraft_sysid_ros.diagnosis.processes import worker_pool
+from aircraft_sysid_ros.diagnosis.processes import cores, worker_pool
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms, undetermined
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -199,7 +198,7 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
     jobs = list(_gust_jobs(run.current.aircraft, samples, effect))
     jobs = jobs or list(jobs_of(reconstruct(flown, samples, with_covariance=False), [effect], calm))
     tried: list[Setting] = []
-    with worker_pool(min(max(len(jobs), 1), len(os.sched_getaffinity(0)))) as pool:
+    with worker_pool(min(max(len(jobs), 1), cores())) as pool:
         for setting in pool.map(try_setting, jobs):
             tried.append(setting)
             progress(0.2 + 0.7 * len(tried) / len(jobs))

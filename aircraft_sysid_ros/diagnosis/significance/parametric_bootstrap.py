@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,7 +16,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     repeated_rows,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.processes import worker_pool
+from aircraft_sysid_ros.diagnosis.processes import cores, worker_pool
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import FlightConditions, world_of
@@ -78,7 +77,7 @@ def replicas_of(
     arguments = [(flight, stretches, parameters, library, seed) for seed in range(count)]
     import scipy.signal  # noqa: F401, once and not in each of the processes
 
-    workers = min(count, len(os.sched_getaffinity(0)))
+    workers = min(count, cores())
     with worker_pool(workers) as pool:
         for number, replica in enumerate(pool.map(_replica, arguments), 1):
             progress(number / count)

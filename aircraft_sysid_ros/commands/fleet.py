@@ -1,0 +1,151 @@
+"""``fleet``: many flights at once, and what changes from flight to flight and differs between airframes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.commands.notes import note_lines
+from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
+from aircraft_sysid_ros.errors import IncompleteError, InputError
+from aircraft_sysid_ros.fleet.fleet import Asked, Fleet, fly_fleet
+from aircraft_sysid_ros.fleet.flight_task import Options, Steps
+from aircraft_sysid_ros.fleet.flights import TABLES
+
+FEWEST, MOST = 2, 50
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "fleet", help="many flights at once, and what changes between them", description=__doc__
+    )
+    add = parser.add_argument
+    add("sources", nargs="+", metavar="SOURCE",
+        help="recordings, logs, folders of them, patterns in quotes, or lists of flights (.yaml, .csv)")  # fmt: skip
+    add("--aircraft", metavar="FILE", help="aircraft file; {airframe} in its name stands for that of each flight")
+    add("--out", required=True, metavar="DIR", help="folder of the tables and the page; one that is there goes on")
+    add("--scheduler", metavar="ADDRESS", help="Dask scheduler, as tcp://host:8786 (default: one on this machine)")
+    add("--workers", type=int, metavar="N", help="flights at a time on this machine (default: its cores)")
+    add("--time-limit", type=float, default=1800.0, metavar="S", help="a flight may take so long (default %(default)s)")
+    add("--replicas", type=int, default=COUNT, metavar="N", help="as of diagnose (default %(default)s)")
+    add("--map", metavar="MAP", help="which column is which signal, as of import: tables are flights, too")
+    add("--servos", metavar="FILE", help="what the outputs of an autopilot mean, as --calibration of import")
+    add("--runs", action="store_true", help="keep the run of every flight, in DIR/runs")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Fly the fleet; returns counts, changes and files. Raises InputError."""
+    _check(args)
+    options = Options(args.replicas, *(Path(p).absolute() if p else None for p in (args.map, args.servos)))
+    asked = Asked(
+        sources=args.sources,
+        aircraft=args.aircraft,
+        out=Path(args.out),
+        options=options,
+        time_limit=args.time_limit,
+        runs=args.runs,
+        scheduler=args.scheduler,
+        workers=args.workers,
+    )
+    with progress_bar() as progress:
+        task = progress.add_task("look for flights", total=None)
+
+        def tell(what: str, count: int, total: int) -> None:
+            progress.update(task, description=what, completed=count, total=total)
+
+        fleet = fly_fleet(asked, Steps(_import, _check_flight, _replay), tell, _say)
+    result = fleet.json
+    if not fleet.ok:
+        raise IncompleteError(f"none of {len(fleet.flown)} flights could be used, {_first_reason(fleet)}", result)
+    return result
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+def _first_reason(fleet: Fleet) -> str:
+    first = fleet.flown[0]
+    return f"such as {first.flight.name}: {first.answer['reason']}"
+
+
+def _check(args: argparse.Namespace) -> None:
+    if not FEWEST <= args.replicas <= MOST:
+        raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {args.replicas}")
+    if not 1.0 <= args.time_limit <= 1e6:
+        raise InputError(f"--time-limit must be from 1 to 1000000 s, not {args.time_limit:g}")
+    if args.workers is not None and args.scheduler:
+        raise InputError("--workers is for this machine, and --scheduler has its own: leave one of them out")
+    if args.workers is not None and not 1 <= args.workers <= 1000:
+        raise InputError(f"--workers must be from 1 to 1000, not {args.workers}")
+    for option, path in (("--map", args.map), ("--servos", args.servos)):
+        if path is not None and not Path(path).is_file():
+            raise InputError(f"{option} {path}: there is no such file")
+
+
+# -- what workers do to a flight, by the commands ------------------------------------------------------------
+
+
+def _asked(*words: str | Path) -> argparse.Namespace:
+    """Arguments of another command, with its own defaults."""
+    from aircraft_sysid_ros.commands.main import build_parser
+
+    texts = [str(word) for word in words]
+    return build_parser(texts[0]).parse_args(texts)
+
+
+def _import(log: Path, out: Path, options: Options) -> dict[str, Any]:
+    from aircraft_sysid_ros.commands.import_log import run as run_import
+
+    words: list[str | Path] = ["import", log, "--out", out]
+    if options.map and log.suffix.lower() in (*TABLES, ".mat"):
+        words += ["--map", options.map]
+    elif options.servos and log.suffix.lower() != ".mat":
+        words += ["--calibration", options.servos]
+    return run_import(_asked(*words))
+
+
+def _check_flight(recording: Path, aircraft: Path) -> dict[str, Any]:
+    from aircraft_sysid_ros.commands.check import run as run_check
+
+    return run_check(_asked("check", recording, "--aircraft", aircraft))
+
+
+def _replay(recording: Path, aircraft: Path, out: Path) -> dict[str, Any]:
+    from aircraft_sysid_ros.commands.replay import run as run_replay
+
+    return run_replay(_asked("replay", recording, "--aircraft", aircraft, "--out", out))
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [f"{result['ok']} of {result['flights']} flights of {len(result['airframes'])} airframes", ""]
+    lines += [f"  {f['flight']}: {f['reason']}" for f in result["failures"]]
+    lines += [""] if result["failures"] else []
+    lines += [_change_line(change) for change in result["changes"]] or ["nothing changes between flights"]
+    lines += [_difference_line(each) for each in result["differences"]]
+    lines += [_effect_line(each) for each in result["effects"]]
+    return "\n".join(["", *lines, "", *note_lines(result["notes"]), f"page {result['page']}"][1:])
+
+
+def _change_line(change: dict[str, Any]) -> str:
+    size, std = f"{change['size']:+.3g}", f"{change['std']:.2g}"
+    what = f"drifts by {size} ± {std} per flight" if change["kind"] == "drift" else f"jumps by {size} ± {std}"
+    since = f" from {change['flight']}" if change["flight"] else ""
+    return f"{change['airframe']}: {change['parameter']} {what}{since}, p {change['p_value']:.1g}"
+
+
+def _difference_line(each: dict[str, Any]) -> str:
+    return (
+        f"{each['airframe']}: {each['parameter']} is {each['value']:.4g} ± {each['std']:.2g}, "
+        f"of the others {each['others']:.4g} ± {each['others_std']:.2g}, p {each['p_value']:.1g}"
+    )
+
+
+def _effect_line(each: dict[str, Any]) -> str:
+    return f"{each['airframe']}: {each['effect']} comes back, in {each['flights']} of {each['of']} flights"

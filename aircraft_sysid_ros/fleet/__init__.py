@@ -1,0 +1,1 @@
+"""Many flights at once, and what changes from flight to flight."""

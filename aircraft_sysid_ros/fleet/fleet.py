@@ -1,0 +1,177 @@
+"""A fleet from its sources to its tables and its page."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.fleet.apart import Failed, Limits
+from aircraft_sysid_ros.fleet.between import Between, between_flights
+from aircraft_sysid_ros.fleet.cluster import Work, cluster, fly_all, has_dashboard
+from aircraft_sysid_ros.fleet.flight_task import Answer, Job, Options, Steps, answer_of, content_key, program_key
+from aircraft_sysid_ros.fleet.flights import Flight, flights_of
+from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
+from aircraft_sysid_ros.fleet.results import RUNS, Results
+from aircraft_sysid_ros.fleet.tables import Flown, in_order, require_pyarrow, tables_of, write_tables
+
+#: What the process of a flight finds loaded.
+_PRELOAD = (
+    "aircraft_sysid_ros.fleet.warm",
+    "aircraft_sysid_ros.fleet.flight_task",
+    "aircraft_sysid_ros.commands.replay",
+    "aircraft_sysid_ros.commands.check",
+)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a user asks of a fleet."""
+
+    sources: Sequence[str]
+    aircraft: str | None
+    out: Path
+    options: Options
+    time_limit: float  # [s] of one flight
+    runs: bool = False
+    scheduler: str | None = None
+    workers: int | None = None
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """All flights with their answers, and what was found between them."""
+
+    out: Path
+    flown: Sequence[Flown]
+    between: Between
+    new: int  # flights that were not known already
+    notes: Sequence[str]
+
+    @property
+    def ok(self) -> int:
+        """Flights that could be used."""
+        return sum(flown.answer["ok"] for flown in self.flown)
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The content of ``fleet --json``."""
+        failures = [{"flight": f.flight.name, "reason": f.answer["reason"]} for f in self.flown if not f.answer["ok"]]
+        return {
+            "flights": len(self.flown),
+            "ok": self.ok,
+            "new": self.new,
+            "airframes": sorted({flown.flight.airframe for flown in self.flown}),
+            "failures": failures,
+            "changes": self.between.changes,
+            "differences": self.between.differences,
+            "effects": self.between.effects,
+            "false_discovery_rate": self.between.rate,
+            "page": str(self.out / "fleet.html"),
+            "notes": list(self.notes),
+        }
+
+
+def fly_fleet(asked: Asked, steps: Steps, tell: Callable[[str, int, int], None], say: Callable[[str], None]) -> Fleet:
+    """Fly what is not known yet, and write tables and page. Raises InputError.
+
+    ``tell`` hears what is done, and how many of how many flights; ``say`` what a user should know at once.
+    """
+    require_pyarrow()
+    require_jinja2()
+    flights = flights_of(asked.sources, asked.aircraft, asked.out, with_tables=asked.options.map is not None)
+    results = Results(asked.out)
+    with results.held():
+        answers, jobs = _jobs(flights, asked, tell)
+        known = {name: found for name, job in jobs.items() if (found := results.known(job, asked.time_limit))}
+        new = {name: job for name, job in jobs.items() if name not in known}
+        answers |= known
+        unkept: list[str] = []
+        if new:
+            answers |= _flown(new, steps, asked, results, unkept, tell, say)
+        flown = in_order([Flown(flight, answers[flight.name]) for flight in flights])
+        tables = tables_of(flown)
+        between = between_flights(tables, flown)
+        write_tables(asked.out, {**tables, "changes": between.changes, "airframes": between.airframes})
+        fleet = Fleet(asked.out, flown, between, len(new), unkept)
+        write_page(asked.out / "fleet.html", fleet.flown, between)
+    return fleet
+
+
+def _jobs(
+    flights: Sequence[Flight], asked: Asked, tell: Callable[[str, int, int], None]
+) -> tuple[dict[str, Answer], dict[str, Job]]:
+    """Answers to flights that cannot be flown, and the jobs of the others, by name."""
+    answers: dict[str, Answer] = {}
+    jobs: dict[str, Job] = {}
+    beside = content_key(asked.options.files, program_key(), str(asked.options.replicas))
+    aircraft = {path: content_key((path,)) for path in {flight.aircraft for flight in flights}}
+    first: dict[str, str] = {}
+    for count, flight in enumerate(flights):
+        tell("look what is known already", count, len(flights))
+        try:
+            if not flight.recording.exists():
+                raise InputError(f"there is no recording {flight.recording}")
+            recording = content_key((flight.recording,))
+        except (OSError, InputError) as error:
+            why = f"cannot be read: {error.strerror}" if isinstance(error, OSError) else str(error)
+            answers[flight.name] = _no_answer(why)
+            continue
+        other = first.setdefault(recording, flight.name)
+        if other != flight.name:
+            answers[flight.name] = _no_answer(f"it holds the same as {other}, and counts once")
+            continue
+        key = content_key((), recording, aircraft[flight.aircraft], beside)
+        keep = (asked.out / RUNS / flight.name).absolute() if asked.runs else None
+        jobs[flight.name] = Job(
+            key, flight.recording, flight.is_log, flight.aircraft, asked.options, program_key(), keep
+        )
+    return answers, jobs
+
+
+def _no_answer(reason: str) -> Answer:
+    return {"ok": False, "reason": reason}
+
+
+def _flown(
+    jobs: Mapping[str, Job],
+    steps: Steps,
+    asked: Asked,
+    results: Results,
+    unkept: list[str],
+    tell: Callable[[str, int, int], None],
+    say: Callable[[str], None],
+) -> dict[str, Answer]:
+    """Fly jobs on the cluster; answers by name, kept as they come."""
+    answers: dict[str, Answer] = {}
+    names = {job.key: name for name, job in jobs.items()}
+    tell("start the cluster", 0, len(jobs))
+
+    def done(job: Any, outcome: Mapping[str, Any] | Failed) -> None:
+        if isinstance(outcome, Failed):
+            answer, lasting = _no_answer(outcome.sentence), outcome.lasting
+            if outcome.took_all_time:
+                answer["time_limit"] = asked.time_limit
+        else:
+            answer, lasting = dict(outcome), True
+        answers[names[job.key]] = answer
+        tell("fly", len(answers), len(jobs))
+        if lasting and not unkept:
+            try:
+                results.keep(job.key, answer)
+            except OSError as error:
+                unkept.append(
+                    f"answers cannot be kept in {asked.out} ({error.strerror or error}): a fleet that is begun again "
+                    "flies these flights again"
+                )
+
+    with cluster(asked.scheduler, asked.workers) as client:
+        if has_dashboard() and client.dashboard_link:
+            say(f"dashboard {client.dashboard_link}")
+        if asked.scheduler and not client.nthreads():
+            say(f"the scheduler has no workers yet: start some with `dask worker {shlex.quote(asked.scheduler)}`")
+        fly_all(client, list(jobs.values()), Work(answer_of, (steps,), _PRELOAD), Limits(asked.time_limit), done)
+    return answers

@@ -1,0 +1,165 @@
+"""What is done to one flight: import, check, replay, compare and diagnose, by the functions of the commands.
+
+What the commands themselves hold is handed down in ``Steps``. The answer is numbers and words alone, so that it can be
+sent, and kept beside those of other flights.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.compare import compare
+from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.fleet.apart import Failed
+from aircraft_sysid_ros.run_reader import read_parameters, read_points, read_samples
+
+#: Signals of the condition in which a parameter was learnt.
+_CONDITION = ("V", "alpha")
+_BLOCK = 1 << 20
+Answer = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is asked for of every flight."""
+
+    replicas: int
+    map: Path | None = None  # columns of tables
+    servos: Path | None = None  # what the outputs of an autopilot mean
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Files beside the recording that an answer rests on."""
+        return tuple(path for path in (self.map, self.servos) if path is not None)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A flight to fly, or to look up by ``key``: that of all its answer rests on."""
+
+    key: str
+    recording: Path
+    is_log: bool
+    aircraft: Path
+    options: Options
+    program: str
+    keep: Path | None = None  # where its run shall stay
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What commands do to a flight; functions of a module, so that another machine finds them by name."""
+
+    import_log: Callable[[Path, Path, Options], Mapping[str, Any]]  # log, recording to write
+    check: Callable[[Path, Path], Mapping[str, Any]]  # recording, aircraft file
+    replay: Callable[[Path, Path, Path], Mapping[str, Any]]  # recording, aircraft file, run to write
+
+
+def content_key(paths: tuple[Path, ...], *more: str) -> str:
+    """One text for the content of files and folders, wherever they lie, and for ``more``. Raises OSError."""
+    whole = hashlib.sha256("\0".join(more).encode())
+    for path in paths:
+        for file in sorted(path.rglob("*")) if path.is_dir() else (path,):
+            if not file.is_file():
+                continue
+            found = hashlib.sha256()
+            with file.open("rb") as opened:
+                while block := opened.read(_BLOCK):
+                    found.update(block)
+            whole.update(f"{file.relative_to(path) if path.is_dir() else ''}".encode() + found.digest())
+    return whole.hexdigest()[:40]
+
+
+@cache
+def program_key() -> str:
+    """One text for the program: its sources, so that no answer of another one is taken for its own."""
+    package = Path(__file__).resolve().parents[1]
+    whole = hashlib.sha256()
+    for source in sorted(package.rglob("*.py")):
+        whole.update(str(source.relative_to(package)).encode() + source.read_bytes())
+    return whole.hexdigest()[:16]
+
+
+def answer_of(job: Job, folder: Path, steps: Steps) -> Answer:
+    """The answer about one flight; ``folder`` may be written to. Raises InputError where the flight has none."""
+    if job.program != program_key():
+        raise Failed("its worker has another version of the program: install the same one everywhere", lasting=False)
+    recording, run = job.recording, folder / "run"
+    if not recording.exists():
+        raise Failed(f"the worker finds no {recording}: recordings must be where all workers see them", lasting=False)
+    if job.is_log:
+        recording = folder / "recording"
+        steps.import_log(job.recording, recording, job.options)
+    checked = steps.check(recording, job.aircraft)
+    steps.replay(recording, job.aircraft, run)
+    answer: Answer = {"ok": True, "reason": "", "duration": checked["duration"], "findings": checked["findings"]}
+    answer["start"] = int(read_samples(run).stamp.min())
+    answer["parameters"] = _parameters(run)
+    reasons = []
+    answer["axes"], told = _tried(lambda: compare(open_run(run).flight()).json["axes"], "not compared", {})
+    reasons.append(told)
+    answer["diagnosis"], told = _tried(lambda: _diagnosis(run, job.options.replicas), "not diagnosed", None)
+    reasons.append(told)
+    answer["reason"] = "; ".join(filter(None, reasons))
+    if job.keep is not None:
+        _keep(run, job.keep)
+    return json.loads(json.dumps(answer))  # what cannot be kept fails here
+
+
+def _tried(work: Callable[[], Any], what: str, nothing: Any) -> tuple[Any, str]:
+    """What a step finds, or nothing and why."""
+    try:
+        return work(), ""
+    except InputError as error:
+        return nothing, f"{what}: {error}"
+
+
+def _parameters(run: Path) -> list[dict[str, Any]]:
+    """Parameters with the mean condition of the samples that their axis was learnt from."""
+    points = read_points(run)
+    names = points["signal_names"].tolist()
+    learnt = points.get("learnt", points["valid"])
+    conditions = {}
+    for k, axis in enumerate(AXES):
+        signals = points["signals"][learnt[:, k]]
+        conditions[axis] = {
+            name: float(np.nanmean(signals[:, names.index(name)]))
+            if name in names and np.isfinite(signals[:, names.index(name)]).any() else None
+            for name in _CONDITION
+        }  # fmt: skip
+    return [
+        {"name": name, **{key: p[key] for key in ("value", "std", "status")}, **conditions.get(name.split("_")[0], {})}
+        for name, p in read_parameters(run).items()
+    ]
+
+
+def _diagnosis(run: Path, replicas: int) -> dict[str, Any]:
+    found = diagnose_run(run, replicas)[0]
+    kept = ("effect", "label", "axes", "main_axis", "p_value", "error_before", "error_after", "confounded_with")
+    candidates = [{key: c.get(key) for key in kept} for c in found["candidates"] if c["found"]]
+    shown = {key: found.get(key) for key in ("verdict", "advice", "false_alarm_rate")}
+    return {**shown, "candidates": candidates}
+
+
+def _keep(run: Path, place: Path) -> None:
+    """Move the run to its place; one that is there goes."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    beside = place.with_name(f".{place.name}.new")
+    for old in (beside, place):
+        if old.exists():
+            shutil.rmtree(old)
+        if old is beside:
+            shutil.move(run, beside)
+    beside.rename(place)

@@ -1,0 +1,200 @@
+"""The list of flights of a fleet: from recordings, logs, folders, globs, and files that list flights.
+
+The airframe of a flight is the first folder below the SOURCE in which it was found: of ``flights/N1/may/7.mcap`` in the
+source ``flights`` it is N1. A flight that lies in the source itself has the name of that folder. A list says its own.
+"""
+
+from __future__ import annotations
+
+import csv
+import glob
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date, datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.run_reader import PARAMETERS
+from aircraft_sysid_ros.yaml_file import read_yaml
+
+RECORDINGS = (".mcap", ".db3")
+LOGS = (".ulg", ".ulog", ".bin", ".tlog", ".mat")
+TABLES = (".csv", ".tsv", ".txt", ".parquet", ".h5", ".hdf5", ".xlsx")
+LISTS = (".yaml", ".yml", ".csv")
+#: What a list says of a flight; only the recording must be there.
+KEYS = ("recording", "name", "airframe", "aircraft", "start")
+#: What stands for the airframe in the name of an aircraft file.
+AIRFRAME = "{airframe}"
+_METADATA = "metadata.yaml"
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight: where it is recorded, and what it flew."""
+
+    name: str
+    airframe: str
+    recording: Path  # or log
+    aircraft: Path
+    start: int | None = None  # [ns] UTC; None: the first stamp of the recording
+
+    @property
+    def is_log(self) -> bool:
+        """Whether it must be imported before it can be replayed."""
+        return not self.recording.is_dir() and self.recording.suffix.lower() not in RECORDINGS
+
+
+def flights_of(sources: Sequence[str], aircraft: str | None, out: Path, with_tables: bool = False) -> list[Flight]:
+    """All flights, by airframe and name. Raises InputError where there are none, and for a name that two have.
+
+    ``aircraft``: an aircraft file, or a name with ``{airframe}`` in it. ``out`` is not searched. ``with_tables``: a
+    table is a flight, since a map says what its columns are.
+    """
+    endings = (*RECORDINGS, *LOGS, *(TABLES if with_tables else ()))
+    found = [flight for source in sources for flight in _of_source(source, aircraft, out, endings)]
+    if not found:
+        raise InputError(
+            f"no flight is in {' '.join(sources)}: give recordings (rosbag2), logs ({' '.join(LOGS)}), folders or "
+            "patterns that hold some, or a list (docs/fleet.md)"
+        )
+    found.sort(key=lambda flight: (flight.airframe, flight.name))
+    by_name: dict[str, Flight] = {}
+    for flight in found:
+        other = by_name.setdefault(flight.name, flight)
+        if other is not flight:
+            raise InputError(
+                f"two flights have the name {flight.name}, {other.recording} and {flight.recording}: give them names "
+                "in a list (docs/fleet.md)"
+            )
+    _check_aircraft(found)
+    return found
+
+
+def _check_aircraft(flights: Iterable[Flight]) -> None:
+    checked: set[Path] = set()
+    for flight in flights:
+        if flight.aircraft not in checked and not flight.aircraft.is_file():
+            raise InputError(f"the aircraft file {flight.aircraft} of the airframe {flight.airframe} is not there")
+        checked.add(flight.aircraft)
+
+
+def _of_source(source: str, aircraft: str | None, out: Path, endings: Sequence[str]) -> Iterator[Flight]:
+    """Flights of one SOURCE."""
+    path = Path(source)
+    if path.is_file() and path.suffix.lower() in LISTS and path.suffix.lower() not in endings:
+        yield from _of_list(path, aircraft)
+        return
+    if path.exists():
+        bases = [(path, path if path.is_dir() and not _is_bag(path) else path.absolute().parent)]
+    else:
+        base = _fixed_part(source)
+        bases = [(Path(match), base) for match in sorted(glob.glob(source, recursive=True))]
+        if not bases:
+            raise InputError(f"there is no flight {source}: give a recording, a log, a folder, a pattern or a list")
+    seen: set[Path] = set()
+    for place, base in bases:
+        for recording in _recordings(place.absolute(), out.absolute(), endings):
+            if recording not in seen:
+                seen.add(recording)
+                yield _found(recording, base.absolute(), aircraft)
+
+
+def _fixed_part(pattern: str) -> Path:
+    """The folder of a glob before its first wildcard."""
+    parts = Path(pattern).parts
+    fixed = [part for k, part in enumerate(parts) if not any(map(glob.has_magic, parts[: k + 1]))]
+    return Path(*fixed) if fixed else Path()
+
+
+def _is_bag(folder: Path) -> bool:
+    return (folder / _METADATA).is_file()
+
+
+def _recordings(place: Path, out: Path, endings: Sequence[str]) -> Iterator[Path]:
+    """Recordings and logs at or below a place, in the order of their names; runs and hidden folders are no flights."""
+    if place.is_dir() and not _is_bag(place):
+        if place == out or (place / PARAMETERS).is_file():
+            return
+        for entry in sorted(place.iterdir()):
+            if not entry.name.startswith(".") and (entry.is_dir() or entry.suffix.lower() in endings):
+                yield from _recordings(entry, out, endings)
+    elif place.is_dir() or place.suffix.lower() in endings:
+        yield place
+
+
+def _found(recording: Path, base: Path, aircraft: str | None) -> Flight:
+    """A flight that was found below a folder."""
+    inside = recording.relative_to(base) if recording.is_relative_to(base) else Path(recording.name)
+    airframe = inside.parts[0] if len(inside.parts) > 1 else base.resolve().name or "fleet"
+    name = str(inside.with_suffix("") if recording.is_file() else inside)
+    return Flight(name, airframe, recording, _aircraft_of(airframe, aircraft, str(recording)))
+
+
+def _aircraft_of(airframe: str, aircraft: str | None, recording: str) -> Path:
+    if aircraft is None:
+        raise InputError(f"no aircraft file is named for {recording}: give --aircraft, or a list that names one")
+    return Path(aircraft.replace(AIRFRAME, airframe)).absolute()
+
+
+# -- lists ---------------------------------------------------------------------------------------------------
+
+
+def _of_list(path: Path, aircraft: str | None) -> Iterator[Flight]:
+    """Flights of a list in YAML or CSV; places are from its folder."""
+    for number, entry in enumerate(_entries(path), 1):
+        where = f"list of flights {path}: entry {number}"
+        if not isinstance(entry, Mapping):
+            raise InputError(f"{where} is no flight: give it {', '.join(KEYS)}")
+        unknown = [str(key) for key in entry if key not in KEYS]
+        if unknown:
+            raise InputError(f"{where} has the unknown key '{unknown[0][:60]}': a flight has {', '.join(KEYS)}")
+        said = {key: value for key, value in entry.items() if value not in (None, "")}
+        yield _listed(where, said, path.absolute().parent, aircraft)
+
+
+def _entries(path: Path) -> Sequence[Any]:
+    if path.suffix.lower() == ".csv":
+        try:
+            with path.open(encoding="utf8", newline="") as file:
+                entries: Any = list(csv.DictReader(file, restkey="more columns than names"))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise InputError(f"cannot read the list of flights {path}: {error}") from None
+    else:
+        entries = read_yaml(path, "list of flights")
+    if not isinstance(entries, list) or not entries:
+        raise InputError(f"list of flights {path}: it must be a list of flights with {', '.join(KEYS)}")
+    return entries
+
+
+def _listed(where: str, entry: Mapping[str, Any], folder: Path, aircraft: str | None) -> Flight:
+    if "recording" not in entry:
+        raise InputError(f"{where} names no recording")
+    recording = folder / str(entry["recording"])
+    airframe = str(entry.get("airframe", recording.parent.name))
+    name = str(entry.get("name", f"{airframe}/{recording.stem}"))
+    for what, text in (("airframe", airframe), ("name", name)):
+        if not text.isprintable() or text.startswith("/") or ".." in Path(text).parts or not text.strip():
+            raise InputError(f"{where} has the {what} '{text[:60]}', which cannot be that of a folder: give another")
+    if "aircraft" in entry:
+        file = (folder / str(entry["aircraft"]).replace(AIRFRAME, airframe)).absolute()
+    else:
+        file = _aircraft_of(airframe, aircraft, str(recording))
+    start = _nanoseconds(where, entry["start"]) if "start" in entry else None
+    return Flight(name, airframe, Path(os.path.normpath(recording)), file, start)
+
+
+def _nanoseconds(where: str, value: Any) -> int:
+    """A date or time of ISO 8601 as [ns] UTC; one without a zone is UTC."""
+    try:
+        if isinstance(value, str):
+            value = datetime.fromisoformat(value.strip().replace("Z", "+00:00"))
+        elif isinstance(value, date) and not isinstance(value, datetime):
+            value = datetime(value.year, value.month, value.day)
+        utc = value if value.tzinfo is not None else value.replace(tzinfo=timezone.utc)
+        since = utc - _EPOCH
+    except (ValueError, AttributeError, TypeError):
+        raise InputError(f"{where} has a start that is no time: write it as 2026-05-31T14:30:00Z") from None
+    return (since.days * 86400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000

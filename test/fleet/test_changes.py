@@ -1,0 +1,77 @@
+"""Drift and jumps of known size in tables that are drawn, and silence where nothing changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.fleet.changes import DRIFT, JUMP, Mean, Series, change_of, difference, named
+
+FLIGHTS = 24
+
+
+def series(rng, drift=0.0, jump=0.0, at=FLIGHTS, flights=FLIGHTS, airspeed=None):
+    """Standard errors of very different size, and a spread between flights of half of them."""
+    std = np.exp(rng.normal(0.0, 0.4, flights))
+    number = np.arange(flights)
+    value = rng.normal(size=flights) * std + rng.normal(0.0, 0.5, flights) + drift * number + jump * (number >= at)
+    return Series(number, value - 4.0, std, np.full(flights, 20.0) if airspeed is None else airspeed)
+
+
+def test_healthy_airframes_are_left_alone():
+    """A fleet of 40 healthy series is one false alarm in at most 1 of 20 fleets; these rules are stricter."""
+    rng = np.random.default_rng(90)
+    alarms = sum(named([change_of(series(rng)).p_value for _ in range(40)]).any() for _ in range(8))
+    assert alarms <= 1
+
+
+def test_a_drift_is_found_with_its_rate():
+    rng = np.random.default_rng(91)
+    found = [change_of(series(rng, drift=0.35)) for _ in range(20)]
+    assert all(c.p_value < 1e-3 for c in found)
+    assert sum(c.kind == DRIFT and c.number == 0 for c in found) >= 18
+    assert sum(abs(c.size - 0.35) < 2.0 * c.std for c in found if c.kind == DRIFT) >= 16
+
+
+def test_a_jump_is_found_with_its_date():
+    rng = np.random.default_rng(92)
+    dates = rng.integers(4, FLIGHTS - 4, 20)
+    found = [change_of(series(rng, jump=7.0, at=at)) for at in dates]
+    assert all(c.p_value < 1e-3 and c.kind == JUMP for c in found)
+    assert all(abs(c.number - at) <= 1 for c, at in zip(found, dates, strict=True))
+    assert sum(abs(c.size - 7.0) < 2.0 * c.std for c in found) >= 17
+
+
+def test_faster_flights_are_no_drift():
+    """The parameter depends on airspeed, which rises from flight to flight: that is no change of the aeroplane."""
+    rng = np.random.default_rng(93)
+    for _ in range(5):
+        airspeed = np.linspace(18.0, 26.0, FLIGHTS) * (1.0 + 0.02 * rng.normal(size=FLIGHTS))
+        made = series(rng, airspeed=airspeed)
+        tilted = Series(made.number, made.value + 40.0 * (airspeed / 22.0 - 1.0), made.std, airspeed)
+        assert change_of(tilted).p_value > 0.01
+        alone = Series(tilted.number, tilted.value, tilted.std, np.full(FLIGHTS, 22.0))
+        assert change_of(alone).p_value < 1e-3
+
+
+@pytest.mark.parametrize("flights", range(6))
+def test_too_few_flights_say_nothing(flights):
+    assert change_of(series(np.random.default_rng(0), flights=flights)) is None
+
+
+def test_the_false_discovery_rate_is_that_of_benjamini_and_hochberg():
+    """Their own example (1995, section 3.2): 15 p-values, of which the first four are named at 5 %."""
+    p_values = [
+        0.0001, 0.0004, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.3240, 0.4262, 0.5719, 0.6528,
+        0.7590, 1.0,
+    ]  # fmt: skip
+    assert named(p_values).tolist() == [True] * 4 + [False] * 11
+    assert named([]).tolist() == []
+
+
+def test_an_airframe_that_is_not_like_the_others():
+    others = [Mean(value, 0.01, 0.02, 20) for value in (1.0, 1.1, 0.9, 1.05, 0.95, 1.0, 1.02)]
+    value, _, far = difference(Mean(2.0, 0.01, 0.02, 20), others)
+    assert value == pytest.approx(1.0, abs=0.05) and far < 1e-4
+    assert difference(Mean(1.12, 0.01, 0.02, 20), others)[2] > 0.05  # as far as they are from each other
+    assert difference(Mean(1.12, 0.01, 0.02, 20), others[:1])[2] < 1e-3  # two alone are just compared

@@ -1,0 +1,108 @@
+"""Which flights are meant, and what they are called."""
+
+from __future__ import annotations
+
+import pytest
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.fleet.flights import flights_of
+
+
+@pytest.fixture
+def place(tmp_path):
+    """Two airframes in folders, with what lies beside recordings; and aircraft files."""
+    for name in ("fleet/N1/1.mcap", "fleet/N1/may/2.MCAP", "fleet/N2/3.ulg", "fleet/4.bin", "fleet/notes.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    bag = tmp_path / "fleet/N2/bag"
+    bag.mkdir()
+    for name in ("metadata.yaml", "bag_0.mcap"):
+        (bag / name).touch()
+    run = tmp_path / "fleet/N2/run"
+    run.mkdir()
+    for name in ("parameters.json", "estimates.mcap"):
+        (run / name).touch()
+    (tmp_path / "fleet/N1/1.truth.json").touch()
+    for name in ("N1", "N2", "fleet", "one"):
+        (tmp_path / f"{name}.yaml").touch()
+    return tmp_path
+
+
+def found(place, *sources, aircraft="one.yaml", **more):
+    listed = flights_of([str(place / s) for s in sources], aircraft and str(place / aircraft), place / "out", **more)
+    return {flight.name: flight.airframe for flight in listed}
+
+
+def test_a_folder(place):
+    names = {"N1/1": "N1", "N1/may/2": "N1", "N2/3": "N2", "N2/bag": "N2", "4": "fleet"}
+    assert found(place, "fleet") == names
+
+
+def test_the_folder_of_results_is_no_source(place):
+    out = place / "fleet" / "out"
+    (out / "runs").mkdir(parents=True)
+    (out / "runs" / "x.mcap").touch()
+    assert len(flights_of([str(place / "fleet")], str(place / "one.yaml"), out)) == 5
+
+
+def test_patterns_and_files(place):
+    assert found(place, "fleet/*/*.mcap") == {"N1/1": "N1"}
+    assert found(place, "fleet/N1/1.mcap", "fleet/N2/bag") == {"1": "N1", "bag": "N2"}
+
+
+def test_tables_are_flights_with_a_map(place):
+    assert "notes" in found(place, "fleet", with_tables=True)
+
+
+def test_an_aircraft_file_by_airframe(place):
+    listed = flights_of([str(place / "fleet")], str(place / "{airframe}.yaml"), place / "out")
+    assert {f.airframe: f.aircraft.name for f in listed} == {"N1": "N1.yaml", "N2": "N2.yaml", "fleet": "fleet.yaml"}
+    (place / "N2.yaml").unlink()
+    with pytest.raises(InputError, match=r"N2\.yaml of the airframe N2 is not there"):
+        flights_of([str(place / "fleet")], str(place / "{airframe}.yaml"), place / "out")
+
+
+@pytest.mark.parametrize("ending", ["yaml", "csv"])
+def test_a_list(place, ending):
+    if ending == "yaml":
+        text = "- {recording: fleet/N1/1.mcap, name: first, airframe: A, start: 2026-05-31T14:30:00Z}\n"
+        text += "- {recording: fleet/N2/3.ulg, aircraft: N2.yaml}\n"
+    else:
+        text = "recording,name,airframe,start,aircraft\n"
+        text += "fleet/N1/1.mcap,first,A,2026-05-31 14:30:00,\nfleet/N2/3.ulg,,,,N2.yaml\n"
+    (place / f"list.{ending}").write_text(text)
+    first, second = flights_of([str(place / f"list.{ending}")], str(place / "one.yaml"), place / "out")
+    assert (first.name, first.airframe, first.start) == ("first", "A", 1_780_237_800_000_000_000)
+    assert first.recording == place / "fleet/N1/1.mcap" and first.aircraft.name == "one.yaml"
+    assert (second.name, second.airframe, second.start, second.aircraft.name) == ("N2/3", "N2", None, "N2.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[]", "must be a list of flights"),
+        ("- 3", "entry 1 is no flight"),
+        ("- {recordin: x}", "unknown key 'recordin'"),
+        ("- {name: x}", "names no recording"),
+        ("- {recording: a.mcap, start: noon}", "start that is no time"),
+        ("- {recording: a.mcap, name: ../x}", "name '../x'"),
+        ("- {recording: a.mcap, airframe: /etc}", "airframe '/etc'"),
+        ("- {recording: a.mcap, name: x}\n- {recording: b.mcap, name: x}", "two flights have the name x"),
+    ],
+)
+def test_a_bad_list_is_one_sentence(place, text, said):
+    (place / "list.yaml").write_text(text)
+    with pytest.raises(InputError) as caught:
+        found(place, "list.yaml")
+    assert said in str(caught.value)
+
+
+def test_what_is_not_there(place):
+    (place / "empty").mkdir()
+    for source, said in (("empty", "no flight is in"), ("nowhere", "there is no flight"), ("*.none", "no flight")):
+        with pytest.raises(InputError, match=said):
+            found(place, source)
+    with pytest.raises(InputError, match="no aircraft file is named"):
+        found(place, "fleet", aircraft=None)
+    with pytest.raises(InputError, match="two flights have the name bag"):
+        found(place, "fleet/N2/bag", "fleet/N2/bag")
