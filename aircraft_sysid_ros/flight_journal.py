@@ -222,7 +222,7 @@ def recovered(run: str | Path) -> tuple[dict[str, Any], Path, Samples]:
     try:
         content = json.loads((path / FLIGHT).read_text(encoding="utf8"))
         samples = _read(path / RECORDS)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path} cannot be recovered ({error}): its samples had not begun to come") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise InputError(f"{path / FLIGHT} is none of this version of the program: recover it with that which flew")

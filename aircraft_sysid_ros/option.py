@@ -21,7 +21,7 @@ from pydantic import ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
 from typing_extensions import dataclass_transform
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 
 Options = TypeVar("Options")
 
@@ -135,4 +135,6 @@ def shown(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, int | float):
         return f"{value:g}"
-    return f"'{value}'" if isinstance(value, str) else "a list" if isinstance(value, Sequence) else "something else"
+    return (
+        f"'{echo(value)}'" if isinstance(value, str) else "a list" if isinstance(value, Sequence) else "something else"
+    )

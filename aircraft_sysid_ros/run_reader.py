@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,10 @@ CALIBRATION, RESULT = "calibration.yaml", "result.json"
 #: Arrays of points.npz, besides the stamps, that a run is read with.
 _OF_POINTS = ("measured", "valid", "terms", "signals", "signal_names")
 #: What the readers below raise where a file is not there, cannot be read, or is not what it should be.
-UNREADABLE = (OSError, EOFError, LookupError, TypeError, ValueError, AttributeError, zipfile.BadZipFile)
+UNREADABLE = (
+    OSError, EOFError, LookupError, TypeError, ValueError, AttributeError, RecursionError, MemoryError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 
 
 class _Impossible(ValueError):

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import itertools
 import os
-import shutil
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -45,7 +45,7 @@ from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages import output_messages as out
 from aircraft_sysid_ros.run_reader import AIRCRAFT, ESTIMATES, PARAMETERS, POINTS, SAMPLES, STATE
 from aircraft_sysid_ros.samples import Samples, concatenate
-from aircraft_sysid_ros.text_file import write_whole
+from aircraft_sysid_ros.text_file import put_in_place, write_whole
 
 Array = npt.NDArray[np.float64]
 
@@ -68,7 +68,8 @@ class RunWriter:
         (``flight_journal``). Raises InputError where the run cannot be written.
         """
         self.path = Path(path)
-        _check_target(self.path, overwrite)
+        self._check = partial(_check_target, self.path, overwrite)
+        self._check()
         self._aircraft = aircraft
         self._journal = None if in_progress is None else FlightJournal(path, aircraft, in_progress)
         self._samples: list[Samples] | FlightJournal = [] if self._journal is None else self._journal
@@ -168,9 +169,7 @@ class RunWriter:
                 elapsed = time.perf_counter() - started
                 result["state"].update(duration=duration, realtime_factor=duration / elapsed)
                 write_json(new / STATE, result["state"])
-                if self.path.exists():
-                    self.path.rename(Path(folder) / "replaced")
-                shutil.move(new, self.path)
+                put_in_place(new, self.path, Path(folder) / "replaced", self._check)
         except OSError as error:
             kept = ""
             if self._journal is not None:

@@ -10,10 +10,10 @@ from typing import Any
 
 import yaml
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 
-#: Characters of a key that a message shows.
-_LONGEST_SHOWN = 60
+#: [bytes] More is no file that people write.
+LARGEST = 10_000_000
 #: Values that a file may have, each counted as often as aliases repeat it.
 MOST_VALUES = 200_000
 
@@ -53,14 +53,15 @@ def _count(node: yaml.Node, known: dict[int, float]) -> float:
 
 
 def _twice(key: str, first: int, second: int) -> InputError:
-    shown = " ".join(key.split())[:_LONGEST_SHOWN]
     where = f"at lines {first} and {second}" if first != second else f"at line {first}"
-    return InputError(f"the key '{shown}' is there twice, {where}: remove one")
+    return InputError(f"the key '{echo(key)}' is there twice, {where}: remove one")
 
 
 def read_yaml(path: str | Path, what: str) -> Any:
     """The content of a file, which InputError calls ``what``; it must be there, and be valid YAML."""
     try:
+        if Path(path).stat().st_size > LARGEST:
+            raise InputError(f"the {what} {path} is larger than {LARGEST // 10**6} MB: write numbers into a recording")
         text = Path(path).read_text(encoding="utf8")
     except (OSError, UnicodeDecodeError) as error:
         reason = (error.strerror or error) if isinstance(error, OSError) else "it is not a text file"
@@ -73,5 +74,7 @@ def read_yaml(path: str | Path, what: str) -> Any:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark else ""
         raise InputError(f"{what} {path}: it is not valid YAML{where}") from None
-    except (ValueError, RecursionError):  # of YAML's own conversions, such as the date 2024-13-45
+    except RecursionError:
+        raise InputError(f"{what} {path}: it is nested too deeply: simplify it") from None
+    except ValueError:  # of YAML's own conversions, such as the date 2024-13-45
         raise InputError(f"{what} {path}: it is not valid YAML: a value is not what it looks like") from None

@@ -53,8 +53,9 @@ def parameters(options: Mapping[str, NodeOption]) -> Table:
 
 def aircraft_keys() -> Table:
     """The keys of the aircraft file."""
-    rows = [[f"`{name}`", key.meaning, key.unit, key.default] for name, key in KEYS.items()]
-    return ["key", "meaning", "unit", "default"], rows
+    between = {name: "{:.4g} to {:.4g}".format(*key.limits) if key.limits else "" for name, key in KEYS.items()}
+    rows = [[f"`{name}`", key.meaning, key.unit, key.default, between[name]] for name, key in KEYS.items()]
+    return ["key", "meaning", "unit", "default", "between"], rows
 
 
 TABLES: dict[str, Callable[[], Table]] = {

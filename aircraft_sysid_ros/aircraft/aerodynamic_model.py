@@ -23,13 +23,14 @@ from aircraft_sysid_ros.aircraft.expression import (
     evaluate,
     lags_of,
     link,
-    one_line,
     parse_expression,
 )
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 
 AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 MOMENTS = AXES[3:]
+#: Terms of one axis. No flight tells more of them apart.
+MOST_TERMS = 60
 _LONGITUDINAL = ("1", "alpha", "q", "de")
 _LATERAL = ("1", "beta", "p", "r", "da", "dr")
 TEXTBOOK_TERMS: dict[str, tuple[str, ...]] = {
@@ -134,17 +135,19 @@ def model_from_terms(terms: Mapping[str, Sequence[str | int]], inputs: tuple[str
     """
     unknown = [axis for axis in terms if axis not in AXES]
     if unknown:
-        raise InputError(f"the model names the axis '{one_line(str(unknown[0]))}': the axes are {' '.join(AXES)}")
+        raise InputError(f"the model names the axis '{echo(str(unknown[0]))}': the axes are {' '.join(AXES)}")
     programs = []
     for axis in AXES:
         listed = terms.get(axis, ())
         if isinstance(listed, str) or not isinstance(listed, Sequence):
             raise InputError(f"the terms of {axis} must be a list such as [1, alpha, q, de]")
+        if len(listed) > MOST_TERMS:
+            raise InputError(f"{axis} has {len(listed)} terms: at most {MOST_TERMS} in an axis can be learnt")
         parsed = tuple(parse_expression(str(term), inputs) for term in listed)
         labels = [term_label(program.text) for program in parsed]
         twice = next((p.text for p, name in zip(parsed, labels, strict=True) if labels.count(name) > 1), None)
         if twice is not None:
-            raise InputError(f"the model has the term '{twice}' twice in {axis}: remove one")
+            raise InputError(f"the model has the term '{echo(twice)}' twice in {axis}: remove one")
         programs.append(parsed)
     lags_of([p for parsed in programs for p in parsed])  # not too many
     return AerodynamicModel(tuple(programs), inputs)

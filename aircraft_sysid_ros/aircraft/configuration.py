@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name, is_reserved, one_line
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name, is_reserved
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.yaml_file import read_yaml
 
 Vector = npt.NDArray[np.float64]
@@ -83,8 +83,21 @@ SENSOR_ALIASES = {
     "gyroscope": "gyro", "alpha": "angle_of_attack", "beta": "sideslip", "true_airspeed": "airspeed",
     "orientation": "attitude", "controls": "control_surfaces",
 }  # fmt: skip
+#: Unit of the noise of each sensor, and more of it than leaves anything to be measured.
+_NOISE: dict[str, tuple[str, float]] = {
+    "accelerometer": ("m/s²", 1e3), "gyro": ("rad/s", 100.0), "attitude": ("rad", 10.0), "magnetometer": ("rad", 10.0),
+    "gps_position": ("m", 1e5), "gps_velocity": ("m/s", 1e3), "airspeed": ("m/s", 1e3),
+    "angle_of_attack": ("rad", 10.0), "sideslip": ("rad", 10.0), "static_pressure": ("Pa", 1e5),
+    "five_hole_probe": ("Pa", 1e5), "control_surfaces": ("rad", 10.0), "height_above_ground": ("m", 1e4),
+}  # fmt: skip
+#: Less noise than this has no sensor: the square of it must be a number beside others.
+_LEAST_NOISE = 1e-9
+_RATES = (0.01, 1e5)  # [Hz]
 #: Random walks [unit of the state per square root of a second].
 DEFAULT_PROCESS_NOISE = {"accelerometer_bias": 5e-4, "gyro_bias": 2e-5, "wind": 0.2}
+_LARGEST_PROCESS_NOISE = {"accelerometer_bias": ("m/s²", 10.0), "gyro_bias": ("rad/s", 1.0), "wind": ("m/s", 100.0)}
+#: Larger is no coefficient, of whatever term.
+_LARGEST_COEFFICIENT = 1e12
 #: Lift coefficient that few small aircraft exceed: sets the default airspeed below which it cannot be flying.
 _MAXIMUM_LIFT = 1.6
 SURFACES = ("elevator", "aileron", "rudder", "flaps")
@@ -97,20 +110,22 @@ class Key:
     meaning: str
     unit: str = ""
     default: str = ""
+    limits: tuple[float, float] | None = None  # of a number, in that unit: no aeroplane is outside
 
 
 _POSITION = "from the centre of gravity, FRD"
+_NEAR, _SPEEDS = (-200.0, 200.0), (0.01, 2000.0)
 KEYS = {
     "name": Key("what results call the aeroplane"),
-    "mass": Key("mass", "kg"),
-    "wing_area": Key("wing area", "m²"),
-    "span": Key("wing span", "m"),
-    "chord": Key("mean aerodynamic chord", "m"),
-    "inertia": Key("`{xx, yy, zz, xz}` about the centre of gravity", "kg m²"),
-    "imu_position": Key(f"position of the IMU {_POSITION}", "m", "0"),
-    "air_data_position": Key(f"position of the air data probe {_POSITION}", "m", "0"),
-    "gps_position": Key(f"position of the GPS antenna {_POSITION}", "m", "0"),
-    "aerodynamic_reference": Key(f"point of the moment coefficients {_POSITION}", "m", "centre of gravity"),
+    "mass": Key("mass", "kg", limits=(1e-3, 2e6)),
+    "wing_area": Key("wing area", "m²", limits=(1e-4, 1e4)),
+    "span": Key("wing span", "m", limits=(0.01, 500.0)),
+    "chord": Key("mean aerodynamic chord", "m", limits=(1e-3, 100.0)),
+    "inertia": Key("`{xx, yy, zz, xz}` about the centre of gravity", "kg m²", limits=(1e-9, 1e10)),
+    "imu_position": Key(f"position of the IMU {_POSITION}", "m", "0", _NEAR),
+    "air_data_position": Key(f"position of the air data probe {_POSITION}", "m", "0", _NEAR),
+    "gps_position": Key(f"position of the GPS antenna {_POSITION}", "m", "0", _NEAR),
+    "aerodynamic_reference": Key(f"point of the moment coefficients {_POSITION}", "m", "centre of gravity", _NEAR),
     "sensors": Key(
         "per sensor `noise` (one sigma per sample), `rate` [Hz], `delay` [s], of `airspeed`, `angle_of_attack` and "
         "`sideslip` also `scale` (measured = scale × true) and `drift` (of airspeed what it shows more per second as a "
@@ -133,12 +148,17 @@ KEYS = {
     ),
     "surface_signs": Key("+1 or -1 by surface, on what the recording holds", default="1"),
     "minimum_airspeed": Key(
-        "airspeed below which the aircraft is not flying", "m/s", f"0.8 of a stall speed at C_L {_MAXIMUM_LIFT:g}"
+        "airspeed below which the aircraft is not flying",
+        "m/s",
+        f"0.8 of a stall speed at C_L {_MAXIMUM_LIFT:g}",
+        _SPEEDS,
     ),
     "ground_altitude": Key(
-        "altitude of the ground as the GPS reports it, for height", "m", "lowest of the flight so far"
+        "altitude of the ground as the GPS reports it, for height", "m", "lowest of the flight so far", (-1000.0, 1e5)
     ),
-    "magnetic_declination": Key("declination; without it a magnetometer only starts the heading", "rad", "none"),
+    "magnetic_declination": Key(
+        "declination; without it a magnetometer only starts the heading", "rad", "none", (-float(np.pi), float(np.pi))
+    ),
     "parameter_bounds": Key(
         "by parameter name `[lowest, highest]`, narrower than physics: outside a parameter never has USE "
         "([trust.md](trust.md))",
@@ -147,11 +167,9 @@ KEYS = {
     "coefficients": Key(
         "known values by parameter name: what `simulate` flies. Never used by the estimators", default="none"
     ),
-    "trim_airspeed": Key("airspeed of simulated flights", "m/s", "that at C_L 0.4"),
+    "trim_airspeed": Key("airspeed of simulated flights", "m/s", "that at C_L 0.4", _SPEEDS),
 }
 _REQUIRED = tuple(name for name, key in KEYS.items() if not key.default)
-#: Characters of a bad value or key that a message shows.
-_LONGEST_SHOWN = 60
 #: Known keys that a message lists; of more it shows the nearest.
 _MOST_LISTED, _NEAREST = 25, 3
 
@@ -223,7 +241,7 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         coefficients=_coefficients(_mapping(data, "coefficients", "{CZ_alpha: -4.5}")),
         surface_signs=_surface_signs(_mapping(data, "surface_signs", "{rudder: -1}")),
         ground_altitude=_optional_number(data, "ground_altitude"),
-        magnetic_declination=_declination(data),
+        magnetic_declination=_optional_number(data, "magnetic_declination"),
         minimum_airspeed=_positive(data, "minimum_airspeed", default=0.8 * float(stall)),
         trim_airspeed=_positive(data, "trim_airspeed") if data.get("trim_airspeed") is not None else None,
         parameter_bounds=_bounds(_mapping(data, "parameter_bounds", "{CZ_alpha: [-8, -2]}"), model),
@@ -240,7 +258,7 @@ def inertia_matrix(xx: float, yy: float, zz: float, xz: float) -> Vector:
 def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], kind: str) -> None:
     for key in data:
         if key not in known:
-            raise InputError(f"unknown {kind} '{_shown(str(key))}': {_hint(str(key), known)}")
+            raise InputError(f"unknown {kind} '{echo(str(key))}': {_hint(str(key), known)}")
 
 
 def _hint(key: str, known: tuple[str, ...]) -> str:
@@ -254,11 +272,6 @@ def _hint(key: str, known: tuple[str, ...]) -> str:
     return f"the nearest are {', '.join(nearest)}; names are axis and term, as in the table that replay prints"
 
 
-def _shown(text: str) -> str:
-    text = one_line(text)
-    return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "…"
-
-
 def _reject(what: str, wanted: str, value: Any) -> NoReturn:
     """Raise InputError that shows the value if it is a short one: a list may hold itself."""
     if isinstance(value, (list, tuple, set)):
@@ -270,7 +283,7 @@ def _reject(what: str, wanted: str, value: Any) -> NoReturn:
     elif isinstance(value, bool):
         shown = str(value).lower()  # YAML's yes and no, too
     else:
-        shown = f"'{_shown(str(value))}'"
+        shown = f"'{echo(str(value))}'"
     raise InputError(f"{what} must be {wanted}, not {shown}")
 
 
@@ -310,11 +323,24 @@ def _positive(data: Mapping[str, Any], key: str, default: float | None = None, w
     number = _number(data[key], what or key)
     if number <= 0.0:
         raise InputError(f"{what or key} must be positive, not {number:g}")
+    return number if key not in KEYS else _within(key, number, what or key)
+
+
+def _within(key: str, number: float, what: str) -> float:
+    """A number that the key of the aircraft file can have."""
+    return _between(number, what, KEYS[key].limits, KEYS[key].unit)
+
+
+def _between(number: float, what: str, limits: tuple[float, float] | None, unit: str) -> float:
+    if limits is not None and not limits[0] <= number <= limits[1]:
+        raise InputError(
+            f"{what} must be between {limits[0]:g} and {limits[1]:g} {unit}".rstrip() + f", not {number:g}"
+        )
     return number
 
 
 def _optional_number(data: Mapping[str, Any], key: str) -> float | None:
-    return None if data.get(key) is None else _number(data[key], key)
+    return None if data.get(key) is None else _within(key, _number(data[key], key), key)
 
 
 def _position(data: Mapping[str, Any], key: str) -> Vector:
@@ -323,14 +349,7 @@ def _position(data: Mapping[str, Any], key: str) -> Vector:
         return np.zeros(3)
     if not isinstance(value, (list, tuple)) or len(value) != 3:
         raise InputError(f"{key} must be three numbers [x forward, y right, z down] in m")
-    return np.array([_number(v, key) for v in value])
-
-
-def _declination(data: Mapping[str, Any]) -> float | None:
-    value = _optional_number(data, "magnetic_declination")
-    if value is not None and abs(value) > np.pi:
-        raise InputError(f"magnetic_declination must be in rad, not {value:g}")
-    return value
+    return np.array([_within(key, _number(v, key), key) for v in value])
 
 
 def _inertia(data: Any) -> Vector:
@@ -340,7 +359,9 @@ def _inertia(data: Any) -> Vector:
     for key in ("xx", "yy", "zz"):
         if key not in data:
             raise InputError(f"inertia needs '{key}' in kg m^2")
-    xx, yy, zz = (_positive(data, key, what=f"inertia {key}") for key in ("xx", "yy", "zz"))
+    xx, yy, zz = (
+        _within("inertia", _positive(data, key, what=f"inertia {key}"), f"inertia {key}") for key in ("xx", "yy", "zz")
+    )
     xz = _number(data.get("xz", 0.0), "inertia xz")
     if xz * xz >= xx * zz:
         raise InputError("inertia is not that of a body: xz^2 must be less than xx*zz")
@@ -349,13 +370,16 @@ def _inertia(data: Any) -> Vector:
     return inertia_matrix(xx, yy, zz, xz)
 
 
-def _noise(value: Any, name: str, sizes: tuple[int, ...]) -> tuple[float, ...]:
+def _noise(value: Any, name: str, sizes: tuple[int, ...], members: tuple[str, ...]) -> tuple[float, ...]:
     values = value if isinstance(value, (list, tuple)) else [value]
     if len(values) not in sizes:
         raise InputError(f"the noise of sensor {name} must have {' or '.join(map(str, sizes))} numbers")
     noise = tuple(_number(v, f"the noise of sensor {name}") for v in values)
     if min(noise) <= 0.0:
         raise InputError(f"the noise of sensor {name} must be positive (one sigma)")
+    for member, value in zip(members * (len(noise) if len(members) == 1 else 1), noise, strict=True):
+        unit, largest = _NOISE[member]
+        _between(value, f"the noise of sensor {name}", (_LEAST_NOISE, largest), unit)
     return noise
 
 
@@ -369,19 +393,20 @@ def _sensors(data: Mapping[str, Any]) -> dict[str, Sensor]:
         _check_keys(value, ("noise", "rate", "delay", "scale", "drift"), f"key of sensor {name}:")
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
-            sensors[member] = _sensor(sensors[member], value, name, i, len(members), member)
+            sensors[member] = _sensor(sensors[member], value, name, i, members)
     return sensors
 
 
-def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: int, member: str) -> Sensor:
+def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: tuple[str, ...]) -> Sensor:
+    member = members[i]
     noise, given = base.noise, base.noise_is_given
     of_gps = member in ("gps_position", "gps_velocity")
     if value.get("noise") is not None:
         given = True
-        if members > 1:
-            noise = (_noise(value["noise"], name, (members,))[i],)
+        if len(members) > 1:
+            noise = (_noise(value["noise"], name, (len(members),), members)[i],)
         else:
-            noise = _noise(value["noise"], name, (1, 3) if of_gps else (1,))
+            noise = _noise(value["noise"], name, (1, 3) if of_gps else (1,), members)
         if of_gps and len(noise) == 1:
             noise = noise * 3
     delay = base.delay if value.get("delay") is None else _number(value["delay"], f"the delay of sensor {name}")
@@ -389,6 +414,7 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
     if not least <= delay <= 2.0:
         raise InputError(f"the delay of sensor {name} must be between {least:g} and 2 s, not {delay:g}")
     rate = _positive(value, "rate", default=base.rate, what=f"the rate of sensor {name}")
+    _between(rate, f"the rate of sensor {name}", _RATES, "Hz")
     scale = _of_air_data(base.scale, value, "scale", name, member, (0.2, 5.0))
     drift = _of_air_data(base.drift, value, "drift", name, member, (-FASTEST_DRIFT, FASTEST_DRIFT))
     return Sensor(noise, rate, delay, given, scale, drift)
@@ -415,11 +441,15 @@ def _process_noise(data: Mapping[str, Any]) -> dict[str, float]:
         result[key] = _number(value, f"process_noise {key}")
         if result[key] < 0.0:
             raise InputError(f"process_noise {key} must not be negative")
+        unit, largest = _LARGEST_PROCESS_NOISE[key]
+        _between(result[key], f"process_noise {key}", (0.0, largest), f"{unit} per √s")
     return result
 
 
 def _coefficients(data: Mapping[str, Any]) -> dict[str, float]:
-    return {str(name): _number(value, f"coefficient {name}") for name, value in data.items()}
+    limits = (-_LARGEST_COEFFICIENT, _LARGEST_COEFFICIENT)
+    named = {str(name): (f"coefficient {echo(str(name))}", value) for name, value in data.items()}
+    return {name: _between(_number(value, what), what, limits, "") for name, (what, value) in named.items()}
 
 
 def _bounds(data: Mapping[str, Any], model: AerodynamicModel) -> dict[str, tuple[float, float]]:
@@ -437,21 +467,24 @@ def _inputs(data: Mapping[str, Any]) -> tuple[NamedInput, ...]:
 
 def _input(name: str, value: Any) -> NamedInput:
     if is_reserved(name):
-        raise InputError(f"the input '{name}' has a name that expressions use themselves: give it another one")
+        raise InputError(f"the input '{echo(name)}' has a name that expressions use themselves: give it another one")
     if not is_name(name):
-        raise InputError(f"the input '{_shown(name)}' cannot stand in a term: name it with letters, digits and _")
+        raise InputError(f"the input '{echo(name)}' cannot stand in a term: name it with letters, digits and _")
     if name in SIGNALS:
-        raise InputError(f"the input '{name}' has the name of a signal that there is already: give it another one")
+        raise InputError(
+            f"the input '{echo(name)}' has the name of a signal that there is already: give it another one"
+        )
     value = {} if value is None else value
     if not isinstance(value, Mapping):
         _reject(f"input {name}", "a mapping such as {unit: deg}", value)
     _check_keys(value, ("unit", "noise", "limits"), f"key of input {name}:")
     unit = str(value.get("unit", "rad"))
     if unit not in INPUT_UNITS:
-        raise InputError(f"input {name} has the unit '{_shown(unit)}': use one of {', '.join(INPUT_UNITS)}")
+        raise InputError(f"input {name} has the unit '{echo(unit)}': use one of {', '.join(INPUT_UNITS)}")
     factor, noise, largest = INPUT_UNITS[unit]
     if value.get("noise") is not None:
         noise = factor * _positive(value, "noise", what=f"the noise of input {name}")
+        _between(noise, f"the noise of input {name}", (_LEAST_NOISE, 1e9), "in SI")
     limits = value.get("limits")
     if limits is None:
         return NamedInput(name, factor, noise, (-largest, largest))

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 
 #: Signals that a term may read, in the order of a signal row. Rates are normalised: p b/2V, q c/V, r b/2V.
 SIGNALS: tuple[str, ...] = (
@@ -83,25 +83,24 @@ def parse_expression(text: str, inputs: tuple[str, ...] = ()) -> Program:
 @lru_cache(maxsize=4096)  # a search tries the same texts on many fits
 def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
     if not text.isprintable():
-        raise InputError(f"'{one_line(text)}' holds characters that do not print: write it like alpha**2")
+        raise InputError(f"'{echo(text)}' holds characters that do not print: write it like alpha**2")
     if len(text) > MAXIMUM_LENGTH:
-        shown = text[:30]
-        raise InputError(f"the expression '{shown}…' is longer than {MAXIMUM_LENGTH} characters: shorten it")
+        raise InputError(f"the expression '{echo(text)}' is longer than {MAXIMUM_LENGTH} characters: shorten it")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # what Python only warns of is no expression either
             tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise InputError(f"'{text}' is not an expression: write it like alpha**2 or beta*dr") from None
+        raise InputError(f"'{echo(text)}' is not an expression: write it like alpha**2 or beta*dr") from None
     rows: list[tuple[float, float]] = []
     lags: list[Lag] = []
     try:
-        _compile(tree, rows, text, inputs, lags)
+        _compile(tree, rows, echo(text), inputs, lags)
         canonical = ast.unparse(tree).replace(" ", "")
     except RecursionError:
-        raise InputError(f"'{text}' is nested too deeply: simplify it") from None
+        raise InputError(f"'{echo(text)}' is nested too deeply: simplify it") from None
     if _stack_depth(rows) > STACK_SIZE:
-        raise InputError(f"'{text}' is nested too deeply: simplify it")
+        raise InputError(f"'{echo(text)}' is nested too deeply: simplify it")
     names = (*SIGNALS, *inputs)
     read = frozenset(names[int(argument)] for operation, argument in rows if operation == _SIGNAL)
     read = read.union(*(lag.program.signals for lag in lags))
@@ -118,11 +117,6 @@ def is_reserved(text: str) -> bool:
     return text in _NAMES or keyword.iskeyword(text)
 
 
-def one_line(text: str) -> str:
-    """Text for a message of one line: any white space is one space, what does not print is left out."""
-    return "".join(character for character in " ".join(text.split()) if character.isprintable())
-
-
 def _compile(
     node: ast.expr, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...], lags: list[Lag]
 ) -> None:
@@ -131,7 +125,7 @@ def _compile(
     elif isinstance(node, ast.Name):
         names = (*SIGNALS, *inputs)
         if node.id not in names:
-            raise InputError(f"'{node.id}' in '{text}' is no signal: use one of {' '.join(names)}")
+            raise InputError(f"'{echo(node.id)}' in '{text}' is no signal: use one of {' '.join(names)}")
         rows.append((_SIGNAL, names.index(node.id)))
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
         _compile(node.operand, rows, text, inputs, lags)
@@ -148,14 +142,14 @@ def _compile(
         _compile_call(node, rows, text, inputs, lags)
     else:
         raise InputError(
-            f"'{text}' has '{one_line(ast.unparse(node))}', which is not allowed: "
+            f"'{text}' has '{echo(ast.unparse(node))}', which is not allowed: "
             f"use signals, numbers, + - * / ** and {' '.join(_NAMES)}"
         )
 
 
 def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text: str) -> None:
     if isinstance(node.value, bool) or not isinstance(node.value, (int, float)):
-        raise InputError(f"'{node.value!r}' in '{text}' is not a number")
+        raise InputError(f"'{echo(repr(node.value))}' in '{text}' is not a number")
     try:
         value = float(node.value)
     except OverflowError:
@@ -168,9 +162,9 @@ def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text:
 def _compile_call(
     node: ast.Call, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...], lags: list[Lag]
 ) -> None:
-    name = node.func.id if isinstance(node.func, ast.Name) else one_line(ast.unparse(node.func))
+    name = node.func.id if isinstance(node.func, ast.Name) else echo(ast.unparse(node.func))
     if name not in _NAMES or node.keywords:
-        raise InputError(f"'{name}(…)' in '{text}' is not allowed: the functions are {' '.join(_NAMES)}")
+        raise InputError(f"'{echo(name)}(…)' in '{text}' is not allowed: the functions are {' '.join(_NAMES)}")
     if name == _LAG_NAME:
         lag = _lag_of(node, text, inputs)
         if lag.text not in [other.text for other in lags]:

@@ -22,6 +22,7 @@ from aircraft_sysid_ros.flight_check.signals import Flight, flight_of
 from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.text_file import write_whole
 
 _PAGES = (".html", ".htm")
 #: Sensors of the aircraft file whose delay is known, by kind of sample.
@@ -102,9 +103,9 @@ def _draw(checked: Checked, out: str, title: str) -> Path:
     content = BytesIO()
     check_figure(checked, content, title)
     if path.suffix.lower() in _PAGES:
-        path.write_text(check_page(checked, content.getvalue(), title), encoding="utf8")
+        write_whole(path, check_page(checked, content.getvalue(), title))
     else:
-        path.write_bytes(content.getvalue())
+        write_whole(path, content.getvalue())
     return path
 
 

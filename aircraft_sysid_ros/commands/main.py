@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
-from aircraft_sysid_ros.errors import IncompleteError, InputError
+from aircraft_sysid_ros.errors import IncompleteError, InputError, echo, without_control
 from aircraft_sysid_ros.installation import unmet_requirement
 from aircraft_sysid_ros.json_text import json_text
 
@@ -34,6 +35,13 @@ COMMANDS = {
     "live": ("live", "all nodes on ROS 2 topics"),
     "recover": ("recover", "the run of a flight that a crash or a power cut ended"),
     "bridge": ("bridge", "an autopilot's MAVLink onto ROS 2 topics"),
+}
+#: What a library raises where it was given too much or what cannot be, by the name of the error: the sentence.
+BEYOND = {
+    "RecursionError": "what it was given is nested too deeply: simplify it",
+    "MemoryError": "what it was given needs more memory than there is: give it less, such as a shorter flight",
+    "LinAlgError": "what it was given makes equations without a solution: `aircraft-sysid check` says what is wrong "
+    "with a flight; look at the numbers of the aircraft file, too",
 }
 BAD_INPUT = 2
 FAILED = 1
@@ -96,7 +104,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _failed("aircraft-sysid", error)
     status = 0
     try:
-        with _libraries_on_standard_error():
+        with _libraries_on_standard_error(), warnings.catch_warnings():
+            if not os.environ.get(TRACEBACK):  # what a number that cannot be does to others is said in words or NaN
+                warnings.simplefilter("ignore", RuntimeWarning)
             result = args.module.run(args)
     except IncompleteError as error:
         print(f"{args.prog}: {error}", file=sys.stderr)
@@ -114,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         return _failed(args.prog, error)
     try:
-        print(json_text(result) if args.json else args.module.render(result))
+        print(json_text(result) if args.json else without_control(args.module.render(result)))
         sys.stdout.flush()
     except BrokenPipeError:  # the reader has seen enough, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -132,7 +142,11 @@ def _failed(prog: str, error: Exception) -> int:
     if unmet := unmet_requirement():
         print(f"{prog}: {unmet}", file=sys.stderr)
         return BAD_INPUT
-    text = " ".join(f"{type(error).__name__}: {error}".split())
+    for kind in type(error).__mro__:
+        if kind.__name__ in BEYOND:
+            print(f"{prog}: {BEYOND[kind.__name__]}", file=sys.stderr)
+            return BAD_INPUT
+    text = echo(f"{type(error).__name__}: {error}", 400)
     print(f"{prog}: failed, {text} ({TRACEBACK}=1 shows where)", file=sys.stderr)
     return FAILED
 

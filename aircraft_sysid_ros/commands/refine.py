@@ -71,8 +71,12 @@ def _draw(path: Path, result: Any, title: str) -> Path:
     from aircraft_sysid_ros.report.figures import outputs_figure
 
     part = path.with_name(f".{path.name}.part.png")
-    outputs_figure(result.time, result.measured, result.modelled, part, title)
-    os.replace(part, path)
+    try:
+        outputs_figure(result.time, result.measured, result.modelled, part, title)
+        os.replace(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
     return path
 
 

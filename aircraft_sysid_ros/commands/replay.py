@@ -41,7 +41,7 @@ from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import Recording
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples
-from aircraft_sysid_ros.text_file import write_whole
+from aircraft_sysid_ros.text_file import write_new, write_whole
 
 Array = npt.NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             [manoeuvre.json for manoeuvre in body.manoeuvres],
         )
     if args.learn_sensors:
-        _write_aircraft(Path(args.learn_sensors), completed_file(pipeline.state))
+        _write_aircraft(Path(args.learn_sensors), completed_file(pipeline.state), args.overwrite)
     return {"run": str(args.out), "notes": [*told, *unused], **result}
 
 
@@ -141,10 +141,10 @@ def _check_new_file(path: Path, overwrite: bool) -> None:
         raise InputError(f"the aircraft file {path} is already there: give another name or --overwrite")
 
 
-def _write_aircraft(path: Path, content: dict[str, Any]) -> None:
+def _write_aircraft(path: Path, content: dict[str, Any], overwrite: bool) -> None:
     """The file at once, or not at all."""
     try:
-        write_whole(path, yaml.safe_dump(content, sort_keys=False))
+        (write_whole if overwrite else write_new)(path, yaml.safe_dump(content, sort_keys=False))
     except OSError as error:
         raise InputError(f"cannot write the aircraft file {path}: {error.strerror}") from None
 

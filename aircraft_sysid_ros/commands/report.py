@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +11,7 @@ from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
+from aircraft_sysid_ros.text_file import write_whole
 
 if TYPE_CHECKING:
     from aircraft_sysid_ros.workbench.run_view import FlightRecord, RunView
@@ -79,10 +78,7 @@ def _read(run: str) -> tuple[RunView, FlightRecord | None, list[str]]:
 def _write(out: Path, text: str) -> None:
     """Write beside the place and move there: never half a file."""
     try:
-        with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
-            new = Path(folder) / out.name
-            new.write_text(text, encoding="utf8")
-            os.replace(new, out)
+        write_whole(out, text)
     except OSError as error:
         raise InputError(f"cannot write {out}: {error.strerror or error}") from None
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
@@ -29,7 +28,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import (
     simulate_jsbsim_samples,
     simulate_samples,
 )
-from aircraft_sysid_ros.simulation.truth_files import truth_path, write_flight
+from aircraft_sysid_ros.simulation.truth_files import aircraft_path, truth_path, write_flight
 from aircraft_sysid_ros.simulation.varied_plan import PLANS, STANDARD
 from aircraft_sysid_ros.simulation.wind import TURBULENCE_WIND
 
@@ -241,13 +240,8 @@ def _default_aircraft(args: argparse.Namespace) -> str:
 
 
 def _aircraft_file(args: argparse.Namespace, flight: SimulatedFlight) -> str:
-    """Where the aircraft file of the flight is; that of a JSBSim aeroplane is written beside the truth."""
-    if flight.simulator != "jsbsim":
-        return _default_aircraft(args)
-    path = truth_path(args.out, ".json")
-    path = path.with_name(path.name.replace("truth.json", "aircraft.yaml"))
-    path.write_text(yaml.safe_dump(flight.aircraft.source, sort_keys=False), encoding="utf8")
-    return str(path)
+    """Where the aircraft file of the flight is; that of a JSBSim aeroplane is beside the truth."""
+    return str(aircraft_path(args.out)) if flight.simulator == "jsbsim" else _default_aircraft(args)
 
 
 def _range(values: np.ndarray) -> list[float]:

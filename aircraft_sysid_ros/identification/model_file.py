@@ -1,8 +1,15 @@
-"""A learnt model in a file: parameters for people, and the sums with which the recursion goes on."""
+"""A learnt model in a file: parameters for people, and the sums with which the recursion goes on.
+
+Whoever can call the services of a node names such files: they lie in one folder, ``in_folder`` lets no name leave it,
+and nothing is ever overwritten.
+"""
 
 from __future__ import annotations
 
 import json
+import os
+import re
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +18,29 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.text_file import write_whole
+from aircraft_sysid_ros.option import shown
+from aircraft_sysid_ros.text_file import write_new
 
 _FORMAT = "aircraft_sysid_ros model 1"
+#: Of a model, in the folder of a node.
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+#: [bytes] A hundred terms have less than one.
+_LARGEST = 10_000_000
 _LEARNT = ("theta", "p", "sums", "noise_square", "updates", "vane_covariance")
 
 
+def in_folder(folder: str | Path, name: str) -> Path:
+    """Where a model of that name is in the folder of a node. Raises InputError for what is more than a name."""
+    if not _NAME.fullmatch(name):
+        raise InputError(
+            f"a model has a name and no path, not {shown(name)}: letters, digits, . _ and -, such as cruise.json; "
+            f"it is in {folder}"
+        )
+    return Path(folder).expanduser() / name
+
+
 def save_model(estimator: Identifier, path: str | Path) -> None:
-    """Write terms, parameters and the state of the recursion; raises InputError where it cannot write."""
+    """Write terms, parameters and the state of the recursion into a new file; InputError where it cannot write."""
     content = {
         "format": _FORMAT,
         "model": estimator.model.identifier,
@@ -26,22 +48,32 @@ def save_model(estimator: Identifier, path: str | Path) -> None:
         "parameters": parameters_json(estimator)["parameters"],
         "learnt": {name: getattr(estimator.learning.least_squares.state, name).tolist() for name in _LEARNT},
     }
-    if not str(path):
-        raise InputError("the path is empty: give that of the file to write")
     path = Path(path)
     try:
-        write_whole(path, json.dumps(content, allow_nan=False))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_new(path, json.dumps(content, allow_nan=False))
+    except FileExistsError:
+        raise InputError(f"{path} is already there and is not overwritten: give another name") from None
     except OSError as error:
         raise InputError(f"cannot write the model to {path}: {error.strerror}") from None
     except ValueError:
         raise InputError("the model has numbers that are not finite and is not saved: reset it") from None
 
 
+def _read(path: Path) -> Any:
+    """JSON of a file that is one itself, and no link, device or pipe. Raises OSError, ValueError or RecursionError."""
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode) or status.st_size > _LARGEST:
+            raise ValueError("no file of a model")
+        return json.loads(file.read(_LARGEST))
+
+
 def load_model(estimator: Identifier, path: str | Path) -> str:
     """Go on from a saved model; returns its id. Raises InputError when it is damaged or has other terms."""
     try:
-        content = json.loads(Path(path).read_text(encoding="utf8"))
-    except (OSError, ValueError):
+        content = _read(Path(path))
+    except (OSError, ValueError, RecursionError):
         raise InputError(f"cannot read a model from {path}: give a file written by save_model") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise InputError(f"{path} is not a model of this program: give a file written by save_model")

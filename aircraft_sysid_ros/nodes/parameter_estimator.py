@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.learning import STALE
-from aircraft_sysid_ros.identification.model_file import load_model, save_model
+from aircraft_sysid_ros.identification.model_file import in_folder, load_model, save_model
 from aircraft_sysid_ros.identification.monitoring import error_window as modelling
 from aircraft_sysid_ros.identification.options import ParameterOptions, check_change
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
@@ -22,7 +23,7 @@ from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.model_services import DiagnosisOptions, ModelServices
-from aircraft_sysid_ros.nodes.options import node_options, options_from
+from aircraft_sysid_ros.nodes.options import NodeOption, When, node_options, options_from
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, message_fields, nanoseconds_of, to_samples
@@ -37,7 +38,12 @@ INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
 VANES_TOPIC = "air_data"
 #: What an estimator hears besides: the measurements that it predicts, or would if it came to it.
 MORE_INPUTS = dict.fromkeys(("auto", "rml"), ("gps/fix", "gps/vel"))
-OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions)
+#: Whoever may set parameters must not choose where files are written: read at the start alone.
+MODEL_FOLDER = NodeOption(
+    "~/.ros/aircraft_sysid_ros/models", "Folder of the models that save_model writes and load_model reads.",
+    when=When.STARTED,
+)  # fmt: skip
+OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions) | {"model_folder": MODEL_FOLDER}
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
 PERIOD = 1.0
@@ -215,18 +221,23 @@ class ParameterEstimatorNode(EstimatorNode):
         response.success, response.message = True, "the parameters start anew"
         return response
 
+    def _model_path(self, name: str) -> Path:
+        return in_folder(self.get_parameter("model_folder").value, name)
+
     def _on_save(self, request: SaveModel.Request, response: SaveModel.Response) -> SaveModel.Response:
         try:
-            save_model(self.estimator, request.path)
-            response.success, response.message = True, f"written to {request.path}"
+            path = self._model_path(request.path)
+            save_model(self.estimator, path)
+            response.success, response.message = True, f"written to {path}"
         except InputError as error:
             response.success, response.message = False, str(error)
         return response
 
     def _on_load(self, request: LoadModel.Request, response: LoadModel.Response) -> LoadModel.Response:
         try:
-            response.model = load_model(self.estimator, request.path)
-            response.success, response.message = True, f"read from {request.path}"
+            path = self._model_path(request.path)
+            response.model = load_model(self.estimator, path)
+            response.success, response.message = True, f"read from {path}"
         except InputError as error:
             response.success, response.message = False, str(error)
         return response

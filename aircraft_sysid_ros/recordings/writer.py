@@ -6,10 +6,11 @@ which then takes the new name at once: an error or a kill leaves no half-written
 
 from __future__ import annotations
 
-import shutil
+import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -22,6 +23,7 @@ from aircraft_sysid_ros.recordings import cdr_layout, joint_states
 from aircraft_sysid_ros.recordings.message_definitions import PACKAGE
 from aircraft_sysid_ros.recordings.message_types import known_types, message_from_dict
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, INPUTS_TYPE, NANOSECONDS
+from aircraft_sysid_ros.text_file import put_in_place
 
 _FRAME = "header.frame_id"
 
@@ -50,7 +52,9 @@ class RecordingWriter:
         self._batches: list[_Batch] = []
         self._connections: dict[str, str] = {}
         self._bag: _OpenBag | None = None
-        _check_target(self.path, overwrite)
+        self._files: dict[Path, bytes] = {}
+        self._check = partial(_check_target, self.path, overwrite)
+        self._check()
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -138,11 +142,15 @@ class RecordingWriter:
         except OSError as error:
             raise InputError(f"cannot write the recording {self.path}: {error.strerror or error}") from None
 
+    def add_file(self, path: Path, content: bytes) -> None:
+        """A file in the folder of the recording, or beside it: it is there with the recording or not at all."""
+        self._files[path] = content
+
     def _finish(self) -> None:
         self.release(np.iinfo(np.int64).max)
         assert self._bag is not None
         try:
-            self._bag.put_in_place(self.path)
+            self._bag.put_in_place(self.path, self._files, self._check)
         except OSError as error:
             raise InputError(f"cannot write the recording {self.path}: {error.strerror or error}") from None
 
@@ -169,11 +177,17 @@ class _OpenBag:
                 self._open.add(topic)
         self._writer.write_all([Batch(batch.connection[0], batch.log_time, batch.messages) for batch in batches])
 
-    def put_in_place(self, target: Path) -> None:
-        """Finish it and give it the name of the target."""
+    def put_in_place(self, target: Path, files: Mapping[Path, bytes], check: Callable[[], None]) -> None:
+        """Finish it and give it the name of the target, and the files that belong to it theirs."""
         self._writer.close()
         new = next(self._bag.glob("*.mcap")) if target.suffix == ".mcap" else self._bag
-        _put_in_place(new, target, self._folder.name)
+        folder = Path(self._folder.name)
+        beside = {path: folder / f"beside.{path.name}" for path in files if path.parent != target}
+        for path, content in files.items():  # all of them before any has its name
+            beside.get(path, self._bag / path.name).write_bytes(content)
+        put_in_place(new, target, folder / "replaced", check)
+        for path, staged in beside.items():
+            os.replace(staged, path)
 
     def discard(self) -> None:
         """Leave nothing behind but what was put in place."""
@@ -196,13 +210,6 @@ def _is_replaceable(folder: Path) -> bool:
     """An empty folder or a rosbag2: nothing else is ever deleted."""
     contents = list(folder.iterdir())
     return not contents or (folder / "metadata.yaml").exists()
-
-
-def _put_in_place(new: Path, target: Path, folder: str) -> None:
-    """Rename ``new`` to ``target``; what was there goes into ``folder``, which is deleted."""
-    if target.exists():
-        target.rename(Path(folder) / "replaced")
-    shutil.move(new, target)
 
 
 def _is_texts(value: Any) -> bool:

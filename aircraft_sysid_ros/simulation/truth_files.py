@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS
+from aircraft_sysid_ros.run_reader import UNREADABLE
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH, stamps_of
 from aircraft_sysid_ros.sensors.truth import SERIES
 from aircraft_sysid_ros.simulation.jsbsim_derivatives import derived_truth
@@ -38,9 +41,27 @@ def write_flight(flight: SimulatedFlight, path: str | Path, *, overwrite: bool =
                 continue
             topic_type = TOPICS[stream.topic]
             writer.write(stream.topic, topic_type, stream.stamp, stream.fields, log_time=stream.arrival)
-    document, series = truth_path(path, ".json"), truth_path(path, ".npz")
-    document.write_text(json.dumps(truth_document(flight), indent=1) + "\n", encoding="utf8")
+        for place, content in _files(flight, path).items():
+            writer.add_file(place, content)
+
+
+def _files(flight: SimulatedFlight, path: str | Path) -> dict[Path, bytes]:
+    """The truth, and of an aeroplane of JSBSim the aircraft file."""
+    series = BytesIO()
     np.savez_compressed(series, **cast("dict[str, Any]", truth_series(flight)))
+    files = {
+        truth_path(path, ".json"): (json.dumps(truth_document(flight), indent=1) + "\n").encode(),
+        truth_path(path, ".npz"): series.getvalue(),
+    }
+    if flight.simulator == "jsbsim":
+        files[aircraft_path(path)] = yaml.safe_dump(flight.aircraft.source, sort_keys=False).encode()
+    return files
+
+
+def aircraft_path(recording: str | Path) -> Path:
+    """Where the aircraft file of a recorded aeroplane of JSBSim is."""
+    path = truth_path(recording, ".json")
+    return path.with_name(path.name.replace("truth.json", "aircraft.yaml"))
 
 
 def truth_path(recording: str | Path, suffix: str) -> Path:
@@ -57,7 +78,7 @@ def load_truth(recording: str | Path) -> tuple[dict[str, Any], dict[str, npt.NDA
         document = json.loads(truth_path(recording, ".json").read_text(encoding="utf8"))
         with np.load(truth_path(recording, ".npz"), allow_pickle=False) as archive:
             return document, {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, KeyError) as error:
+    except UNREADABLE as error:
         raise InputError(f"{recording} has no truth beside it: it is not a simulated flight ({error})") from None
 
 

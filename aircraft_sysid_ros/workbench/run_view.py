@@ -27,7 +27,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.recordings.tables import Table, read_table
-from aircraft_sysid_ros.run_reader import DIAGNOSIS, ESTIMATES, PARAMETERS, SAMPLES, STATE, not_a_run
+from aircraft_sysid_ros.run_reader import DIAGNOSIS, ESTIMATES, PARAMETERS, SAMPLES, STATE, UNREADABLE, not_a_run
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import true_values, truth_path
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
@@ -163,7 +163,7 @@ def _recorded(folder: Path) -> tuple[float | None, list[str]]:
     try:
         state = json.loads((folder / STATE).read_text(encoding="utf8"))
         return float(state["duration"]), [f"recording: {note}" for note in state.get("notes", ())]
-    except (OSError, KeyError, TypeError, ValueError, AttributeError):
+    except UNREADABLE:
         return None, []
 
 
@@ -194,7 +194,7 @@ def _diagnosis(folder: Path, notes: list[str]) -> Mapping[str, Any] | None:
     try:
         content = json.loads((folder / DIAGNOSIS).read_text(encoding="utf8"))
         whole = content.keys() >= _OF_DIAGNOSIS and all(c.keys() >= _OF_CANDIDATE for c in content["candidates"])
-    except (OSError, ValueError, AttributeError, TypeError):
+    except UNREADABLE:
         whole = False
     if not whole:
         notes.append(f"{DIAGNOSIS} of the run cannot be read: diagnose again")
@@ -205,7 +205,7 @@ def _parameters(run: Run, version: Version) -> list[dict[str, Any]]:
     """As in the parameters.json of a version; of the run itself for the root."""
     try:
         return list(json.loads((folder_of(run, version) / PARAMETERS).read_text(encoding="utf8"))["parameters"])
-    except (OSError, KeyError, TypeError, ValueError):
+    except UNREADABLE:
         return []
 
 
@@ -219,7 +219,7 @@ def load_truth_view(path: str | Path | None) -> TruthView:
         content = json.loads(place.read_text(encoding="utf8"))
         listed = {**content, "coefficients": content["coefficients"] or {}}
         return TruthView(true_values(listed), content)
-    except (OSError, KeyError, TypeError, ValueError):
+    except UNREADABLE:
         raise InputError(f"{place} is no truth of a simulated flight: simulate writes it into the recording") from None
 
 
@@ -231,7 +231,7 @@ def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
         summary = json.loads((folder / STATE).read_text(encoding="utf8"))
         states = read_table(folder / ESTIMATES, "state_estimator/state")
         parameters = read_table(folder / ESTIMATES, "parameter_estimator/parameters")
-    except (OSError, KeyError, ValueError) as error:
+    except UNREADABLE as error:
         if isinstance(error, InputError):
             raise
         raise not_a_run(path) from None

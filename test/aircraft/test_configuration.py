@@ -115,7 +115,7 @@ BAD = {
     "python object": (MINIMAL + "model: !!python/object/apply:os.getcwd []\n", "not valid YAML at line 7"),
     "impossible date": (MINIMAL + "trim_airspeed: 2024-13-45\n", "not valid YAML"),
     "number of 5000 digits": (MINIMAL + "trim_airspeed: " + "9" * 5000, "not valid YAML"),
-    "nesting bomb": (MINIMAL + "model: " + "[" * 5000, "not valid YAML"),
+    "nesting bomb": (MINIMAL + "model: " + "[" * 5000, "it is nested too deeply"),
     "control character": (MINIMAL + "model: \x01", "not valid YAML"),
     "binary file": (b"\x89HDF\r\n\x1a\n\xff\xfe\x00", "not a text file"),
     "name that is false": (MINIMAL.replace("Small", "no"), "name must be text .*, not false"),
@@ -208,6 +208,39 @@ BAD = {
     "model term twice": (MINIMAL + "model: {CZ: [alpha, alpha]}\n", "the term 'alpha' twice in CZ"),
     "airspeed zero": (MINIMAL + "minimum_airspeed: 0\n", "minimum_airspeed must be positive"),
     "trim airspeed": (MINIMAL + "trim_airspeed: fast\n", "trim_airspeed must be a number"),
+    "mass of a planet": (MINIMAL.replace("2.0", "1e300"), r"mass must be between 0.001 and 2e\+06 kg, not 1e\+300"),
+    "mass of an electron": (MINIMAL.replace("2.0", "1e-300"), "mass must be between 0.001 and .* kg, not 1e-300"),
+    "wing area": (MINIMAL.replace("0.3", "1e9"), "wing_area must be between 0.0001 and 10000 m²"),
+    "span": (MINIMAL.replace("1.2", "1e300"), "span must be between 0.01 and 500 m, not"),
+    "chord": (MINIMAL.replace("0.25", "1e-300"), "chord must be between 0.001 and 100 m, not 1e-300"),
+    "inertia of nothing": (
+        MINIMAL.replace("0.07", "1e-300").replace("0.09", "1e-300").replace("0.14", "1e-300").replace("0.014", "0"),
+        r"inertia xx must be between 1e-09 and 1e\+10 kg m², not 1e-300",
+    ),
+    "position far away": (MINIMAL + "imu_position: [0, 1e300, 0]\n", "imu_position must be between -200 and 200 m"),
+    "noise of nothing": (
+        MINIMAL + "sensors: {gyro: {noise: 1e-300}}\n",
+        "the noise of sensor gyro must be between 1e-09 and 100 rad/s, not 1e-300",
+    ),
+    "noise of everything": (
+        MINIMAL + "sensors: {gps: {noise: [1, 1e300]}}\n",
+        "the noise of sensor gps must be between 1e-09 and 1000 m/s, not",
+    ),
+    "rate": (MINIMAL + "sensors: {gyro: {rate: 1e300}}\n", r"the rate of sensor gyro must be between 0.01 and .* Hz"),
+    "wind": (MINIMAL + "process_noise: {wind: 1e300}\n", "process_noise wind must be between 0 and 100 m/s per √s"),
+    "speed": (MINIMAL + "minimum_airspeed: 1e300\n", "minimum_airspeed must be between 0.01 and 2000 m/s"),
+    "altitude": (MINIMAL + "ground_altitude: 1e300\n", r"ground_altitude must be between -1000 and 1e\+05 m"),
+    "large coefficient": (MINIMAL + "coefficients: {CZ_alpha: 1e300}\n", "coefficient CZ_alpha must be between"),
+    "noise of an input": (MINIMAL + "inputs: {tab: {noise: 1e300}}\n", "the noise of input tab must be between"),
+    "many terms": (
+        MINIMAL + f"model: {{CZ: [{', '.join(f'alpha*{i}' for i in range(61))}]}}\n",
+        "CZ has 61 terms: at most 60",
+    ),
+    "long term": (MINIMAL + f"model: {{CZ: [{'+'.join(['alpha'] * 900)}]}}\n", "is longer than 4000 characters"),
+    "long name in a term": (MINIMAL + f"model: {{CZ: [{'a' * 3000}]}}\n", "'a{60}…' in 'a{60}…' is no signal"),
+    "deep term": (MINIMAL + f"model: {{CZ: ['{'(' * 900}alpha{')' * 900}']}}\n", "is not an expression|too deeply"),
+    "escapes of a terminal": (MINIMAL + '"\\e[2J\\a": 1\n', r"unknown key '\[2J'"),
+    "megabytes": (MINIMAL + "# " + "x" * 11_000_000, "larger than 10 MB"),
 }
 
 

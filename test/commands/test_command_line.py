@@ -333,6 +333,25 @@ def test_overwrite_replaces_a_run(cli, run, bag, aircraft_file, tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["run"]
 
 
+def test_a_run_that_another_replay_wrote_meanwhile_is_kept(cli, run, bag, aircraft_file, tmp_path, monkeypatch):
+    """Two began when the name was free: the second says so in one sentence, and nothing vanishes."""
+    import aircraft_sysid_ros.run_writer as run_writer
+
+    gather = run_writer.state_json
+
+    def other_is_faster(state):
+        shutil.copytree(run[0], tmp_path / "run")
+        return gather(state)
+
+    monkeypatch.setattr(run_writer, "state_json", other_is_faster)
+    result = cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")
+    check_refused(result, "another process has written there meanwhile, which is kept; give another name")
+    assert [item.name for item in tmp_path.iterdir()] == ["run"]
+    assert {f.name: f.read_bytes() for f in (tmp_path / "run").iterdir()} == {
+        f.name: f.read_bytes() for f in run[0].iterdir()
+    }
+
+
 @pytest.mark.parametrize("place", ["push", "finish"])
 def test_an_interrupted_replay_leaves_nothing(cli, bag, aircraft_file, tmp_path, monkeypatch, place):
     def interrupt(*_):

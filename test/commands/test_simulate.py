@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 
@@ -72,6 +73,27 @@ def test_jsbsim_keeps_quiet_on_standard_output():
 def test_bad_input_is_said_and_nothing_is_written(tmp_path, options, message):
     with pytest.raises(InputError, match=message.replace("*", r"\*")):
         call("--out", tmp_path / "bag", *options)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["bag", "bag.mcap"])
+def test_a_full_disk_leaves_nothing_behind(tmp_path, name, monkeypatch):
+    """Full while the recording is written, and full when only the truth is left to be written."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    try:
+        with pytest.raises(InputError, match="cannot write the recording"):
+            call("--out", tmp_path / name, "--duration", 20)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+
+    def full(self, content):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    with pytest.raises(InputError, match="No space left"):
+        call("--out", tmp_path / name, "--duration", 20)
     assert not list(tmp_path.iterdir())
 
 

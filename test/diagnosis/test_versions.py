@@ -265,6 +265,24 @@ def test_what_is_no_run_or_damaged_is_said(run, tmp_path) -> None:
         open_run(run)
 
 
+def test_a_version_is_in_its_run_and_nowhere_else(run, tmp_path) -> None:
+    """A run that somebody sends cannot make other folders of this machine its model."""
+    identifier = add(run, "CZ: alpha**3").version.identifier
+    outside = tmp_path / "outside"
+    shutil.copytree(run / "models" / identifier, outside)
+    (run / "models" / "link").symlink_to(outside)
+    for named in ("../../outside", str(outside), "link", "..", "", "." + identifier):
+        (run / "model.json").write_text(json.dumps({"model": named}))
+        with pytest.raises(InputError, match=r"damaged: remove model.json"):
+            open_run(run)
+    (run / "model.json").write_text(json.dumps({"model": identifier}))
+    found, notes = versions.versions_of(open_run(run))
+    assert [v.identifier for v in found][1:] == [identifier] and "link is left out" in notes[0]
+    (run / "model.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"damaged: remove model.json"):
+        open_run(run)
+
+
 def test_an_aircraft_file_that_is_cut_off_is_no_smaller_aircraft_file(run) -> None:
     """Cut after any line, it is refused, though the first lines alone are a valid file."""
     path = run / "aircraft.yaml"

@@ -75,6 +75,7 @@ def lend_kernels():
 def test_from_a_workspace_to_a_bag(workspace, bench, tmp_path):
     user = workspace
     user.run("simulate", "--duration", SECONDS)
+    user.environment["HOME"] = str(tmp_path)  # models are there, where nothing else is said
     with ExitStack() as terminals:
         processes = [terminals.enter_context(terminal) for terminal in launch(user)]
         configured(user, bench)
@@ -82,7 +83,7 @@ def test_from_a_workspace_to_a_bag(workspace, bench, tmp_path):
         flown(user, bench)
         recorded(user)
         same_as_replayed(user, bench, sets)
-        extended(user, bench, tmp_path / "model.json")
+        extended(user, bench, tmp_path / ".ros/aircraft_sysid_ros/models/model.json")
         for node in NODES:
             transit(bench, node, Transition.TRANSITION_CLEANUP, "unconfigured")
         for running in processes:
@@ -188,13 +189,13 @@ def extended(user, bench, path):
     assert not refused.success and "no_such_effect" in refused.message
     removed = call(RemoveEffect, "remove_effect", **yaml.safe_load(request))
     assert removed.success and removed.model != added.model
-    saved = call(SaveModel, "save_model", path=str(path))
+    saved = call(SaveModel, "save_model", path=path.name)
     assert saved.success, saved.message
     assert call(Reset, "reset").success
-    loaded = call(LoadModel, "load_model", path=str(path))
+    loaded = call(LoadModel, "load_model", path=path.name)
     assert loaded.success and loaded.model == removed.model
     again = path.with_name("again.json")
-    assert call(SaveModel, "save_model", path=str(again)).success
+    assert call(SaveModel, "save_model", path=again.name).success
     before, after = (json.loads(file.read_text(encoding="utf8")) for file in (path, again))
     assert before["model"] == after["model"] == removed.model and before["learnt"] == after["learnt"]
 

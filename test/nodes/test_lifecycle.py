@@ -225,9 +225,10 @@ def test_the_estimator_is_chosen_by_a_parameter_and_hears_what_it_needs(bench):
 
 
 @pytest.fixture
-def flown(bench, raw):
+def flown(bench, raw, tmp_path):
     """Both nodes after 15 s of flight, and the diagnostics that came."""
-    state, parameters = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode)
+    state = bench.node(StateEstimatorNode)
+    parameters = bench.node(ParameterEstimatorNode, model_folder=str(tmp_path / "models"))
     diagnostics = bench.listen(DiagnosticArray, "/diagnostics")
     for name in ("state_estimator", "parameter_estimator"):
         assert change(bench, name, CONFIGURE)
@@ -269,32 +270,58 @@ def test_services_reset_save_and_load(flown, tmp_path):
     bench, state, parameters, _ = flown
     learnt = parameters.estimator.learning.least_squares.state.theta.copy()
     assert learnt.any()
-    path = tmp_path / "model.json"
-    saved = bench.call(SaveModel, "/parameter_estimator/save_model", path=str(path))
+    path = tmp_path / "models" / "cruise.json"
+    saved = bench.call(SaveModel, "/parameter_estimator/save_model", path="cruise.json")
     assert saved.success and str(path) in saved.message
     assert len(json.loads(path.read_text())["parameters"]) == 32
     assert bench.call(Reset, "/parameter_estimator/reset").success
     assert not parameters.estimator.learning.least_squares.state.theta.any()
-    loaded = bench.call(LoadModel, "/parameter_estimator/load_model", path=str(path))
+    loaded = bench.call(LoadModel, "/parameter_estimator/load_model", path="cruise.json")
     assert loaded.success and loaded.model == parameters.estimator.model.identifier
     assert (parameters.estimator.learning.least_squares.state.theta == learnt).all()
+    before = path.read_bytes()
+    again = bench.call(SaveModel, "/parameter_estimator/save_model", path="cruise.json")
+    assert not again.success and "already there" in again.message and path.read_bytes() == before
     assert bench.call(Reset, "/state_estimator/reset").success
     assert state.estimator.last_row is None
 
 
 def test_bad_paths_are_answered_with_a_sentence(bench, tmp_path, capfd):
-    node = bench.node(ParameterEstimatorNode)
+    folder, outside = tmp_path / "models", tmp_path / "outside.json"
+    node = bench.node(ParameterEstimatorNode, model_folder=str(folder))
     assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    (tmp_path / "text.json").write_text("no model")
-    (tmp_path / "other.json").write_text('{"format": "something else"}')
-    (tmp_path / "damaged.json").write_text('{"format": "aircraft_sysid_ros model 1", "terms": 3}')
-    (tmp_path / "bytes.json").write_bytes(b"\xff\xfe\x00")
-    for path in ("nowhere/model.json", "text.json", "other.json", "damaged.json", "bytes.json", "", "."):
-        answer = bench.call(LoadModel, "/parameter_estimator/load_model", path=str(tmp_path / path))
-        assert not answer.success, path
-        assert len(answer.message.split()) > 4 and "\n" not in answer.message
-    for path in (str(tmp_path / "nowhere" / "model.json"), str(tmp_path), ""):
-        answer = bench.call(SaveModel, "/parameter_estimator/save_model", path=path)
-        assert not answer.success, path
-        assert len(answer.message.split()) > 4 and "\n" not in answer.message
+    folder.mkdir()
+    (folder / "text.json").write_text("no model")
+    (folder / "other.json").write_text('{"format": "something else"}')
+    (folder / "damaged.json").write_text('{"format": "aircraft_sysid_ros model 1", "terms": 3}')
+    (folder / "bytes.json").write_bytes(b"\xff\xfe\x00")
+    (folder / "deep.json").write_text("[" * 100_000)
+    (folder / "link.json").symlink_to(outside)
+    (folder / "folder.json").mkdir()
+    os.mkfifo(folder / "pipe.json")
+    bad = ("", ".", "..", "../outside.json", str(outside), str(folder / "model.json"), "~/model.json", ".hidden", "a/b",
+           "a\x1b[2Jb", "x" * 101, "\n")  # fmt: skip
+    there = (
+        "text.json",
+        "other.json",
+        "damaged.json",
+        "bytes.json",
+        "deep.json",
+        "link.json",
+        "folder.json",
+        "pipe.json",
+    )
+    before = {file.name: file.lstat() for file in folder.iterdir()}
+    for kind, name, names in (
+        (LoadModel, "load_model", (*bad, *there, "nowhere.json")),
+        (SaveModel, "save_model", (*bad, *there)),
+    ):
+        for path in names:
+            answer = bench.call(kind, f"/parameter_estimator/{name}", path=path)
+            assert not answer.success, (name, path)
+            assert len(answer.message.split()) > 4 and answer.message.isprintable() and len(answer.message) < 400
+    assert {file.name: file.lstat() for file in folder.iterdir()} == before
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["models"]
+    answer = node.set_parameters([Parameter("model_folder", value=str(tmp_path))])[0]
+    assert not answer.successful and "read-only" in answer.reason
     assert "Traceback" not in "".join(capfd.readouterr())

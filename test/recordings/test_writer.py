@@ -1,5 +1,7 @@
 """Written recordings: read back by rosbags and by mcap without our help, complete or not at all."""
 
+import resource
+
 import numpy as np
 import pytest
 
@@ -143,6 +145,46 @@ def test_a_failed_write_keeps_the_old_recording(tmp_path, monkeypatch):
         writer.write("air_data", TOPICS["air_data"], [START], {})
     assert [p.name for p in tmp_path.iterdir()] == ["bag"]
     assert next(path.glob("*.mcap")).read_bytes() == before
+
+
+def test_a_name_that_another_process_took_meanwhile(tmp_path):
+    """Both began when it was free: the second says so, and what the first has written stays."""
+    taken = pytest.raises(InputError, match="another process has written there meanwhile")
+    with taken, RecordingWriter(tmp_path / "bag") as slow:
+        slow.write("air_data", TOPICS["air_data"], [START], {})
+        write_all(tmp_path / "bag")
+        before = snapshot(tmp_path)
+    assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["bag", "bag.mcap"])
+def test_files_of_a_recording_come_with_it_or_not_at_all(tmp_path, name):
+    inside = tmp_path / name / "truth.json" if name == "bag" else tmp_path / "bag.truth.json"
+    files = {inside: b"{}", tmp_path / "bag.segments.yaml": b"[]"}
+
+    def write(**options):
+        with RecordingWriter(tmp_path / name, **options) as writer:
+            writer.write("air_data", TOPICS["air_data"], [START], {})
+            for path, content in files.items():
+                writer.add_file(path, content)
+
+    write()
+    assert all(path.read_bytes() == content for path, content in files.items())
+    before = snapshot(tmp_path)
+    files[tmp_path / "nowhere" / "else.json"] = b"1"  # cannot be put there
+    files[tmp_path / "bag.segments.yaml"] = b"[1]"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (600, limits[1]))  # the system says that a file cannot grow: no disk left
+    try:
+        with pytest.raises(InputError, match="File too large"):
+            write(overwrite=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert snapshot(tmp_path) == before
+
+
+def snapshot(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def test_overwriting_only_when_asked(tmp_path):

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms, term_label
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import one_line, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
@@ -44,7 +44,7 @@ from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, one_line
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.samples import Samples
 

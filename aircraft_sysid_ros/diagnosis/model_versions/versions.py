@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import fcntl
 import hashlib
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -52,8 +52,11 @@ from aircraft_sysid_ros.run_reader import (
     read_state,
 )
 from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.text_file import locked
 
 MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
+#: Of a version: it names a folder of the run and nothing beyond.
+_IDENTIFIER = re.compile(r"[0-9A-Za-z]{1,64}")
 #: Keys of an aircraft file that are the model; a version that differs in another one has its own id.
 _MODEL_KEYS = ("model", "coefficients")
 
@@ -193,15 +196,23 @@ def _current(folder: Path, root: Aircraft) -> Version:
         return Version(root.model.identifier, root)
     try:
         identifier = str(json.loads((folder / CURRENT).read_text(encoding="utf8"))["model"])
-        place = folder / MODELS / identifier
+        place = _place(folder, identifier)
         content = json.loads((place / VERSION).read_text(encoding="utf8"))
         changes = {str(label): change_from_json(change) for label, change in content["changes"].items()}
         parents = tuple(map(str, content["parents"]))
         aircraft = load_run_aircraft(place / AIRCRAFT)
-    except (InputError, OSError, KeyError, TypeError, ValueError, AttributeError):
+    except UNREADABLE:
         message = f"the model versions of {folder} are damaged: remove {CURRENT} to go back to the model of the run"
         raise InputError(message) from None
     return Version(identifier, aircraft, changes, parents)
+
+
+def _place(folder: Path, identifier: str) -> Path:
+    """Folder of a version. Raises ValueError where that is anywhere but in the run."""
+    place = folder / MODELS / identifier
+    if not _IDENTIFIER.fullmatch(identifier) or folder.resolve() not in place.resolve().parents:
+        raise ValueError("outside of the run")
+    return place
 
 
 def versions_of(run: Run) -> tuple[list[Version], list[str]]:
@@ -211,10 +222,10 @@ def versions_of(run: Run) -> tuple[list[Version], list[str]]:
     folders = (run.path / MODELS).glob("*") if (run.path / MODELS).is_dir() else ()
     for folder in sorted(folders, key=lambda f: changed_at(f / VERSION)):
         try:
-            content = json.loads((folder / VERSION).read_text(encoding="utf8"))
+            content = json.loads((_place(run.path, folder.name) / VERSION).read_text(encoding="utf8"))
             changes = {label: change_from_json(change) for label, change in content["changes"].items()}
             version = Version(folder.name, load_aircraft(folder / AIRCRAFT), changes, tuple(content["parents"]))
-        except (OSError, KeyError, TypeError, ValueError, AttributeError):
+        except UNREADABLE:
             notes.append(
                 f"the model version {folder.name} is left out, {VERSION} or {AIRCRAFT} in {folder} is damaged: "
                 "remove that folder and add the effect again"
@@ -283,17 +294,11 @@ def run_data(run: Run, version: Version) -> RunData:
 
 @contextlib.contextmanager
 def changing(path: str | Path) -> Iterator[None]:
-    """While a run is changed: others wait. Raises InputError where the folder is not there or not writable."""
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError:
-        yield  # no folder: open_run says so
-        return
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
+    """While a run is changed: others wait."""
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # no folder: open_run says so
+            stack.enter_context(locked(Path(path)))
         yield
-    finally:
-        os.close(handle)
 
 
 def write_version(

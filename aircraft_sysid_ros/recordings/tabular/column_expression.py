@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 
 Array = npt.NDArray[np.float64]
 _FUNCTIONS: dict[str, tuple[Any, int]] = {
@@ -55,7 +55,7 @@ class ColumnExpression:
 def parse_column_expression(text: str) -> ColumnExpression:
     """Check an expression; raises InputError that quotes it and says what is allowed."""
     if len(text) > _LONGEST:
-        raise InputError(f"the expression '{text[:30]}…' is longer than {_LONGEST} characters: shorten it")
+        raise InputError(f"the expression '{echo(text)}' is longer than {_LONGEST} characters: shorten it")
     quoted: list[str] = []
 
     def stand_in(match: re.Match[str]) -> str:
@@ -71,10 +71,10 @@ def parse_column_expression(text: str) -> ColumnExpression:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            f"'{text}' is not an expression: write it like sqrt(2*Qc/Rho), with `…` around names of other characters"
+            f"'{echo(text)}' is not an expression: write it like sqrt(2*Qc/Rho), with `…` around other names"
         ) from None
     if not names:
-        raise InputError(f"'{text}' reads no column")
+        raise InputError(f"'{echo(text)}' reads no column")
     return ColumnExpression(text, tuple(dict.fromkeys(names)), tree, tuple(quoted))
 
 
@@ -109,19 +109,21 @@ def _columns_of(node: ast.expr, text: str, quoted: tuple[str, ...]) -> list[str]
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         function = _FUNCTIONS.get(node.func.id)
         if function is None:
-            raise InputError(f"'{node.func.id}(…)' in '{text}' is not allowed: there are {' '.join(_FUNCTIONS)}")
+            raise InputError(
+                f"'{echo(node.func.id)}(…)' in '{echo(text)}' is not allowed: there are {' '.join(_FUNCTIONS)}"
+            )
         if len(node.args) != function[1]:
-            raise InputError(f"{node.func.id} in '{text}' takes {function[1]} argument{'s' * (function[1] > 1)}")
+            raise InputError(f"{node.func.id} in '{echo(text)}' takes {function[1]} argument{'s' * (function[1] > 1)}")
         return [name for argument in node.args for name in _columns_of(argument, text, quoted)]
     raise InputError(
-        f"'{text}' has '{ast.unparse(node)[:40]}', which is not allowed: use columns, numbers, "
+        f"'{echo(text)}' has '{echo(ast.unparse(node))}', which is not allowed: use columns, numbers, "
         f"+ - * / ** and {' '.join(_FUNCTIONS)}"
     )
 
 
 def _checked(value: Any, text: str) -> list[str]:
     if not abs(value) < 1e300:
-        raise InputError(f"a number in '{text[:60]}' is not finite")
+        raise InputError(f"a number in '{echo(text)}' is not finite")
     return []
 
 

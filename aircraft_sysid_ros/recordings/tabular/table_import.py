@@ -47,8 +47,8 @@ def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: 
             raise InputError(
                 f"nothing in {path} can be carried over: {'; '.join(f'{k}: {v}' for k, v in plan.missing.items())}"
             )
-    notes = [*start_note(colmap), *collected.notes, *plan.notes]
-    notes += _write_segments(collected.manoeuvres, counts, Path(out))
+        segments = _add_segments(writer, collected.manoeuvres, counts)
+    notes = [*start_note(colmap), *collected.notes, *plan.notes, *segments]
     if collected.unmapped > 0:
         notes.append(f"{collected.unmapped} columns of these tables are not mapped")
     return {
@@ -64,21 +64,18 @@ def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: 
     }
 
 
-def _write_segments(manoeuvres: list[tuple[int, int]], counts: _Counts, out: Path) -> list[str]:
+def _add_segments(writer: RecordingWriter, manoeuvres: list[tuple[int, int]], counts: _Counts) -> list[str]:
     """A list of segments beside the recording, for manoeuvres that each began at a time 0 of their own."""
     if len(manoeuvres) < 2:
         return []
     zero = counts.topics.get("imu/data", (0, counts.start, 0))[1]
     spans = [((begin - zero) / NANOSECONDS, (end - zero) / NANOSECONDS) for begin, end in manoeuvres]
-    path = out.with_name(f"{out.name}.segments.yaml")
+    path = writer.path.with_name(f"{writer.path.name}.segments.yaml")
     lines = [
         f"- {{name: manoeuvre {number}, start: {max(begin, 0.0):.3f}, stop: {end:.3f}}}"
         for number, (begin, end) in enumerate(spans, 1)
     ]
-    try:
-        path.write_text("\n".join(lines) + "\n", encoding="utf8")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    writer.add_file(path, ("\n".join(lines) + "\n").encode())
     return [
         f"its time restarts {len(spans) - 1} times: {len(spans)} manoeuvres, each {PAUSE:g} s after the one before, "
         f"for replay --segments {path}"

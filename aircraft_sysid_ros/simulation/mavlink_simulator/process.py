@@ -39,6 +39,7 @@ from aircraft_sysid_ros.simulation.jsbsim_flight import (
 from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import Faults, MavlinkSimulator
 from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import Event, FlightSensors, pieces, write_direct
 from aircraft_sysid_ros.simulation.simulated_flight import DEFAULT_WIND, simulate_samples
+from aircraft_sysid_ros.text_file import write_whole
 
 NANOSECONDS = 1_000_000_000
 DEFAULT_CALIBRATION = "mavlink_simulator_servos.yaml"
@@ -227,7 +228,7 @@ def _write_files(args: argparse.Namespace, aircraft: Aircraft) -> None:
             Path(args.record).parent.mkdir(parents=True, exist_ok=True)
         if args.write_aircraft:
             text = yaml.safe_dump(aircraft.source, sort_keys=False)
-            Path(args.write_aircraft).write_text(text, encoding="utf8")
+            write_whole(Path(args.write_aircraft), text)
     except OSError as error:
         raise InputError(f"cannot write {error.filename}: {error.strerror}") from None
 

@@ -21,6 +21,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.series import Column
 from aircraft_sysid_ros.recordings.tabular.guess.times import TimeGuess, guess_time, why_no_time
 from aircraft_sysid_ros.recordings.tabular.source import Source, open_source
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
+from aircraft_sysid_ros.text_file import write_whole
 
 _ROWS, _CELLS = 400_000, 24_000_000  # that are looked at, of a table, at most
 _MOST_COLUMNS = 400
@@ -292,7 +293,7 @@ def write_map(first: FirstMap, path: Path, source: Path) -> None:
     """The guess as a MAP to be checked and edited. Raises InputError where it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(map_text(first, source), encoding="utf8")
+        write_whole(path, map_text(first, source))
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from None
 
