@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.archives import is_bomb
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples
@@ -74,7 +75,7 @@ def calm_air_of(folder: Path) -> bool:
 
 def read_samples(folder: Path) -> Samples:
     """All samples, as they arrived: their stamps need not rise. Raises UNREADABLE."""
-    with np.load(folder / SAMPLES) as stored:
+    with _arrays(folder / SAMPLES) as stored:
         stamp, kind, values = _stamps(stored["stamp"]), stored["kind"].astype(np.int64), stored["values"]
     of_imu = values[kind == Kind.IMU, : REQUIRED_VALUES[Kind.IMU]]
     if not np.isfinite(of_imu).all(axis=1).any():
@@ -84,7 +85,7 @@ def read_samples(folder: Path) -> Samples:
 
 def read_points(folder: Path) -> dict[str, npt.NDArray[Any]]:
     """The arrays of points.npz. Raises UNREADABLE."""
-    with np.load(folder / POINTS) as stored:
+    with _arrays(folder / POINTS) as stored:
         points = {name: stored[name] for name in stored.files}
     points["stamp"] = _stamps(points["stamp"])
     if np.any(np.diff(points["stamp"]) <= 0) and not _clock_leapt(folder):
@@ -96,6 +97,13 @@ def read_points(folder: Path) -> dict[str, npt.NDArray[Any]]:
     if np.isinf(measured).any() or np.isnan(measured[valid]).any():
         raise _Impossible("holds measured coefficients that are not finite")
     return points
+
+
+def _arrays(path: Path) -> Any:
+    """What np.load opens."""
+    if is_bomb(path):
+        raise _Impossible("announces more than its size can hold")
+    return np.load(path)
 
 
 def _stamps(stamp: npt.NDArray[Any]) -> npt.NDArray[np.int64]:

@@ -16,18 +16,30 @@ from aircraft_sysid_ros.errors import InputError, echo
 LARGEST = 10_000_000
 #: Values that a file may have, each counted as often as aliases repeat it.
 MOST_VALUES = 200_000
+_DEEPEST = 100
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuses repeated keys, which YAML itself forbids and PyYAML does not notice, and what is too large."""
+def _limited(kind: Any) -> Any:
+    """A loader that refuses what is too large."""
 
-    def get_single_node(self) -> yaml.Node | None:
-        node = super().get_single_node()
-        if node is not None and _count(node, {}) > MOST_VALUES:
-            raise InputError(
-                f"it has more than {MOST_VALUES} values: write them into a recording, or leave out aliases"
-            )
-        return node
+    class Limited(kind):  # type: ignore[misc]
+        def get_single_node(self) -> yaml.Node | None:
+            node = super().get_single_node()
+            if node is not None and _count(node, {}) > MOST_VALUES:
+                raise InputError(
+                    f"it has more than {MOST_VALUES} values: write them into a recording, or leave out aliases"
+                )
+            return node
+
+    return Limited
+
+
+#: libyaml, where PyYAML has it.
+_Fast: Any = _limited(getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+
+class _Loader(_limited(yaml.SafeLoader)):  # type: ignore[misc]
+    """Refuses repeated keys as well, which YAML itself forbids and PyYAML does not notice."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -55,6 +67,16 @@ def _count(node: yaml.Node, known: dict[int, float]) -> float:
 def _twice(key: str, first: int, second: int) -> InputError:
     where = f"at lines {first} and {second}" if first != second else f"at line {first}"
     return InputError(f"the key '{echo(key)}' is there twice, {where}: remove one")
+
+
+def parse_yaml(text: bytes) -> Any:
+    """The content of a file that a program has written, fast. Raises YAMLError or ValueError."""
+    depth = 0
+    for event in yaml.parse(text, _Fast):  # libyaml descends into what it composes until the stack is full
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise InputError("it is nested too deeply")
+    return yaml.load(text, _Fast)
 
 
 def read_yaml(path: str | Path, what: str) -> Any:

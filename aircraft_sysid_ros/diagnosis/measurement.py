@@ -28,12 +28,12 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     flight_data_of,
     log_likelihood,
 )
-from aircraft_sysid_ros.diagnosis.processes import cores, worker_pool
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.processes import cores, worker_pool
 from aircraft_sysid_ros.samples import Kind, Samples, fewer_manoeuvres
 
 Array = npt.NDArray[np.float64]

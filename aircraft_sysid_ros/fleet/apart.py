@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-from aircraft_sysid_ros.diagnosis.processes import CORES, end_with
+from aircraft_sysid_ros.processes import CORES, end_with
 from aircraft_sysid_ros.errors import InputError
 
 #: How often a process is begun anew that was killed from outside.

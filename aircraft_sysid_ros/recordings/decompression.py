@@ -4,25 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from aircraft_sysid_ros.errors import echo
+
 #: What a zstd frame begins with; no serialised ROS message does.
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 #: Bytes that go in, for zstd, or come out, for lz4, at a time: a wrong announcement reserves no memory.
-_ZSTD_IN, _LZ4_OUT = 1 << 14, 1 << 20
-
-#: [bytes] No recorder keeps as much in memory before it writes a chunk.
-_LARGEST = 1 << 31
+_ZSTD_IN, _LZ4_OUT = 1 << 12, 1 << 20
 
 
 class Undecompressible(Exception):
     """Bytes that do not decompress to what was announced; the text says why, as words after their name."""
 
 
-def decompress(compression: str, content: bytes, size: int) -> bytes:
-    """``content`` decompressed to ``size`` bytes; ``compression`` is zstd or lz4. Raises Undecompressible."""
+def decompress(compression: str, content: bytes, size: int, most: int) -> bytes:
+    """``content`` decompressed to ``size`` bytes, ``most`` at most; ``compression`` is zstd or lz4.
+
+    Raises Undecompressible.
+    """
     if compression not in _DECOMPRESSORS:
-        raise Undecompressible(f"has the unknown compression {compression!r}")
-    if size > _LARGEST:
-        raise Undecompressible("announces more than a chunk can hold")
+        raise Undecompressible(f"has the unknown compression {echo(compression)!r}")
+    if size > most:
+        raise Undecompressible("announces more than a file of this size can hold")
     parts, left = [], size
     try:
         for part in _DECOMPRESSORS[compression](content):
@@ -37,13 +39,22 @@ def decompress(compression: str, content: bytes, size: int) -> bytes:
     return b"".join(parts)
 
 
-def decompress_prefix(content: bytes) -> tuple[bytes, bool]:
-    """Content of a zstd file as far as it can be decompressed, and whether that is to its end."""
+def decompress_prefix(content: bytes, most: int) -> tuple[bytes, bool]:
+    """Content of a zstd file as far as it can be decompressed, and whether that is to its end.
+
+    Raises Undecompressible for more than ``most`` bytes.
+    """
     parts: list[bytes] = []
     try:
-        parts.extend(_zstd(content))  # keeps what came before an error
+        for part in _zstd(content):  # keeps what came before an error
+            parts.append(part)
+            most -= len(part)
+            if most < 0:
+                break
     except Exception:  # the compressor's own, or the end of a file that is cut short
         return b"".join(parts), False
+    if most < 0:
+        raise Undecompressible("holds more than a file of its size can")
     return b"".join(parts), True
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import inertialnav_mat, umn_mat
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, write_log
+from aircraft_sysid_ros.recordings.mat_file import Matlab73, read_mat
 
 #: Variables that tell a kind of file, and what reads it.
 _KINDS: tuple[tuple[tuple[str, ...], Callable[[dict[str, Any]], ImportedLog]], ...] = (
@@ -44,15 +45,9 @@ def import_mat(path: str | Path, out: str | Path, *, overwrite: bool = False) ->
 
 
 def _load(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
     if not path.is_file():
         raise InputError(f"there is no file {path}")
     try:
-        return loadmat(path, squeeze_me=True, struct_as_record=False)
-    except NotImplementedError:
-        raise InputError(
-            f"{path} is a MATLAB 7.3 file: it needs --map MAP.yaml, which --guess MAP.yaml begins"
-        ) from None
-    except Exception as error:  # scipy lets errors of zlib, struct and its own through
-        raise InputError(f"{path} is not a readable .mat file ({' '.join(str(error).split())})") from None
+        return read_mat(path)
+    except Matlab73 as error:
+        raise InputError(f"{error}: it needs --map MAP.yaml, which --guess MAP.yaml begins") from None

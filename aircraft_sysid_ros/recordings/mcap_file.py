@@ -17,6 +17,7 @@ from zlib import crc32
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.archives import allowed_size
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings import mcap_records as mcap
@@ -128,6 +129,7 @@ class _Contents:
         self.data = data
         self.buffers = [data]
         self.size = len(data)  # of all buffers
+        self.left = allowed_size(len(data))  # bytes that chunks may still decompress to
         self.tables: list[Integers] = []  # rows of find_records that are messages, in the order of the file
         self.count = 0  # messages in them
         self.unchecked = 0  # those whose bytes no checksum confirms
@@ -181,7 +183,7 @@ class _Contents:
         try:
             content = data[at:stop]
             if compression:
-                content = np.frombuffer(decompress(compression, content.tobytes(), size), np.uint8)
+                content = np.frombuffer(decompress(compression, content.tobytes(), size, self.left), np.uint8)
             elif size != len(content):
                 raise Undecompressible("does not have the length that it announces")
             if checksum and (compression or not is_checked) and crc32(content.data) != checksum:
@@ -193,6 +195,7 @@ class _Contents:
         if compression:
             self.buffers.append(content)
             self.size += len(content)
+            self.left -= len(content)
             records = mcap.find_records(content, 0, len(content), mcap.IN_CHUNK)
             self._add_records(content, records, self.size - len(content), is_checked)
         else:

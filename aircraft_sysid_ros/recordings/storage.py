@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
+from aircraft_sysid_ros.archives import allowed_size
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
-from aircraft_sysid_ros.recordings.decompression import ZSTD_MAGIC, decompress_prefix
+from aircraft_sysid_ros.recordings.decompression import ZSTD_MAGIC, Undecompressible, decompress_prefix
 from aircraft_sysid_ros.recordings.mcap_file import read_mcap, read_mcap_data
 from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
 from aircraft_sysid_ros.recordings.sqlite_file import read_sqlite
+from aircraft_sysid_ros.yaml_file import parse_yaml
 
 METADATA = "metadata.yaml"
 _READERS = {".mcap": read_mcap, ".db3": read_sqlite}
@@ -50,7 +52,11 @@ def _read_file(path: Path) -> RawMessages:
     inner = Path(path.stem)
     if path.suffix != _COMPRESSED or inner.suffix not in _READERS:
         raise InputError(f"{path} is not a recording: give a rosbag2 folder, an .mcap or a .db3 file")
-    content, is_whole = decompress_prefix(path.read_bytes())
+    compressed = path.read_bytes()
+    try:
+        content, is_whole = decompress_prefix(compressed, allowed_size(len(compressed)))
+    except Undecompressible as error:
+        raise InputError(f"{path} {error}: it is no recording") from None
     notes = [] if is_whole else [f"{path.name} cannot be decompressed to its end: read up to there"]
     if inner.suffix == ".mcap":
         return read_mcap_data(np.frombuffer(content, np.uint8), path).with_notes(notes)
@@ -104,7 +110,7 @@ def _read_metadata(path: Path) -> tuple[_Metadata, list[str]]:
     if not path.exists():  # rosbag2 writes it last
         return _Metadata(), [f"{path.name} is missing"]
     try:
-        content = yaml.load(path.read_bytes(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = parse_yaml(path.read_bytes())
         information = content["rosbag2_bagfile_information"]
         mode = str(information.get("compression_mode") or "none").lower()
         counted: Counter[str] = Counter()
@@ -145,11 +151,18 @@ def _read_files(files: Sequence[Path]) -> tuple[list[RawMessages], list[str]]:
 
 def _decompressed(messages: RawMessages) -> RawMessages:
     """Messages that rosbag2 compressed one by one."""
-    parts = [decompress_prefix(messages[i]) for i in range(len(messages))]
-    good = [i for i, (_, is_whole) in enumerate(parts) if is_whole]
-    places = [(int(messages.channel[i]), int(messages.log_time[i])) for i in good]
-    found = RawMessages.of_parts(messages.channels, places, [parts[i][0] for i in good])
-    notes = losses.undecoded_notes(len(parts) - len(good), "the recording")
+    left, places, parts = allowed_size(len(messages.data)), [], []
+    for i in range(len(messages)):
+        try:
+            content, is_whole = decompress_prefix(messages[i], left)
+        except Undecompressible:
+            continue
+        left -= len(content)
+        if is_whole:
+            places.append((int(messages.channel[i]), int(messages.log_time[i])))
+            parts.append(content)
+    found = RawMessages.of_parts(messages.channels, places, parts)
+    notes = losses.undecoded_notes(len(messages) - len(parts), "the recording")
     return replace(found, notes=messages.notes, missing=messages.missing).with_notes(notes)
 
 

@@ -229,7 +229,7 @@ BAD = {
     "rate": (MINIMAL + "sensors: {gyro: {rate: 1e300}}\n", r"the rate of sensor gyro must be between 0.01 and .* Hz"),
     "wind": (MINIMAL + "process_noise: {wind: 1e300}\n", "process_noise wind must be between 0 and 100 m/s per √s"),
     "speed": (MINIMAL + "minimum_airspeed: 1e300\n", "minimum_airspeed must be between 0.01 and 2000 m/s"),
-    "altitude": (MINIMAL + "ground_altitude: 1e300\n", r"ground_altitude must be between -1000 and 1e\+05 m"),
+    "altitude": (MINIMAL + "ground_altitude: 1e300\n", r"ground_altitude must be between -1000 and 100000 m"),
     "large coefficient": (MINIMAL + "coefficients: {CZ_alpha: 1e300}\n", "coefficient CZ_alpha must be between"),
     "noise of an input": (MINIMAL + "inputs: {tab: {noise: 1e300}}\n", "the noise of input tab must be between"),
     "many terms": (

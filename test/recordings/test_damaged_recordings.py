@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 import yaml
+import zstandard
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses, mcap_file, mcap_records, mcap_storage
@@ -327,8 +328,9 @@ def test_a_chunk_of_another_kind_is_not_dropped_in_silence(flight, tmp_path, kin
     ("offset", "content", "reason"),
     [
         (32, b"zst4", "has the unknown compression 'zst4'"),
-        (16, struct.pack("<Q", 2**62), "announces more than a chunk can hold"),
-        (16, struct.pack("<Q", 2**30), "does not have the length that it announces"),
+        (16, struct.pack("<Q", 2**62), "announces more than a file of this size can hold"),
+        (16, struct.pack("<Q", 6_400_000_000), "announces more than a file of this size can hold"),
+        (16, struct.pack("<Q", 2**27), "does not have the length that it announces"),
         (16, struct.pack("<Q", 17), "does not have the length that it announces"),
         (44, b"\xff" * 4, "cannot be decompressed"),
     ],
@@ -544,3 +546,21 @@ def test_a_database_without_its_tables_is_refused(flight, tmp_path):
         database.execute("CREATE TABLE others(id)")
     with pytest.raises(InputError, match=r"cannot read the recording .*other\.db3: no such table: topics"):
         read_raw(file)
+
+
+@pytest.mark.parametrize("content", [b"[" * 200_000, b"- " * 100_000, b"{a: " * 100_000])
+def test_metadata_that_are_nested_without_end_do_not_end_the_program(flight, tmp_path, content):
+    """libyaml composes them until the stack is full, and the process is gone."""
+    write_with_mcap(flight, tmp_path / "bag", "ZSTD")
+    (tmp_path / "bag" / "metadata.yaml").write_bytes(content)
+    assert "metadata.yaml is damaged: read without it" in read_raw(tmp_path / "bag").notes
+
+
+def test_a_file_that_holds_more_than_its_size_can_is_refused(tmp_path, monkeypatch):
+    from aircraft_sysid_ros import archives
+
+    monkeypatch.setattr(archives, "_ALWAYS", 1 << 20)
+    content = zstandard.ZstdCompressor(level=19).compress(bytes(64 << 20))
+    (tmp_path / "bag.mcap.zstd").write_bytes(content)
+    with pytest.raises(InputError, match="holds more than a file of its size can: it is no recording"):
+        read_raw(tmp_path / "bag.mcap.zstd")

@@ -2,15 +2,20 @@
 
 import argparse
 import json
+import struct
+import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
+from scipy.sparse import csc_matrix
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.commands import import_log
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.mat_file import read_mat
 from aircraft_sysid_ros.recordings.mat_import import import_mat
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tables import read_table
@@ -351,3 +356,38 @@ def test_known_kind_without_its_channels(tmp_path, content):
     savemat(tmp_path / "poor.mat", content)
     with pytest.raises(InputError, match="poor"):
         import_mat(tmp_path / "poor.mat", tmp_path / "bag")
+
+
+def saved_with_wrong_bit(path, place, bit):
+    """A small MAT 5 file in which one bit is the other one."""
+    channel = {"data": np.arange(5), "units": "deg"}
+    structure = {"a": np.arange(20.0), "b": channel, "c": np.array(["x", "yy"], dtype=object)}
+    others = {"m": np.eye(3), "s": "text", "cx": np.array([1 + 2j]), "sp": csc_matrix(np.eye(3))}
+    savemat(path, {"flight_data": structure, **others}, do_compression=False)
+    content = bytearray(path.read_bytes())
+    content[place] ^= bit
+    path.write_bytes(content)
+
+
+def test_a_wrong_bit_on_which_scipy_crashes_is_a_sentence(tmp_path):
+    said = []
+    for place, bit in ((817, 64), (760, 16), (1001, 1), (756, 4), (740, 8), (561, 1)):
+        saved_with_wrong_bit(tmp_path / "wrong.mat", place, bit)
+        with suppress(InputError):
+            read_mat(tmp_path / "wrong.mat")
+            continue
+        with pytest.raises(InputError) as raised:
+            import_mat(tmp_path / "wrong.mat", tmp_path / "bag")
+        said.append(str(raised.value))
+    assert any("scipy, which reads .mat files, crashed on it" in sentence for sentence in said)
+    assert all(str(tmp_path) in sentence for sentence in said) and not (tmp_path / "bag").exists()
+
+
+def test_a_mat_file_that_announces_gigabytes_is_refused(tmp_path):
+    """A few kilobytes of zlib that say they are 2 GB of zeros."""
+    tag, packer = struct.pack("<II", 14, 2**31 - 8), zlib.compressobj(9)
+    packed = b"".join([packer.compress(tag), *(packer.compress(bytes(1 << 20)) for _ in range(5)), packer.flush()])
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
+    (tmp_path / "bomb.mat").write_bytes(header + struct.pack("<II", 15, len(packed)) + packed)
+    with pytest.raises(InputError, match=r"is not a readable \.mat file|crashed on it"):
+        import_mat(tmp_path / "bomb.mat", tmp_path / "bag")

@@ -38,7 +38,6 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     version_with,
     write_version,
 )
-from aircraft_sysid_ros.diagnosis.processes import cores, worker_pool
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms, undetermined
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -46,6 +45,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError, one_line
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
+from aircraft_sysid_ros.processes import cores, worker_pool
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]

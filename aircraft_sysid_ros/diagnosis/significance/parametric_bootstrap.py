@@ -16,7 +16,6 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     repeated_rows,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.processes import cores, worker_pool
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import FlightConditions, world_of
@@ -25,6 +24,7 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.processes import cores, worker_pool
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 

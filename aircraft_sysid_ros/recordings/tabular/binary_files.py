@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.archives import is_bomb
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.mat_file import read_mat
 from aircraft_sysid_ros.recordings.tabular.header import find_header
 from aircraft_sysid_ros.recordings.tabular.table import ArrayTable, Table, imported
 from aircraft_sysid_ros.recordings.tabular.units import is_unit
@@ -157,12 +159,7 @@ def mat_tables(path: Path, name: str) -> tuple[str, list[Table]]:
         start = file.read(520)
     if start.startswith(HDF5_START) or start[512:520] == HDF5_START or b"MATLAB 7.3" in start[:128]:
         return hdf5_tables(path, name)
-    from scipy.io import loadmat
-
-    try:
-        content = loadmat(path, squeeze_me=True, struct_as_record=False)
-    except Exception as error:  # scipy lets errors of zlib, struct and its own through
-        raise InputError(f"{path} is not a readable .mat file ({_one_line(error)})") from None
+    content = read_mat(path)
     tables: list[Table] = []
     _add_structure(tables, {key: value for key, value in content.items() if not key.startswith("__")}, "", name)
     if not tables:
@@ -247,6 +244,8 @@ def excel_tables(path: Path, name: str) -> tuple[str, list[Table]]:
     """A table for every sheet with data; raises InputError."""
     openpyxl = imported("openpyxl")
     try:
+        if is_bomb(path):
+            raise ValueError("it announces more than its size can hold")
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     except Exception as error:  # zipfile, KeyError, its own
         raise InputError(
