@@ -19,26 +19,24 @@ MOST_VALUES = 200_000
 _DEEPEST = 100
 
 
-def _limited(kind: Any) -> Any:
+class _Limits:
     """A loader that refuses what is too large."""
 
-    class Limited(kind):  # type: ignore[misc]
-        def get_single_node(self) -> yaml.Node | None:
-            node = super().get_single_node()
-            if node is not None and _count(node, {}) > MOST_VALUES:
-                raise InputError(
-                    f"it has more than {MOST_VALUES} values: write them into a recording, or leave out aliases"
-                )
-            return node
-
-    return Limited
+    def get_single_node(self) -> yaml.Node | None:
+        """The content, composed; its aliases are not repeated yet."""
+        node: yaml.Node | None = super().get_single_node()  # type: ignore[misc]
+        if node is not None and _count(node, {}) > MOST_VALUES:
+            raise InputError(
+                f"it has more than {MOST_VALUES} values: write them into a recording, or leave out aliases"
+            )
+        return node
 
 
 #: libyaml, where PyYAML has it.
-_Fast: Any = _limited(getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+_Fast: Any = type("_Fast", (_Limits, getattr(yaml, "CSafeLoader", yaml.SafeLoader)), {})
 
 
-class _Loader(_limited(yaml.SafeLoader)):  # type: ignore[misc]
+class _Loader(_Limits, yaml.SafeLoader):
     """Refuses repeated keys as well, which YAML itself forbids and PyYAML does not notice."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:

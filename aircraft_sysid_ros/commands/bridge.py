@@ -28,6 +28,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD "
         f"(default: {DEFAULT_CONNECTION})")  # fmt: skip
     add("--calibration", metavar="FILE", help="what outputs and airspeed mean (YAML); without it no control surfaces")
+    add("--peer", default="", metavar="HOST",
+        help="the only host that is heard on UDP (default: that of the vehicle, once it is found)")  # fmt: skip
+    add("--signing-key", default="", metavar="FILE",
+        help="key of signed MAVLink, 64 hexadecimal digits or a passphrase: nothing else is heard")  # fmt: skip
     add("--system", type=int, default=0, metavar="N", help="system id of the vehicle (default: the first heard)")
     add("--namespace", default="", metavar="NS", help="namespace of the node and its topics")
     add("--topics", nargs="+", default=[], metavar="TOPIC", help="publish these only (default: all)")
@@ -73,7 +77,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             spin_until(make_executor([node]), finished)
         if node.failure is not None:
             raise node.failure
-        return {"connection": args.connection, **node.bridge.session.summary(), "sent_back": node.bridge.back.sent}
+        counts = {"foreign": node.bridge.transport.foreign, "sent_back": node.bridge.back.sent}
+        return {"connection": args.connection, **node.bridge.session.summary(), **counts}
     finally:
         if node is not None:
             node.destroy_node()
@@ -97,6 +102,13 @@ def render(result: dict[str, Any]) -> str:
     lines += [f"  /{topic:<27} {count:>8} published" for topic, count in sorted(result["published"].items())]
     if clock["std"] is not None:
         lines.append(f"clock known to {1e3 * clock['std']:.2f} ms, drift {clock['drift_ppm']:.1f} ppm")
+    refused = {
+        "packets of others": result["foreign"],
+        "messages that were not signed with the key": result["not_signed"],
+        "messages without the numbers they are for": result["not_finite"],
+    }
+    if told := ", ".join(f"{count} {what}" for what, count in refused.items() if count):
+        lines.append(f"left out: {told}")
     lines.append(
         f"{result['bad_data']} pieces of bad data, {result['reboots']} restarts of the autopilot, "
         f"{result['losses']} silences, {result['sent_back']} messages sent back"
@@ -110,12 +122,17 @@ def _check(args: argparse.Namespace) -> None:
         from aircraft_sysid_ros.mavlink.assembler import KNOWN_TOPICS
         from aircraft_sysid_ros.mavlink.requests import Requests
         from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
+        from aircraft_sysid_ros.mavlink.signing import load_key
         from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
     except ImportError:
         raise MissingExtra("bridges", "pymavlink", "bridge") from None
     address = parse_address(args.connection)
     if args.calibration:
         Requests(load_servo_mapping(args.calibration).rates)
+    if args.signing_key:
+        load_key(args.signing_key)
+    if args.peer and address.kind != "udpin":
+        raise InputError(f"--peer is for a connection that listens, such as {DEFAULT_CONNECTION}: leave it out")
     if not 0 <= args.system <= 255:
         raise InputError(f"--system must be from 0 to 255, not {args.system}")
     for topic in args.topics:
@@ -123,7 +140,7 @@ def _check(args: argparse.Namespace) -> None:
             raise InputError(f"--topics: unknown topic {topic}: known are {', '.join(KNOWN_TOPICS)}")
     _check_back(args)
     if address.kind == "udpin":  # a board may start anew when its port is opened: once is enough
-        transport = Transport(address)
+        transport = Transport(address, args.peer)
         transport.open()
         transport.close()
 
@@ -159,6 +176,8 @@ def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
     values = {
         "connection": args.connection,
         "calibration_file": args.calibration or "",
+        "peer": args.peer,
+        "signing_key_file": args.signing_key,
         "system": args.system,
         "topics": args.topics or [""],
         "back_parameters": args.back or [""],

@@ -37,9 +37,13 @@ class Bridge:
             if not data:
                 break
             outputs += self.session.receive(data, self._clock())
+            if self.session.is_heard:
+                self.transport.hold()
             timeout = 0.0
         now = self._clock()
         self.transport.write(self.session.tick(now))
+        if not self.session.is_heard:
+            self.transport.release()
         if not self.session.condition:
             for message in self.back.due(now, self.session.clock.to_remote(now)):
                 self.transport.write(self.session.decoder.encode(message))

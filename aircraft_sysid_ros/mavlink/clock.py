@@ -145,13 +145,17 @@ _NARROW = ("SERVO_OUTPUT_RAW", "AOA_SSA")  # ArduPilot counts in 32 bits there, 
 _FIX, _FIX_2D = "GPS_RAW_INT", 2  # told again and again until there is another
 _BACKWARDS = NANOSECONDS  # [ns] UDP may exchange packets by less
 _LEAP = 5 * NANOSECONDS  # [ns] ahead of what our clock allows
-_CONFIRM = 10 * NANOSECONDS
+#: A restart is believed after so many messages in a row that agree with each other and not with the clock, over such a
+#: time [ns]: some forged ones would else shut out the genuine, which come between them.
+_CONFIRMING, _CONFIRMING_SPAN = 5, NANOSECONDS // 2
 
 
 @dataclass
 class _Suspect:
     boot: int
     arrival: int
+    count: int
+    since: int  # arrival of the first
 
 
 class BootTime:
@@ -183,9 +187,11 @@ class BootTime:
         own = self._own(name, fields)
         if own is None:
             return self._newest
+        if not self._believe(own, arrival):
+            return None
         if name == "SYSTEM_TIME" and int(fields["time_unix_usec"]) > _EPOCH_BEGINS:
             self._unix_minus_boot = int(fields["time_unix_usec"]) * 1000 - own
-        return own if self._believe(own, arrival) else None
+        return own
 
     def _own(self, name: str, fields: Mapping[str, Any]) -> int | None:
         if "time_boot_ms" in fields:
@@ -203,14 +209,18 @@ class BootTime:
         return microseconds * 1000
 
     def _believe(self, boot: int, arrival: int) -> bool:
-        """Follow the newest time; a leap counts once a second message confirms it."""
+        """Follow the newest time; a leap counts once several messages in a row confirm it."""
         if self._newest is None or self._fits(boot, arrival, self._newest, self._arrival):
             if self._newest is None or boot > self._newest:
                 self._newest, self._arrival = boot, arrival
             self._suspect = None
             return True
-        suspect, self._suspect = self._suspect, _Suspect(boot, arrival)
+        suspect = self._suspect
         if suspect is None or not self._fits(boot, arrival, suspect.boot, suspect.arrival):
+            self._suspect = _Suspect(boot, arrival, 1, arrival)
+            return False
+        self._suspect = _Suspect(max(boot, suspect.boot), arrival, suspect.count + 1, suspect.since)
+        if self._suspect.count < _CONFIRMING or arrival - suspect.since < _CONFIRMING_SPAN:
             return False
         self._newest, self._arrival, self._suspect = boot, arrival, None
         self._unix_minus_boot = None

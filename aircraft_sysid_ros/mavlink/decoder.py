@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.mavlink import esc_status
 from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.mavlink.signing import SigningCodec
 
 esc_status.register()
 
@@ -35,9 +36,14 @@ class _Outbox:
 class Decoder:
     """pymavlink's codec of the ardupilotmega dialect, which holds common; both versions of the protocol."""
 
-    def __init__(self) -> None:
+    def __init__(self, key: bytes | None = None) -> None:
+        """With a ``key`` (32 bytes) what is not signed with it is no message."""
         self._outbox = _Outbox()
-        self._codec = dialect.MAVLink(self._outbox, srcSystem=GROUND_STATION, srcComponent=OUR_COMPONENT)
+        place = {"srcSystem": GROUND_STATION, "srcComponent": OUR_COMPONENT}
+        self._codec = (
+            dialect.MAVLink(self._outbox, **place) if key is None else SigningCodec(self._outbox, key, **place)
+        )
+        self._is_keyed = key is not None
         self._codec.robust_parsing = True
         self.messages = 0
         self.bad = 0  # pieces of bytes that were no message
@@ -60,11 +66,17 @@ class Decoder:
     def component(self, number: int) -> None:
         self._codec.srcComponent = number
 
+    @property
+    def refused(self) -> int:
+        """Messages that were not signed with the key."""
+        return int(self._codec.signing.reject_count)
+
     def decode(self, data: bytes) -> Iterator[Any]:
         """The messages in the bytes; what is not a message is counted and forgotten."""
         for begin in range(0, len(data), _BYTES_AT_ONCE):
             for message in self._codec.parse_buffer(data[begin : begin + _BYTES_AT_ONCE]) or ():
-                if message.get_type() == _BAD:
+                is_unchecked = self._is_keyed and isinstance(message, dialect.MAVLink_unknown)  # pymavlink checks none
+                if message.get_type() == _BAD or is_unchecked:
                     self.bad += 1
                 else:
                     self.messages += 1

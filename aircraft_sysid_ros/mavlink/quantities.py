@@ -44,6 +44,12 @@ class Quantity(Enum):
     AIRSPEED_SENSOR = "1 where the autopilot has one, else 0"
 
 
+#: How many leading columns must be numbers, for a reading to say anything.
+NEEDED = {
+    Quantity.IMU: 6, Quantity.MAGNETIC_FIELD: 3, Quantity.VELOCITY: 2, Quantity.DESCENT: 1, Quantity.AIRSPEED: 1,
+    Quantity.IMPACT_PRESSURE: 1, Quantity.PRESSURE: 1, Quantity.ANGLE_OF_ATTACK: 1, Quantity.SIDESLIP: 1,
+    Quantity.ATTITUDE: 4, Quantity.WIND: 3, Quantity.NAMED: 1,
+}  # fmt: skip
 #: StateField of POSITION, as in sensor_msgs/NavSatStatus.
 FIX_STATUS = 6
 
@@ -109,6 +115,7 @@ def readings_of(table: Table, batch: Batch) -> list[Reading]:
         known.add(item.quantity)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             values = item.values(batch.fields)
+        values = np.where(np.isfinite(values), values, np.nan)
         rows = np.flatnonzero(np.any(np.isfinite(values), axis=1))
         if len(rows):
             found.append(Reading(item.quantity, batch.name, batch.stamp[rows], values[rows]))

@@ -11,13 +11,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.mavlink.assembler import Assembler, Output
 from aircraft_sysid_ros.mavlink.clock import AutopilotClock, BootTime
 from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
-from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, readings_of
+from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, NEEDED, Reading, readings_of
 from aircraft_sysid_ros.mavlink.requests import Requests
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 
@@ -43,12 +44,26 @@ class Vehicle:
     autopilot: str
 
 
+def _is_sound(reading: Reading) -> bool:
+    """Whether there is a number wherever one is needed."""
+    return bool(np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)])))
+
+
+def _are_finite(name: str, fields: dict[str, Any]) -> bool:
+    """Whether the fields of a message that its quantities need are numbers."""
+    needed = [fields[field] for entry in MAVLINK.get(name, ()) for field in entry.needs if field in fields]
+    return all(np.all(np.isfinite(value)) for value in needed if isinstance(value, (float, list)))
+
+
 class Session:
     """The protocol; ``now`` is our time [ns], that of the stamps."""
 
-    def __init__(self, mapping: ServoMapping | None = None, system: int | None = None) -> None:
+    def __init__(
+        self, mapping: ServoMapping | None = None, system: int | None = None, key: bytes | None = None
+    ) -> None:
+        """``key``: what is not signed with it is not heard, and what is sent is signed."""
         self.mapping = mapping or ServoMapping()
-        self.decoder = Decoder()
+        self.decoder = Decoder(key)
         self.clock, self.boot_time = AutopilotClock(), BootTime()
         self.assembler = Assembler(MAVLINK, self.mapping)
         self.requests = Requests(self.mapping.rates)
@@ -56,6 +71,7 @@ class Session:
         self.received: Counter[str] = Counter()
         self.published: Counter[str] = Counter()
         self.unstamped = 0  # messages before the clock was known
+        self.not_finite = 0  # messages with NaN or infinity where a number must be
         self.losses = 0  # times that the vehicle fell silent
         self.notes: list[str] = []  # news since they were last taken
         self._wanted_system = system
@@ -111,7 +127,11 @@ class Session:
             return []
         if (name not in MAVLINK and name != NAMED_VALUES) or self.boot_time.is_repeated(name, boot):
             return []
-        return self.assembler.take(readings_of(MAVLINK, batch_of(name, stamp, fields)))
+        readings = readings_of(MAVLINK, batch_of(name, stamp, fields))
+        sound = [reading for reading in readings if _is_sound(reading)]
+        quantities = {entry.quantity for entry in MAVLINK.get(name, ())}
+        self.not_finite += len(sound) < len(quantities) and not _are_finite(name, fields)
+        return self.assembler.take(sound)
 
     def _find(self, message: Any, now: int) -> None:
         """Take the first autopilot, or the one with the wanted number."""
@@ -186,6 +206,11 @@ class Session:
             self.notes.append("the vehicle is silent")
 
     @property
+    def is_heard(self) -> bool:
+        """Whether the vehicle was found and has not fallen silent."""
+        return self.vehicle is not None and not self._silent
+
+    @property
     def condition(self) -> str:
         """What is wrong, in words; empty when nothing is."""
         if self.vehicle is None:
@@ -210,6 +235,8 @@ class Session:
             "published": dict(self.published),
             "bad_data": self.decoder.bad,
             "unstamped": self.unstamped,
+            "not_finite": self.not_finite,
+            "not_signed": self.decoder.refused,
             "reboots": self.boot_time.reboots,
             "losses": self.losses,
             "clock": {

@@ -1,6 +1,6 @@
 """Where MAVLink comes from: UDP, TCP or a serial port, opened again whenever it breaks.
 
-udp:0.0.0.0:14550 (or udpin:)   listen; answers go to whoever spoke last
+udp:0.0.0.0:14550 (or udpin:)   listen; whoever sent the vehicle's first heartbeat is heard and answered, nobody else
 udpout:192.168.1.10:14550       speak first
 tcp:127.0.0.1:5760              connect
 serial:/dev/ttyACM0:921600      or /dev/ttyACM0,921600; default 57600 baud
@@ -23,6 +23,7 @@ from aircraft_sysid_ros.installation import MissingExtra
 DEFAULT_BAUD = 57600
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 5.0  # [s] between tries to open again
 _AT_ONCE = 65536
+_MOST_FOREIGN = 1000  # packets of others that are passed over at a time
 _WHAT_TO_DO = {
     errno.EADDRINUSE: "another program has this port, perhaps a ground station; end that or take another port",
     errno.ECONNREFUSED: "nobody listens there; start the autopilot or its simulator first",
@@ -65,11 +66,16 @@ def parse_address(text: str) -> Address:
 class Transport:
     """Bytes to and from an address. ``read`` waits; a broken connection is opened again, later each time."""
 
-    def __init__(self, address: Address) -> None:
+    def __init__(self, address: Address, host: str = "") -> None:
+        """``host``: the only one that is heard and answered; empty: any, until ``hold``."""
         self.address = address
         self.openings = 0
+        self.foreign = 0  # packets of others than the peer
+        self._host, self._only = host, ""
         self._device: Any = None
-        self._peer: tuple[Any, ...] | None = None
+        self._peer: tuple[Any, ...] | None = None  # who is answered
+        self._spoke: tuple[Any, ...] | None = None  # last
+        self._held = False
         self._try_at, self._pause = 0.0, FIRST_PAUSE
 
     def open(self) -> None:
@@ -101,12 +107,21 @@ class Transport:
                 self._device.write(data)
             elif self.address.kind == "tcp":
                 self._device.sendall(data)
-            elif self._peer is not None:
-                self._device.sendto(data, self._peer)
+            elif (peer := self._peer or self._spoke) is not None:
+                self._device.sendto(data, peer)
         except (BlockingIOError, ConnectionRefusedError):
             pass  # nobody listens yet
         except (OSError, ValueError):
             self.close()
+
+    def hold(self) -> None:
+        """Hear and answer nobody but who spoke last."""
+        if self.address.kind == "udpin" and not self._held and self._spoke is not None:
+            self._peer, self._held = self._spoke, True
+
+    def release(self) -> None:
+        """Hear others again: the peer is silent, and may come back from another port. It alone is still answered."""
+        self._held = False
 
     def close(self) -> None:
         """Let go of the device."""
@@ -115,7 +130,8 @@ class Transport:
                 self._device.close()
         self._device = None
         if self.address.kind == "udpin":
-            self._peer = None
+            self._peer = self._spoke = None
+            self._held = False
 
     def _is_open(self, timeout: float) -> bool:
         if self._device is not None:
@@ -143,6 +159,7 @@ class Transport:
             device = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             try:
                 if kind == "udpin":
+                    self._only = socket.gethostbyname(self._host) if self._host else ""
                     device.bind(target)
                 else:
                     self._peer = (socket.gethostbyname(target[0]), target[1])
@@ -163,13 +180,22 @@ class Transport:
             if not data:  # the other end has hung up
                 self.close()
             return data
-        try:
-            data, sender = self._device.recvfrom(_AT_ONCE)
-        except (BlockingIOError, ConnectionRefusedError):
-            return b""
-        if self.address.kind == "udpin":
-            self._peer = sender
-        return bytes(data)
+        for _ in range(_MOST_FOREIGN):
+            try:
+                data, sender = self._device.recvfrom(_AT_ONCE)
+            except (BlockingIOError, ConnectionRefusedError):
+                return b""
+            if self._is_peer(sender):
+                self._spoke = sender
+                return bytes(data)
+            self.foreign += 1
+        return b""
+
+    def _is_peer(self, sender: tuple[Any, ...]) -> bool:
+        if self._only and sender[0] != self._only:
+            return False
+        is_open = self.address.kind == "udpin" and not self._held
+        return is_open or sender == self._peer
 
     def _serial_read(self, timeout: float) -> bytes:
         self._device.timeout = timeout

@@ -23,6 +23,7 @@ from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.mavlink.bridge import STEP, Bridge
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping, load_servo_mapping
 from aircraft_sysid_ros.mavlink.session import Session
+from aircraft_sysid_ros.mavlink.signing import load_key
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When, node_options
@@ -59,6 +60,12 @@ OPTIONS: dict[str, NodeOption] = {
         "Path of the calibration file (YAML); without one, no control surfaces.",
         check=lambda path: load_servo_mapping(path) if path else None,
     ),
+    "peer": _of_link("", "The only host that is heard on UDP; empty: whoever sends the vehicle's first heartbeat."),
+    "signing_key_file": _of_link(
+        "",
+        "Path of the key of signed MAVLink, 64 hexadecimal digits or a passphrase; empty: nothing is signed.",
+        check=lambda path: load_key(path) if path else None,
+    ),
     "system": _of_link(0, "System id of the vehicle; 0 is the first that is heard.", low=0, high=255),
     "topics": _of_link([""], "Publish these topics only, such as air_data; empty: all.", check=_check_topics),
     **{_BACK + name: each for name, each in node_options(BackOptions).items()},
@@ -86,8 +93,9 @@ class MavlinkBridgeNode(ConfigurableNode):
         """Read the calibration, open the connection, create publishers."""
         path = values["calibration_file"]
         mapping = load_servo_mapping(path) if path else ServoMapping()
-        transport = Transport(parse_address(values["connection"]))
-        session = Session(mapping, values["system"] or None)
+        transport = Transport(parse_address(values["connection"]), values["peer"])
+        key = load_key(values["signing_key_file"]) if values["signing_key_file"] else None
+        session = Session(mapping, values["system"] or None, key)
         back = BackChannel(_back_options(values))
         try:
             transport.open()
@@ -225,7 +233,8 @@ class MavlinkBridgeNode(ConfigurableNode):
         self._process_times = times
         problem = "the link failed" if self.failure else session.condition
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
-        values = {"cpu_share": f"{share:.3f}", "sent_back": self.bridge.back.sent}
+        foreign = self.bridge.transport.foreign
+        values = {"cpu_share": f"{share:.3f}", "sent_back": self.bridge.back.sent, "foreign": foreign}
         for name, value in session.summary().items():
             parts = value if isinstance(value, dict) else {"": value}
             values.update({f"{name}.{key}".rstrip("."): v for key, v in parts.items()})

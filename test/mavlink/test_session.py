@@ -1,5 +1,6 @@
 """One vehicle over one link: finding it, asking, answering, and starting anew when it does."""
 
+import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.decoder import Decoder
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.mavlink.session import Session
+from aircraft_sysid_ros.mavlink.signing import load_key
 from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import Faults, MavlinkSimulator
 from aircraft_sysid_ros.simulation.mavlink_simulator.flight import START, Link, bridged
 
@@ -253,3 +255,115 @@ def test_the_faults_are_what_they_are_called(mapping, events):
     assert simulator.boot(0.0) == pytest.approx(10.01e9) and simulator.boot(100.0) == pytest.approx(110.11e9)
     simulator.reboot(50.0)
     assert simulator.boot(50.0) == 0
+
+
+# -- who is heard -------------------------------------------------------------------------------------------
+
+KEY = bytes(range(32))
+
+
+def signed(key, system=1, ahead=0):
+    """A vehicle that signs, its clock so many seconds ahead."""
+    decoder = Decoder(key)
+    decoder.system = decoder.component = system
+    decoder._codec.signing.timestamp += ahead * 100_000
+    return decoder
+
+
+def attitude(decoder, milliseconds=1000):
+    return decoder.encode(dialect.MAVLink_attitude_message(milliseconds, 0, 0, 0, 0, 0, 0))
+
+
+def alive(decoder):
+    message = dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_FIXED_WING, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4, 3
+    )
+    return decoder.encode(message)
+
+
+def test_with_a_key_only_what_is_signed_with_it_is_heard():
+    session = Session(key=KEY)
+    session.receive(heartbeat(1), START)
+    session.receive(alive(signed(bytes(32))), START)
+    assert session.vehicle is None and session.summary()["not_signed"] == 2
+    vehicle = signed(KEY)
+    session.receive(alive(vehicle), START)
+    assert session.vehicle is not None
+    once = attitude(vehicle)
+    for data in (once, once, once):  # heard, and sent again by somebody who listened
+        session.receive(data, START)
+    changed = bytearray(attitude(vehicle, 2000))
+    changed[12] ^= 1
+    session.receive(bytes(changed), START)
+    forger = signed(bytes(32), ahead=10**6)  # a stamp of the far future shuts nobody out
+    session.receive(attitude(forger), START)
+    session.receive(attitude(vehicle, 3000), START)
+    assert session.received["ATTITUDE"] == 2
+    unknown = bytearray(once)
+    unknown[7:10] = b"\xff\xff\x7f"  # a message that nobody knows cannot be checked
+    session.receive(bytes(unknown), START)
+    assert sum(session.received.values()) == 3
+
+
+def test_what_we_send_is_signed():
+    session = Session(key=KEY)
+    session.receive(alive(signed(KEY)), START)
+    data = session.tick(START)
+    assert {m.get_type() for m in signed(KEY, 7).decode(data)} >= {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG"}
+    assert not list(signed(bytes(32)).decode(data))
+
+
+def test_a_signed_flight_is_that_of_an_unsigned_one(events, mapping):
+    flown = first(events, 6.0, IMU_ALONE)
+    stamps = []
+    for key in (None, KEY):
+        simulator = MavlinkSimulator(mapping)
+        simulator._decoder = Decoder(key)
+        simulator._decoder.system = simulator._decoder.component = 1
+        wire = Link(least=0.002, jitter=0.0)  # stamps must rise: a signed packet that was overtaken is lost
+        outputs = bridged(flown, simulator, Session(mapping, key=key), wire)
+        stamps.append([int(o.stamp[0]) for o in outputs if o.topic == "imu/data"])
+    assert stamps[0] == stamps[1] and len(stamps[0]) > 300
+
+
+@pytest.mark.parametrize(
+    ("content", "mode", "key"),
+    [
+        (KEY.hex(), 0o600, KEY),
+        (KEY.hex().upper() + "\n", 0o400, KEY),
+        ("correct horse", 0o600, hashlib.sha256(b"correct horse").digest()),
+        ("", 0o600, "must be one line"),
+        ("x" * 2000, 0o600, "must be one line"),
+        (KEY.hex(), 0o644, "others can read the signing key .*: chmod 600"),
+        (None, 0o600, "cannot read the signing key .*: No such file"),
+    ],
+)
+def test_the_key_is_read_from_a_file_that_nobody_else_reads(tmp_path, content, mode, key):
+    path = tmp_path / "key"
+    if content is not None:
+        path.write_text(content)
+        path.chmod(mode)
+    if isinstance(key, bytes):
+        assert load_key(path) == key
+        return
+    with pytest.raises(InputError, match=key):
+        load_key(path)
+
+
+def test_numbers_that_are_none_are_left_out_and_counted(events, mapping):
+    session, simulator = Session(mapping), MavlinkSimulator(mapping)
+    bridged(first(events, 5.0, IMU_ALONE), simulator, session)
+    vehicle, now = Decoder(), START + 6 * SECOND
+    vehicle.system, vehicle.component = session.vehicle.system, session.vehicle.component
+    newest = session.boot_time._newest
+    for wrong in (np.nan, np.inf, -np.inf):
+        numbers = [0.0] * 13
+        numbers[4] = wrong  # a rate
+        imu = dialect.MAVLink_highres_imu_message(newest // 1000, *numbers, 0xFFFF)
+        pressure = dialect.MAVLink_scaled_pressure_message(newest // 1_000_000, wrong, 0.0, 2000)
+        speed = dialect.MAVLink_vfr_hud_message(wrong, 0.0, 0, 0, 0.0, wrong)
+        for message in (imu, pressure, speed):
+            before = session.not_finite
+            assert session.receive(vehicle.encode(message), now) == []
+            assert session.not_finite == before + 1, (message.get_type(), wrong)
+    assert session.summary()["not_finite"] == session.not_finite >= 9

@@ -69,6 +69,47 @@ def test_udp_answers_whoever_spoke():
         transport.close()
 
 
+def test_only_the_peer_is_heard_and_answered_once_it_is_held():
+    port = free_port()
+    ears, vehicle, stranger = (
+        Transport(parse_address(f"{kind}:127.0.0.1:{port}")) for kind in ("udp", "udpout", "udpout")
+    )
+    for transport in (ears, vehicle, stranger):
+        transport.open()
+    vehicle.write(b"heartbeat")
+    assert read_until(ears, 9) == b"heartbeat"
+    ears.hold()
+    stranger.write(b"forged")
+    vehicle.write(b"genuine")
+    assert read_until(ears, 7) == b"genuine" and ears.foreign == 1
+    ears.write(b"for you")
+    assert read_until(vehicle, 7) == b"for you" and stranger.read(0.05) == b""
+    ears.release()  # it is silent: it may come back from another port
+    stranger.write(b"who is there")
+    assert read_until(ears, 12) == b"who is there"
+    ears.write(b"only you")
+    assert read_until(vehicle, 8) == b"only you" and stranger.read(0.05) == b""
+    for transport in (ears, vehicle, stranger):
+        transport.close()
+
+
+def test_a_host_that_was_named_is_the_only_one():
+    port = free_port()
+    ears = Transport(parse_address(f"udp:127.0.0.1:{port}"), "127.0.0.2")
+    ears.open()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
+    ):
+        own.bind(("127.0.0.2", 0))
+        other.sendto(b"other", ("127.0.0.1", port))
+        own.sendto(b"own", ("127.0.0.1", port))
+        assert read_until(ears, 3) == b"own" and ears.foreign == 1
+    ears.close()
+    with pytest.raises(InputError, match="cannot open"):
+        Transport(parse_address(f"udp:127.0.0.1:{port}"), "no.such.host.invalid").open()
+
+
 def test_tcp_is_connected_again():
     port = free_port(socket.SOCK_STREAM)
 
