@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from importlib import metadata
 
@@ -17,6 +18,22 @@ class MissingExtra(InputError):
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
         super().__init__(f"{purpose} need {package}: python3 -m pip install '{PACKAGE}[{extra}]'")
+
+
+#: How far ROS 2 looks for other nodes.
+DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_OLD_DISCOVERY = "ROS_LOCALHOST_ONLY"
+
+
+def stay_local() -> str:
+    """Let nodes of this process find others on this machine alone, unless the user has said otherwise.
+
+    To be called before ROS starts. Returns what to tell the user; empty where the user has said it.
+    """
+    if os.environ.get(DISCOVERY) or os.environ.get(_OLD_DISCOVERY):
+        return ""
+    os.environ[DISCOVERY] = "LOCALHOST"
+    return f"nodes of this machine only ({DISCOVERY}=SUBNET for those of the network)"
 
 
 def missing_ros(error: ImportError) -> InputError:

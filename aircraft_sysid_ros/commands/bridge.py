@@ -11,7 +11,7 @@ from typing import Any
 from aircraft_sysid_ros.commands.options import add_option
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.installation import MissingExtra, missing_ros
+from aircraft_sysid_ros.installation import MissingExtra, missing_ros, stay_local
 from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.option import OptionError, options_of
 
@@ -58,6 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     except ImportError as error:
         raise missing_ros(error) from None
     _check_namespace(args.namespace)
+    said = stay_local()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node: Any = None
     try:
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise node.failure or InputError("the bridge did not start: see the message above")
         ends = None if args.duration is None else time.monotonic() + args.duration
         with progress_bar() as progress, stop_signals() as stop:
-            _say_listening(args)
+            _say_listening(args, said)
             task = progress.add_task("waiting", total=None)
 
             def finished() -> bool:
@@ -85,8 +86,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         rclpy.try_shutdown()
 
 
-def _say_listening(args: argparse.Namespace) -> None:
-    print(f"listening on {args.connection}", file=sys.stderr)
+def _say_listening(args: argparse.Namespace, said: str) -> None:
+    print(f"listening on {args.connection}{', publishing to ' if said else ''}{said}", file=sys.stderr)
     if not args.calibration:
         print("without --calibration it is not known what the outputs move: no control surfaces", file=sys.stderr)
     sys.stderr.flush()

@@ -18,7 +18,7 @@ from typing import Any
 from aircraft_sysid_ros.commands.options import state_table
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.installation import missing_ros
+from aircraft_sysid_ros.installation import DISCOVERY, missing_ros
 from aircraft_sysid_ros.report.pyplot import pyplot
 
 #: What the flight hides, and the flight that has all manoeuvres in it.
@@ -147,7 +147,7 @@ def _environment() -> dict[str, str]:
     """A domain of its own, on this machine only, unless the user chose one."""
     environment = dict(os.environ)
     environment.setdefault("ROS_DOMAIN_ID", str(50 + os.getpid() % 50))
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    environment.setdefault(DISCOVERY, "LOCALHOST")
     return environment
 
 

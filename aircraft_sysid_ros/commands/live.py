@@ -25,7 +25,7 @@ from aircraft_sysid_ros.commands.replay_notes import estimator_notes, place_note
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.installation import missing_ros
+from aircraft_sysid_ros.installation import missing_ros, stay_local
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
 from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
@@ -88,6 +88,7 @@ def _with_nodes(
     except ImportError as error:
         raise missing_ros(error) from None
     arguments = _node_arguments(args, *options)
+    said = stay_local()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # else Ctrl-C takes the context away
     from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
     from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
@@ -103,7 +104,7 @@ def _with_nodes(
             state.on_samples = parameters.on_samples = writer.add_samples
         if not (start(state) and start(parameters)):
             raise InputError("the nodes did not start: see the messages above")
-        return _fly(args, state, parameters, writer)
+        return _fly(args, state, parameters, writer, said)
     except NameValidationException as error:
         raise InputError(f"--namespace {args.namespace} is no namespace: {error}") from None
     finally:
@@ -133,7 +134,7 @@ def _node_arguments(args: argparse.Namespace, state: StateOptions, parameters: P
     return {"parameter_overrides": overrides, "namespace": f"/{namespace}" if namespace else None}
 
 
-def _fly(args: argparse.Namespace, state: Any, parameters: Any, writer: RunWriter | None) -> dict[str, Any]:
+def _fly(args: argparse.Namespace, state: Any, parameters: Any, writer: RunWriter | None, said: str) -> dict[str, Any]:
     """Listen until it is to end, use what has come by then, and write the run."""
     from aircraft_sysid_ros.nodes.common import (
         all_have_it,
@@ -146,7 +147,7 @@ def _fly(args: argparse.Namespace, state: Any, parameters: Any, writer: RunWrite
     executor = make_executor([state, parameters])
     spare_the_collector()
     with progress_bar() as progress, stop_signals() as stop:
-        print("listening", file=sys.stderr, flush=True)
+        print(f"listening{': ' if said else ''}{said}", file=sys.stderr, flush=True)
         say_ready(args.ready_file)
         started = time.perf_counter()
         spin_until(executor, _finished(state, args.until_idle, stop, progress))

@@ -20,6 +20,7 @@ from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 _MAGIC = b"\xa3\x95"
@@ -77,7 +78,7 @@ def read_dataflash(path: Path) -> LogContent:
         for name, fields in tables.items()
         if name in DATAFLASH and _has_time(fields)
     ]
-    return LogContent("DataFlash (ArduPilot)", batches, found, notes)
+    return LogContent("DataFlash (ArduPilot)", batches, found, [*notes, NO_CHECKSUMS])
 
 
 @contextlib.contextmanager

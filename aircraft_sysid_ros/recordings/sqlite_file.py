@@ -8,21 +8,28 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+from yaml import YAMLError
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages, printable
+from aircraft_sysid_ros.yaml_file import parse_yaml
 
 _ROWS = "SELECT id, topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id"
 #: What a recorder that died leaves beside the file.
 _JOURNALS = ("-wal", "-journal")
+#: The table in which newer recorders state how much they wrote.
+METADATA_TABLE = "its table of metadata"
+GAPS = "the numbers of its messages are not in a row: some were deleted, or the file is damaged"
 _LONGEST_REASON = 100  # characters of what SQLite says
 #: What SQLite raises, and what Python does when SQLite names damaged text in an error.
 _ERRORS = (sqlite3.Error, UnicodeDecodeError)
@@ -40,6 +47,7 @@ def read_sqlite(path: Path) -> RawMessages:
             channels = _channels(database)
             rows, before = _rows(database)
             problems = _problems(database)
+            counted, is_gapless = _counted(database), _is_gapless(database)
     except _ERRORS as error:
         raise InputError(f"cannot read the recording {path}: {' '.join(str(error).split())}") from None
     number = {topic: i for i, topic in enumerate(channels)}
@@ -53,9 +61,11 @@ def read_sqlite(path: Path) -> RawMessages:
         *problems,
         *losses.undescribed_notes(undescribed),
         *losses.undecoded_notes(len(rows) - len(known) - undescribed, "the recording"),
+        *losses.count_notes(METADATA_TABLE, counted, raw.counts()),
+        *([] if is_gapless or before is not None else [GAPS]),
         *losses.checksum_notes(len(raw), len(raw)),
     ]
-    return raw.with_notes(notes)
+    return replace(raw, missing=losses.missing_messages(counted, raw.counts())).with_notes(notes)
 
 
 @contextmanager
@@ -116,6 +126,35 @@ def _gap_notes(rows: list[Row], before: int) -> list[str]:
     good = [_is_message(row) for row in rows]
     times = np.array([row[1] for row, is_good in zip(rows, good, strict=True) if is_good], dtype=np.int64)
     return losses.damage_notes([losses.Damage("pages of the database cannot be read", sum(good[:before]))], times)
+
+
+def counts_by_topic(information: Any) -> Counter[str]:
+    """Messages by topic as rosbag2's metadata state them; LookupError, TypeError or ValueError where they do not."""
+    counted: Counter[str] = Counter()
+    for topic in information["topics_with_message_count"]:
+        counted[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
+    return counted
+
+
+def _counted(database: sqlite3.Connection) -> Counter[str]:
+    """Messages by topic as the file states them; of a recording of several files it states those of all."""
+    try:
+        ((text,),) = database.execute("SELECT metadata FROM metadata ORDER BY id DESC LIMIT 1")
+        information = parse_yaml(str(text).encode())
+        if len(information["relative_file_paths"]) == 1:
+            return +counts_by_topic(information)
+    except (*_ERRORS, YAMLError, LookupError, TypeError, ValueError):  # older recordings have none
+        pass
+    return Counter()
+
+
+def _is_gapless(database: sqlite3.Connection) -> bool:
+    """Whether the numbers of the messages are in a row, as a recorder writes them."""
+    try:
+        ((first, last, count),) = database.execute("SELECT min(id), max(id), count(id) FROM messages NOT INDEXED")
+        return bool(count == 0 or last - first + 1 == count)
+    except (*_ERRORS, TypeError):  # said otherwise
+        return True
 
 
 def _is_message(row: Row) -> bool:

@@ -16,7 +16,7 @@ from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings.decompression import ZSTD_MAGIC, Undecompressible, decompress_prefix
 from aircraft_sysid_ros.recordings.mcap_file import read_mcap, read_mcap_data
 from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
-from aircraft_sysid_ros.recordings.sqlite_file import read_sqlite
+from aircraft_sysid_ros.recordings.sqlite_file import counts_by_topic, read_sqlite
 from aircraft_sysid_ros.yaml_file import parse_yaml
 
 METADATA = "metadata.yaml"
@@ -113,9 +113,7 @@ def _read_metadata(path: Path) -> tuple[_Metadata, list[str]]:
         content = parse_yaml(path.read_bytes())
         information = content["rosbag2_bagfile_information"]
         mode = str(information.get("compression_mode") or "none").lower()
-        counted: Counter[str] = Counter()
-        for topic in information["topics_with_message_count"]:
-            counted[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
+        counted = counts_by_topic(information)
         files = tuple(Path(name).name for name in information["relative_file_paths"])
         metadata = _Metadata(files, int(information["message_count"]), counted, mode == "message")
     except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, OverflowError):

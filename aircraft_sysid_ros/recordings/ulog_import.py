@@ -16,6 +16,7 @@ from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 _ELEMENT = re.compile(r"^(\w+)\[(\d+)\]$")
@@ -48,7 +49,7 @@ def read_ulog(path: Path) -> LogContent:
     if log.dropouts:
         lost = sum(dropout.duration for dropout in log.dropouts) / 1000.0
         notes.append(f"the logger lost {len(log.dropouts)} pieces, {lost:.1f} s in all")
-    return LogContent("ULog (PX4)", batches, found, notes)
+    return LogContent("ULog (PX4)", batches, found, [*notes, NO_CHECKSUMS])
 
 
 def _start(data: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]]:

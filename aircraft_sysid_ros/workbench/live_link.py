@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.installation import missing_ros
+from aircraft_sysid_ros.installation import missing_ros, stay_local
 from aircraft_sysid_ros.ros_messages.conversion import nanoseconds_of
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE
@@ -102,6 +102,7 @@ def _serve(pipe: Connection, namespace: str) -> None:
     except ImportError as error:
         pipe.send((NO_ROS, str(missing_ros(error))))
         return
+    stay_local()
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     try:
         link = _Link(pipe, namespace)

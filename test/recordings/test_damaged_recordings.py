@@ -499,7 +499,26 @@ def test_sqlite3_reads_around_pages_that_are_damaged(tmp_path):
     begin, end = (float(word) for word in place.split("missing from ")[1].replace(" s", "").split(" to "))
     assert begin - 0.2 <= (whole.log_time[510] - START) / 1e9 <= end + 0.2 and end - begin < 0.5
     assert damage.startswith("SQLite finds the recording damaged (")
-    assert counts.startswith(f"{len(whole) - len(raw)} of the {len(whole)} messages that metadata.yaml counts")
+    assert counts.startswith(f"{len(whole) - len(raw)} of the {len(whole)} messages that its table of metadata counts")
+
+
+def test_a_file_of_sqlite_says_what_it_lacks_and_that_it_has_no_checksums(tmp_path):
+    """The file alone, without metadata.yaml: what was deleted is missing from its own count, and from the numbers."""
+    write_with_rosbags(write_flight(tmp_path / "flight", n=60), tmp_path / "bag", "SQLITE3", "NONE")
+    file = tmp_path / "bag" / "bag.db3"
+    whole = read_raw(file)
+    assert whole.notes == (losses.NO_CHECKSUMS,)
+    with sqlite3.connect(file) as database:
+        database.execute("DELETE FROM messages WHERE id BETWEEN 20 AND 22")
+    database.close()
+    counts, gaps, checksums = read_raw(file).notes
+    assert counts.startswith(f"3 of the {len(whole)} messages that its table of metadata counts could not be read: ")
+    assert gaps == "the numbers of its messages are not in a row: some were deleted, or the file is damaged"
+    assert checksums == losses.NO_CHECKSUMS
+    with sqlite3.connect(file) as database:
+        database.execute("UPDATE metadata SET metadata = ?", ["[" * 100_000])
+    database.close()
+    assert read_raw(file).notes == (gaps, checksums)
 
 
 def test_the_journal_of_a_recorder_that_died_is_applied_and_not_touched(flight, tmp_path):

@@ -337,5 +337,11 @@ def test_other_sites_are_refused(server, headers, status) -> None:
         headers |= key
     connection = http.client.HTTPConnection(place.hostname, place.port, timeout=10)
     connection.request("GET", path, headers=headers)
-    assert connection.getresponse().status == status
+    answer = connection.getresponse()
+    assert answer.status == status
+    if status != 101:  # nothing is loaded from elsewhere, and no page of others can frame it
+        policy = answer.getheader("Content-Security-Policy")
+        assert "default-src 'none'" in policy and "frame-ancestors 'none'" in policy and "http" not in policy
+        assert answer.getheader("X-Frame-Options") == "DENY"
+        assert answer.getheader("X-Content-Type-Options") == "nosniff"
     connection.close()
