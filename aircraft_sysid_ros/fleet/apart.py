@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-from aircraft_sysid_ros.processes import CORES, end_with
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.processes import CORES, end_with
 
 #: How often a process is begun anew that was killed from outside.
 TRIES = 3
