@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,13 @@ Array = npt.NDArray[np.float64]
 
 #: A constant term is compared with this where others are compared with their noise.
 _NOISE_OF_ONE = 0.01
+#: Share of the square of a term from which it is said to follow others, by name the one with the largest part in it.
+_FOLLOWS = 0.8
+#: What is added to a correlation matrix that may be singular, where digits do not matter.
+_NEARLY = 1e-9
+#: What moves an axis, and what is moved where a term is one of the inputs.
+_INPUTS = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps", "Tc": "thrust", "throttle": "throttle"}
+_INPUT_OF_AXIS = dict(zip(AXES, ("elevator", "rudder", "elevator", "aileron", "elevator", "rudder"), strict=True))
 #: Smallest eigenvalue of a correlation matrix that is more than rounding.
 _ROUNDING = 1e-14
 
@@ -67,11 +74,11 @@ def axis_estimates(
     names = model.parameter_names[model.axis_slice(AXES[axis])]
     n, first = len(names), int(model.offsets[axis])
     known, sums = least_squares(model, axis, state)
-    excitation, effect, per_unit = np.zeros(n), np.full(n, np.inf), np.zeros(n)
+    excitation, effect, per_unit, correlation = np.zeros(n), np.full(n, np.inf), np.zeros(n), np.eye(n)
     estimate = _with_sampling(known if own is None else own, float(state.sampling[axis]))
     if known.samples > n:
         moments = sums[0] / sums[0, n + 1, n + 1]
-        excitation = _excitation(moments, state.noise_square[first : first + n])
+        excitation, correlation = _excitation(moments, state.noise_square[first : first + n])
         per_unit = _effect_of_std(moments, np.ones(n))
         effect = per_unit * np.sqrt(np.diag(estimate.covariance))
     if estimate.excitation is not None:
@@ -83,7 +90,8 @@ def axis_estimates(
         value, std = float(estimate.theta[j]), float(np.sqrt(estimate.covariance[j, j]))
         excited = float(excitation[j])
         limits = (bounds or {}).get(name, (-np.inf, np.inf))
-        evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing, limits)
+        follows = told_apart(AXES[axis], names, correlation, j) if excited < TrustRules.excitation else ""
+        evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing, limits, follows)
         verdict = judge(evidence, TrustRules())
         if verdict.status == Trust.USE and apart[j]:
             verdict = Verdict(Trust.HOLD, f"recursive least squares says {known.theta[j]:.3g}")
@@ -102,15 +110,38 @@ def _with_sampling(estimate: AxisEstimate, square: float) -> AxisEstimate:
     return estimate._replace(covariance=estimate.covariance + square * np.diag(estimate.theta**2))
 
 
-def _excitation(moments: Array, noise_square: Array) -> Array:
-    """Rms of each term that the other terms of its axis do not explain, over its noise, shape (n,)."""
+def told_apart(axis: str, names: Sequence[str], correlation: Array, j: int) -> str:
+    """Which term of its axis a term follows, in closed loop or by the pilot's habit, and what tells them apart.
+
+    ``correlation`` (n, n) is that of the terms. Empty where it follows none.
+    """
+    if not np.all(np.isfinite(correlation)):
+        return ""
+    with np.errstate(all="ignore"):
+        inverse = np.linalg.inv(correlation + _NEARLY * np.eye(len(correlation)))
+        share = np.nan_to_num(-inverse[j] / inverse[j, j] * correlation[j])  # of its square, of each other term
+    share[j] = 0.0
+    k = int(np.argmax(share))
+    if np.sum(share) < _FOLLOWS:
+        return ""
+    term, other = (names[i].partition("_")[2] for i in (j, k))
+    told = f"; it follows {'the constant' if other == '0' else other}"
+    is_alike = other == "0" or term.rstrip("0123456789") == other.rstrip("0123456789")
+    if is_alike and term not in _INPUTS:
+        return f"{told}: fly it over a wider range"
+    return f"{told}: move the {_INPUTS.get(term) or _INPUTS.get(other) or _INPUT_OF_AXIS[axis]} by itself"
+
+
+def _excitation(moments: Array, noise_square: Array) -> tuple[Array, Array]:
+    """Rms of each term that others of its axis do not explain, over its noise (n,), and correlations of all (n, n)."""
     n = len(noise_square)
     scale = np.sqrt(np.diag(moments)[:n])
     if not np.all(scale > 0.0):
-        return np.zeros(n)
-    alone = scale / np.sqrt(_inflation(moments[:n, :n] / np.outer(scale, scale)))
+        return np.zeros(n), np.eye(n)
+    correlation = moments[:n, :n] / np.outer(scale, scale)
+    alone = scale / np.sqrt(_inflation(correlation))
     noise = np.sqrt(noise_square)
-    return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE))
+    return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE)), correlation
 
 
 def _inflation(correlation: Array) -> Array:

@@ -44,6 +44,7 @@ class Evidence:
     samples: int
     missing: str  # what its axis lacks, as the reason says it; empty: nothing
     bounds: tuple[float, float] = (-np.inf, np.inf)  # of the aircraft file
+    follows: str = ""  # what its term moves with, as the reason says it; empty: nothing
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
         return Verdict(Trust.HOLD, "not enough motion yet")
     if e.excitation < rules.excitation:
         moves = f"{e.excitation:.2f} times its noise, {rules.excitation:g} needed"
-        return Verdict(Trust.HOLD, f"its term hardly moves on its own: {moves}")
+        return Verdict(Trust.HOLD, f"its term hardly moves on its own: {moves}{e.follows}")
     low, high = physical_bounds(e.name)
     if e.value - 2.0 * e.std > high or e.value + 2.0 * e.std < low:
         bounds = f"({low:g} to {high:g})"

@@ -24,7 +24,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     process_slice,
 )
 from aircraft_sysid_ros.identification.conditions import needs
-from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
+from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, disagree, judge
 from aircraft_sysid_ros.refinement.record import FlightRecord
 
 Array = npt.NDArray[np.float64]
@@ -106,6 +106,7 @@ def judged(
     ``doubts`` says of an axis why nothing in it is to be used.
     """
     rules, effect, found = TrustRules(), scales.effect(std[: len(scales.rms)]), []
+    per_unit = scales.effect(np.ones(len(scales.rms)))
     samples = int(record.in_flight.sum())
     for i, name in enumerate(model.parameter_names):
         axis = model.programs[AXES.index(name[:2])]
@@ -119,9 +120,20 @@ def judged(
             evidence = Evidence(name, float(theta[i]), float(std[i]), excited, float(effect[i]), samples, missing)
             verdict = judge(evidence, rules)
             status, reason = verdict.status.name, verdict.reason
+            other = run_parameters.get(name, {})
+            if status == "USE" and _contradicts(other, theta[i], std[i], per_unit[i]):
+                status, reason = "HOLD", f"equation error of the same flight says {other['value']:.3g}"
         value = {"name": name, "value": float(theta[i]), "std": float(std[i]) if active[i] else None}
         found.append({**value, "status": status, "reason": reason})
     return found
+
+
+def _contradicts(other: Mapping[str, Any], value: float, std: float, effect: float) -> bool:
+    """Whether a value of parameters.json that was in USE does not agree; ``effect`` of one unit, as for disagree."""
+    if other.get("status") != "USE" or other.get("std") is None:
+        return False
+    apart = disagree(*(np.array([x]) for x in (value, float(other["value"]), std, float(other["std"]), effect)))
+    return bool(apart[0])
 
 
 def named(names: tuple[str, ...], values: Array, std: Array, active: Mask) -> list[dict[str, Any]]:

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_model.layout import make_theta
+from aircraft_sysid_ros.refinement.parameters import judged, scales_of
+from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, OUTPUT_ERROR, RefineOptions, refine, with_options
 from aircraft_sysid_ros.samples import Kind
 
@@ -134,3 +137,24 @@ def test_bad_runs_are_refused(still_run):
     )
     with pytest.raises(InputError, match="mass properties"):
         refine(replace(still_run, samples=heavier), OUTPUT_ERROR, OPTIONS)
+
+
+def test_what_equation_error_of_the_same_flight_contradicts_is_not_to_be_used(still_run, still):
+    model = still_run.aircraft.model
+    record = record_of(still_run.aircraft, still_run.samples, OPTIONS.rate)
+    found = {p["name"]: p for p in still.content["parameters"]}
+    theta = make_theta(
+        record.model, [found[name]["value"] for name in model.parameter_names], np.zeros(6), (0.0, 0.0, 0.0)
+    )
+    std = np.array([found[name]["std"] or 0.0 for name in model.parameter_names])
+    known = {name: dict(still_run.parameters[name]) for name in model.parameter_names}
+    assert found["Cm_de"]["status"] == known["Cm_de"]["status"] == "USE"
+
+    def status(value):
+        run = known | {"Cm_de": known["Cm_de"] | {"value": value}}
+        judgement = judged(model, record, theta, std, std > 0.0, scales_of(model, record, theta), run, {})
+        return next((p["status"], p["reason"]) for p in judgement if p["name"] == "Cm_de")
+
+    right = known["Cm_de"]["value"]
+    assert status(right)[0] == "USE" == status(1.1 * right)[0]
+    assert status(1.6 * right) == ("HOLD", f"equation error of the same flight says {1.6 * right:.3g}")
