@@ -1,0 +1,149 @@
+"""``export``: the model of a run as a file of another program, with standard errors and the range it was learnt in.
+
+What the other program cannot hold is said, with how much of each coefficient is lost by it: docs/export.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.commands.notes import note_lines
+from aircraft_sysid_ros.commands.options import parameter_table
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, open_run, settings_of, version_named
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.export.exported import loss_line
+from aircraft_sysid_ros.export.from_run import learnt_model
+from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
+from aircraft_sysid_ros.export.targets import TARGETS, version_of
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.text_file import write_whole
+
+_FULL = "degrees of elevator, aileron and rudder at full command, such as 25,20,30"
+_LARGEST_DEFLECTION = 90.0  # [deg]
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "export", help="the model of a run as a file of another program", description=__doc__
+    )
+    parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument("--to", required=True, choices=tuple(TARGETS), help="the program")
+    endings = ", ".join(f"{target.suffix} for {name}" for name, target in TARGETS.items())
+    parser.add_argument("--out", required=True, metavar="PATH", help=f"file to write: {endings}")
+    versions = "; ".join(f"{name}: {', '.join(target.versions)}" for name, target in TARGETS.items())
+    parser.add_argument("--target-version", metavar="VERSION", help=f"version of its format ({versions})")
+    add_model_options(parser)
+    return parser
+
+
+def add_model_options(parser: argparse.ArgumentParser) -> None:
+    """What ``export`` and ``gains`` share."""
+    parser.add_argument("--model", metavar="ID", help="id of the model version (default: the current one)")
+    parser.add_argument("--full-deflection", metavar="E,A,R", help=_FULL)
+    parser.add_argument("--overwrite", action="store_true", help="replace a file that is there")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Write the file; returns what it holds and what not. Raises InputError."""
+    target, version = TARGETS[args.to], version_of(args.to, args.target_version)
+    out, full = checked_out(args.out, target.suffix, args.overwrite), full_deflection(args.full_deflection)
+    opened = open_run(args.run)
+    learnt = chosen_model(opened, args.model)
+    exported = target.write(learnt, full, version)
+    write(out, exported.content)
+    return {
+        **about(learnt),
+        "target": args.to,
+        "target_version": version,
+        "file": str(out),
+        "lost": dict(exported.lost),
+        "not_held": list(exported.not_held),
+        "notes": [*notes_on(opened, learnt), *exported.notes],
+    }
+
+
+def chosen_model(opened: Run, identifier: str | None) -> LearntModel:
+    """The model of a run by its id, or the current one. Raises InputError."""
+    return learnt_model(opened, opened.current if identifier is None else version_named(opened, identifier))
+
+
+def about(learnt: LearntModel) -> dict[str, Any]:
+    """The model as every answer has it."""
+    return {
+        "model": learnt.identifier,
+        "parameters": [
+            {"name": p.name, "value": p.value, "std": p.std, "status": p.status, "reason": p.reason}
+            for p in learnt.parameters
+        ],
+        "ranges": {name: list(limits) for name, limits in learnt.ranges.items()},
+        "range_words": range_words(learnt),
+    }
+
+
+def notes_on(opened: Run, learnt: LearntModel) -> list[str]:
+    """What the user should know of a run and of the parameters that are exported."""
+    notes = list(opened.notes)
+    doubtful = [p.name for p in learnt.parameters if p.status != Trust.USE.name and p.value]
+    unknown = [p.name for p in learnt.parameters if not np.isfinite(p.value)]
+    if doubtful := [name for name in doubtful if name not in unknown]:
+        notes.append(f"not to be used by the run's own judgement, and exported all the same: {' '.join(doubtful)}")
+    if unknown:
+        notes.append(f"not known, so without their terms: {' '.join(unknown)}")
+    if settings_of(learnt.aircraft) != settings_of(opened.root):
+        notes.append("ranges are those of the run as it was replayed, before the settings of this version")
+    return notes
+
+
+def checked_out(path: str, suffix: str, overwrite: bool) -> Path:
+    """The file to write. Raises InputError where it cannot be, or is there already."""
+    out = Path(path)
+    if out.suffix.lower() != suffix:
+        raise InputError(f"--out {path}: give it a name that ends in {suffix}")
+    if not out.parent.is_dir():
+        raise InputError(f"--out {path}: the folder {out.parent} is not there, make it first")
+    if out.is_dir() or (out.exists() and not overwrite):
+        what = (
+            "is a folder: give another name" if out.is_dir() else "is already there: give another name or --overwrite"
+        )
+        raise InputError(f"--out {path} {what}")
+    return out
+
+
+def full_deflection(text: str | None) -> npt.NDArray[np.float64] | None:
+    """(3,) [rad] of --full-deflection. Raises InputError."""
+    if text is None:
+        return None
+    try:
+        degrees = [float(part) for part in text.split(",")]
+    except ValueError:
+        degrees = []
+    if len(degrees) != 3 or not all(math.isfinite(d) and 0.0 < d <= _LARGEST_DEFLECTION for d in degrees):
+        raise InputError(f"--full-deflection {text[:40]}: give three positive {_FULL}")
+    return np.radians(degrees)
+
+
+def write(out: Path, content: str | bytes) -> None:
+    """All of it or nothing. Raises InputError."""
+    try:
+        write_whole(out, content)
+    except OSError as error:
+        raise InputError(f"cannot write {out}: {error.strerror or error}") from None
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [f"model {result['model']}", "", parameter_table(result["parameters"]), ""]
+    lines += ["learnt in this range; OUTSIDE OF IT THE MODEL IS NOT KNOWN TO HOLD:"]
+    lines += [f"  {line}" for line in result["range_words"]]
+    if result["lost"]:
+        lines.append(loss_line(result["lost"]))
+    lines += [f"not held: {sentence}" for sentence in result["not_held"]]
+    lines += note_lines(result["notes"])
+    return "\n".join([*lines, f"{result['target']} {result['target_version']}: {result['file']}"])

@@ -1,0 +1,96 @@
+"""``gains``: trim, feed-forward and first gains of the roll and pitch rate loops of PX4 or ArduPlane, from a run.
+
+Refused where the uncertainty of the parameters allows an unstable loop: docs/export.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.commands.export import (
+    about,
+    add_model_options,
+    checked_out,
+    chosen_model,
+    full_deflection,
+    notes_on,
+    write,
+)
+from aircraft_sysid_ros.commands.notes import note_lines
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.export.gains import AUTOPILOTS, SUFFIXES, gains
+from aircraft_sysid_ros.export.rate_loops import Actuator
+
+#: Longest lag and delay [s] of an actuator that is believed.
+_LONGEST = 0.5
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "gains", help="first gains of an autopilot's rate loops", description=__doc__
+    )
+    parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument("--to", required=True, choices=AUTOPILOTS, help="the autopilot")
+    endings = ", ".join(f"{suffix} for {name}" for name, suffix in SUFFIXES.items())
+    parser.add_argument("--out", metavar="FILE", help=f"parameter file to write: {endings}")
+    for field in fields(Actuator):
+        parser.add_argument(
+            f"--actuator-{field.name}", type=float, metavar="S", default=field.default,
+            help=f"{field.name} from command to surface [s] (default: %(default)s)",
+        )  # fmt: skip
+    add_model_options(parser)
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Design, and write where asked. Raises InputError."""
+    full = full_deflection(args.full_deflection)
+    if full is None:
+        raise InputError(
+            "gains need to know how far the surfaces go: give --full-deflection E,A,R, the degrees of elevator, "
+            "aileron and rudder at full command"
+        )
+    actuator = Actuator(args.actuator_lag, args.actuator_delay)
+    if not all(1e-3 <= value <= _LONGEST for value in (actuator.lag, actuator.delay)):
+        raise InputError(f"--actuator-lag and --actuator-delay must be from 0.001 to {_LONGEST:g} s")
+    out = None if args.out is None else checked_out(args.out, SUFFIXES[args.to], args.overwrite)
+    opened = open_run(args.run)
+    learnt = chosen_model(opened, args.model)
+    found = gains(learnt, args.to, full, actuator)
+    if out is not None:
+        write(out, found.content)
+    loops = {
+        loop.axis: {
+            "gain_margin_db": 20.0 * float(np.log10(loop.gain_margin)),
+            "phase_margin_deg": float(np.degrees(loop.phase_margin)),
+            "crossover": loop.crossover,
+            "stable_share": loop.stable_share,
+        }
+        for loop in found.loops
+    }
+    return {
+        **about(learnt),
+        "target": args.to,
+        "gains": [{"name": e.name, "value": e.value, "std": e.std, "what": e.what} for e in found.entries],
+        "loops": loops,
+        "file": None if out is None else str(out),
+        "notes": [*notes_on(opened, learnt), *found.notes],
+    }
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [f"model {result['model']}, {result['target']}", ""]
+    for e in result["gains"]:
+        std = f" ± {e['std']:.2g}" if np.isfinite(e["std"]) else ""
+        lines.append(f"{e['name']:<20}{e['value']:>10.4f}{std:<12}  {e['what']}")
+    lines += ["", "learnt in this range; OUTSIDE OF IT THE GAINS ARE NOT KNOWN TO HOLD:"]
+    lines += [f"  {line}" for line in result["range_words"]]
+    lines += note_lines(result["notes"])
+    return "\n".join([*lines, f"file {result['file']}"] if result["file"] else lines)

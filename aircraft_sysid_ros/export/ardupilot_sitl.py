@@ -1,0 +1,166 @@
+"""The model as the JSON of aerodynamic coefficients that ArduPlane's own simulator reads.
+
+Formula: ``Plane::getForce`` and ``Plane::getTorque``, libraries/SITL/SIM_Plane.cpp of ArduPilot/ardupilot at 05c3a9e3;
+names: Tools/autotest/models/skywalker_2013.json at 3fb70208, which pull request 29809 made loadable. The simulator
+flies a mass of 2 kg and divides moments by 1 kg m^2 whatever the aeroplane is, and its inputs are -1 to 1. So the
+coefficients are scaled: accelerations, not forces, are those of the aeroplane. docs/export.md states the formula.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft import rigid_body
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.export.exported import Exported, header_lines, number_lines
+from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel, fitted, lost, not_held, standard_errors
+
+Array = npt.NDArray[np.float64]
+
+VERSIONS = ("pr29809",)
+#: ``mass`` in Plane::Plane, and the inertia that getTorque's moments are an acceleration of.
+SIMULATED_MASS = 2.0
+#: ``max_alpha_delta`` of Plane::liftCoeff: alpha is held within this of alpha_stall.
+_ALPHA_HELD = 0.8
+#: ``mcoeff`` of the program's own aeroplane.
+_BLENDING = 50.0
+_LATERAL = ("1", "beta", "p", "r", "da", "dr")
+HELD = {
+    "CX": ("1", "alpha", "alpha**2", "q", "Tc"), "CY": _LATERAL, "CZ": ("1", "alpha", "q", "de"),
+    "Cl": _LATERAL, "Cm": ("1", "alpha", "q", "de"), "Cn": _LATERAL,
+}  # fmt: skip
+_OF_SIDE = {"1": "0", "beta": "b", "p": "p", "r": "r", "da": "deltaa", "dr": "deltar"}
+#: Prefix of the program's names: axis, and suffix by what is multiplied.
+_MOMENTS_AND_SIDE = {
+    "c_y": (1, _OF_SIDE), "c_l": (3, _OF_SIDE), "c_n": (5, _OF_SIDE),
+    "c_m": (4, {"1": "0", "alpha": "a", "q": "q", "de": "deltae"}),
+}  # fmt: skip
+#: Induced drag over lift squared that stands for none.
+LEAST_INDUCED = 1e-9
+
+
+def export_ardupilot_sitl(learnt: LearntModel, full: Array) -> Exported:
+    """``full`` (3,) [rad]: elevator, aileron and rudder at an input of 1. Raises InputError without whole rows."""
+    flown = learnt.flown
+    values = coefficients(flown, full)
+    thrust = thrust_part(flown)
+    misses = lost(flown.coefficients, body_coefficients(values, flown, flown.signals, full) + thrust)
+    missing = (*not_held(learnt, HELD), *_ALWAYS_MISSING)
+    lines = header_lines(learnt, "ArduPlane SITL (pull request 29809)", misses, missing)
+    travel = "full input is elevator {:.1f}, aileron {:.1f}, rudder {:.1f} deg".format(*np.degrees(full))
+    std = standard_errors(flown, lambda model: coefficients(model, full))
+    lines += number_lines(values, std)
+    lines.append(f"Scaled for a simulated mass of {SIMULATED_MASS:g} kg and an inertia of 1 kg m^2; {travel}")
+    body = json.dumps(values, indent=4)
+    return Exported("".join(f"# {line}\n" for line in lines) + body + "\n", misses, missing, (travel,))
+
+
+_ALWAYS_MISSING = (
+    "thrust: the simulator's own, g/0.7 times the mass at full throttle",
+    "gyroscopic moments: aerodynamic ones alone are turned into accelerations, with the product of inertia",
+    "stall: none was learnt, alpha_stall is as far away as the simulator allows",
+)
+
+
+def thrust_part(learnt: LearntModel) -> Array:
+    """What the plain term T_c gives C_X on the rows (n, 6): thrust, which the simulators have of their own."""
+    part = np.zeros((len(learnt.signals), 6))
+    if learnt.value("CX_Tc") != 0.0:
+        part[:, 0] = learnt.value("CX_Tc") * learnt.signal("Tc")
+    return part
+
+
+def coefficients(flown: LearntModel, full: Array) -> dict[str, Any]:
+    """All numbers of the file, by least squares over the rows."""
+    aircraft = flown.aircraft
+    target = simulated(flown, flown.coefficients - thrust_part(flown))
+    x = _inputs(flown, flown.signals, full)
+    lift = target[:, 0] * np.sin(x["alpha"]) - target[:, 2] * np.cos(x["alpha"])
+    drag = -target[:, 0] * np.cos(x["alpha"]) - target[:, 2] * np.sin(x["alpha"])
+    reads = {"1", *flown.reads("CX", "CZ")}
+    c_lift = fitted({name: x[name] for name in ("1", "alpha", "q", "de")}, lift, reads)
+    of_wing = (c_lift["1"] + c_lift["alpha"] * x["alpha"]) ** 2
+    of_drag = {"1": x["1"], "wing": of_wing, "q": x["q"], "de": np.abs(x["de"])}
+    c_drag = fitted(of_drag, drag, reads | {"wing"})
+    aspect = aircraft.span**2 / aircraft.wing_area
+    values: dict[str, Any] = {
+        "s": aircraft.wing_area, "b": aircraft.span, "c": aircraft.chord,
+        "c_lift_0": c_lift["1"], "c_lift_a": c_lift["alpha"], "c_lift_q": c_lift["q"], "c_lift_deltae": c_lift["de"],
+        "mcoeff": _BLENDING, "oswald": 1.0 / (np.pi * aspect * (c_drag["wing"] or LEAST_INDUCED)),
+        "alpha_stall": _ALPHA_HELD + min(float(x["alpha"].min()), 0.0),
+        "c_drag_p": c_drag["1"], "c_drag_q": c_drag["q"], "c_drag_deltae": c_drag["de"],
+    }  # fmt: skip
+    for prefix, (column, suffixes) in _MOMENTS_AND_SIDE.items():
+        # turned into accelerations, rolling and yawing moments mix
+        reads = {"1", *flown.reads(*(("Cl", "Cn") if column in (3, 5) else (AXES[column],)))}
+        reads |= flown.reads("CX", "CY", "CZ") if column > 2 and flown.aircraft.aerodynamic_reference.any() else set()
+        found = fitted({name: x[name] for name in suffixes}, target[:, column], reads)
+        values |= {f"{prefix}_{suffix}": found[name] for name, suffix in suffixes.items()}
+    values |= dict(zip(("deltae_max", "deltaa_max", "deltar_max"), full, strict=True))
+    return {**{name: float(value) for name, value in values.items()}, "CGOffset": [0.0, 0.0, 0.0]}
+
+
+def _inputs(learnt: LearntModel, signals: Array, full: Array) -> dict[str, Array]:
+    """What the formula multiplies (n,): its own rates, sideslip atan(v / u), and surfaces -1 to 1."""
+    names = learnt.model.signal_names
+    x = {name: np.nan_to_num(signals[:, names.index(name)]) for name in ("alpha", "p", "q", "r", *SURFACES)}
+    x |= {name: x[name] / limit for name, limit in zip(SURFACES, full, strict=True)}
+    return {**x, "1": np.ones(len(signals)), "q": 0.5 * x["q"], "beta": _beta(signals, learnt)}
+
+
+def _beta(signals: Array, learnt: LearntModel) -> Array:
+    """The program's sideslip atan(v / u) [rad] of ours, asin(v / V)."""
+    names = learnt.model.signal_names
+    alpha, beta = signals[:, names.index("alpha")], signals[:, names.index("beta")]
+    return np.asarray(np.arctan2(np.sin(beta), np.cos(beta) * np.cos(alpha)))
+
+
+def _arms(learnt: LearntModel) -> Array:
+    return np.array([learnt.aircraft.span, learnt.aircraft.chord, learnt.aircraft.span])
+
+
+def simulated(learnt: LearntModel, ours: Array) -> Array:
+    """Coefficients (n, 6) that give the simulator's mass and inertia the accelerations that ours give the aeroplane."""
+    arms, reference = _arms(learnt), learnt.aircraft.aerodynamic_reference
+    moments = ours[:, 3:] * arms + np.cross(np.broadcast_to(reference, ours[:, :3].shape), ours[:, :3])
+    turned = np.linalg.solve(learnt.aircraft.inertia, moments.T).T
+    return np.hstack([ours[:, :3] * SIMULATED_MASS / learnt.aircraft.mass, turned / arms])
+
+
+def of_aeroplane(learnt: LearntModel, theirs: Array) -> Array:
+    """The inverse of ``simulated``."""
+    arms, reference = _arms(learnt), learnt.aircraft.aerodynamic_reference
+    forces = theirs[:, :3] * learnt.aircraft.mass / SIMULATED_MASS
+    moments = (theirs[:, 3:] * arms) @ learnt.aircraft.inertia.T
+    moments = np.array([rigid_body.moment_at_reference(m, f, reference) for m, f in zip(moments, forces, strict=True)])
+    return np.hstack([forces, moments / arms])
+
+
+def body_coefficients(c: Mapping[str, Any], learnt: LearntModel, signals: Array, full: Array) -> Array:
+    """C_X … C_n (n, 6) of the aeroplane, without thrust, that the simulator's formula gives on signal rows."""
+    x = _inputs(learnt, signals, full)
+    alpha = x["alpha"]
+    lift = lift_of(c, alpha) + c["c_lift_q"] * x["q"] + c["c_lift_deltae"] * x["de"]
+    drag = c["c_drag_p"] + (c["c_lift_0"] + c["c_lift_a"] * alpha) ** 2 / (np.pi * c["oswald"] * c["b"] ** 2 / c["s"])
+    drag = drag + c["c_drag_q"] * x["q"] + c["c_drag_deltae"] * np.abs(x["de"])
+    theirs = np.empty((len(signals), 6))
+    theirs[:, 0] = -drag * np.cos(alpha) + lift * np.sin(alpha)
+    theirs[:, 2] = -drag * np.sin(alpha) - lift * np.cos(alpha)
+    for prefix, (column, suffixes) in _MOMENTS_AND_SIDE.items():
+        theirs[:, column] = np.sum([c[f"{prefix}_{suffix}"] * x[name] for name, suffix in suffixes.items()], axis=0)
+    return of_aeroplane(learnt, theirs)
+
+
+def lift_of(c: Mapping[str, Any], alpha: Array) -> Array:
+    """``Plane::liftCoeff``."""
+    stall, m = c["alpha_stall"], c["mcoeff"]
+    alpha = np.clip(alpha, stall - _ALPHA_HELD, stall + _ALPHA_HELD)
+    past, before = np.exp(-m * (alpha - stall)), np.exp(m * (alpha + stall))
+    sigmoid = (1.0 + past + before) / (1.0 + past) / (1.0 + before)
+    flat_plate = 2.0 * np.copysign(1.0, alpha) * np.sin(alpha) ** 2 * np.cos(alpha)
+    return np.asarray((1.0 - sigmoid) * (c["c_lift_0"] + c["c_lift_a"] * alpha) + sigmoid * flat_plate)

@@ -1,0 +1,136 @@
+"""Parameters of autopilots from level flight and from rate loops: trims, airspeeds, feed-forward and gains.
+
+PX4: src/modules/fw_rate_control/FixedwingRateControl.cpp at 3e1f68e5 and src/lib/rate_control/rate_control.cpp at
+0155b3a8 of PX4/PX4-Autopilot. With s = FW_AIRSPD_TRIM / V and e = rate setpoint - rate [rad/s], the command is
+``s^2 (P e + I int e dt) + s FF setpoint + trim``, -1 to 1, positive for a positive moment.
+
+ArduPlane: libraries/APM_Control/AP_FW_Controller.cpp at b29a8cae of ArduPilot/ardupilot. With s = SCALING_SPEED / V the
+output in degrees, of which 45 are the whole travel, is ``57.3 (s^2 (P e + I int e dt) + s FF setpoint / EAS2TAS)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
+from aircraft_sysid_ros.export.level_flight import SLOPES, LevelFlight, about_gravity, slopes
+from aircraft_sysid_ros.export.rate_loops import ROLL, RateLoop
+
+Array = npt.NDArray[np.float64]
+
+#: Whole travel of a surface in ArduPlane's output, 4500 centidegrees.
+_ARDUPLANE_TRAVEL = 45.0
+#: MAV_PARAM_TYPE_REAL32 in a parameter file of QGroundControl.
+_REAL32 = 9
+_MOMENT = {"de": "Cm", "da": "Cl", "dr": "Cn"}
+_PX4_TRIM = {"de": "PITCH", "da": "ROLL", "dr": "YAW"}
+_LETTER = {"PITCH": "P", "ROLL": "R", "YAW": "Y"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A parameter of an autopilot; ``std``: NaN where none is stated."""
+
+    name: str
+    value: float
+    std: float = float("nan")
+    what: str = ""
+
+
+def with_std(entries: Sequence[Entry], std: Mapping[str, float]) -> list[Entry]:
+    """Entries with standard errors by name; those that are no larger than rounding are left out."""
+    return [replace(e, std=std[e.name]) if std.get(e.name, 0.0) > 1e-9 else e for e in entries]
+
+
+def moment_signs(learnt: LearntModel, level: LevelFlight) -> dict[str, float]:
+    """+1 or -1 by surface: the sign of the moment that a positive deflection makes; 0 where it is not known."""
+    factors = slopes(learnt, level)
+    parts = [learnt.values[learnt.model.axis_slice(axis)] @ factors[learnt.model.axis_slice(axis)] for axis in AXES]
+    c = about_gravity(learnt) @ np.array(parts)
+    return {s: float(np.sign(c[AXES.index(axis), SLOPES.index(s)])) for s, axis in _MOMENT.items()}
+
+
+def px4_trims(learnt: LearntModel, levels: Sequence[LevelFlight], full: Array) -> list[Entry]:
+    """TRIM_* of the first level flight, and what is added at the lowest and the highest airspeed."""
+    signs, found = moment_signs(learnt, levels[0]), []
+    for k, surface in enumerate(SURFACES):
+        name, sign = _PX4_TRIM[surface], signs[surface]
+        if sign == 0.0:
+            continue
+        at, low, high = (sign * float(level.surfaces[k]) / float(full[k]) for level in levels)
+        found.append(Entry(f"TRIM_{name}", at, what="command in level flight at FW_AIRSPD_TRIM"))
+        for change, end in ((low - at, "VMIN"), (high - at, "VMAX")):
+            what = f"is added at FW_AIRSPD_{end[1:]}"
+            found.append(Entry(f"FW_DTRIM_{_LETTER[name]}_{end}", change, what=what))
+    return found
+
+
+def px4_gains(loops: Sequence[RateLoop], full: Mapping[str, float]) -> list[Entry]:
+    """FW_RR_* and FW_PR_*; ``full`` [rad] by axis."""
+    found = []
+    for loop in loops:
+        prefix, k = ("FW_RR" if loop.axis == ROLL else "FW_PR"), 1.0 / full[loop.axis]
+        found += [
+            Entry(f"{prefix}_FF", k * loop.ff, k * loop.ff_std, "command per rad/s of setpoint"),
+            Entry(f"{prefix}_P", k * loop.p, what="command per rad/s of error"),
+            Entry(f"{prefix}_I", k * loop.i, what="command per rad of error"),
+            Entry(f"{prefix}_D", 0.0, what="the loop is designed without"),
+        ]
+    return found
+
+
+def arduplane_gains(loops: Sequence[RateLoop], full: Mapping[str, float], level: LevelFlight) -> list[Entry]:
+    """SCALING_SPEED, RLL_RATE_* and PTCH_RATE_*; ``full`` [rad] by axis."""
+    to_true = level.airspeed / level.calibrated_airspeed
+    found = [Entry("SCALING_SPEED", level.calibrated_airspeed, what="airspeed of the gains, m/s")]
+    for loop in loops:
+        prefix = "RLL_RATE" if loop.axis == ROLL else "PTCH_RATE"
+        k = np.radians(_ARDUPLANE_TRAVEL) / full[loop.axis]
+        found += [
+            Entry(f"{prefix}_FF", k * to_true * loop.ff, k * to_true * loop.ff_std, "from demanded rate"),
+            Entry(f"{prefix}_P", k * loop.p, what="from error"),
+            Entry(f"{prefix}_I", k * loop.i, what="from integral of error"),
+            Entry(f"{prefix}_D", 0.0, what="the loop is designed without"),
+        ]
+    return found
+
+
+def px4_file(comments: Sequence[str], entries: Sequence[Entry], proposed: Sequence[Entry] = ()) -> str:
+    """A parameter file of QGroundControl; ``proposed`` parameters, which no release has, are comments."""
+    lines = [f"# {line}" for line in comments]
+    lines += [f"# {_described(entry)}" for entry in (*entries, *proposed) if entry.what]
+    lines.append("# Vehicle-Id Component-Id Name Value Type")
+    lines += [f"1\t1\t{entry.name}\t{entry.value:.6f}\t{_REAL32}" for entry in entries]
+    lines += [f"#1\t1\t{entry.name}\t{entry.value:.6f}\t{_REAL32}" for entry in proposed]
+    return "\n".join(lines) + "\n"
+
+
+def arduplane_file(comments: Sequence[str], entries: Sequence[Entry]) -> str:
+    """A parameter file of ArduPilot's ground stations."""
+    lines = [f"# {line}" for line in comments]
+    lines += [f"# {_described(entry)}" for entry in entries if entry.what]
+    lines += [f"{entry.name},{entry.value:.6f}" for entry in entries]
+    return "\n".join(lines) + "\n"
+
+
+def _described(entry: Entry) -> str:
+    std = f" +- {entry.std:.2g}" if np.isfinite(entry.std) else ""
+    return f"{entry.name} = {entry.value:.5g}{std}: {entry.what}"
+
+
+def level_words(level: LevelFlight) -> str:
+    """A trim in words."""
+    surfaces = ", ".join(
+        f"{name} {np.degrees(value):.2f} deg"
+        for name, value in zip(("elevator", "aileron", "rudder"), level.surfaces, strict=True)
+    )
+    outside = f"; outside of the learnt range: {', '.join(level.outside)}" if level.outside else ""
+    return (
+        f"level flight at {level.airspeed:.2f} m/s (calibrated {level.calibrated_airspeed:.2f}): angle of attack "
+        f"{np.degrees(level.alpha):.2f} deg, {surfaces}{outside}"
+    )

@@ -1,0 +1,55 @@
+"""What every target returns, and the words that every file begins with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
+
+#: Losses and standard errors below this share are rounding.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A file, and what it does not hold."""
+
+    content: str | bytes
+    #: By axis: rms difference of the coefficient over the flight's own rows, of the standard deviation of ours.
+    lost: Mapping[str, float] = field(default_factory=dict)
+    not_held: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def parameter_lines(learnt: LearntModel) -> list[str]:
+    """The learnt parameters: name, value, standard error and status."""
+    return [f"{p.name} = {p.value:.6g} +- {p.std:.2g} {p.status} {p.reason}".rstrip() for p in learnt.parameters]
+
+
+def number_lines(values: Mapping[str, Any], std: Mapping[str, float]) -> list[str]:
+    """The target's own numbers with the standard errors that follow from those of the parameters."""
+    lines = ["Standard errors of the numbers below:"]
+    known = {name: error for name, error in std.items() if error > ROUNDING * abs(values[name])}
+    return lines + [f"  {name} = {values[name]:.6g} +- {error:.2g}" for name, error in known.items()]
+
+
+def loss_line(lost: Mapping[str, float]) -> str:
+    """What of each coefficient the formulas of a target miss."""
+    parts = (f"{axis} {100.0 * share if share > ROUNDING else 0.0:.2g} %" for axis, share in lost.items())
+    return "lost over the flight's own rows, of the spread of each coefficient: " + ", ".join(parts)
+
+
+def header_lines(learnt: LearntModel, target: str, lost: Mapping[str, float], not_held: tuple[str, ...]) -> list[str]:
+    """What a comment at the beginning of a file says, line by line."""
+    lines = [
+        f"{learnt.aircraft.name}, model {learnt.identifier}, learnt in flight; for {target}, by aircraft-sysid",
+        "Learnt in this range. OUTSIDE OF IT THE MODEL IS NOT KNOWN TO HOLD:",
+        *(f"  {line}" for line in range_words(learnt)),
+        "Learnt parameters, body axes FRD, per rad, rates as p b/2V, q c/V, r b/2V, +- one standard error:",
+        *(f"  {line}" for line in parameter_lines(learnt)),
+    ]
+    if lost:
+        lines.append(loss_line(lost))
+    return [*lines, *(f"Not held: {sentence}" for sentence in not_held)]

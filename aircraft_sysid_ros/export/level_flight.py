@@ -1,0 +1,127 @@
+"""Steady level flight of a learnt model, wings level, and the slopes of its coefficients there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
+
+Array = npt.NDArray[np.float64]
+
+SEA_LEVEL_DENSITY = 1.225  # [kg/m^3] of the calibrated airspeed
+#: Residual [-] of the coefficients that still counts as trimmed.
+_TOLERANCE = 1e-6
+_STEP = 1e-5
+SLOPES = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "alpha_dot")
+_UNKNOWN = ("alpha", "beta", *SURFACES, "Tc")
+
+
+@dataclass(frozen=True)
+class LevelFlight:
+    """A trim. Angles [rad], airspeeds [m/s]."""
+
+    airspeed: float  # true
+    calibrated_airspeed: float
+    density: float  # [kg/m^3]
+    alpha: float
+    surfaces: Array  # (3,) elevator, aileron, rudder
+    signals: Array  # (SIGNAL_COUNT,) its signal row
+    outside: tuple[str, ...]  # signals beyond the range in which they were learnt
+
+
+def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
+    """Angles and surfaces at which nothing accelerates. Raises InputError where there are none.
+
+    The signals that are neither flow, rates nor surfaces are the medians of the rows. Without a term of T_c the flight
+    does not know its thrust, and C_X is left out.
+    """
+    flown = learnt.flown
+    aircraft, names = learnt.aircraft, learnt.model.signal_names
+    density = float(np.median(2.0 * flown.signal("qbar") / flown.signal("V") ** 2))
+    row = np.array(
+        [np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else 0.0 for column in learnt.signals.T]
+    )
+    qbar = 0.5 * density * airspeed**2
+    for name, value in {
+        "V": airspeed,
+        "qbar": qbar,
+        "p": 0.0,
+        "q": 0.0,
+        "r": 0.0,
+        "alpha_dot": 0.0,
+        "beta_dot": 0.0,
+    }.items():
+        row[names.index(name)] = value
+    weight = aircraft.mass * STANDARD_GRAVITY / (qbar * aircraft.wing_area)
+    read = learnt.reads("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+    free = [name for name in _UNKNOWN if name in read]
+    balanced = [i for i in range(6) if i > 0 or "Tc" in free]
+
+    def put(x: Array) -> Array:
+        out = row.copy()
+        for name in _UNKNOWN:
+            out[names.index(name)] = 0.0
+        for name, value in zip(free, x, strict=True):
+            out[names.index(name)] = value
+        return out
+
+    def residual(x: Array) -> Array:
+        signals = put(x)
+        coefficients = _about_gravity(learnt, learnt.coefficients_of(learnt.terms_on(signals[None])))[0]
+        pitch = signals[names.index("alpha")]
+        coefficients[0] -= weight * np.sin(pitch)
+        coefficients[2] += weight * np.cos(pitch)
+        return np.asarray(coefficients[balanced])
+
+    found = least_squares(residual, np.zeros(len(free)), x_scale=0.1, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    if not np.max(np.abs(found.fun)) < _TOLERANCE:
+        raise InputError(
+            f"the model {learnt.identifier} has no steady level flight at {airspeed:.1f} m/s: what it lacks of lift, "
+            "pitching moment or control shows in aircraft-sysid compare"
+        )
+    signals = put(found.x)
+    at = {name: float(signals[names.index(name)]) for name in _UNKNOWN}
+    outside = tuple(
+        n for n in (*free, "V") if n in learnt.ranges and not _within(signals[names.index(n)], learnt.ranges[n])
+    )
+    calibrated = airspeed * float(np.sqrt(density / SEA_LEVEL_DENSITY))
+    surfaces = np.array([at[name] for name in SURFACES])
+    return LevelFlight(airspeed, calibrated, density, at["alpha"], surfaces, signals, outside)
+
+
+def slopes(learnt: LearntModel, level: LevelFlight) -> Array:
+    """d C_i / d (signal of SLOPES) per parameter, (k, 9): times the values of an axis, summed, its slopes."""
+    names, rows = learnt.model.signal_names, []
+    for name in SLOPES:
+        for sign in (1.0, -1.0):
+            row = level.signals.copy()
+            row[names.index(name)] += sign * _STEP
+            rows.append(row)
+    steady = np.array([learnt.terms_on(row[None])[0] for row in rows])  # each by itself: lags are in steady flight
+    change = (steady[0::2] - steady[1::2]) / (2.0 * _STEP)
+    return np.asarray(np.nan_to_num(change).T)
+
+
+def about_gravity(learnt: LearntModel) -> Array:
+    """(6, 6) that turns C_X … C_n about the aerodynamic reference into those about the centre of gravity."""
+    x, y, z = learnt.aircraft.aerodynamic_reference
+    b, c = learnt.aircraft.span, learnt.aircraft.chord
+    turn = np.eye(6)
+    turn[3, :3] = np.array([0.0, -z, y]) / b
+    turn[4, :3] = np.array([z, 0.0, -x]) / c
+    turn[5, :3] = np.array([-y, x, 0.0]) / b
+    return turn
+
+
+def _about_gravity(learnt: LearntModel, coefficients: Array) -> Array:
+    return np.asarray(coefficients @ about_gravity(learnt).T)
+
+
+def _within(value: float, limits: tuple[float, float]) -> bool:
+    return limits[0] <= value <= limits[1]

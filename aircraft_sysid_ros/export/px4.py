@@ -1,0 +1,101 @@
+"""Trims and airspeed limits of PX4, and FW_W_* of its open pull request 25966.
+
+Meaning of the parameters: src/modules/fw_rate_control/fw_rate_control_params.c at 0290a619 (airspeeds),
+src/modules/fw_att_control/fw_att_control_params.c (FW_PSP_OFF) of PX4/PX4-Autopilot. FW_W_*: the description of pull
+request 25966 and src/modules/fw_wind_estimator/fw_wind_estimator_params.c at 4854b965; all are at least 0 there, so
+C_L = A0 + A1 alpha and C_Y = -B1 beta.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
+from aircraft_sysid_ros.export.ardupilot_sitl import thrust_part
+from aircraft_sysid_ros.export.autopilot_parameters import Entry, level_words, px4_file, px4_trims, with_std
+from aircraft_sysid_ros.export.exported import Exported, header_lines
+from aircraft_sysid_ros.export.learnt_model import LearntModel, fitted, standard_errors
+from aircraft_sysid_ros.export.level_flight import SEA_LEVEL_DENSITY, LevelFlight, level_flight
+from aircraft_sysid_ros.export.rate_loops import airspeeds_of
+
+Array = npt.NDArray[np.float64]
+
+PULL_REQUEST = "pr25966"
+VERSIONS = ("main", PULL_REQUEST)
+_NOT_HELD = ("the coefficients but for those of FW_W_*: PX4 has no model of the aeroplane",)
+
+
+def export_px4(learnt: LearntModel, full: Array | None, version: str = VERSIONS[0]) -> Exported:
+    """``full`` (3,) [rad]: elevator, aileron and rudder at a command of 1; None: not known, and no trims.
+
+    Raises InputError where the model has no level flight.
+    """
+    levels = [level_flight(learnt, speed) for speed in airspeeds_of(learnt)]
+    notes = [level_words(level) for level in levels]
+    if full is None:
+        notes.append("no TRIM_*: give --full-deflection, the degrees of elevator, aileron and rudder at full command")
+    notes.append("gains: aircraft-sysid gains RUN --to px4")
+    std = standard_errors(learnt, lambda model: {e.name: e.value for e in _entries(model, full)})
+    std |= standard_errors(learnt, lambda model: {e.name: e.value for e in wind_estimator(model)[0]})
+    proposed, misses = wind_estimator(learnt)
+    entries, proposed = with_std(_entries(learnt, full), std), with_std(proposed, std)
+    notes.append(
+        "FW_W_* are of PX4's open pull request 25966, not of a release: C_L = FW_W_C_A0 + FW_W_C_A1 alpha within "
+        f"{100.0 * misses['CL']:.2g} % of its spread over the flight, C_Y = -FW_W_C_B1 beta within "
+        f"{100.0 * misses['CY']:.2g} %"
+    )
+    comments = [*header_lines(learnt, "PX4", {}, _NOT_HELD), *notes]
+    if version == PULL_REQUEST:
+        text = px4_file(comments, [*entries, *proposed])
+    else:
+        text = px4_file(comments, entries, proposed)
+    return Exported(text, {}, _NOT_HELD, tuple(notes))
+
+
+def _entries(learnt: LearntModel, full: Array | None) -> list[Entry]:
+    levels = [level_flight(learnt, speed) for speed in airspeeds_of(learnt)]
+    pitch = Entry("FW_PSP_OFF", float(np.degrees(levels[0].alpha)), what="deg, pitch at trim")
+    return [*airspeeds(learnt, levels), pitch, *([] if full is None else px4_trims(learnt, levels, full))]
+
+
+def airspeeds(learnt: LearntModel, levels: list[LevelFlight]) -> list[Entry]:
+    """Calibrated airspeeds [m/s]: nothing slower or faster than what was learnt."""
+    trim, low, high = (level.calibrated_airspeed for level in levels)
+    lift = float(lift_coefficient(learnt.flown).max())
+    weight = learnt.aircraft.mass * STANDARD_GRAVITY / learnt.aircraft.wing_area
+    slowest = float(np.sqrt(2.0 * weight / (SEA_LEVEL_DENSITY * lift))) if lift > 0.0 else low
+    low = max(low, slowest)
+    return [
+        Entry(
+            "FW_AIRSPD_STALL", min(slowest, low), what="m/s, level flight at the largest lift flown: no stall was seen"
+        ),
+        Entry("FW_AIRSPD_MIN", low, what="m/s, the slowest that was learnt"),
+        Entry("FW_AIRSPD_TRIM", trim, what="m/s, the median of the flight"),
+        Entry("FW_AIRSPD_MAX", high, what="m/s, the fastest that was learnt"),
+    ]
+
+
+def lift_coefficient(flown: LearntModel) -> Array:
+    """C_L (n,) of the rows without thrust."""
+    ours, alpha = flown.coefficients - thrust_part(flown), flown.signal("alpha")
+    return np.asarray(ours[:, 0] * np.sin(alpha) - ours[:, 2] * np.cos(alpha))
+
+
+def wind_estimator(learnt: LearntModel) -> tuple[list[Entry], dict[str, float]]:
+    """FW_W_* and the rms error of C_L and C_Y over their spread."""
+    flown = learnt.flown
+    lift, side = lift_coefficient(flown), flown.coefficients[:, 1]
+    alpha, beta = flown.signal("alpha"), flown.signal("beta")
+    of_lift = fitted({"1": np.ones(len(alpha)), "alpha": alpha}, lift, {"1", "alpha"})
+    of_side = fitted({"beta": beta}, side, {"beta"})
+    entries = [
+        Entry("FW_W_MASS", learnt.aircraft.mass, what="kg"),
+        Entry("FW_W_AREA", learnt.aircraft.wing_area, what="m^2"),
+        Entry("FW_W_C_B1", -of_side["beta"], what="-C_Y per rad of sideslip"),
+        Entry("FW_W_C_A0", of_lift["1"], what="C_L at zero angle of attack"),
+        Entry("FW_W_C_A1", of_lift["alpha"], what="C_L per rad of angle of attack"),
+    ]
+    errors = {"CL": lift - of_lift["1"] - of_lift["alpha"] * alpha, "CY": side - of_side["beta"] * beta}
+    spreads = {"CL": lift, "CY": side}
+    return entries, {n: float(np.sqrt(np.mean(e**2)) / max(np.std(spreads[n]), 1e-12)) for n, e in errors.items()}

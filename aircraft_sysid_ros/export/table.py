@@ -1,0 +1,28 @@
+"""A table of the parameters as CSV (RFC 4180), comments before it."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.export.exported import Exported, header_lines
+from aircraft_sysid_ros.export.learnt_model import LearntModel
+
+COLUMNS = ("parameter", "axis", "term", "value", "standard_error", "status", "reason")
+
+
+def export_table(learnt: LearntModel) -> Exported:
+    """One row for each parameter, then one for each signal with the range in which it was learnt."""
+    out = io.StringIO()
+    for line in header_lines(learnt, "csv", {}, ())[:2]:
+        out.write(f"# {line}\n")
+    write = csv.writer(out, lineterminator="\n")
+    write.writerow(COLUMNS)
+    for axis in AXES:
+        part = learnt.model.axis_slice(axis)
+        for p, term in zip(learnt.parameters[part], learnt.model.terms[axis], strict=True):
+            write.writerow([p.name, axis, term, repr(p.value), repr(p.std), p.status, p.reason])
+    for name, (low, high) in learnt.ranges.items():
+        write.writerow([name, "range", "", repr(low), repr(high), "", ""])
+    return Exported(out.getvalue())

@@ -1,0 +1,57 @@
+"""The targets by name: the ending of their files, the versions that are known, and who writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.export import ardupilot_sitl, gazebo, jsbsim, px4
+from aircraft_sysid_ros.export.exported import Exported
+from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
+from aircraft_sysid_ros.export.matlab import export_matlab
+from aircraft_sysid_ros.export.table import export_table
+
+Array = npt.NDArray[np.float64]
+#: Model, full deflections (3,) [rad] or None, version.
+Writer = Callable[[LearntModel, Array | None, str], Exported]
+
+
+@dataclass(frozen=True)
+class Target:
+    """One target; the first version is the default."""
+
+    suffix: str
+    versions: tuple[str, ...]
+    write: Writer
+
+
+def _sitl(learnt: LearntModel, full: Array | None, version: str) -> Exported:
+    return ardupilot_sitl.export_ardupilot_sitl(learnt, reached(learnt) if full is None else full)
+
+
+def reached(learnt: LearntModel) -> Array:
+    """Largest deflections (3,) [rad] of elevator, aileron and rudder that were learnt in; 1 deg where none was."""
+    limits = [learnt.ranges.get(name, (0.0, 0.0)) for name in SURFACES]
+    return np.array([max(abs(low), abs(high), np.radians(1.0)) for low, high in limits])
+
+
+TARGETS = {
+    "jsbsim": Target(".xml", jsbsim.VERSIONS, lambda learnt, full, version: jsbsim.export_jsbsim(learnt)),
+    "ardupilot-sitl": Target(".json", ardupilot_sitl.VERSIONS, _sitl),
+    "gazebo": Target(".sdf", gazebo.VERSIONS, lambda learnt, full, version: gazebo.export_gazebo(learnt)),
+    "px4": Target(".params", px4.VERSIONS, px4.export_px4),
+    "matlab": Target(".mat", ("5",), lambda learnt, full, version: export_matlab(learnt)),
+    "csv": Target(".csv", ("1",), lambda learnt, full, version: export_table(learnt)),
+}
+
+
+def version_of(name: str, asked: str | None) -> str:
+    """The version that is written. Raises InputError, which lists those that are known."""
+    known = TARGETS[name].versions
+    if asked is not None and asked not in known:
+        raise InputError(f"--target-version {asked[:40]} of {name} is not known: it is {' or '.join(known)}")
+    return known[0] if asked is None else asked

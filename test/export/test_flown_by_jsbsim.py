@@ -1,0 +1,114 @@
+"""JSBSim flies the exported file: benchmarks/export.py in small."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import export as benchmark
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.export.jsbsim import OUTSIDE, export_jsbsim, lag_property, property_of
+from aircraft_sysid_ros.export.learnt_model import LearntModel, Parameter
+
+#: Terms of every function and operator of expressions.
+ODD_TERMS = {
+    "CX": ["1", "alpha**2", "Tc", "exp(-V/20)", "sqrt(abs(alpha))"],
+    "CY": ["beta", "sign(beta)*beta**2", "-beta*alpha"],
+    "CZ": ["1", "alpha", "max(alpha,0.05)", "min(de,0.0)", "alpha_dot"],
+    "Cl": ["p", "da", "tanh(3*beta)", "sin(alpha)*r"],
+    "Cm": ["1", "alpha", "q", "cos(alpha)/(1+alpha)"],
+    "Cn": ["beta", "dr", "mach", "qbar/1000"],
+}
+
+
+def with_terms(learnt, terms, reference=(0.0, 0.0, 0.0)):
+    """The rows of a run under another model, whose parameters are drawn."""
+    model = model_from_terms(terms)
+    aircraft = replace(learnt.aircraft, model=model, aerodynamic_reference=np.array(reference))
+    values = np.random.default_rng(1).uniform(-1.0, 1.0, len(model.parameter_names))
+    listed = tuple(Parameter(n, float(v), 0.01, "USE") for n, v in zip(model.parameter_names, values, strict=True))
+    return LearntModel(aircraft, "odd", listed, learnt.signals, learnt.step)
+
+
+def in_jsbsim(learnt):
+    return benchmark.ExportedAeroplane(learnt, str(export_jsbsim(learnt).content))
+
+
+def test_forces_and_moments_are_ours_and_as_far_from_the_held_out_flight(learnt, held_out):
+    found = benchmark.held_out_states(in_jsbsim(learnt), held_out, 60)
+    assert found["largest_difference"] < 1e-6
+    for axis, nrmse in found["nrmse_model"].items():
+        assert found["nrmse_jsbsim"][axis] == pytest.approx(nrmse, abs=2e-3), axis
+        assert nrmse < 0.1, axis
+
+
+def test_pieces_of_the_held_out_flight_are_flown_as_our_simulator_flies_them(learnt, held_out):
+    found = benchmark.held_out_pieces(in_jsbsim(learnt), held_out)
+    assert found["pieces"] > 3
+    for output in benchmark.OUTPUTS:
+        assert found["apart"][output] < 0.01, output  # another integrator, a round earth
+        assert found["nrmse_jsbsim"][output] < found["nrmse_own"][output] + 0.01, output
+        assert found["nrmse_jsbsim"][output] < 0.1, output
+
+
+def test_every_kind_of_term_is_held_about_any_reference_point(learnt, held_out):
+    odd = with_terms(learnt, ODD_TERMS, (0.03, 0.01, -0.02))
+    exported = in_jsbsim(odd)
+    for i in range(0, len(held_out), len(held_out) // 10):
+        theirs, ours = exported.coefficients(held_out, i)
+        assert theirs == pytest.approx(ours, abs=1e-9)
+        assert np.abs(ours).min() > 1e-6
+
+
+def test_a_lag_is_followed(learnt, held_out):
+    exported = in_jsbsim(with_terms(learnt, {**ODD_TERMS, "Cm": ["1", "alpha", "q", "lag(de, 0.2)"]}))
+    e = exported.executive
+    exported.put(held_out, 0)
+    e["sysid/elevator-rad"] = 0.0
+    for _ in range(400):
+        e.run()
+    e["sysid/elevator-rad"] = 0.1
+    steps = 40
+    for _ in range(steps):
+        e.run()
+    assert e[lag_property(0)] == pytest.approx(0.1 * (1.0 - np.exp(-steps * benchmark.STEP / 0.2)), rel=0.05)
+
+
+def test_it_counts_the_signals_that_are_outside_of_what_was_learnt(learnt, held_out):
+    exported = in_jsbsim(learnt)
+    low, high = learnt.ranges["alpha"]
+    slow = int(np.argmin(np.abs(held_out.alpha - 0.5 * (low + high)) + np.abs(held_out.beta)))
+    exported.coefficients(held_out, slow)
+    assert exported.executive[OUTSIDE] == 0.0
+    steep = replace(held_out, air_velocity=held_out.air_velocity + [0.0, 0.0, 8.0])
+    exported.coefficients(steep, slow)
+    assert exported.executive[property_of("alpha")] > high
+    assert exported.executive[OUTSIDE] >= 1.0
+
+
+def test_a_parameter_that_is_not_known_has_no_term(learnt, held_out):
+    k = SIGNAL_INDEX["flaps"]
+    rows = learnt.signals.copy()
+    rows[:, k] = np.nan  # never measured
+    terms = {axis: list(texts) for axis, texts in learnt.model.terms.items()}
+    terms["CZ"].append("flaps")
+    model = model_from_terms(terms)
+    by_name = {p.name: p for p in learnt.parameters}
+    listed = tuple(by_name.get(n, Parameter(n, np.nan, np.nan, "HOLD")) for n in model.parameter_names)
+    with_flaps = LearntModel(replace(learnt.aircraft, model=model), "flaps", listed, rows, learnt.step)
+    assert "CZ_flaps" not in str(export_jsbsim(with_flaps).content).split("aerodynamics>")[1]
+    theirs, ours = in_jsbsim(with_flaps).coefficients(held_out, 100)
+    assert theirs == pytest.approx(ours, abs=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", benchmark.AEROPLANES)
+def test_aeroplanes_of_which_the_terms_are_not_the_truth(name):
+    found = benchmark.judge(name, 60.0)
+    assert found["states"]["largest_difference"] < 1e-6
+    for output, own in found["pieces"]["nrmse_own"].items():
+        assert found["pieces"]["nrmse_jsbsim"][output] < own + 0.01, output
+    assert all(loop["stable"] >= 99 for loop in found["gains"].values())
