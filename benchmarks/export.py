@@ -32,7 +32,7 @@ from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.gazebo import export_gazebo
 from aircraft_sysid_ros.export.jsbsim import FOOT, POUND, SURFACES, THRUST, export_jsbsim, property_of
 from aircraft_sysid_ros.export.learnt_model import LearntModel
-from aircraft_sysid_ros.export.level_flight import level_flight
+from aircraft_sysid_ros.export.level_flight import LevelFlight, level_flight
 from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, RateLoop, airspeeds_of, design
 from aircraft_sysid_ros.export.targets import reached
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -237,28 +237,26 @@ def held_out_pieces(exported: ExportedAeroplane, truth: Truth) -> dict[str, Any]
     return {**nrmse, "apart": dict(zip(OUTPUTS, apart.tolist(), strict=True)), "pieces": len(flown)}
 
 
-def loop_is_stable(learnt: LearntModel, loop: RateLoop, actuator: Actuator, values: Array) -> bool:
-    """Whether a loop holds an aeroplane with other parameters, at every airspeed of the flight.
+def stable_loops(learnt: LearntModel, loop: RateLoop, actuator: Actuator, drawn: Array) -> int:
+    """How many aeroplanes with other parameters (n, k) a loop holds, each at every airspeed of the flight.
 
     Independent of the design: the motion is differentiated from our simulator's accelerations, all five states of the
     fast modes together; the delay is a chain of samples and the rest is stepped exactly.
     """
-    own = OwnAeroplane(learnt, values)
-    trim = airspeeds_of(learnt)[0]
-    for speed in airspeeds_of(learnt):
-        level = level_flight(learnt, speed)  # where the pilot trims it
-        a, b = _fast_modes(own, level.airspeed, level.alpha, level.surfaces, level.density)
-        scale = (trim / speed) ** 2 * loop.sign
-        surface, rate = (0, 3) if loop.axis == PITCH else (1, 2)
-        if not _decays(a, b[:, surface], rate, scale * loop.p, scale * loop.i, actuator):
-            return False
-    return True
+    levels = [level_flight(learnt, speed) for speed in airspeeds_of(learnt)]  # where the pilot trims it
+    surface, rate = (0, 3) if loop.axis == PITCH else (1, 2)
+
+    def holds(own: OwnAeroplane, level: LevelFlight) -> bool:
+        a, b = fast_modes(own, level)
+        scale = (levels[0].airspeed / level.airspeed) ** 2 * loop.sign
+        return _decays(a, b[:, surface], rate, scale * loop.p, scale * loop.i, actuator)
+
+    return sum(all(holds(OwnAeroplane(learnt, values), level) for level in levels) for values in drawn)
 
 
-def _fast_modes(own: OwnAeroplane, speed: float, alpha: float, surfaces: Array, density: float) -> tuple[Array, Array]:
+def fast_modes(own: OwnAeroplane, level: LevelFlight) -> tuple[Array, Array]:
     """A (5, 5) and B (5, 2) of v, w, p, q, r and elevator, aileron, by differences of the simulator's accelerations."""
-    altitude = _altitude_of(density)
-    place = Place(9.80665, altitude, 0.0)
+    place, speed, alpha = Place(9.80665, _altitude_of(level.density), 0.0), level.airspeed, level.alpha
 
     def rates_of_change(x: Array, delta: Array) -> Array:
         state = np.zeros(STATE_SIZE)
@@ -267,7 +265,7 @@ def _fast_modes(own: OwnAeroplane, speed: float, alpha: float, surfaces: Array, 
         velocity = np.array([speed * np.cos(alpha), x[0], speed * np.sin(alpha) + x[1]])
         state[VELOCITY : VELOCITY + 3] = rotation_matrix(state[ATTITUDE : ATTITUDE + 4]) @ velocity
         state[RATES : RATES + 3] = x[2:]
-        state[CONTROLS : CONTROLS + 3] = surfaces + [delta[0], delta[1], 0.0]
+        state[CONTROLS : CONTROLS + 3] = level.surfaces + [delta[0], delta[1], 0.0]
         acting = motion(own.airframe, place, state, _CALM, 0.0)
         change = acting.specific_force - np.cross(x[2:], velocity)  # gravity turns slowly: no fast mode
         return np.array([change[1], change[2], *acting.angular_acceleration])
@@ -320,7 +318,7 @@ def judge_gains(learnt: LearntModel, actuator: Actuator | None = None) -> dict[s
     drawn = learnt.draws(GAIN_DRAWS, GAIN_SEED)
     for axis in (ROLL, PITCH):
         loop = design(learnt, axis, actuator)
-        stable = sum(loop_is_stable(learnt, loop, actuator, values) for values in drawn)
+        stable = stable_loops(learnt, loop, actuator, drawn)
         found[axis] = {
             "p": loop.p, "i": loop.i, "ff": loop.ff, "stable": stable, "draws": GAIN_DRAWS,
             "gain_margin_db": float(20.0 * np.log10(loop.gain_margin)),

@@ -16,9 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
-from aircraft_sysid_ros.export.level_flight import SLOPES, LevelFlight, about_gravity, slopes
+from aircraft_sysid_ros.export.level_flight import LevelFlight, moment_signs
 from aircraft_sysid_ros.export.rate_loops import ROLL, RateLoop
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +26,6 @@ Array = npt.NDArray[np.float64]
 _ARDUPLANE_TRAVEL = 45.0
 #: MAV_PARAM_TYPE_REAL32 in a parameter file of QGroundControl.
 _REAL32 = 9
-_MOMENT = {"de": "Cm", "da": "Cl", "dr": "Cn"}
 _PX4_TRIM = {"de": "PITCH", "da": "ROLL", "dr": "YAW"}
 _LETTER = {"PITCH": "P", "ROLL": "R", "YAW": "Y"}
 
@@ -45,14 +43,6 @@ class Entry:
 def with_std(entries: Sequence[Entry], std: Mapping[str, float]) -> list[Entry]:
     """Entries with standard errors by name; those that are no larger than rounding are left out."""
     return [replace(e, std=std[e.name]) if std.get(e.name, 0.0) > 1e-9 else e for e in entries]
-
-
-def moment_signs(learnt: LearntModel, level: LevelFlight) -> dict[str, float]:
-    """+1 or -1 by surface: the sign of the moment that a positive deflection makes; 0 where it is not known."""
-    factors = slopes(learnt, level)
-    parts = [learnt.values[learnt.model.axis_slice(axis)] @ factors[learnt.model.axis_slice(axis)] for axis in AXES]
-    c = about_gravity(learnt) @ np.array(parts)
-    return {s: float(np.sign(c[AXES.index(axis), SLOPES.index(s)])) for s, axis in _MOMENT.items()}
 
 
 def px4_trims(learnt: LearntModel, levels: Sequence[LevelFlight], full: Array) -> list[Entry]:

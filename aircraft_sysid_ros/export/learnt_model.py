@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import evaluate_signals
+from aircraft_sysid_ros.aircraft.expression import evaluate_rows, with_lags
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -29,8 +29,10 @@ UNITS = {
     "V": "m/s", "qbar": "Pa", "height": "m", "propeller_speed": "rad/s", "time": "s", "mach": "-", "throttle": "-",
     "Tc": "-", "p": "pb/2V", "q": "qc/V", "r": "rb/2V", "alpha_dot": "c/V", "beta_dot": "b/2V",
 }  # fmt: skip
-#: Draws from the covariance for standard errors of what is worked out from the parameters: theirs is 7 % of them.
-DRAWS = 100
+#: Draws from the covariance for standard errors of what is worked out from the parameters: theirs is a tenth of them.
+DRAWS = 50
+#: What a model has worked out that does not depend on the values of its parameters.
+_OF_ROWS = {"terms", "ranges"}
 _ANGLES = ("alpha", "beta", "de", "da", "dr", "flaps")
 
 
@@ -77,9 +79,10 @@ class LearntModel:
 
     def terms_on(self, signals: Array) -> Array:
         """All terms (n, k) on signal rows in order of time."""
-        programs = [program for programs in self.model.programs for program in programs]
-        time = signals[:, self.model.signal_names.index("time")]
-        return evaluate_signals(programs, time, np.ascontiguousarray(signals), 1.5 * self.step)
+        time, rows = signals[:, self.model.signal_names.index("time")], np.ascontiguousarray(signals)
+        out = np.empty((len(rows), len(self.parameters)))
+        evaluate_rows(*self.model.linked, with_lags(self.model.lags, time, rows, 1.5 * self.step), out)
+        return out
 
     def coefficients_of(self, terms: Array) -> Array:
         """C_X … C_n (n, 6) of terms (n, k); terms whose parameter is not known count nothing, even where NaN."""
@@ -93,10 +96,10 @@ class LearntModel:
         Raises InputError where there are none.
         """
         used = self.values != 0.0
-        whole = np.isfinite(self.terms_on(self.signals)[:, used]).all(axis=1)
+        whole = np.isfinite(self.terms[:, used]).all(axis=1)
         if whole.sum() < 2:
             raise InputError("no two rows of the run have all signals that the model reads: fly a longer flight")
-        return LearntModel(self.aircraft, self.identifier, self.parameters, self.signals[whole], self.step)
+        return self if whole.all() else replace(self, signals=self.signals[whole])
 
     @cached_property
     def terms(self) -> Array:
@@ -164,11 +167,11 @@ class LearntModel:
 
     def with_values(self, values: Array) -> LearntModel:
         """The same rows under other parameter values (k,)."""
-        parameters = tuple(
-            Parameter(p.name, float(value), p.std, p.status, p.reason)
-            for p, value in zip(self.parameters, values, strict=True)
-        )
-        return LearntModel(self.aircraft, self.identifier, parameters, self.signals, self.step)
+        parameters = tuple(replace(p, value=float(v)) for p, v in zip(self.parameters, values, strict=True))
+        other = replace(self, parameters=parameters)
+        for name in _OF_ROWS & self.__dict__.keys():  # not worked out again
+            other.__dict__[name] = self.__dict__[name]
+        return other
 
 
 def standard_errors(learnt: LearntModel, numbers: Callable[[LearntModel], Mapping[str, Any]]) -> dict[str, float]:
@@ -177,10 +180,10 @@ def standard_errors(learnt: LearntModel, numbers: Callable[[LearntModel], Mappin
     Lists are left out. A draw for which there are no numbers (InputError) is too.
     """
     drawn: list[Mapping[str, Any]] = []
+    names = [name for name, value in numbers(learnt.flown).items() if isinstance(value, float)]
     for values in learnt.draws(DRAWS):
         with contextlib.suppress(InputError):
-            drawn.append(numbers(learnt.with_values(values)))
-    names = [name for name, value in numbers(learnt).items() if isinstance(value, float)]
+            drawn.append(numbers(learnt.flown.with_values(values)))
     return {name: float(np.std([each[name] for each in drawn])) if len(drawn) > 1 else np.nan for name in names}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
@@ -19,6 +20,8 @@ SEA_LEVEL_DENSITY = 1.225  # [kg/m^3] of the calibrated airspeed
 _TOLERANCE = 1e-6
 _STEP = 1e-5
 SLOPES = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "alpha_dot")
+#: The moment that each surface is there for.
+MOMENT_OF = {"de": "Cm", "da": "Cl", "dr": "Cn"}
 _UNKNOWN = ("alpha", "beta", *SURFACES, "Tc")
 
 
@@ -48,16 +51,8 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
         [np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else 0.0 for column in learnt.signals.T]
     )
     qbar = 0.5 * density * airspeed**2
-    for name, value in {
-        "V": airspeed,
-        "qbar": qbar,
-        "p": 0.0,
-        "q": 0.0,
-        "r": 0.0,
-        "alpha_dot": 0.0,
-        "beta_dot": 0.0,
-    }.items():
-        row[names.index(name)] = value
+    row[[names.index(name) for name in ("p", "q", "r", "alpha_dot", "beta_dot")]] = 0.0
+    row[names.index("V")], row[names.index("qbar")] = airspeed, qbar
     weight = aircraft.mass * STANDARD_GRAVITY / (qbar * aircraft.wing_area)
     read = learnt.reads("CX", "CY", "CZ", "Cl", "Cm", "Cn")
     free = [name for name in _UNKNOWN if name in read]
@@ -79,7 +74,7 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
         coefficients[2] += weight * np.cos(pitch)
         return np.asarray(coefficients[balanced])
 
-    found = least_squares(residual, np.zeros(len(free)), x_scale=0.1, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    found = least_squares(residual, np.zeros(len(free)), method="lm", xtol=1e-12, ftol=1e-14, gtol=1e-14)
     if not np.max(np.abs(found.fun)) < _TOLERANCE:
         raise InputError(
             f"the model {learnt.identifier} has no steady level flight at {airspeed:.1f} m/s: what it lacks of lift, "
@@ -106,6 +101,14 @@ def slopes(learnt: LearntModel, level: LevelFlight) -> Array:
     steady = np.array([learnt.terms_on(row[None])[0] for row in rows])  # each by itself: lags are in steady flight
     change = (steady[0::2] - steady[1::2]) / (2.0 * _STEP)
     return np.asarray(np.nan_to_num(change).T)
+
+
+def moment_signs(learnt: LearntModel, level: LevelFlight) -> dict[str, float]:
+    """+1 or -1 by surface: the sign of the moment that a positive deflection makes; 0 where it is not known."""
+    factors = slopes(learnt, level)
+    parts = [learnt.values[learnt.model.axis_slice(axis)] @ factors[learnt.model.axis_slice(axis)] for axis in AXES]
+    c = about_gravity(learnt) @ np.array(parts)
+    return {s: float(np.sign(c[AXES.index(axis), SLOPES.index(s)])) for s, axis in MOMENT_OF.items()}
 
 
 def about_gravity(learnt: LearntModel) -> Array:

@@ -21,7 +21,15 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import LearntModel
-from aircraft_sysid_ros.export.level_flight import SLOPES, LevelFlight, about_gravity, level_flight, slopes
+from aircraft_sysid_ros.export.level_flight import (
+    MOMENT_OF,
+    SLOPES,
+    LevelFlight,
+    about_gravity,
+    level_flight,
+    moment_signs,
+    slopes,
+)
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
@@ -148,7 +156,7 @@ def design(learnt: LearntModel, axis: str, actuator: Actuator) -> RateLoop:
     levels = [level_flight(learnt, trim), *(level_flight(learnt, speed) for speed in others)]
     own = learnt.values[None]
     nominal = [plants(learnt, level, axis, own) for level in levels]
-    sign = float(np.sign(nominal[0].b[0, 1]))
+    sign = moment_signs(learnt, levels[0])[_SURFACE[axis]]
     _check_known(learnt, axis, sign)
     scales = [(trim / level.airspeed) ** 2 for level in levels]
     ff = feed_forward(nominal[0]) * sign
@@ -238,8 +246,7 @@ def _names_of(learnt: LearntModel, axis: str) -> list[str]:
 
 def _check_known(learnt: LearntModel, axis: str, sign: float) -> None:
     """Raises InputError where the surface has no effect, or a value that matters has no standard error."""
-    moment = _AXES[axis][1]
-    name = f"{moment}_{_SURFACE[axis]}"
+    name = f"{MOMENT_OF[_SURFACE[axis]]}_{_SURFACE[axis]}"
     if sign == 0.0:
         raise InputError(
             f"no {axis} loop: {name} is not known, so excite the {_SURFACE[axis]} surface and replay again"
@@ -257,7 +264,7 @@ def _too_uncertain(
     names, best, culprit = learnt.model.parameter_names, -1.0, ""
     for name in _names_of(learnt, axis):
         k = names.index(name)
-        known = drawn.copy()
+        known = drawn[: len(drawn) // 5].copy()
         known[:, k] = learnt.values[k]
         stable = float(np.mean(stable_draws(learnt, axis, known, levels, *gains, actuator)))
         if stable > best:

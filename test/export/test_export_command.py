@@ -1,0 +1,147 @@
+"""``export`` and ``gains`` as users type them, and what they refuse: one sentence, exit status 2, nothing written."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from aircraft_sysid_ros.commands.main import main
+
+OUT = {
+    "jsbsim": "a.xml", "ardupilot-sitl": "a.json", "gazebo": "a.sdf", "px4": "a.params", "matlab": "a.mat",
+    "csv": "a.csv",
+}  # fmt: skip
+
+
+def answer(capsys, *words):
+    assert main([*map(str, words), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refused(capsys, *words):
+    """The sentence."""
+    assert main([*map(str, words)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1
+    return err
+
+
+@pytest.mark.parametrize("target", OUT)
+def test_every_target_is_written_with_range_and_warning(exported_run, tmp_path, capsys, target):
+    out = tmp_path / OUT[target]
+    found = answer(capsys, "export", exported_run, "--to", target, "--out", out)
+    assert out.stat().st_size > 500 and [f.name for f in tmp_path.iterdir()] == [OUT[target]]
+    assert found["file"] == str(out) and found["target"] == target
+    assert found["ranges"]["V"][0] > 10.0 and len(found["parameters"]) == 32
+    assert {p["status"] for p in found["parameters"]} <= {"USE", "HOLD", "REJECT"}
+    assert b"ot known to hold" in out.read_bytes() or b"OT KNOWN TO HOLD" in out.read_bytes()
+
+
+def test_people_are_told_the_range_and_what_is_lost(exported_run, tmp_path, capsys):
+    assert main(["export", str(exported_run), "--to", "gazebo", "--out", str(tmp_path / "a.sdf")]) == 0
+    said = capsys.readouterr().out
+    assert "OUTSIDE OF IT THE MODEL IS NOT KNOWN TO HOLD" in said and "lost over the flight's own rows" in said
+    assert "Cem0 and Cema" in said
+
+
+def test_the_table_and_the_mat_hold_the_parameters_as_the_run_has_them(exported_run, learnt, tmp_path, capsys):
+    listed = json.loads((exported_run / "parameters.json").read_text())["parameters"]
+    for target in ("csv", "matlab"):
+        answer(capsys, "export", exported_run, "--to", target, "--out", tmp_path / OUT[target])
+    lines = [line for line in (tmp_path / "a.csv").read_text().splitlines() if not line.startswith("#")]
+    rows = {row["parameter"]: row for row in csv.DictReader(lines)}
+    model = loadmat(tmp_path / "a.mat", simplify_cells=True)["model"]
+    for k, p in enumerate(listed):
+        assert float(rows[p["name"]]["value"]) == p["value"] == model["value"][k] == model["coefficients"][p["name"]]
+        assert float(rows[p["name"]]["standard_error"]) == p["std"] == pytest.approx(model["standard_error"][k])
+        assert rows[p["name"]]["status"] == p["status"] == model["status"][k]
+    assert float(rows["alpha"]["value"]) == learnt.ranges["alpha"][0] == model["range"]["alpha"][0]
+    assert np.sqrt(np.diag(model["covariance"])) == pytest.approx(model["standard_error"])
+    assert np.all(np.linalg.eigvalsh(model["covariance"]) > 0.0)
+
+
+def test_gains_are_written_for_either_autopilot(exported_run, tmp_path, capsys):
+    for target, name, one in (("px4", "a.params", "FW_RR_P"), ("arduplane", "a.param", "RLL_RATE_P")):
+        words = ("gains", exported_run, "--to", target, "--full-deflection", "25,20,30", "--out", tmp_path / name)
+        found = answer(capsys, *words)
+        value = next(g["value"] for g in found["gains"] if g["name"] == one)
+        assert f"{value:.6f}" in (tmp_path / name).read_text()
+        assert found["loops"]["roll"]["gain_margin_db"] > 9.99 and found["loops"]["pitch"]["stable_share"] > 0.994
+
+
+def copied(run, tmp_path):
+    return shutil.copytree(run, tmp_path / "copy")
+
+
+def test_a_run_without_use(exported_run, tmp_path, capsys):
+    run = copied(exported_run, tmp_path)
+    listed = json.loads((run / "parameters.json").read_text())
+    for p in listed["parameters"]:
+        p["status"], p["reason"] = "HOLD", "the air was taken as calm, and was not"
+    (run / "parameters.json").write_text(json.dumps(listed))
+    said = refused(capsys, "export", run, "--to", "csv", "--out", tmp_path / "a.csv")
+    assert "no parameter with USE (the air was taken as calm, and was not)" in said
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_a_file_that_is_there_is_kept_unless_it_shall_be_replaced(exported_run, tmp_path, capsys):
+    out = tmp_path / "a.csv"
+    out.write_text("mine")
+    words = ("export", exported_run, "--to", "csv", "--out", out)
+    assert "already there" in refused(capsys, *words) and out.read_text() == "mine"
+    answer(capsys, *words, "--overwrite")
+    assert out.read_text() != "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--to", "csv", "--out", "a.txt"], "ends in .csv"),
+        (["--to", "csv", "--out", "no/where/a.csv"], "the folder no/where is not there"),
+        (["--to", "xplane", "--out", "a.acf"], "invalid choice: 'xplane'"),
+        (["--to", "px4", "--target-version", "v0.1", "--out", "a.params"], "v0.1 of px4 is not known: it is main or"),
+        (["--to", "csv", "--out", "a.csv", "--model", "nope"], "has no model 'nope'"),
+        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,20"], "three positive degrees"),
+        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,0,nan"], "three positive degrees"),
+        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,20,300"], "three positive degrees"),
+    ],
+)
+def test_bad_input_is_one_sentence(exported_run, tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    if "xplane" in words:
+        with pytest.raises(SystemExit) as stopped:
+            main(["export", str(exported_run), *words])
+        assert stopped.value.code == 2
+        err = capsys.readouterr().err
+    else:
+        err = refused(capsys, "export", exported_run, *words)
+    assert said in err and not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_written_to(exported_run, tmp_path, capsys):
+    if os.geteuid() == 0:
+        out = "/proc/self/a.csv"  # where root may not write either
+    else:
+        (tmp_path / "locked").mkdir(mode=0o500)
+        out = tmp_path / "locked" / "a.csv"
+    assert "cannot write" in refused(capsys, "export", exported_run, "--to", "csv", "--out", out)
+
+
+def test_what_is_no_run_and_a_damaged_one(exported_run, tmp_path, capsys):
+    assert "is no run" in refused(capsys, "export", tmp_path, "--to", "csv", "--out", tmp_path / "a.csv")
+    run = copied(exported_run, tmp_path)
+    (run / "parameters.json").write_text("{")
+    said = refused(capsys, "gains", run, "--to", "px4", "--full-deflection", "25,20,30")
+    assert "damaged" in said and "parameters.json" in said
+
+
+def test_gains_ask_for_the_travel_of_the_surfaces_and_for_an_actuator_that_can_be(exported_run, capsys):
+    assert "--full-deflection" in refused(capsys, "gains", exported_run, "--to", "px4")
+    words = ("gains", exported_run, "--to", "px4", "--full-deflection", "25,20,30", "--actuator-lag", "nan")
+    assert "--actuator-lag" in refused(capsys, *words)

@@ -1,0 +1,138 @@
+"""Gains of rate loops: stable in other aeroplanes of the covariance, and refused where they would not be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import export as benchmark
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.export.autopilot_parameters import arduplane_gains, px4_gains
+from aircraft_sysid_ros.export.gains import gains
+from aircraft_sysid_ros.export.level_flight import level_flight
+from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, airspeeds_of, design
+
+ACTUATOR = Actuator()
+FULL = np.radians([25.0, 20.0, 30.0])
+
+
+@pytest.fixture(scope="module")
+def loops(learnt):
+    return {axis: design(learnt, axis, ACTUATOR) for axis in (ROLL, PITCH)}
+
+
+def with_std(learnt, factor=1.0, **std):
+    """The same model, its standard errors so many times as large, or given."""
+    parameters = tuple(replace(p, std=std.get(p.name, factor * p.std)) for p in learnt.parameters)
+    return replace(learnt, parameters=parameters)
+
+
+@pytest.mark.parametrize("axis", [ROLL, PITCH])
+def test_loops_are_stable_in_aeroplanes_drawn_from_the_covariance(learnt, loops, axis):
+    """By our simulator's accelerations and a sampled loop, neither of which the design knows."""
+    assert benchmark.stable_loops(learnt, loops[axis], ACTUATOR, learnt.draws(100, seed=7)) >= 99
+
+
+@pytest.mark.parametrize("axis", [ROLL, PITCH])
+def test_the_judge_calls_a_loop_of_the_wrong_sign_or_of_ten_times_the_gain_margin_unstable(learnt, loops, axis):
+    loop = loops[axis]
+    much = 1.5 * loop.gain_margin
+    for bad in (replace(loop, sign=-loop.sign, p=5 * loop.p), replace(loop, p=much * loop.p, i=much * loop.i)):
+        assert not benchmark.stable_loops(learnt, bad, ACTUATOR, learnt.values[None])
+
+
+@pytest.mark.parametrize("axis", [ROLL, PITCH])
+def test_the_gain_margin_is_where_the_loop_becomes_unstable(learnt, loops, axis):
+    loop = loops[axis]
+    for factor, stable in ((0.85, True), (1.15, False)):
+        k = factor * loop.gain_margin
+        other = replace(loop, p=k * loop.p, i=k * loop.i)
+        assert bool(benchmark.stable_loops(learnt, other, ACTUATOR, learnt.values[None])) is stable
+
+
+@pytest.mark.parametrize(
+    ("axis", "name", "std"),
+    [(ROLL, "Cl_da", 0.12), (ROLL, "Cl_p", 0.5), (PITCH, "Cm_de", 0.6), (PITCH, "Cm_alpha", 1.5)],
+)
+def test_what_is_too_uncertain_is_named(learnt, axis, name, std):
+    with pytest.raises(InputError, match=rf"no {axis} gains.*{name} = .* is too uncertain"):
+        design(with_std(learnt, **{name: std}), axis, ACTUATOR)
+
+
+@pytest.mark.parametrize("factor", [pytest.param(10.0, marks=pytest.mark.long), 40.0, 160.0])
+def test_whatever_the_uncertainty_gains_are_stable_or_refused(learnt, factor):
+    vague = with_std(learnt, factor)
+    try:
+        loop = design(vague, ROLL, ACTUATOR)
+    except InputError as error:
+        assert "too uncertain" in str(error)
+        return
+    assert benchmark.stable_loops(vague, loop, ACTUATOR, vague.draws(100, seed=11)) >= 99
+
+
+def test_an_unknown_surface_and_a_missing_standard_error_are_refused(learnt):
+    k = learnt.model.parameter_names.index("Cl_da")
+    values = learnt.values.copy()
+    values[k] = 0.0
+    with pytest.raises(InputError, match="Cl_da is not known"):
+        design(learnt.with_values(values), ROLL, ACTUATOR)
+    with pytest.raises(InputError, match="Cl_p has no standard error"):
+        design(with_std(learnt, Cl_p=np.nan), ROLL, ACTUATOR)
+
+
+def response_to(learnt, loop, autopilot_surface, seconds=3.0):
+    """Rate [rad/s] at the end of a setpoint of 1: the autopilot's formula against our simulator's accelerations."""
+    level = level_flight(learnt, airspeeds_of(learnt)[0])
+    own = benchmark.OwnAeroplane(learnt)
+    a, b = benchmark.fast_modes(own, level)
+    surface, rate = (0, 3) if loop.axis == PITCH else (1, 2)
+    step, n = 0.005, len(a)
+    continuous = np.zeros((n + 1, n + 1))
+    continuous[:n, :n], continuous[:n, n] = a, b[:, surface]
+    discrete = expm(continuous * step)[:n]
+    x, integral = np.zeros(n), 0.0
+    for _ in range(round(seconds / step)):
+        error = 1.0 - x[rate]
+        deflection = autopilot_surface(error, integral, 1.0)
+        integral += error * step
+        x = discrete @ [*x, deflection]
+    return x[rate]
+
+
+@pytest.mark.parametrize("axis", [ROLL, PITCH])
+def test_with_either_autopilots_formula_the_rate_follows_its_setpoint(learnt, loops, axis):
+    loop, level = loops[axis], level_flight(learnt, airspeeds_of(learnt)[0])
+    full = {ROLL: FULL[1], PITCH: FULL[0]}
+    px4 = {e.name.split("_")[-1]: e.value for e in px4_gains([loop], full)}
+    plane = {e.name.split("_")[-1]: e.value for e in arduplane_gains([loop], full, level)}
+    assert plane.pop("SPEED") == pytest.approx(level.calibrated_airspeed)
+    to_true = level.airspeed / level.calibrated_airspeed
+
+    def of_px4(error, integral, setpoint):  # airspeed scaling 1 at trim; -1 to 1, positive moment
+        command = px4["P"] * error + px4["I"] * integral + px4["FF"] * setpoint
+        return loop.sign * full[axis] * command
+
+    def of_arduplane(error, integral, setpoint):  # degrees of 45
+        out = np.degrees(plane["P"] * error + plane["I"] * integral + plane["FF"] * setpoint / to_true)
+        return loop.sign * full[axis] * out / 45.0
+
+    assert of_px4(0.3, 0.2, 1.0) == pytest.approx(of_arduplane(0.3, 0.2, 1.0))
+    assert response_to(learnt, loop, of_px4) == pytest.approx(1.0, abs=0.05)
+    by_feed_forward = response_to(learnt, loop, lambda error, integral, setpoint: of_px4(0.0, 0.0, setpoint))
+    assert by_feed_forward == pytest.approx(1.0, abs=0.05)
+
+
+def test_margins_and_limits_are_stated(learnt, loops):
+    for loop in loops.values():
+        assert loop.gain_margin >= 10 ** (10 / 20) * 0.999
+        assert loop.phase_margin >= np.radians(60.0) * 0.999 or np.isinf(loop.phase_margin)
+        assert 0.0 < loop.p <= 0.5 * loop.ff * 1.0001
+    said = "\n".join(gains(learnt, "arduplane", FULL, ACTUATOR).notes)
+    assert "gain margin of 10 dB" in said and "60 deg" in said and "level flight at" in said
+
+
+def test_a_slower_actuator_gets_less_gain(learnt, loops):
+    assert design(learnt, PITCH, Actuator(0.1, 0.1)).p < loops[PITCH].p
