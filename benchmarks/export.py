@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jsbsim
 import numpy as np
 import numpy.typing as npt
 
@@ -27,7 +27,8 @@ from aircraft_sysid_ros.aircraft import earth, rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.frames import euler_angles, rotation_matrix
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
-from aircraft_sysid_ros.export.ardupilot_sitl import export_ardupilot_sitl
+from aircraft_sysid_ros.export import gazebo
+from aircraft_sysid_ros.export.ardupilot_sitl import export_ardupilot_sitl, thrust_part
 from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.gazebo import export_gazebo
 from aircraft_sysid_ros.export.jsbsim import FOOT, POUND, SURFACES, THRUST, export_jsbsim, property_of
@@ -98,6 +99,8 @@ class ExportedAeroplane:
     """The exported file in JSBSim."""
 
     def __init__(self, learnt: LearntModel, content: str) -> None:
+        import jsbsim
+
         self.learnt, self.executive = learnt, jsbsim.FGFDMExec(None)
         self.executive.set_debug_level(0)
         self.executive.set_dt(STEP)  # before it is loaded: filters are made for a step
@@ -327,6 +330,14 @@ def judge_gains(learnt: LearntModel, actuator: Actuator | None = None) -> dict[s
     return found
 
 
+def _beside_constants(learnt: LearntModel) -> dict[str, float]:
+    """What Gazebo loses besides the constants that it has no place for."""
+    flown = learnt.flown
+    missed = gazebo.body_coefficients(gazebo.coefficients(flown), flown, flown.signals) + thrust_part(flown)
+    missed -= flown.coefficients
+    return dict(zip(AXES, (np.std(missed, axis=0) / np.std(flown.coefficients, axis=0)).tolist(), strict=True))
+
+
 def judge(name: str, duration: float) -> dict[str, Any]:
     """One aeroplane."""
     with tempfile.TemporaryDirectory() as folder:
@@ -339,6 +350,7 @@ def judge(name: str, duration: float) -> dict[str, Any]:
         "lost": {
             "ardupilot-sitl": dict(export_ardupilot_sitl(learnt, reached(learnt)).lost),
             "gazebo": dict(export_gazebo(learnt).lost),
+            "gazebo, constants apart": _beside_constants(learnt),
         },
         "gains": judge_gains(learnt),
     }
@@ -346,6 +358,7 @@ def judge(name: str, duration: float) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    os.environ["JSBSIM_DEBUG"] = "0"
     parser.add_argument("--duration", type=float, default=120.0)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "export.json")
     arguments = parser.parse_args()

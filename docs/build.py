@@ -22,6 +22,7 @@ import certificate_tables
 import check_tables
 import closed_loop_tables
 import diagnosis_tables
+import export_tables
 import gusts_tables
 import mavlink_tables
 import node_tables
@@ -544,6 +545,11 @@ def nodes(name: str) -> Callable[[], str]:
     return lambda: table(*node_tables.TABLES[name]())
 
 
+def exported(name: str) -> Callable[[], str]:
+    """A table of docs/export.md."""
+    return lambda: table(*export_tables.TABLES[name](load("export")))
+
+
 def checked(name: str) -> Callable[[], str]:
     """One of the tables of docs/check.md."""
     return lambda: table(*check_tables.TABLES[name](load("flight_check")))
@@ -609,6 +615,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "workbench": workbench,
     **{f"mavlink_{name}": mavlink(name) for name in mavlink_tables.TABLES},
     **{f"check_{name}": checked(name) for name in check_tables.TABLES},
+    **{f"export_{name}": exported(name) for name in export_tables.TABLES},
     **{f"nodes_{name}": nodes(name) for name in node_tables.TABLES},
     "aircraft_keys": lambda: table(*node_tables.aircraft_keys()),
     **{f"trust_{name}": trust(name) for name in trust_tables.TABLES},

@@ -207,8 +207,9 @@ def not_held(learnt: LearntModel, held: Mapping[str, Sequence[str]]) -> list[str
         names = learnt.model.parameter_names[learnt.model.axis_slice(axis)]
         for name, term in zip(names, learnt.model.terms[axis], strict=True):
             if term not in canonical[axis] and learnt.value(name) != 0.0:
+                what = "its constant" if term == "1" else f"the term {term}"
                 sentences.append(
-                    f"{axis}: no place for the term {term}, which moves {axis} by {100.0 * shares[name]:.2g} % of its "
+                    f"{axis}: no place for {what}, which moves {axis} by {100.0 * shares[name]:.2g} % of its "
                     "spread; what the other terms can take of it they have"
                 )
     return sentences

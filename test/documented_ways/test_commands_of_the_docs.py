@@ -34,6 +34,8 @@ NOT_RUN = {
     "colcon": _ORDINARY,
     "aircraft-sysid check": "test/flight_check runs it, on simulated and on real recordings",
     "aircraft-sysid import": "test/recordings/test_autopilot_import.py imports a log of every kind",
+    "aircraft-sysid export": "test/export/test_export_command.py writes a file of every target",
+    "aircraft-sysid gains": "test/export/test_export_command.py, for either autopilot",
     "aircraft-sysid calibrate": "test/commands/test_calibrate.py, from the flight to the corrected replay",
     "aircraft-sysid simulate calibration": "test/commands/test_calibrate.py flies it",
     "aircraft-sysid replay --calibration": "test/commands/test_calibrate.py replays with what it has found",

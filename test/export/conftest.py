@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("jsbsim")
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import export as benchmark
 

@@ -7,12 +7,14 @@ from dataclasses import replace
 import export as benchmark
 import numpy as np
 import pytest
+from models import with_terms
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.export.jsbsim import OUTSIDE, export_jsbsim, lag_property, property_of
 from aircraft_sysid_ros.export.learnt_model import LearntModel, Parameter
 
+pytest.importorskip("jsbsim")
 #: Terms of every function and operator of expressions.
 ODD_TERMS = {
     "CX": ["1", "alpha**2", "Tc", "exp(-V/20)", "sqrt(abs(alpha))"],
@@ -22,15 +24,6 @@ ODD_TERMS = {
     "Cm": ["1", "alpha", "q", "cos(alpha)/(1+alpha)"],
     "Cn": ["beta", "dr", "mach", "qbar/1000"],
 }
-
-
-def with_terms(learnt, terms, reference=(0.0, 0.0, 0.0)):
-    """The rows of a run under another model, whose parameters are drawn."""
-    model = model_from_terms(terms)
-    aircraft = replace(learnt.aircraft, model=model, aerodynamic_reference=np.array(reference))
-    values = np.random.default_rng(1).uniform(-1.0, 1.0, len(model.parameter_names))
-    listed = tuple(Parameter(n, float(v), 0.01, "USE") for n, v in zip(model.parameter_names, values, strict=True))
-    return LearntModel(aircraft, "odd", listed, learnt.signals, learnt.step)
 
 
 def in_jsbsim(learnt):

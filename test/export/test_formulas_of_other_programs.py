@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from test_flown_by_jsbsim import with_terms
+from models import with_terms
 
 from aircraft_sysid_ros.export.ardupilot_sitl import export_ardupilot_sitl
 from aircraft_sysid_ros.export.gazebo import export_gazebo
@@ -332,12 +332,8 @@ def test_without_the_travel_of_the_surfaces_px4_gets_no_trims(learnt, of_pull_re
     assert reached(learnt) == pytest.approx([max(map(abs, learnt.ranges[n])) for n in ("de", "da", "dr")])
 
 
-def test_numbers_of_files_carry_standard_errors_and_the_range(learnt):
-    for text in (
-        export_ardupilot_sitl(learnt, FULL).content,
-        export_gazebo(learnt).content,
-        export_px4(learnt, FULL).content,
-    ):
+def test_numbers_of_files_carry_standard_errors_and_the_range(learnt, for_sitl, for_gazebo, with_trims):
+    for text in (for_sitl.content, for_gazebo.content, with_trims.content):
         assert "OUTSIDE OF IT THE MODEL IS NOT KNOWN TO HOLD" in text
         assert f"alpha: {learnt.ranges['alpha'][0]:.4g} to {learnt.ranges['alpha'][1]:.4g} rad" in text
         assert "CZ_alpha = " in text and " USE" in text

@@ -1,0 +1,65 @@
+"""Tables of docs/export.md: exported aeroplanes in JSBSim, what other targets lose, and gains on drawn aeroplanes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+Table = tuple[list[str], list[list[str]]]
+_AXES = {"CX": "C_X", "CY": "C_Y", "CZ": "C_Z", "Cl": "C_l", "Cm": "C_m", "Cn": "C_n"}
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.1f} %"
+
+
+def states(result: Mapping[str, Any]) -> Table:
+    """Coefficients at the true states of another flight."""
+    rows = []
+    for name, found in result["aeroplanes"].items():
+        for who, words in (("nrmse_model", "identified model"), ("nrmse_jsbsim", "exported file in JSBSim")):
+            rows.append([name, words, *(_percent(found["states"][who][axis]) for axis in _AXES)])
+    return ["aeroplane", "error on the held-out flight", *_AXES.values()], rows
+
+
+def pieces(result: Mapping[str, Any]) -> Table:
+    """Free flight."""
+    rows = []
+    for name, found in result["aeroplanes"].items():
+        of = found["pieces"]
+        for who, words in (("nrmse_own", "our simulator"), ("nrmse_jsbsim", "JSBSim"), ("apart", "between them")):
+            rows.append([name, words, *(_percent(value) for value in of[who].values())])
+    names = list(next(iter(result["aeroplanes"].values()))["pieces"]["apart"])
+    return ["aeroplane", "2 s of free flight, by", *names], rows
+
+
+def lost(result: Mapping[str, Any]) -> Table:
+    """What other targets miss of each coefficient."""
+    rows = [
+        [name, target, *(_percent(share[axis]) for axis in _AXES)]
+        for name, found in result["aeroplanes"].items()
+        for target, share in found["lost"].items()
+    ]
+    return ["aeroplane", "lost by", *_AXES.values()], rows
+
+
+def gains(result: Mapping[str, Any]) -> Table:
+    """Loops closed on aeroplanes from the covariance."""
+    rows = [
+        [
+            name, axis, f"{loop['ff']:.3f}", f"{loop['p']:.3f}", f"{loop['i']:.3f}", f"{loop['gain_margin_db']:.1f} dB",
+            f"{loop['phase_margin_deg']:.0f}°", f"{loop['stable']} of {loop['draws']}",
+        ]
+        for name, found in result["aeroplanes"].items()
+        for axis, loop in found["gains"].items()
+    ]  # fmt: skip
+    header = ["aeroplane", "loop", "FF [s]", "P [s]", "I [-]", "gain margin", "phase margin", "stable"]
+    return header, rows
+
+
+TABLES: dict[str, Callable[[Mapping[str, Any]], Table]] = {
+    "states": states,
+    "pieces": pieces,
+    "lost": lost,
+    "gains": gains,
+}
