@@ -198,15 +198,18 @@ class RunWriter:
                 said = rows[:, [StateField.STATUS, StateField.CONTRADICTION]].astype(int)
                 texts = np.array([status_text(*each) for each in said.tolist()])
                 fields = {**out.state_fields(rows), "status_text": texts}
-                writer.write(out.STATE_TOPIC, out.STATE_TYPE, stamps, fields)
-                writer.write(out.WIND_TOPIC, out.WIND_TYPE, stamps, out.wind_fields(rows))
+                writer.write(out.STATE_TOPIC, out.STATE_TYPE, stamps, fields, frame_id=out.MAP_NED)
+                if (known := out.knows_wind(rows)).any():
+                    wind = out.wind_fields(rows[known])
+                    writer.write(out.WIND_TOPIC, out.WIND_TYPE, stamps[known], wind, frame_id=out.MAP)
             for estimates, errors in itertools.chain(self._told, [self._newest] if self._newest is not None else []):
                 stamp = int(nanoseconds(np.array(estimates.time), epoch))
-                content = {"header": {"stamp": stamp}, **out.parameters_content(estimates)}
+                header = {"stamp": stamp, "frame_id": out.BASE_FRD}
+                content = {"header": header, **out.parameters_content(estimates)}
                 writer.write_message(out.PARAMETERS_TOPIC, out.PARAMETERS_TYPE, stamp, content)
                 window = parameters.options.error_window
                 error = out.model_error_content(estimates.model, window, errors)
-                content = {"header": {"stamp": stamp}, **error}
+                content = {"header": header, **error}
                 writer.write_message(out.MODEL_ERROR_TOPIC, out.MODEL_ERROR_TYPE, stamp, content)
 
     def _write_points(self, path: Path, epoch: int, parameters: Identifier) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -11,6 +13,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
+from aircraft_sysid_ros import __version__
 from aircraft_sysid_ros.errors import IncompleteError, InputError, echo, without_control
 from aircraft_sysid_ros.installation import unmet_requirement
 from aircraft_sysid_ros.json_text import json_text
@@ -53,10 +56,23 @@ TRACEBACK = "AIRCRAFT_SYSID_TRACEBACK"
 
 
 class _Parser(argparse.ArgumentParser):
-    """Bad options are bad input: one line, exit status 2."""
+    """Bad options are bad input: one line, exit status 2, with the word that was meant where one is near."""
+
+    known: Sequence[str] = ()  # options of the command that was given
 
     def error(self, message: str) -> Any:
+        message = f"{message}{self._meant(message)}"
         self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+    def _meant(self, message: str) -> str:
+        """Of a command, a choice or an option that is not there the nearest that is."""
+        found = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)", message)
+        if not found:
+            return ""
+        word, choices, option = found.groups()
+        known = [choice.strip("' ") for choice in choices.split(",")] if option is None else self.known
+        near = difflib.get_close_matches(option or word, known, n=1)
+        return f": did you mean {near[0]}?" if near else ""
 
 
 def build_parser(command: str | None) -> argparse.ArgumentParser:
@@ -65,6 +81,7 @@ def build_parser(command: str | None) -> argparse.ArgumentParser:
         prog="aircraft-sysid",
         description="Online adaptive system identification of aircraft, on ROS 2.",
     )
+    parser.add_argument("--version", action="version", version=f"aircraft-sysid {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, (module_name, purpose) in COMMANDS.items():
         if name != command:
@@ -73,6 +90,7 @@ def build_parser(command: str | None) -> argparse.ArgumentParser:
         module = import_module(f"aircraft_sysid_ros.commands.{module_name}")
         subparser = module.add_parser(subparsers)
         subparser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+        parser.known = [*subparser._option_string_actions]
         subparser.set_defaults(module=module, prog=f"{parser.prog} {command}")
     return parser
 

@@ -19,7 +19,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.logging import get_logger
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 NANOSECONDS = 1_000_000_000
@@ -32,6 +32,11 @@ SPIN_TIMEOUT = 0.1
 def state_quality() -> QoSProfile:
     """Between our own nodes nothing may be lost. Fast DDS takes 5000 at once; what is more waits at the publisher."""
     return QoSProfile(depth=50_000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def newest_quality() -> QoSProfile:
+    """For what comes seldom: who subscribes later, transient local too, gets the newest at once."""
+    return QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def message_class(type_name: str) -> Any:
@@ -51,8 +56,9 @@ def fill(message: Any, content: dict[str, Any]) -> Any:
     return message
 
 
-def stamp_of(message: Any, nanoseconds: int) -> Any:
-    """Set the stamp of a message's header."""
+def stamp_of(message: Any, nanoseconds: int, frame: str = "") -> Any:
+    """Set stamp and frame of a message's header."""
+    message.header.frame_id = frame
     message.header.stamp.sec = nanoseconds // NANOSECONDS
     message.header.stamp.nanosec = nanoseconds % NANOSECONDS
     return message

@@ -84,7 +84,7 @@ class ModelServices:
     def offer(self) -> None:
         """Publishers and services."""
         node = self._node
-        self._publisher = node.publisher(MissingEffects, "~/missing_effects", 10)
+        self._publisher = node.publisher(MissingEffects, "~/missing_effects", common.newest_quality())
         node.service(AddEffect, "~/add_effect", lambda request, response: self._answer(request, response, self._add))
         node.service(
             RemoveEffect, "~/remove_effect", lambda request, response: self._answer(request, response, self._remove)

@@ -28,6 +28,7 @@ from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, message_fields, nanoseconds_of, to_samples
 from aircraft_sysid_ros.ros_messages.output_messages import (
+    BASE_FRD,
     model_error_content,
     parameters_content,
     row_from_state,
@@ -60,12 +61,12 @@ class ParameterEstimatorNode(EstimatorNode):
         self.on_parameters: Callable[[Any, Any], None] | None = None
         self.on_samples: Callable[[Any], None] | None = None
         self._epoch: int | None = None  # of the states; controls before the first state wait for it
-        self._due = -np.inf
+        self._due, self._has_published = -np.inf, False
         self.model_services = ModelServices(self)
 
     def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> Identifier:
         """The estimator, compiled."""
-        self._epoch, self._due = None, -np.inf
+        self._epoch, self._due, self._has_published = None, -np.inf, False
         options = options_from(ParameterOptions, values)
         more = (VANES_TOPIC, *MORE_INPUTS.get(options.estimator, ()))
         if self.correction is not None and self.correction.uses_probe:
@@ -92,7 +93,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def offer(self) -> None:
         """Parameters, model error, services on the model."""
-        self._parameters_publisher = self.publisher(Parameters, "~/parameters", 10)
+        self._parameters_publisher = self.publisher(Parameters, "~/parameters", common.newest_quality())
         self._model_error_publisher = self.publisher(ModelError, "~/model_error", 10)
         self.service(Reset, "~/reset", self._on_reset)
         self.service(SaveModel, "~/save_model", self._on_save)
@@ -191,6 +192,9 @@ class ParameterEstimatorNode(EstimatorNode):
             return
         now = self.estimator.time
         if not self._due - PERIOD - STALE <= now < self._due:
+            if not self._has_published:
+                self._has_published = True
+                self.get_logger().info("the first parameters are there")
             self._due = now + PERIOD
             estimates, errors = self.estimator.snapshot(), self.estimator.model_error()
             if self.on_parameters is not None:
@@ -206,14 +210,14 @@ class ParameterEstimatorNode(EstimatorNode):
     def _publish_parameters(self, now: float, estimates: ParameterSet) -> None:
         content = parameters_content(estimates)
         content["parameters"] = [Parameter(**p) for p in content["parameters"]]
-        message = common.stamp_of(common.fill(Parameters(), content), self._stamp(now))
+        message = common.stamp_of(common.fill(Parameters(), content), self._stamp(now), BASE_FRD)
         self._parameters_publisher.publish(message)
 
     def _publish_model_error(self, now: float, errors: list[modelling.AxisError]) -> None:
         estimator = self.estimator
         content = model_error_content(estimator.model.identifier, estimator.options.error_window, errors)
         content["axes"] = [AxisError(**axis) for axis in content["axes"]]
-        message = common.stamp_of(common.fill(ModelError(), content), self._stamp(now))
+        message = common.stamp_of(common.fill(ModelError(), content), self._stamp(now), BASE_FRD)
         self._model_error_publisher.publish(message)
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:

@@ -10,6 +10,7 @@ import numpy as np
 from aircraft_sysid_msgs.msg import AircraftState
 from aircraft_sysid_msgs.srv import Reset
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
@@ -23,7 +24,15 @@ from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField, status_text
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, warm_up
 from aircraft_sysid_ros.ros_messages.conversion import message_fields, to_samples
-from aircraft_sysid_ros.ros_messages.output_messages import state_fields, wind_fields
+from aircraft_sysid_ros.ros_messages.output_messages import (
+    BASE,
+    MAP,
+    MAP_NED,
+    knows_wind,
+    odometry_content,
+    state_fields,
+    wind_fields,
+)
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 INPUTS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data")
@@ -70,9 +79,10 @@ class StateEstimatorNode(EstimatorNode):
         return estimator
 
     def offer(self) -> None:
-        """State, wind, reset."""
+        """State, wind, odometry, reset."""
         self._state_publisher = self.publisher(AircraftState, "~/state", common.state_quality())
         self._wind_publisher = self.publisher(TwistWithCovarianceStamped, "~/wind", 10)
+        self._odometry_publisher = self.publisher(Odometry, "~/odometry", 10)
         self.service(Reset, "~/reset", self._on_reset)
 
     def take(self, topic: str, message: Any) -> None:
@@ -128,33 +138,51 @@ class StateEstimatorNode(EstimatorNode):
     def _publish(self, rows: Any) -> None:
         if not len(rows):
             return
+        if not self.rows_published:
+            self.get_logger().info("the first state is there")
         self.rows_published += len(rows)
         if self.on_rows is not None:
             self.on_rows(rows)
         stamps = nanoseconds(rows[:, StateField.TIME], self.estimator.epoch)
-        fields, wind = state_fields(rows), wind_fields(rows[-1:])
+        fields = state_fields(rows)
         said = rows[:, [StateField.STATUS, StateField.CONTRADICTION]].astype(int)
         for i, stamp in enumerate(stamps):
             content = {name: _plain(values[i]) for name, values in fields.items()}
             message = common.fill(AircraftState(), content)
             message.status_text = status_text(*said[i].tolist())
-            self._state_publisher.publish(common.stamp_of(message, int(stamp)))
-        self._publish_wind(wind, int(stamps[-1]))
+            self._state_publisher.publish(common.stamp_of(message, int(stamp), MAP_NED))
+        self._publish_newest(rows[-1:], int(stamps[-1]))
         if self.on_states is not None:
             self.on_states(rows, stamps)
 
-    def _publish_wind(self, wind: dict[str, Any], stamp: int) -> None:
-        message = TwistWithCovarianceStamped()
-        for part in ("linear", "angular"):
-            vector = getattr(message.twist.twist, part)
-            vector.x, vector.y, vector.z = (float(v) for v in wind[f"twist.twist.{part}"][0])
-        message.twist.covariance = wind["twist.covariance"][0]
-        self._wind_publisher.publish(common.stamp_of(message, stamp))
+    def _publish_newest(self, rows: Any, stamp: int) -> None:
+        """Wind, where it is estimated, and odometry of the newest row (1, StateField.WIDTH)."""
+        if knows_wind(rows)[0]:
+            fields, wind = wind_fields(rows), TwistWithCovarianceStamped()
+            for part in ("linear", "angular"):
+                _set(getattr(wind.twist.twist, part), fields[f"twist.twist.{part}"][0])
+            wind.twist.covariance = fields["twist.covariance"][0]
+            self._wind_publisher.publish(common.stamp_of(wind, stamp, MAP))
+        if not np.isfinite(rows[0, StateField.POSITION.start : StateField.VELOCITY.stop]).all():
+            return
+        content, odometry = odometry_content(rows[0]), Odometry(child_frame_id=BASE)
+        _set(odometry.pose.pose.position, content["position"])
+        _set(odometry.pose.pose.orientation, content["orientation"])
+        _set(odometry.twist.twist.linear, content["linear"])
+        _set(odometry.twist.twist.angular, content["angular"])
+        odometry.pose.covariance, odometry.twist.covariance = content["pose_covariance"], content["twist_covariance"]
+        self._odometry_publisher.publish(common.stamp_of(odometry, stamp, MAP))
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self.begin_anew()
         response.success, response.message = True, "the state starts anew"
         return response
+
+
+def _set(vector: Any, values: Any) -> None:
+    """Components of a vector or quaternion of geometry_msgs."""
+    for name, value in zip("xyzw", values, strict=False):
+        setattr(vector, name, float(value))
 
 
 def _plain(value: Any) -> Any:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.frames import euler_angles
+from aircraft_sysid_ros.aircraft.frames import euler_angles, rotation_matrix
 from aircraft_sysid_ros.identification.monitoring.error_window import AxisError
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.ros_messages.conversion import enu_from_ned
+from aircraft_sysid_ros.ros_messages.conversion import enu_from_ned, flu_from_frd, quaternion_enu_flu
 
 Array = npt.NDArray[np.float64]
 
@@ -23,6 +23,11 @@ STATE_TYPE = "aircraft_sysid_msgs/msg/AircraftState"
 WIND_TYPE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 PARAMETERS_TYPE = "aircraft_sysid_msgs/msg/Parameters"
 MODEL_ERROR_TYPE = "aircraft_sysid_msgs/msg/ModelError"
+
+#: Frames of REP 103 and REP 105, whose origin is that of the state: ENU and FLU, NED and FRD.
+MAP, BASE, MAP_NED, BASE_FRD = "map", "base_link", "map_ned", "base_link_frd"
+#: Variance of what is not estimated, for messages that have no other way to say so.
+UNKNOWN = 1e6
 
 #: Fields of AircraftState that are columns of a row of reconstructed states.
 _STATE_COLUMNS: dict[str, slice | int] = {
@@ -74,18 +79,46 @@ def row_from_state(message: Any, time: float) -> Array:
     return row
 
 
+def knows_wind(rows: Array) -> npt.NDArray[np.bool_]:
+    """Rows (n,) in which the wind is estimated."""
+    return np.asarray(np.isfinite(rows[:, StateField.WIND]).all(axis=1))
+
+
 def wind_fields(rows: Array) -> dict[str, npt.NDArray[Any]]:
-    """Flat fields of TwistWithCovarianceStamped, ENU; what is not estimated has the covariance -1."""
+    """Flat fields of TwistWithCovarianceStamped, ENU, of rows that know the wind; its rotation is not estimated."""
     n = len(rows)
-    variance = np.square(rows[:, _WIND_STD])[:, [1, 0, 2]]
-    covariance = np.zeros((n, 36))
-    for i in range(3):
-        covariance[:, 7 * i] = np.where(np.isnan(variance[:, i]), -1.0, variance[:, i])
-        covariance[:, 21 + 7 * i] = -1.0  # the rotation of the air is not estimated
+    covariance = np.zeros((n, 6, 6))
+    for i, source in enumerate((1, 0, 2)):
+        covariance[:, i, i] = np.square(rows[:, _WIND_STD])[:, source]
+        covariance[:, 3 + i, 3 + i] = UNKNOWN
     return {
         "twist.twist.linear": enu_from_ned(rows[:, StateField.WIND]),
-        "twist.twist.angular": np.full((n, 3), np.nan),
-        "twist.covariance": covariance,
+        "twist.twist.angular": np.zeros((n, 3)),
+        "twist.covariance": covariance.reshape(n, 36),
+    }
+
+
+def odometry_content(row: Array) -> dict[str, Any]:
+    """Fields of nav_msgs/Odometry from one row (StateField.WIDTH,), in ``map``, ENU, and ``base_link``, FLU at the IMU.
+
+    The velocity is that over ground. Covariances are those of the standard deviations, turned into the frames.
+    """
+    std = row[StateField.STANDARD_DEVIATIONS]
+    turn = rotation_matrix(row[StateField.ATTITUDE])
+    body_from_ned = np.diag([1.0, -1.0, -1.0]) @ turn.T  # FLU
+    enu_from_body = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]) @ turn
+    pose, twist = np.zeros((6, 6)), np.zeros((6, 6))
+    pose[:3, :3] = np.diag(std[[4, 3, 5]] ** 2)
+    pose[3:, 3:] = enu_from_body @ np.diag(std[6:9] ** 2) @ enu_from_body.T
+    twist[:3, :3] = body_from_ned @ np.diag(std[0:3] ** 2) @ body_from_ned.T
+    twist[3:, 3:] = np.diag(std[12:15] ** 2)
+    return {
+        "position": enu_from_ned(row[StateField.POSITION]),
+        "orientation": quaternion_enu_flu(row[StateField.ATTITUDE]),
+        "linear": body_from_ned @ row[StateField.VELOCITY],
+        "angular": flu_from_frd(row[StateField.ANGULAR_VELOCITY]),
+        "pose_covariance": pose.ravel(),
+        "twist_covariance": twist.ravel(),
     }
 
 

@@ -181,6 +181,8 @@ def test_a_folder_without_permission(cli, bag, aircraft_file, tmp_path):
     [
         ("", ("COMMAND", "--help")),
         ("fly", ("invalid choice: 'fly'", "simulate")),
+        ("replya BAG", ("invalid choice: 'replya'", ": did you mean replay?; see aircraft-sysid --help")),
+        ("compare RUN --jsno", ("unrecognized arguments: --jsno: did you mean --json?",)),
         ("replay", ("required", "BAG")),
         ("replay BAG --aircraft FILE --out RUN --horizon soon", ("--horizon", "'soon'")),
         ("replay BAG --aircraft FILE --out RUN --horizon -1", ("--horizon must be between 0 and 5",)),

@@ -62,12 +62,12 @@ class Bench:
 
         self.spin_until(done_or_said)
 
-    def listen(self, kind, topic):
+    def listen(self, kind, topic, quality=None):
         """The list that receives the messages of a topic."""
         from rclpy.qos import QoSProfile
 
         messages = []
-        self.helper.create_subscription(kind, topic, messages.append, QoSProfile(depth=5000))
+        self.helper.create_subscription(kind, topic, messages.append, quality or QoSProfile(depth=5000))
         return messages
 
     def call(self, kind, name, **request):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from aircraft_sysid_msgs.msg import AircraftState, ModelError, Parameter, Parameters
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
 
-from aircraft_sysid_ros.nodes.common import start
+from aircraft_sysid_ros.nodes.common import newest_quality, start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
@@ -29,6 +30,7 @@ def flown(bench, raw):
     heard = {
         "state": bench.listen(AircraftState, "state_estimator/state"),
         "wind": bench.listen(TwistWithCovarianceStamped, "state_estimator/wind"),
+        "odometry": bench.listen(Odometry, "state_estimator/odometry"),
         "parameters": bench.listen(Parameters, "parameter_estimator/parameters"),
         "model_error": bench.listen(ModelError, "parameter_estimator/model_error"),
     }
@@ -41,7 +43,7 @@ def flown(bench, raw):
     bench.spin_until(lambda: parameters.states_received == state.rows_published)
     parameters.finish()
     bench.spin_until(lambda: len(heard["state"]) == len(rows) and len(heard["model_error"]) == len(sets))
-    bench.spin_until(lambda: len(heard["parameters"]) == len(sets) and heard["wind"])
+    bench.spin_until(lambda: len(heard["parameters"]) == len(sets) and heard["wind"] and heard["odometry"])
     return state, parameters, heard, np.array(rows), sets
 
 
@@ -49,6 +51,7 @@ def test_messages_say_what_the_estimators_say(flown):
     state, parameters, heard, rows, sets = flown
     check_states(state, heard["state"], rows)
     check_wind(state, heard["wind"], rows)
+    check_odometry(state, heard["odometry"], rows)
     check_parameters(heard["parameters"], sets, parameters._epoch)
     check_model_error(heard["model_error"], sets, parameters.estimator.options.error_window)
     assert all(p.status == Parameter.HOLD and p.reason for p in heard["parameters"][0].parameters)
@@ -94,7 +97,35 @@ def check_wind(node, messages, rows):
         assert [covariance[0], covariance[7], covariance[14]] == pytest.approx(
             [deviations[i] ** 2 for i in (1, 0, 2)], rel=1e-14
         )
-        assert [covariance[i] for i in (21, 28, 35)] == [-1.0] * 3
+        assert [covariance[i] for i in (21, 28, 35)] == [1e6] * 3  # nobody knows how the air turns
+        angular = message.twist.twist.angular
+        assert (angular.x, angular.y, angular.z) == (0.0, 0.0, 0.0) and message.header.frame_id == "map"
+
+
+def check_odometry(node, messages, rows):
+    """Forward and up are where the attitude of the state has them, and the velocity over ground closes."""
+    by_stamp = dict(zip(nanoseconds(rows[:, StateField.TIME], node.estimator.epoch).tolist(), rows, strict=True))
+    assert len(messages) > 5
+    for message in messages:
+        assert (message.header.frame_id, message.child_frame_id) == ("map", "base_link")
+        row, pose, twist = by_stamp[stamp(message)], message.pose.pose, message.twist.twist
+        north, east, down = row[StateField.POSITION]
+        assert (pose.position.x, pose.position.y, pose.position.z) == (east, north, -down)
+        q = np.array([getattr(pose.orientation, name) for name in "xyz"])
+        w = pose.orientation.w
+        v = np.array([getattr(twist.linear, name) for name in "xyz"])
+        turned = v + 2 * np.cross(q, np.cross(q, v) + w * v)
+        velocity = row[StateField.VELOCITY]
+        assert turned == pytest.approx([velocity[1], velocity[0], -velocity[2]], abs=1e-9)
+        p, q_, r = row[StateField.ANGULAR_VELOCITY]
+        assert [twist.angular.x, twist.angular.y, twist.angular.z] == [p, -q_, -r]
+        deviations = row[StateField.STANDARD_DEVIATIONS]
+        pose_variances = np.diag(np.array(message.pose.covariance).reshape(6, 6))
+        assert pose_variances[:3] == pytest.approx(deviations[[4, 3, 5]] ** 2, rel=1e-12)
+        assert pose_variances[3:].sum() == pytest.approx(np.sum(deviations[6:9] ** 2), rel=1e-9)
+        twist_covariance = np.array(message.twist.covariance).reshape(6, 6)
+        assert np.trace(twist_covariance[:3, :3]) == pytest.approx(np.sum(deviations[:3] ** 2), rel=1e-9)
+        assert np.linalg.eigvalsh(twist_covariance).min() > 0.0
 
 
 def check_parameters(messages, sets, epoch):
@@ -165,3 +196,9 @@ def test_parameters_are_published_once_a_second_also_while_nothing_is_learnt(ben
     for clock.time in (10.0, 10.5, 11.1, 12.3, 11.9, 12.9, 13.4, 3.0, 3.5, 4.0):
         node._publish_due()
     assert published == [10.0, 11.1, 12.3, 13.4, 3.0, 4.0]
+
+
+def test_who_subscribes_later_gets_the_newest_parameters_at_once(flown, bench):
+    heard = flown[2]
+    late = bench.listen(Parameters, "parameter_estimator/parameters", newest_quality())
+    bench.spin_until(lambda: late and stamp(late[-1]) == stamp(heard["parameters"][-1]))
