@@ -27,17 +27,19 @@ from aircraft_sysid_ros.aircraft import earth, rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.frames import euler_angles, rotation_matrix
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export import gazebo
-from aircraft_sysid_ros.export.ardupilot_sitl import export_ardupilot_sitl, thrust_part
+from aircraft_sysid_ros.export.ardupilot_sitl import export_ardupilot_sitl
 from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.gazebo import export_gazebo
 from aircraft_sysid_ros.export.jsbsim import FOOT, POUND, SURFACES, THRUST, export_jsbsim, property_of
-from aircraft_sysid_ros.export.learnt_model import LearntModel
+from aircraft_sysid_ros.export.learnt_model import LearntModel, thrust_part
 from aircraft_sysid_ros.export.level_flight import LevelFlight, level_flight
 from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, RateLoop, airspeeds_of, design
 from aircraft_sysid_ros.export.targets import reached
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.run_writer import RunWriter
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.sensors.truth import THRUST as THRUST_COLUMN
 from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.dynamics import (
@@ -70,6 +72,8 @@ PIECE, EVERY = 2.0, 4.0  # [s] of free flight, and from start to start
 OUTPUTS = ("u", "v", "w", "p", "q", "r")
 LEAST_TIME = 3.0  # [s] of a flight before its first piece
 _CALM = np.zeros(3)
+#: Flights that tell little: seconds, noise of the sensors over the usual one, turbulence.
+POOR = tuple((d, n, t) for d in (25.0, 45.0) for n in (1.0, 1.5, 2.5) for t in ("none", "moderate"))
 #: Draws of the covariance on which gains are judged, other ones than those of the design.
 GAIN_DRAWS, GAIN_SEED = 100, 7
 
@@ -320,7 +324,11 @@ def judge_gains(learnt: LearntModel, actuator: Actuator | None = None) -> dict[s
     actuator, found = actuator or Actuator(), {}
     drawn = learnt.draws(GAIN_DRAWS, GAIN_SEED)
     for axis in (ROLL, PITCH):
-        loop = design(learnt, axis, actuator)
+        try:
+            loop = design(learnt, axis, actuator)
+        except InputError as error:
+            found[axis] = {"refused": str(error)}
+            continue
         stable = stable_loops(learnt, loop, actuator, drawn)
         found[axis] = {
             "p": loop.p, "i": loop.i, "ff": loop.ff, "stable": stable, "draws": GAIN_DRAWS,
@@ -356,6 +364,38 @@ def judge(name: str, duration: float) -> dict[str, Any]:
     }
 
 
+def poor_flights() -> list[dict[str, Any]]:
+    """Gains from short, noisy and gusty flights of the textbook aeroplane, judged on draws and on the truth."""
+    results = []
+    truth = default_aircraft()
+    for k, (duration, noise, turbulence) in enumerate(POOR):
+        sensors = SensorOptions(noise_scale=noise)
+        flight = simulate_samples(truth, 300 + k, duration, turbulence=turbulence, sensors=sensors)
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                learnt = learn(flight, Path(folder))
+            except InputError as error:
+                results += [{"flight": k, "axis": axis, "refused": str(error)} for axis in (ROLL, PITCH)]
+                continue
+        found = judge_gains(learnt)
+        true_values = np.array([truth.coefficients[name] for name in learnt.model.parameter_names])
+        for axis, loop in found.items():
+            of_flight = {
+                "flight": k,
+                "duration": duration,
+                "noise": noise,
+                "turbulence": turbulence,
+                "axis": axis,
+                **loop,
+            }
+            if "refused" not in loop:
+                of_flight["holds_the_true_one"] = bool(
+                    stable_loops(learnt, design(learnt, axis, Actuator()), Actuator(), true_values[None])
+                )
+            results.append(of_flight)
+    return results
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     os.environ["JSBSIM_DEBUG"] = "0"
@@ -364,6 +404,7 @@ def main() -> None:
     arguments = parser.parse_args()
     started = time.process_time()
     result = {"duration": arguments.duration, "aeroplanes": {n: judge(n, arguments.duration) for n in AEROPLANES}}
+    result["poor_flights"] = poor_flights()
     result["cpu_seconds"] = time.process_time() - started
     print(json.dumps(result, indent=1))
     arguments.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")

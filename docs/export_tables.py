@@ -45,16 +45,35 @@ def lost(result: Mapping[str, Any]) -> Table:
 
 def gains(result: Mapping[str, Any]) -> Table:
     """Loops closed on aeroplanes from the covariance."""
+    rows = []
+    for name, found in result["aeroplanes"].items():
+        for axis, loop in found["gains"].items():
+            if "refused" in loop:
+                rows.append([name, axis, *[""] * 5, "refused: " + loop["refused"].split(" (")[0].split(": ", 1)[1]])
+                continue
+            numbers = [f"{loop[key]:.3f}" for key in ("ff", "p", "i")]
+            margins = [f"{loop['gain_margin_db']:.1f} dB", f"{loop['phase_margin_deg']:.0f}°"]
+            rows.append([name, axis, *numbers, *margins, f"{loop['stable']} of {loop['draws']}"])
+    return ["aeroplane", "loop", "FF [s]", "P [s]", "I [-]", "gain margin", "phase margin", "stable"], rows
+
+
+def poor(result: Mapping[str, Any]) -> Table:
+    """Short, noisy and gusty flights."""
+    loops = result["poor_flights"]
+    given = [loop for loop in loops if "refused" not in loop]
+    why = {
+        "refused: the run has no parameter with USE": "no parameter with USE",
+        "refused: a parameter that they rest on is not to be used": "they rest on",
+        "refused: a parameter is too uncertain": "too uncertain",
+    }
     rows = [
-        [
-            name, axis, f"{loop['ff']:.3f}", f"{loop['p']:.3f}", f"{loop['i']:.3f}", f"{loop['gain_margin_db']:.1f} dB",
-            f"{loop['phase_margin_deg']:.0f}°", f"{loop['stable']} of {loop['draws']}",
-        ]
-        for name, found in result["aeroplanes"].items()
-        for axis, loop in found["gains"].items()
-    ]  # fmt: skip
-    header = ["aeroplane", "loop", "FF [s]", "P [s]", "I [-]", "gain margin", "phase margin", "stable"]
-    return header, rows
+        ["loops asked for", str(len(loops))],
+        *([words, str(sum(said in loop.get("refused", "") for loop in loops))] for words, said in why.items()),
+        ["given", str(len(given))],
+        ["of those stable in 99 or more of 100 draws", str(sum(loop["stable"] >= 99 for loop in given))],
+        ["of those stable on the true aeroplane", str(sum(loop["holds_the_true_one"] for loop in given))],
+    ]
+    return ["flights of 25 and 45 s, noise ×1, ×1.5, ×2.5, calm and moderate turbulence", "loops"], rows
 
 
 TABLES: dict[str, Callable[[Mapping[str, Any]], Table]] = {
@@ -62,4 +81,5 @@ TABLES: dict[str, Callable[[Mapping[str, Any]], Table]] = {
     "pieces": pieces,
     "lost": lost,
     "gains": gains,
+    "poor": poor,
 }

@@ -18,7 +18,15 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft import rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.export.exported import Exported, header_lines, number_lines
-from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel, fitted, lost, not_held, standard_errors
+from aircraft_sysid_ros.export.learnt_model import (
+    SURFACES,
+    LearntModel,
+    fitted,
+    lost,
+    not_held,
+    standard_errors,
+    thrust_part,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +39,7 @@ _ALPHA_HELD = 0.8
 _BLENDING = 50.0
 _LATERAL = ("1", "beta", "p", "r", "da", "dr")
 HELD = {
-    "CX": ("1", "alpha", "alpha**2", "q", "Tc"), "CY": _LATERAL, "CZ": ("1", "alpha", "q", "de"),
+    "CX": ("1", "alpha", "alpha**2", "q"), "CY": _LATERAL, "CZ": ("1", "alpha", "q", "de"),
     "Cl": _LATERAL, "Cm": ("1", "alpha", "q", "de"), "Cn": _LATERAL,
 }  # fmt: skip
 _OF_SIDE = {"1": "0", "beta": "b", "p": "p", "r": "r", "da": "deltaa", "dr": "deltar"}
@@ -65,14 +73,6 @@ _ALWAYS_MISSING = (
     "gyroscopic moments: aerodynamic ones alone are turned into accelerations, with the product of inertia",
     "stall: none was learnt, alpha_stall is as far away as the simulator allows",
 )
-
-
-def thrust_part(learnt: LearntModel) -> Array:
-    """What the plain term T_c gives C_X on the rows (n, 6): thrust, which the simulators have of their own."""
-    part = np.zeros((len(learnt.signals), 6))
-    if learnt.value("CX_Tc") != 0.0:
-        part[:, 0] = learnt.value("CX_Tc") * learnt.signal("Tc")
-    return part
 
 
 def coefficients(flown: LearntModel, full: Array) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,6 +34,11 @@ def number_lines(values: Mapping[str, Any], std: Mapping[str, float]) -> list[st
     lines = ["Standard errors of the numbers below:"]
     known = {name: error for name, error in std.items() if error > ROUNDING * abs(values[name])}
     return lines + [f"  {name} = {values[name]:.6g} +- {error:.2g}" for name, error in known.items()]
+
+
+def comment_of(lines: list[str]) -> str:
+    """Lines as a comment of XML, in which no two hyphens may follow each other."""
+    return "\n" + re.sub("-(?=-)", "- ", "\n".join(lines)) + "\n"
 
 
 def loss_line(lost: Mapping[str, float]) -> str:

@@ -14,9 +14,17 @@ from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.export.ardupilot_sitl import LEAST_INDUCED, thrust_part
-from aircraft_sysid_ros.export.exported import Exported, header_lines, number_lines
-from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel, fitted, lost, not_held, standard_errors
+from aircraft_sysid_ros.export.ardupilot_sitl import LEAST_INDUCED
+from aircraft_sysid_ros.export.exported import Exported, comment_of, header_lines, number_lines
+from aircraft_sysid_ros.export.learnt_model import (
+    SURFACES,
+    LearntModel,
+    fitted,
+    lost,
+    not_held,
+    standard_errors,
+    thrust_part,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -24,7 +32,7 @@ VERSIONS = ("gz-sim",)
 _SIGNALS = ("alpha", "beta", "p", "q", "r", *SURFACES)
 _SIDE = _SIGNALS
 HELD = {
-    "CX": ("1", "alpha", "alpha**2", *_SIGNALS[1:], "Tc"), "CY": _SIDE, "CZ": ("1", *_SIGNALS),
+    "CX": ("1", "alpha", "alpha**2", *_SIGNALS[1:]), "CY": _SIDE, "CZ": ("1", *_SIGNALS),
     "Cl": _SIDE, "Cm": ("1", *_SIGNALS), "Cn": _SIDE,
 }  # fmt: skip
 #: ``M`` and ``alphaStall`` of the plugin, of which the first is not read from SDF.
@@ -58,7 +66,7 @@ def export_gazebo(learnt: LearntModel) -> Exported:
     root = Element("sdf", version="1.9")
     lines = [*header_lines(learnt, "gz-sim, Advanced Lift Drag", misses, missing), note]
     lines += number_lines(values, standard_errors(flown, coefficients))
-    root.append(Comment("\n" + "\n".join(lines).replace("--", "- -") + "\n"))
+    root.append(Comment(comment_of(lines)))
     model = SubElement(root, "model", name="".join(c if c.isalnum() else "_" for c in learnt.aircraft.name))
     _links(model, learnt)
     _plugin(model, values)
@@ -95,7 +103,7 @@ def coefficients(flown: LearntModel) -> dict[str, float]:
         found = fitted(flow.columns("1", "alpha", "beta"), target, reads)
         _put(values, prefix, {name: value for name, value in found.items() if name != "1"})  # it has no constant
     pitch = flow.columns("1", "beta")
-    of_pitch = {"1", *flown.reads("Cm"), *(of_symmetry - {"Tc"}), *forces} - {"alpha"}
+    of_pitch = {"1", *flown.reads("Cm"), *of_symmetry, *forces} - {"alpha"}
     found = fitted(pitch, moments[:, 1], of_pitch)
     _put(values, "Cem", found)
     values["Cem0_dropped"] = found["1"]

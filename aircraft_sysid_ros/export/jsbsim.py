@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.export.exported import Exported, header_lines
+from aircraft_sysid_ros.export.exported import Exported, comment_of, header_lines
 from aircraft_sysid_ros.export.jsbsim_expression import function_of, node, number, prop
 from aircraft_sysid_ros.export.learnt_model import LearntModel
 
@@ -46,7 +46,7 @@ def export_jsbsim(learnt: LearntModel) -> Exported:
     """The whole file."""
     root = Element("fdm_config", name=learnt.aircraft.name, version=VERSIONS[0], release="BETA")
     lines = header_lines(learnt, "JSBSim", {}, _NOT_HELD)
-    root.append(Comment("\n" + "\n".join(lines).replace("--", "- -") + "\n"))
+    root.append(Comment(comment_of(lines)))
     header = SubElement(root, "fileheader")
     _text(header, "author", "aircraft-sysid export")
     _text(header, "description", f"{learnt.aircraft.name}, model {learnt.identifier}, learnt in flight")

@@ -25,6 +25,7 @@ Array = npt.NDArray[np.float64]
 #: Signals whose range is told in any case, where the flight has them.
 ALWAYS_RANGED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
 SURFACES = ("de", "da", "dr")
+ENGINE = frozenset({"Tc", "throttle", "propeller_speed"})
 UNITS = {
     "V": "m/s", "qbar": "Pa", "height": "m", "propeller_speed": "rad/s", "time": "s", "mach": "-", "throttle": "-",
     "Tc": "-", "p": "pb/2V", "q": "qc/V", "r": "rb/2V", "alpha_dot": "c/V", "beta_dot": "b/2V",
@@ -196,17 +197,36 @@ def lost(ours: Array, theirs: Array) -> dict[str, float]:
     }
 
 
+def thrust_terms(learnt: LearntModel) -> npt.NDArray[np.bool_]:
+    """Which parameters (k,) are thrust along x: terms of C_X that read a signal of the engine, and at most V and qbar.
+
+    Simulators with a thrust of their own do not take it from the model.
+    """
+    programs = [program for programs in learnt.model.programs for program in programs]
+    of_axis = learnt.model.axis_slice("CX")
+    alone = [bool(p.signals & ENGINE) and p.signals <= {*ENGINE, "V", "qbar"} for p in programs]
+    return np.array([alone[k] and of_axis.start <= k < of_axis.stop for k in range(len(programs))], dtype=np.bool_)
+
+
+def thrust_part(learnt: LearntModel) -> Array:
+    """Coefficients (n, 6) that ``thrust_terms`` make on the rows."""
+    part, chosen = np.zeros((len(learnt.signals), 6)), thrust_terms(learnt) & (learnt.values != 0.0)
+    part[:, 0] = learnt.terms[:, chosen] @ learnt.values[chosen]
+    return part
+
+
 def not_held(learnt: LearntModel, held: Mapping[str, Sequence[str]]) -> list[str]:
-    """A sentence for each term with a value that is not among those that a target holds, by axis.
+    """A sentence for each term with a value that is not among those that a target holds, by axis; thrust apart.
 
     ``held``: terms by axis as they are written in aircraft files.
     """
     canonical = model_from_terms(held, learnt.model.inputs).terms
+    thrust = {p.name for p, is_thrust in zip(learnt.parameters, thrust_terms(learnt), strict=True) if is_thrust}
     shares, sentences = learnt.flown.share_of_terms(), []
     for axis in AXES:
         names = learnt.model.parameter_names[learnt.model.axis_slice(axis)]
         for name, term in zip(names, learnt.model.terms[axis], strict=True):
-            if term not in canonical[axis] and learnt.value(name) != 0.0:
+            if term not in canonical[axis] and name not in thrust and learnt.value(name) != 0.0:
                 what = "its constant" if term == "1" else f"the term {term}"
                 sentences.append(
                     f"{axis}: no place for {what}, which moves {axis} by {100.0 * shares[name]:.2g} % of its "

@@ -22,7 +22,7 @@ _STEP = 1e-5
 SLOPES = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "alpha_dot")
 #: The moment that each surface is there for.
 MOMENT_OF = {"de": "Cm", "da": "Cl", "dr": "Cn"}
-_UNKNOWN = ("alpha", "beta", *SURFACES, "Tc")
+_FLOW = ("alpha", "beta", *SURFACES)
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class LevelFlight:
 def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     """Angles and surfaces at which nothing accelerates. Raises InputError where there are none.
 
-    The signals that are neither flow, rates nor surfaces are the medians of the rows. Without a term of T_c the flight
-    does not know its thrust, and C_X is left out.
+    Signals that are neither flow, rates nor surfaces are the medians of the rows. Without a term of T_c or of the
+    throttle the model does not know its thrust, and C_X is left out.
     """
     flown = learnt.flown
     aircraft, names = learnt.aircraft, learnt.model.signal_names
@@ -55,12 +55,13 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     row[names.index("V")], row[names.index("qbar")] = airspeed, qbar
     weight = aircraft.mass * STANDARD_GRAVITY / (qbar * aircraft.wing_area)
     read = learnt.reads("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-    free = [name for name in _UNKNOWN if name in read]
-    balanced = [i for i in range(6) if i > 0 or "Tc" in free]
+    thrust = next((name for name in ("Tc", "throttle") if name in learnt.reads("CX")), None)
+    free = [name for name in (*_FLOW, thrust) if name is not None and name in read]
+    balanced = [i for i in range(6) if i > 0 or thrust is not None]
 
     def put(x: Array) -> Array:
         out = row.copy()
-        for name in _UNKNOWN:
+        for name in _FLOW:
             out[names.index(name)] = 0.0
         for name, value in zip(free, x, strict=True):
             out[names.index(name)] = value
@@ -81,7 +82,7 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
             "pitching moment or control shows in aircraft-sysid compare"
         )
     signals = put(found.x)
-    at = {name: float(signals[names.index(name)]) for name in _UNKNOWN}
+    at = {name: float(signals[names.index(name)]) for name in _FLOW}
     outside = tuple(
         n for n in (*free, "V") if n in learnt.ranges and not _within(signals[names.index(n)], learnt.ranges[n])
     )

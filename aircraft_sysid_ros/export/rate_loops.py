@@ -30,6 +30,7 @@ from aircraft_sysid_ros.export.level_flight import (
     moment_signs,
     slopes,
 )
+from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
@@ -245,15 +246,27 @@ def _names_of(learnt: LearntModel, axis: str) -> list[str]:
 
 
 def _check_known(learnt: LearntModel, axis: str, sign: float) -> None:
-    """Raises InputError where the surface has no effect, or a value that matters has no standard error."""
-    name = f"{MOMENT_OF[_SURFACE[axis]]}_{_SURFACE[axis]}"
+    """Raises InputError where the surface has no effect, or what the loop rests on is not to be used.
+
+    That is the moment of its own axis from its rate, its surface, and in pitch from the angle of attack: where the
+    model is wrong there, its standard errors do not say by how much.
+    """
+    moment = MOMENT_OF[_SURFACE[axis]]
     if sign == 0.0:
         raise InputError(
-            f"no {axis} loop: {name} is not known, so excite the {_SURFACE[axis]} surface and replay again"
+            f"no {axis} gains: {moment}_{_SURFACE[axis]} is not known: move that surface in flight, and replay again"
         )
+    rests_on = {*_STATES[axis], _SURFACE[axis]} - {"beta", "r"}
+    programs = learnt.model.programs[AXES.index(moment)]
+    for p, program in zip(learnt.parameters[learnt.model.axis_slice(moment)], programs, strict=True):
+        if p.status != Trust.USE.name and program.signals & rests_on:
+            raise InputError(
+                f"no {axis} gains: they rest on {p.name}, which is not to be used ({p.reason or p.status}): fly "
+                "manoeuvres that determine it, or see what aircraft-sysid diagnose says of the run"
+            )
     for p in learnt.parameters:
-        if p.name in _names_of(learnt, axis)[1:] and p.value and not np.isfinite(p.std):
-            raise InputError(f"no {axis} loop: {p.name} has no standard error, so excite it and replay again")
+        if p.name in _names_of(learnt, axis) and p.value and not np.isfinite(p.std):
+            raise InputError(f"no {axis} gains: {p.name} has no standard error: excite it, and replay again")
 
 
 def _too_uncertain(

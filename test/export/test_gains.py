@@ -83,6 +83,14 @@ def test_an_unknown_surface_and_a_missing_standard_error_are_refused(learnt):
         design(with_std(learnt, Cl_p=np.nan), ROLL, ACTUATOR)
 
 
+@pytest.mark.parametrize(("axis", "name"), [(ROLL, "Cl_p"), (ROLL, "Cl_da"), (PITCH, "Cm_alpha"), (PITCH, "Cm_q")])
+def test_what_is_not_to_be_used_carries_no_loop(learnt, axis, name):
+    doubted = [replace(p, status="HOLD", reason="the model explains 27% of it") for p in learnt.parameters]
+    one = tuple(d if p.name == name else p for p, d in zip(learnt.parameters, doubted, strict=True))
+    with pytest.raises(InputError, match=rf"no {axis} gains.*{name}.*the model explains 27% of it"):
+        design(replace(learnt, parameters=one), axis, ACTUATOR)
+
+
 def response_to(learnt, loop, autopilot_surface, seconds=3.0):
     """Rate [rad/s] at the end of a setpoint of 1: the autopilot's formula against our simulator's accelerations."""
     level = level_flight(learnt, airspeeds_of(learnt)[0])
