@@ -119,8 +119,9 @@ def level_words(level: LevelFlight) -> str:
         f"{name} {np.degrees(value):.2f} deg"
         for name, value in zip(("elevator", "aileron", "rudder"), level.surfaces, strict=True)
     )
+    bank = f", bank {np.degrees(level.bank):.2f} deg" if level.bank else ""
     outside = f"; outside of the learnt range: {', '.join(level.outside)}" if level.outside else ""
     return (
         f"level flight at {level.airspeed:.2f} m/s (calibrated {level.calibrated_airspeed:.2f}): angle of attack "
-        f"{np.degrees(level.alpha):.2f} deg, {surfaces}{outside}"
+        f"{np.degrees(level.alpha):.2f} deg, {surfaces}{bank}{outside}"
     )

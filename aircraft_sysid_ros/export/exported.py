@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
 
 #: Losses and standard errors below this share are rounding.
@@ -26,7 +28,12 @@ class Exported:
 
 def parameter_lines(learnt: LearntModel) -> list[str]:
     """The learnt parameters: name, value, standard error and status."""
-    return [f"{p.name} = {p.value:.6g} +- {p.std:.2g} {p.status} {p.reason}".rstrip() for p in learnt.parameters]
+    return [
+        f"{p.name} = {p.value:.6g} +- {p.std:.2g} {p.status} {p.reason}".rstrip()
+        if np.isfinite(p.value)
+        else f"{p.name} is not known, so that its term is left out: {p.status} {p.reason}".rstrip()
+        for p in learnt.parameters
+    ]
 
 
 def number_lines(values: Mapping[str, Any], std: Mapping[str, float]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Steady level flight of a learnt model, wings level, and the slopes of its coefficients there."""
+"""Steady straight and level flight of a learnt model, and the slopes of its coefficients there."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ class LevelFlight:
     calibrated_airspeed: float
     density: float  # [kg/m^3]
     alpha: float
+    bank: float  # 0 where aileron and rudder leave the wings level
     surfaces: Array  # (3,) elevator, aileron, rudder
     signals: Array  # (SIGNAL_COUNT,) its signal row
     outside: tuple[str, ...]  # signals beyond the range in which they were learnt
@@ -42,7 +43,8 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     """Angles and surfaces at which nothing accelerates. Raises InputError where there are none.
 
     Signals that are neither flow, rates nor surfaces are the medians of the rows. Without a term of T_c or of the
-    throttle the model does not know its thrust, and C_X is left out.
+    throttle the model does not know its thrust, and C_X is left out. An aeroplane without rudder or without ailerons
+    banks a little for a straight path.
     """
     flown = learnt.flown
     aircraft, names = learnt.aircraft, learnt.model.signal_names
@@ -58,24 +60,27 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     thrust = next((name for name in ("Tc", "throttle") if name in learnt.reads("CX")), None)
     free = [name for name in (*_FLOW, thrust) if name is not None and name in read]
     balanced = [i for i in range(6) if i > 0 or thrust is not None]
+    banks = not {"da", "dr"} <= read
 
     def put(x: Array) -> Array:
         out = row.copy()
         for name in _FLOW:
             out[names.index(name)] = 0.0
-        for name, value in zip(free, x, strict=True):
+        for name, value in zip(free, x, strict=False):  # the bank is the last one
             out[names.index(name)] = value
         return out
 
     def residual(x: Array) -> Array:
         signals = put(x)
         coefficients = _about_gravity(learnt, learnt.coefficients_of(learnt.terms_on(signals[None])))[0]
-        pitch = signals[names.index("alpha")]
+        pitch, bank = signals[names.index("alpha")], x[-1] if banks else 0.0
         coefficients[0] -= weight * np.sin(pitch)
-        coefficients[2] += weight * np.cos(pitch)
+        coefficients[1] += weight * np.cos(pitch) * np.sin(bank)
+        coefficients[2] += weight * np.cos(pitch) * np.cos(bank)
         return np.asarray(coefficients[balanced])
 
-    found = least_squares(residual, np.zeros(len(free)), method="lm", xtol=1e-12, ftol=1e-14, gtol=1e-14)
+    start = np.zeros(len(free) + banks)
+    found = least_squares(residual, start, method="lm", xtol=1e-12, ftol=1e-14, gtol=1e-14)
     if not np.max(np.abs(found.fun)) < _TOLERANCE:
         raise InputError(
             f"the model {learnt.identifier} has no steady level flight at {airspeed:.1f} m/s: what it lacks of lift, "
@@ -88,7 +93,8 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     )
     calibrated = airspeed * float(np.sqrt(density / SEA_LEVEL_DENSITY))
     surfaces = np.array([at[name] for name in SURFACES])
-    return LevelFlight(airspeed, calibrated, density, at["alpha"], surfaces, signals, outside)
+    bank = float(found.x[-1]) if banks else 0.0
+    return LevelFlight(airspeed, calibrated, density, at["alpha"], bank, surfaces, signals, outside)
 
 
 def slopes(learnt: LearntModel, level: LevelFlight) -> Array:

@@ -166,7 +166,12 @@ def design(learnt: LearntModel, axis: str, actuator: Actuator) -> RateLoop:
     p = min(_largest(shape[0]) for shape in shapes)
     p = min(p, FEEDBACK_SHARE * float(ff[0])) if ff[0] > 0.0 else p
     margins = [margins_of(p * shape[0]) for shape in shapes]
-    if not stable_draws(learnt, axis, own, levels, sign * p, sign * ratio * p, actuator).all():
+    least = (
+        1.0 if all(is_stable(plant.a)[0] for plant in nominal) else 1.0 / GAIN_MARGIN
+    )  # a loop that must not be weak
+    if not all(
+        stable_draws(learnt, axis, own, levels, k * sign * p, k * sign * ratio * p, actuator)[0] for k in (1.0, least)
+    ):
         raise InputError(
             f"no {axis} gains: the model is unstable without feedback in its range of airspeeds, and a rate loop with "
             "these margins does not make it stable: move the centre of gravity forward, or tune by hand"
@@ -265,7 +270,7 @@ def _check_known(learnt: LearntModel, axis: str, sign: float) -> None:
                 "manoeuvres that determine it, or see what aircraft-sysid diagnose says of the run"
             )
     for p in learnt.parameters:
-        if p.name in _names_of(learnt, axis) and p.value and not np.isfinite(p.std):
+        if p.name in _names_of(learnt, axis) and learnt.value(p.name) and not np.isfinite(p.std):
             raise InputError(f"no {axis} gains: {p.name} has no standard error: excite it, and replay again")
 
 

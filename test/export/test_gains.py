@@ -91,6 +91,39 @@ def test_what_is_not_to_be_used_carries_no_loop(learnt, axis, name):
         design(replace(learnt, parameters=one), axis, ACTUATOR)
 
 
+def test_a_flying_wing_without_a_rudder_flies_straight_with_a_little_bank_and_gets_gains(learnt, loops):
+    rows = learnt.signals.copy()
+    rows[:, learnt.model.signal_names.index("dr")] = np.nan
+    listed = tuple(
+        replace(p, value=np.nan, std=np.nan, status="HOLD") if p.name.endswith("_dr") else p for p in learnt.parameters
+    )
+    wing = replace(learnt, parameters=listed, signals=rows)
+    level = level_flight(wing, airspeeds_of(wing)[0])
+    assert 0.0 < abs(level.bank) < np.radians(5.0) and level.surfaces[2] == 0.0
+    coefficients = wing.coefficients_of(wing.terms_on(level.signals[None]))[0]
+    weight = wing.aircraft.mass * 9.80665 / (0.5 * level.density * level.airspeed**2 * wing.aircraft.wing_area)
+    assert coefficients[1] == pytest.approx(-weight * np.cos(level.alpha) * np.sin(level.bank), abs=1e-6)
+    assert coefficients[3:] == pytest.approx(0.0, abs=1e-6)
+    assert design(wing, ROLL, ACTUATOR).p == pytest.approx(loops[ROLL].p, rel=0.05)
+    said = gains(wing, "px4", FULL, ACTUATOR)
+    assert "bank" in "\n".join(said.notes) and "TRIM_YAW" not in said.content
+    assert "Cn_dr is not known, so that its term is left out" in said.content
+
+
+def test_an_unstable_aeroplane_gets_a_loop_that_may_also_be_weaker_or_none(learnt):
+    values = learnt.values.copy()
+    values[learnt.model.parameter_names.index("Cm_alpha")] = 0.25
+    unstable = learnt.with_values(values)
+    loop = design(unstable, PITCH, ACTUATOR)
+    assert not benchmark.stable_loops(unstable, replace(loop, p=0.0, i=0.0), ACTUATOR, unstable.values[None])
+    for k in (1.0, 10 ** (-10 / 20)):
+        other = replace(loop, p=k * loop.p, i=k * loop.i)
+        assert benchmark.stable_loops(unstable, other, ACTUATOR, unstable.values[None])
+    values[learnt.model.parameter_names.index("Cm_alpha")] = 3.0
+    with pytest.raises(InputError, match="no pitch gains: the model is unstable without feedback"):
+        design(learnt.with_values(values), PITCH, ACTUATOR)
+
+
 def response_to(learnt, loop, autopilot_surface, seconds=3.0):
     """Rate [rad/s] at the end of a setpoint of 1: the autopilot's formula against our simulator's accelerations."""
     level = level_flight(learnt, airspeeds_of(learnt)[0])
