@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+
+import numpy as np
 import openpyxl
 import pytest
 from scipy.io import savemat
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.column_map import parse_column_map
 from aircraft_sysid_ros.recordings.tabular.units import conversion
@@ -56,6 +60,25 @@ BAD_TABLES = [
 def test_a_bad_table_is_refused_in_one_sentence(tmp_path, capsys, content, sentence):
     (tmp_path / "flight.csv").write_text(content)
     assert sentence in refused(tmp_path, capsys)
+
+
+def test_numbers_that_nothing_has_are_said_and_not_measured(tmp_path, capsys, recwarn):
+    """Of a damaged file, or of a column that is none: import took them, and check printed warnings of numpy."""
+    rows = [*ROWS[:9], "0.18,1e300,-1e308", "0.20,-1e300,-1.0", *ROWS[11:]]
+    (tmp_path / "flight.csv").write_text(table(*rows))
+    (tmp_path / "map.yaml").write_text(MAP)
+    command = ["import", str(tmp_path / "flight.csv"), "--map", str(tmp_path / "map.yaml"), "--out"]
+    assert main([*command, str(tmp_path / "bag"), "--json"]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    wild = "flight.csv: {} of {} beyond 1e+09 {}, the largest {}, {} taken as not measured".format
+    assert wild("2 values", "angular_velocity.x from P", "rad/s", "1.75e+298", "are") in notes
+    assert wild("1 value", "specific_force.z from Nz", "m/s^2", "inf", "is") in notes
+    fields = read_table(tmp_path / "bag", "imu/data").fields
+    for values in (fields["angular_velocity"], fields["linear_acceleration"]):
+        assert np.nanmax(np.abs(values)) < 20.0
+    main(["check", str(tmp_path / "bag")])
+    said = capsys.readouterr()
+    assert "Warning" not in said.err and not any(issubclass(w.category, RuntimeWarning) for w in recwarn.list)
 
 
 def test_a_column_that_is_not_there_names_signal_and_line(tmp_path, capsys):

@@ -38,6 +38,11 @@ VECTORS: dict[str, tuple[str, ...]] = {
 _VECTOR_OF = {signal: vector for vector, signals in VECTORS.items() for signal in signals}
 
 
+#: By SI unit a magnitude that no signal of it has, and that no mistaken unit explains: a wrong unit is for ``check``.
+_WILD = {"1": 1e7, "rad": 1e10, "rad/s": 1e9, "m/s^2": 1e9, "m/s": 1e9, "m": 1e12, "K": 1e7, "kg/m^3": 1e7}
+_WILD_OF_OTHERS = 1e12
+
+
 def check_signal(name: str) -> None:
     """Raises InputError for a name that is no signal, with the nearest ones."""
     if name in UNITS:
@@ -55,6 +60,11 @@ def check_signal(name: str) -> None:
 def unit_of(signal: str) -> str | None:
     """SI unit of a signal; None for an input, which may have any dimension."""
     return UNITS.get(signal)
+
+
+def wild_beyond(signal: str) -> float:
+    """Magnitude [SI] beyond which a value of a signal was never measured."""
+    return _WILD.get(unit_of(signal) or "", _WILD_OF_OTHERS)
 
 
 def vector_of(signal: str) -> str:

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.flight_check.signals import interpolated_length
 from aircraft_sysid_ros.recordings.tabular.clock import LATEST, NO_TIME, Stamps, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSignal, TableMap
-from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, vector_of
+from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, unit_of, vector_of, wild_beyond
 from aircraft_sysid_ros.recordings.tabular.source import Source, natural_order
 from aircraft_sysid_ros.recordings.tabular.table import Piece, Table, numbers
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
@@ -254,6 +254,23 @@ def _collect_table(source: Source, table_map: TableMap, colmap: ColumnMap, folde
     collected.notes += [f"{name}: what it is mapped to holds no number: check that line" for name in empty]
 
 
+@dataclass
+class _Wild:
+    """Values of a signal that were never measured."""
+
+    signal: str
+    source: str
+    unit: str
+    limit: float
+    count: int = 0
+    largest: float = 0.0
+
+    def __str__(self) -> str:
+        beyond = f"{self.limit:g} {'' if self.unit == '1' else self.unit}".rstrip()
+        found = f"{self.count} value{'s' * (self.count > 1)} of {self.signal} from {echo(self.source)} beyond {beyond}"
+        return f"{found}, the largest {self.largest:.3g}, {'are' if self.count > 1 else 'is'} taken as not measured"
+
+
 class _TableReader:
     """Reads rows of tables that follow one another, with checks that go over all of them."""
 
@@ -265,6 +282,7 @@ class _TableReader:
         self._last: int | None = None
         self._last_table = ""
         self._shift = 0  # [ns] by which what follows restarts of the time is later
+        self._wild: dict[str, _Wild] = {}  # by signal, of the table that is read
         self._begins: list[int] = []
         self._ends: list[int] = []
         self._rows = 0  # since the last restart
@@ -319,10 +337,26 @@ class _TableReader:
             unnumbered += bad
             if kept.any():
                 self._last, self._last_table = int(stamp[kept][-1]), table.name
-                yield stamp[kept], {signal.name: _value(signal, columns) for signal in self.map.signals}
+                yield stamp[kept], {signal.name: self._measured(signal, columns) for signal in self.map.signals}
+        for wild in self._wild.values():
+            self.notes.append(f"{table.name}: {wild}")
+        self._wild.clear()
         self._note(table, unnumbered, f"{'is' if unnumbered == 1 else 'are'} no number and left out", "cell")
         self._note(table, timeless, "without a time left out", "row")
         self._note(table, doubled, "with the time of the row before left out", "row")
+
+    def _measured(self, signal: MappedSignal, columns: dict[str, Array]) -> Array:
+        """Values (n,) in SI, without those that nothing has."""
+        values = _value(signal, columns)
+        limit = wild_beyond(signal.name)
+        wild = np.abs(values) > limit
+        if wild.any():
+            new = _Wild(signal.name, signal.source, unit_of(signal.name) or "", limit)
+            found = self._wild.setdefault(signal.name, new)
+            found.count += int(wild.sum())
+            found.largest = max(found.largest, float(np.abs(values[wild]).max()))
+            values = np.where(wild, np.nan, values)
+        return values
 
     def _note(self, table: Table, count: int, what: str, thing: str) -> None:
         if count:
@@ -409,6 +443,6 @@ def _value(signal: MappedSignal, columns: dict[str, Array]) -> Array:
         raw = columns[str(signal.column)]
     if signal.offset:
         raw = raw + signal.offset
-    converted = signal.convert(raw)
-    value = np.asarray(-converted if signal.sign < 0.0 else converted, dtype=np.float64)
-    return np.where(np.isfinite(value), value, np.nan)
+    with np.errstate(over="ignore"):  # said of what is beyond any number
+        converted = signal.convert(raw)
+    return np.asarray(-converted if signal.sign < 0.0 else converted, dtype=np.float64)
