@@ -19,7 +19,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate hidden-effects paper calibration closed-loop workbench docs clean distclean FORCE
+.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate hidden-effects paper calibration closed-loop workbench fuzz docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -165,6 +165,9 @@ calibration: env ## calibrations against 100 truths and on a real probe; goes on
 closed-loop: env ## a controller on live parameters against fixed and true ones, damage and sensor faults; goes on where it was stopped (an hour)
 	$(BIN)/python benchmarks/closed_loop.py
 	@$(MAKE) --no-print-directory docs
+
+fuzz: env ## random and nearly right input against all that reads what others write (MINUTES=10, TARGETS='mcap runs')
+	$(BIN)/python test/fuzz/long.py --minutes $(or $(MINUTES),10) $(TARGETS)
 
 docs: env ## tables and pictures of README and docs/ from the results
 	$(BIN)/python docs/build.py

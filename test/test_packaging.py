@@ -339,3 +339,39 @@ def test_tables_of_the_docs_are_those_of_the_results() -> None:
         [sys.executable, str(ROOT / "docs" / "build.py"), "--check"], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
+
+
+def test_every_package_of_the_lock_has_a_hash_and_the_version_of_the_constraints():
+    """Written by tools/lock.py from an environment that fits together."""
+    lines = [line for line in (ROOT / "requirements.lock").read_text().splitlines() if not line.startswith("#")]
+    locked = {}
+    for line in lines:
+        name, version, digest = re.fullmatch(r"(\S+)==(\S+) --hash=sha256:([0-9a-f]{64})", line).groups()
+        locked[canonical(name)] = version
+        assert len(set(digest)) > 4, line
+    assert len(locked) == len(lines) > 100
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        if line.strip() and not line.startswith("#"):
+            requirement = Requirement(line)
+            there = locked.get(canonical(requirement.name))
+            if there is not None and (requirement.marker is None or requirement.marker.evaluate(LOCKED_FOR)):
+                assert requirement.specifier.contains(there), line
+
+
+def test_the_licence_of_every_package_that_a_user_gets_is_listed():
+    """Written by tools/licences.py; what setup.py asks for must be there."""
+    rows = (ROOT / "docs" / "licences.md").read_text().splitlines()
+    listed = {canonical(row.split("|")[1].strip()): row.split("|")[3].strip() for row in rows if row.startswith("| ")}
+    wanted = [Requirement(text) for text in metadata.requires("aircraft_sysid_ros")]
+    bench = 'extra == "bench"'
+    missing = {canonical(r.name) for r in wanted if bench not in str(r.marker)} - listed.keys()
+    assert not missing, f"{missing}: run tools/licences.py and tools/lock.py"
+    assert all(listed.values())
+
+
+#: The machine of requirements.lock.
+LOCKED_FOR = {"python_version": "3.11", "python_full_version": "3.11.7"}
+
+
+def canonical(name):
+    return re.sub(r"[-_.]+", "-", name).lower()

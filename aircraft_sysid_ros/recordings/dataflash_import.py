@@ -19,7 +19,7 @@ from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
 from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
-from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+from aircraft_sysid_ros.recordings.imported_log import GPS_EPOCH, LATEST, SECONDS_PER_WEEK, ImportedLog
 from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
@@ -81,6 +81,10 @@ def read_dataflash(path: Path) -> LogContent:
     return LogContent("DataFlash (ArduPilot)", batches, found, [*notes, NO_CHECKSUMS])
 
 
+#: Of GPS that a stamp can have: what is after it is damaged.
+_LAST_WEEK = int((LATEST // NANOSECONDS - GPS_EPOCH) // SECONDS_PER_WEEK)
+
+
 @contextlib.contextmanager
 def _without_complaints() -> Iterator[list[str]]:
     """Keeps what the reader says, a line for every wrong byte, some of it from C, off the terminal: in the list."""
@@ -133,7 +137,7 @@ def _start(tables: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[st
     gps = tables.get("GPS", {})
     if not {"GWk", "GMS", "Status"} <= gps.keys() or not _has_time(gps):
         return NO_DATE * NANOSECONDS, ["no GPS time in the log: it is stamped from 2000-01-01"]
-    good = np.flatnonzero((gps["Status"] >= _FIX_3D) & (gps["GWk"] > 0))
+    good = np.flatnonzero((gps["Status"] >= _FIX_3D) & (gps["GWk"] > 0) & (gps["GWk"] <= _LAST_WEEK))
     if not len(good):
         return NO_DATE * NANOSECONDS, ["no GPS fix in the log: it is stamped from 2000-01-01"]
     since = _time(gps)

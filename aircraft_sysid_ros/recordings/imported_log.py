@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS
 
@@ -20,6 +21,8 @@ Array = npt.NDArray[np.float64]
 GPS_EPOCH = 315_964_800
 LEAP_SECONDS = 16
 SECONDS_PER_WEEK = 604_800
+#: [ns] The last second that a stamp of ROS can have.
+LATEST = (2**31 - 1) * NANOSECONDS
 
 
 @dataclass(frozen=True)
@@ -57,28 +60,45 @@ def stamps(start: float, seconds: Array) -> npt.NDArray[np.int64]:
 
 
 def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
-    """Write the recording and return the report (JSON-able); messages arrive when they are stamped."""
+    """Write the recording and return the report (JSON-able); messages arrive when they are stamped.
+
+    Raises InputError where it cannot be written, or nothing in it has a time.
+    """
+    topics = [topic for topic in map(_timed, log.topics) if len(topic.stamp)]
+    if not topics:
+        raise InputError(f"no message of {source} has a time from 1970 to 2038: it is damaged, or no log of a flight")
+    timeless = sum(len(topic.stamp) for topic in log.topics) - sum(len(topic.stamp) for topic in topics)
+    notes = [*log.notes, *([f"{timeless} messages with times outside of 1970 to 2038 left out"] if timeless else [])]
     with RecordingWriter(out, overwrite=overwrite) as writer:
-        for topic in log.topics:
+        for topic in topics:
             if topic.topic == INPUTS_TOPIC:
                 names, positions = topic.fields["name"][0].tolist(), topic.fields["position"]
                 writer.write_inputs(topic.stamp, names, positions, frame_id=topic.frame_id)
                 continue
             type_name = topic.type_name or TOPICS[topic.topic]
             writer.write(topic.topic, type_name, topic.stamp, topic.fields, frame_id=topic.frame_id)
-    start = min(int(topic.stamp[0]) for topic in log.topics)
-    end = max(int(topic.stamp[-1]) for topic in log.topics)
+    start = min(int(topic.stamp[0]) for topic in topics)
+    end = max(int(topic.stamp[-1]) for topic in topics)
     return {
         "log": str(source),
         "format": log.format,
         "out": str(out),
         "start": datetime.fromtimestamp(start / NANOSECONDS, timezone.utc).isoformat(timespec="seconds"),
         "duration": (end - start) / NANOSECONDS,
-        "topics": {topic.topic: _describe(topic) for topic in log.topics},
+        "topics": {topic.topic: _describe(topic) for topic in topics},
         "found": log.found,
         "missing": log.missing,
-        "notes": log.notes,
+        "notes": notes,
     }
+
+
+def _timed(topic: ImportedTopic) -> ImportedTopic:
+    """Without messages whose time a header cannot hold."""
+    rows = (topic.stamp >= 0) & (topic.stamp <= LATEST)
+    if rows.all():
+        return topic
+    fields = {name: np.asarray(values)[rows] for name, values in topic.fields.items()}
+    return replace(topic, stamp=topic.stamp[rows], fields=fields)
 
 
 def _describe(topic: ImportedTopic) -> dict[str, Any]:

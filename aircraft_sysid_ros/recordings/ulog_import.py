@@ -15,7 +15,7 @@ from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES
 from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
-from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+from aircraft_sysid_ros.recordings.imported_log import LATEST, ImportedLog
 from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
@@ -57,7 +57,7 @@ def _start(data: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]
     for name in _GPS:
         columns = data.get(name, {})
         utc = np.asarray(columns.get("time_utc_usec", np.zeros(0)), dtype=np.int64)
-        known = (utc > 0) & (np.asarray(columns.get("fix_type", utc)) >= _FIX_3D)
+        known = (utc > 0) & (utc < LATEST // 1000) & (np.asarray(columns.get("fix_type", utc)) >= _FIX_3D)
         if known.any():
             since = np.asarray(columns["timestamp"], dtype=np.int64)
             return int(np.median(utc[known] - since[known])) * 1000, []

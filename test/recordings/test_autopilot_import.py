@@ -188,6 +188,21 @@ def test_a_damaged_dataflash_gives_what_can_be_read(tmp_path):
     assert 0.8 * COUNT < len(of_kind(recording, Kind.IMU)) <= COUNT
 
 
+@pytest.mark.parametrize("week", [65535, 0])
+def test_times_that_no_stamp_can_hold_are_left_out_and_said(tmp_path, week):
+    """One wrong bit in the week of the GPS, or in the time of one message; a recording cannot hold such stamps."""
+    rows = [(name, (*values[:4], week, *values[5:]) if name == "GPS" else values) for name, values in dataflash_rows()]
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash(FORMATS, rows if week else [*dataflash_rows(), ("IMU", (5 * 10**14, *([0] * 7)))]))
+    if week:
+        report, recording = run_import(log, tmp_path / "bag")
+        assert "no GPS fix in the log: it is stamped from 2000-01-01" in report["notes"]
+    else:
+        report, recording = run_import(log, tmp_path / "bag")
+        assert "1 messages with times outside of 1970 to 2038 left out" in report["notes"]
+    assert len(of_kind(recording, Kind.IMU)) == COUNT
+
+
 def test_gps_time_has_the_leap_seconds_of_its_date():
     assert gps_nanoseconds(*gps_week(UNIX)) == UNIX * 10**9
     assert gps_nanoseconds(1700, 0) == (315_964_800 + 1700 * 604_800 - 16) * 10**9  # 2012-08-05

@@ -19,8 +19,6 @@ from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 Stamps = npt.NDArray[np.int64]
 #: Stands for a time that is not there.
 NO_TIME = np.iinfo(np.int64).min
-#: Stamps of ROS hold so many seconds.
-LATEST = (2**31 - 1) * NANOSECONDS
 _IRIG = re.compile(r"\s*(\d{1,3}):(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)\s*")
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d*)?)\s*")
 _DAY = 86_400
@@ -61,7 +59,7 @@ def _ticks(values: npt.NDArray[Any], base: TimeBase, where: str) -> tuple[Stamps
         )
     missing = ~np.isfinite(found)
     found = np.where(missing, 0.0, found)
-    if found.size and np.abs(found).max() * factor > 9e18:
+    if found.size and float(np.abs(found).max()) * float(factor) > 9e18:
         raise InputError(
             f"{where} goes up to {np.abs(found).max():g} {base.unit}, which no clock shows: check its unit"
         )

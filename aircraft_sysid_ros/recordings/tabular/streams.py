@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.flight_check.signals import interpolated_length
-from aircraft_sysid_ros.recordings.tabular.clock import LATEST, NO_TIME, Stamps, stamps_of
+from aircraft_sysid_ros.recordings.imported_log import LATEST
+from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, Stamps, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSignal, TableMap
 from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, unit_of, vector_of, wild_beyond
 from aircraft_sysid_ros.recordings.tabular.source import Source, natural_order
