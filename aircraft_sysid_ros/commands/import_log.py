@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from aircraft_sysid_ros.commands.notes import note_lines
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 
 if TYPE_CHECKING:
     from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
@@ -177,6 +177,9 @@ def _import_autopilot(
         raise InputError(f"{path}: {error}") from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except (LookupError, TypeError, ValueError, OverflowError) as error:  # a name or a shape of another kind of message
+        what = echo(f"{type(error).__name__}: {error}")
+        raise InputError(f"{path} is damaged: a message in it is not what its kind is ({what})") from None
     return write_log(log, path, args.out, overwrite=args.overwrite)
 
 

@@ -40,11 +40,12 @@ def read_ulog(path: Path) -> LogContent:
     except Exception as error:  # pyulog raises TypeError, struct.error and its own
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"it is not a readable ULog ({reason})") from None
-    data = {item.name: item.data for item in log.data_list if item.multi_id == 0}
+    items = [item for item in log.data_list if item.multi_id == 0 and TIMES[1] in item.data]
+    data = {item.name: item.data for item in items}
     start, notes = _start(data)
     batches = [_batch(name, columns, start) for name, columns in data.items() if name in PX4]
-    found = {item.name: len(item.data["timestamp"]) for item in log.data_list if item.multi_id == 0}
-    if log.file_corruption:
+    found = {item.name: len(item.data[TIMES[1]]) for item in items}
+    if log.file_corruption or len(items) < sum(item.multi_id == 0 for item in log.data_list):
         notes.append("the file is damaged in places: what could be read was")
     if log.dropouts:
         lost = sum(dropout.duration for dropout in log.dropouts) / 1000.0

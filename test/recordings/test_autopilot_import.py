@@ -188,6 +188,20 @@ def test_a_damaged_dataflash_gives_what_can_be_read(tmp_path):
     assert 0.8 * COUNT < len(of_kind(recording, Kind.IMU)) <= COUNT
 
 
+def test_a_ulog_whose_names_are_damaged_is_read_without_that_message(tmp_path):
+    """One wrong bit in the name of a field: a message without a time ended import with a traceback."""
+    content = ulog(ulog_topics())
+    log = tmp_path / "flight.ulg"
+    log.write_bytes(content.replace(b"uint64_t timestamp;uint32_t noutputs", b"uint64_t timestanp;uint32_t noutputs"))
+    report, recording = run_import(log, tmp_path / "bag")
+    assert "the file is damaged in places: what could be read was" in report["notes"]
+    assert "actuator_outputs" not in report["found"] and len(of_kind(recording, Kind.IMU)) > 0
+    log.write_bytes(content.replace(b"float[3] gyro_rad", b"float[1] gyro_rad"))
+    with pytest.raises(InputError, match=r"flight\.ulg"):
+        run_import(log, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
 @pytest.mark.parametrize("week", [65535, 0])
 def test_times_that_no_stamp_can_hold_are_left_out_and_said(tmp_path, week):
     """One wrong bit in the week of the GPS, or in the time of one message; a recording cannot hold such stamps."""
