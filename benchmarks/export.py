@@ -34,8 +34,8 @@ from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.gazebo import export_gazebo
 from aircraft_sysid_ros.export.jsbsim import FOOT, POUND, SURFACES, THRUST, export_jsbsim, property_of
 from aircraft_sysid_ros.export.learnt_model import LearntModel, thrust_part
-from aircraft_sysid_ros.export.level_flight import LevelFlight, level_flight
-from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, RateLoop, airspeeds_of, design
+from aircraft_sysid_ros.export.level_flight import LevelFlight, airspeeds_of, level_flight
+from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, RateLoop, design
 from aircraft_sysid_ros.export.targets import reached
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.run_writer import RunWriter

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft import rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.export.exported import Exported, header_lines, number_lines
 from aircraft_sysid_ros.export.learnt_model import (
@@ -24,6 +23,7 @@ from aircraft_sysid_ros.export.learnt_model import (
     fitted,
     lost,
     not_held,
+    stalled_lift,
     standard_errors,
     thrust_part,
 )
@@ -120,25 +120,18 @@ def _beta(signals: Array, learnt: LearntModel) -> Array:
     return np.asarray(np.arctan2(np.sin(beta), np.cos(beta) * np.cos(alpha)))
 
 
-def _arms(learnt: LearntModel) -> Array:
-    return np.array([learnt.aircraft.span, learnt.aircraft.chord, learnt.aircraft.span])
-
-
 def simulated(learnt: LearntModel, ours: Array) -> Array:
     """Coefficients (n, 6) that give the simulator's mass and inertia the accelerations that ours give the aeroplane."""
-    arms, reference = _arms(learnt), learnt.aircraft.aerodynamic_reference
-    moments = ours[:, 3:] * arms + np.cross(np.broadcast_to(reference, ours[:, :3].shape), ours[:, :3])
-    turned = np.linalg.solve(learnt.aircraft.inertia, moments.T).T
-    return np.hstack([ours[:, :3] * SIMULATED_MASS / learnt.aircraft.mass, turned / arms])
+    about_gravity = ours @ learnt.about_gravity.T
+    turned = np.linalg.solve(learnt.aircraft.inertia, (about_gravity[:, 3:] * learnt.arms).T).T
+    return np.hstack([ours[:, :3] * SIMULATED_MASS / learnt.aircraft.mass, turned / learnt.arms])
 
 
 def of_aeroplane(learnt: LearntModel, theirs: Array) -> Array:
     """The inverse of ``simulated``."""
-    arms, reference = _arms(learnt), learnt.aircraft.aerodynamic_reference
     forces = theirs[:, :3] * learnt.aircraft.mass / SIMULATED_MASS
-    moments = (theirs[:, 3:] * arms) @ learnt.aircraft.inertia.T
-    moments = np.array([rigid_body.moment_at_reference(m, f, reference) for m, f in zip(moments, forces, strict=True)])
-    return np.hstack([forces, moments / arms])
+    moments = (theirs[:, 3:] * learnt.arms) @ learnt.aircraft.inertia.T / learnt.arms
+    return np.asarray(np.linalg.solve(learnt.about_gravity, np.hstack([forces, moments]).T).T)
 
 
 def body_coefficients(c: Mapping[str, Any], learnt: LearntModel, signals: Array, full: Array) -> Array:
@@ -158,9 +151,5 @@ def body_coefficients(c: Mapping[str, Any], learnt: LearntModel, signals: Array,
 
 def lift_of(c: Mapping[str, Any], alpha: Array) -> Array:
     """``Plane::liftCoeff``."""
-    stall, m = c["alpha_stall"], c["mcoeff"]
-    alpha = np.clip(alpha, stall - _ALPHA_HELD, stall + _ALPHA_HELD)
-    past, before = np.exp(-m * (alpha - stall)), np.exp(m * (alpha + stall))
-    sigmoid = (1.0 + past + before) / (1.0 + past) / (1.0 + before)
-    flat_plate = 2.0 * np.copysign(1.0, alpha) * np.sin(alpha) ** 2 * np.cos(alpha)
-    return np.asarray((1.0 - sigmoid) * (c["c_lift_0"] + c["c_lift_a"] * alpha) + sigmoid * flat_plate)
+    held = np.clip(alpha, c["alpha_stall"] - _ALPHA_HELD, c["alpha_stall"] + _ALPHA_HELD)
+    return stalled_lift(c["c_lift_0"] + c["c_lift_a"] * held, held, c["alpha_stall"], c["mcoeff"])

@@ -111,17 +111,3 @@ def arduplane_file(comments: Sequence[str], entries: Sequence[Entry]) -> str:
 def _described(entry: Entry) -> str:
     std = f" +- {entry.std:.2g}" if np.isfinite(entry.std) else ""
     return f"{entry.name} = {entry.value:.5g}{std}: {entry.what}"
-
-
-def level_words(level: LevelFlight) -> str:
-    """A trim in words."""
-    surfaces = ", ".join(
-        f"{name} {np.degrees(value):.2f} deg"
-        for name, value in zip(("elevator", "aileron", "rudder"), level.surfaces, strict=True)
-    )
-    bank = f", bank {np.degrees(level.bank):.2f} deg" if level.bank else ""
-    outside = f"; outside of the learnt range: {', '.join(level.outside)}" if level.outside else ""
-    return (
-        f"level flight at {level.airspeed:.2f} m/s (calibrated {level.calibrated_airspeed:.2f}): angle of attack "
-        f"{np.degrees(level.alpha):.2f} deg, {surfaces}{bank}{outside}"
-    )

@@ -11,7 +11,6 @@ from aircraft_sysid_ros.export.autopilot_parameters import (
     Entry,
     arduplane_file,
     arduplane_gains,
-    level_words,
     px4_file,
     px4_gains,
     px4_trims,
@@ -19,7 +18,7 @@ from aircraft_sysid_ros.export.autopilot_parameters import (
 )
 from aircraft_sysid_ros.export.exported import header_lines
 from aircraft_sysid_ros.export.learnt_model import LearntModel, standard_errors
-from aircraft_sysid_ros.export.level_flight import level_flight
+from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight, level_words
 from aircraft_sysid_ros.export.rate_loops import (
     GAIN_MARGIN,
     PHASE_MARGIN,
@@ -27,7 +26,6 @@ from aircraft_sysid_ros.export.rate_loops import (
     ROLL,
     Actuator,
     RateLoop,
-    airspeeds_of,
     design,
 )
 

@@ -22,6 +22,7 @@ from aircraft_sysid_ros.export.learnt_model import (
     fitted,
     lost,
     not_held,
+    stalled_lift,
     standard_errors,
     thrust_part,
 )
@@ -89,7 +90,7 @@ def coefficients(flown: LearntModel) -> dict[str, float]:
     flow = _Flow(flown, flown.signals, values["cp_x"])
     lift = ours[:, 0] * np.sin(flow.alpha) - ours[:, 2] * np.cos(flow.alpha)
     drag = -ours[:, 0] * np.cos(flow.alpha) - ours[:, 2] * np.sin(flow.alpha)
-    moments = _moments_at_origin(flown, ours) - _moments_of_forces(flown, ours, values["cp_x"])
+    moments = (ours @ flown.about_gravity.T)[:, 3:] - _moments_of_forces(flown, ours, values["cp_x"])
     of_symmetry = {"1", *flown.reads("CX", "CZ")}
     _put(values, "CL", fitted(flow.columns("1", "alpha", "beta"), lift, of_symmetry))
     wing = flow.columns("1", "beta") | {"wing": flow.square * flow.lift_without_rates(values) ** 2}
@@ -135,11 +136,8 @@ class _Flow:
 
     def lift_without_rates(self, c: Mapping[str, float]) -> Array:
         """The plugin's C_L that its drag is induced by."""
-        stall, m = c["alpha_stall"], _BLENDING
-        past, before = np.exp(-m * (self.alpha - stall)), np.exp(m * (self.alpha + stall))
-        sigma = (1.0 + past + before) / ((1.0 + past) * (1.0 + before))
-        plate = 2.0 * np.sign(self.alpha) * np.sin(self.alpha) ** 2 * np.cos(self.alpha)
-        lift = (1.0 - sigma) * (c["CL0"] + c["CLa"] * self.alpha) + sigma * plate + c["CLb"] * self.beta
+        linear = c["CL0"] + c["CLa"] * self.alpha
+        lift = stalled_lift(linear, self.alpha, c["alpha_stall"], _BLENDING) + c["CLb"] * self.beta
         return np.asarray(lift + sum(c[f"CL_ctrl_{s}"] * d for s, d in zip(SURFACES, self.surfaces, strict=True)))
 
 
@@ -154,18 +152,10 @@ def _put(values: dict[str, float], prefix: str, found: Mapping[str, float]) -> N
             values[_NAMES[name].format(prefix)] = value
 
 
-def _moments_at_origin(learnt: LearntModel, ours: Array) -> Array:
-    """Moment coefficients (n, 3) about the centre of gravity, where the plugin's link has its origin."""
-    arms = np.array([learnt.aircraft.span, learnt.aircraft.chord, learnt.aircraft.span])
-    reference = np.broadcast_to(learnt.aircraft.aerodynamic_reference, ours[:, :3].shape)
-    return np.asarray(ours[:, 3:] + np.cross(reference, ours[:, :3]) / arms)
-
-
 def _moments_of_forces(learnt: LearntModel, forces: Array, cp_x: float) -> Array:
-    """Moment coefficients (n, 3) of the forces at cp about the origin."""
-    arms = np.array([learnt.aircraft.span, learnt.aircraft.chord, learnt.aircraft.span])
+    """Moment coefficients (n, 3) of the forces at cp about the origin of the link, the centre of gravity."""
     place = np.broadcast_to([cp_x, 0.0, 0.0], forces[:, :3].shape)
-    return np.asarray(np.cross(place, forces[:, :3]) / arms)
+    return np.asarray(np.cross(place, forces[:, :3]) / learnt.arms)
 
 
 def body_coefficients(c: Mapping[str, float], learnt: LearntModel, signals: Array) -> Array:
@@ -198,7 +188,7 @@ def body_coefficients(c: Mapping[str, float], learnt: LearntModel, signals: Arra
         axis=1,
     )
     about_origin = moments + _moments_of_forces(learnt, forces, c["cp_x"])
-    return np.hstack([forces, about_origin - _moments_at_origin(learnt, np.hstack([forces, np.zeros_like(forces)]))])
+    return np.asarray(np.linalg.solve(learnt.about_gravity, np.hstack([forces, about_origin]).T).T)
 
 
 def _text(parent: Element, tag: str, value: object) -> None:

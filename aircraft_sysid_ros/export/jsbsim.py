@@ -8,14 +8,17 @@ not shown how throttle makes thrust.
 
 from __future__ import annotations
 
+import contextlib
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.exported import Exported, comment_of, header_lines
 from aircraft_sysid_ros.export.jsbsim_expression import function_of, node, number, prop
 from aircraft_sysid_ros.export.learnt_model import LearntModel
+from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight, level_words
 
 VERSIONS = ("2.0",)  # of fdm_config
 FOOT, INCH, POUND_MASS = 0.3048, 0.0254, 0.45359237
@@ -45,7 +48,8 @@ _NOT_HELD = (
 def export_jsbsim(learnt: LearntModel) -> Exported:
     """The whole file."""
     root = Element("fdm_config", name=learnt.aircraft.name, version=VERSIONS[0], release="BETA")
-    lines = header_lines(learnt, "JSBSim", {}, _NOT_HELD)
+    notes = _notes(learnt)
+    lines = [*header_lines(learnt, "JSBSim", {}, _NOT_HELD), *notes]
     root.append(Comment(comment_of(lines)))
     header = SubElement(root, "fileheader")
     _text(header, "author", "aircraft-sysid export")
@@ -59,11 +63,13 @@ def export_jsbsim(learnt: LearntModel) -> Exported:
     _aerodynamics(root, learnt)
     indent(root)
     return Exported('<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="unicode") + "\n",
-                    dict.fromkeys(AXES, 0.0), _NOT_HELD, _notes(learnt))  # fmt: skip
+                    dict.fromkeys(AXES, 0.0), _NOT_HELD, notes)  # fmt: skip
 
 
 def _notes(learnt: LearntModel) -> tuple[str, ...]:
     notes = [f"the property {OUTSIDE} counts the signals that are outside of the range in which they were learnt"]
+    with contextlib.suppress(InputError):  # it may have none, and be flown all the same
+        notes.append(level_words(level_flight(learnt, airspeeds_of(learnt)[0])))
     if {"alpha_dot", "beta_dot"} & learnt.model.signals_used:
         notes.append(
             "JSBSim works out its alpha and beta rates from the inertial velocity: in a steady wind, terms of "

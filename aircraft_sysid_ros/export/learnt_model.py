@@ -152,6 +152,19 @@ class LearntModel:
                 shares[self.parameters[k].name] = float(moved[k] / spread[i]) if spread[i] > 0.0 else 0.0
         return shares
 
+    @cached_property
+    def arms(self) -> Array:
+        """Span, chord and span (3,) [m], which the moments are made dimensionless with."""
+        return np.array([self.aircraft.span, self.aircraft.chord, self.aircraft.span])
+
+    @cached_property
+    def about_gravity(self) -> Array:
+        """(6, 6) that turns C_X … C_n about the aerodynamic reference into those about the centre of gravity."""
+        x, y, z = self.aircraft.aerodynamic_reference
+        turn = np.eye(6)
+        turn[3:, :3] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / self.arms[:, None]
+        return turn
+
     def reads(self, *axes: str) -> frozenset[str]:
         """Signals that terms with a value read in some axes."""
         read: set[str] = set()
@@ -186,6 +199,18 @@ def standard_errors(learnt: LearntModel, numbers: Callable[[LearntModel], Mappin
         with contextlib.suppress(InputError):
             drawn.append(numbers(learnt.flown.with_values(values)))
     return {name: float(np.std([each[name] for each in drawn])) if len(drawn) > 1 else np.nan for name in names}
+
+
+def stalled_lift(linear: Array, alpha: Array, stall: float, sharpness: float) -> Array:
+    """C_L (n,) that turns from ``linear`` into that of a flat plate beyond an angle of ``stall`` [rad] on either side.
+
+    The blend of both simulators that have one: sigma = (1 + e1 + e2) / ((1 + e1) (1 + e2)) with
+    e1 = exp(-M (alpha - stall)) and e2 = exp(M (alpha + stall)).
+    """
+    past, before = np.exp(-sharpness * (alpha - stall)), np.exp(sharpness * (alpha + stall))
+    sigma = (1.0 + past + before) / ((1.0 + past) * (1.0 + before))
+    plate = 2.0 * np.copysign(1.0, alpha) * np.sin(alpha) ** 2 * np.cos(alpha)
+    return np.asarray((1.0 - sigma) * linear + sigma * plate)
 
 
 def lost(ours: Array, theirs: Array) -> dict[str, float]:

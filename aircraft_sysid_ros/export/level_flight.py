@@ -35,8 +35,15 @@ class LevelFlight:
     alpha: float
     bank: float  # 0 where aileron and rudder leave the wings level
     surfaces: Array  # (3,) elevator, aileron, rudder
+    thrust: float  # [N]; NaN where the model does not know it
     signals: Array  # (SIGNAL_COUNT,) its signal row
     outside: tuple[str, ...]  # signals beyond the range in which they were learnt
+
+
+def airspeeds_of(learnt: LearntModel) -> tuple[float, float, float]:
+    """True airspeeds [m/s] that gains are made for: trim, which is the median of the rows, lowest and highest."""
+    speed = learnt.signal("V")
+    return float(np.median(speed)), float(speed.min()), float(speed.max())
 
 
 def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
@@ -60,6 +67,7 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     thrust = next((name for name in ("Tc", "throttle") if name in learnt.reads("CX")), None)
     free = [name for name in (*_FLOW, thrust) if name is not None and name in read]
     balanced = [i for i in range(6) if i > 0 or thrust is not None]
+    to_gravity = learnt.about_gravity
     banks = not {"da", "dr"} <= read
 
     def put(x: Array) -> Array:
@@ -72,7 +80,7 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
 
     def residual(x: Array) -> Array:
         signals = put(x)
-        coefficients = _about_gravity(learnt, learnt.coefficients_of(learnt.terms_on(signals[None])))[0]
+        coefficients = to_gravity @ learnt.coefficients_of(learnt.terms_on(signals[None]))[0]
         pitch, bank = signals[names.index("alpha")], x[-1] if banks else 0.0
         coefficients[0] -= weight * np.sin(pitch)
         coefficients[1] += weight * np.cos(pitch) * np.sin(bank)
@@ -94,7 +102,8 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     calibrated = airspeed * float(np.sqrt(density / SEA_LEVEL_DENSITY))
     surfaces = np.array([at[name] for name in SURFACES])
     bank = float(found.x[-1]) if banks else 0.0
-    return LevelFlight(airspeed, calibrated, density, at["alpha"], bank, surfaces, signals, outside)
+    newtons = float(signals[names.index("Tc")]) * qbar * aircraft.wing_area if thrust == "Tc" else np.nan
+    return LevelFlight(airspeed, calibrated, density, at["alpha"], bank, surfaces, newtons, signals, outside)
 
 
 def slopes(learnt: LearntModel, level: LevelFlight) -> Array:
@@ -110,27 +119,27 @@ def slopes(learnt: LearntModel, level: LevelFlight) -> Array:
     return np.asarray(np.nan_to_num(change).T)
 
 
+def level_words(level: LevelFlight) -> str:
+    """A trim in words."""
+    surfaces = ", ".join(
+        f"{name} {np.degrees(value):.2f} deg"
+        for name, value in zip(("elevator", "aileron", "rudder"), level.surfaces, strict=True)
+    )
+    bank = f", bank {np.degrees(level.bank):.2f} deg" if level.bank else ""
+    thrust = f", thrust {level.thrust:.2f} N" if np.isfinite(level.thrust) else ""
+    outside = f"; outside of the learnt range: {', '.join(level.outside)}" if level.outside else ""
+    return (
+        f"level flight at {level.airspeed:.2f} m/s (calibrated {level.calibrated_airspeed:.2f}): angle of attack "
+        f"{np.degrees(level.alpha):.2f} deg, {surfaces}{bank}{thrust}{outside}"
+    )
+
+
 def moment_signs(learnt: LearntModel, level: LevelFlight) -> dict[str, float]:
     """+1 or -1 by surface: the sign of the moment that a positive deflection makes; 0 where it is not known."""
     factors = slopes(learnt, level)
     parts = [learnt.values[learnt.model.axis_slice(axis)] @ factors[learnt.model.axis_slice(axis)] for axis in AXES]
-    c = about_gravity(learnt) @ np.array(parts)
+    c = learnt.about_gravity @ np.array(parts)
     return {s: float(np.sign(c[AXES.index(axis), SLOPES.index(s)])) for s, axis in MOMENT_OF.items()}
-
-
-def about_gravity(learnt: LearntModel) -> Array:
-    """(6, 6) that turns C_X … C_n about the aerodynamic reference into those about the centre of gravity."""
-    x, y, z = learnt.aircraft.aerodynamic_reference
-    b, c = learnt.aircraft.span, learnt.aircraft.chord
-    turn = np.eye(6)
-    turn[3, :3] = np.array([0.0, -z, y]) / b
-    turn[4, :3] = np.array([z, 0.0, -x]) / c
-    turn[5, :3] = np.array([-y, x, 0.0]) / b
-    return turn
-
-
-def _about_gravity(learnt: LearntModel, coefficients: Array) -> Array:
-    return np.asarray(coefficients @ about_gravity(learnt).T)
 
 
 def _within(value: float, limits: tuple[float, float]) -> bool:

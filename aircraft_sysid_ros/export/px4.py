@@ -12,11 +12,16 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.export.autopilot_parameters import Entry, level_words, px4_file, px4_trims, with_std
+from aircraft_sysid_ros.export.autopilot_parameters import Entry, px4_file, px4_trims, with_std
 from aircraft_sysid_ros.export.exported import Exported, header_lines
 from aircraft_sysid_ros.export.learnt_model import LearntModel, fitted, standard_errors, thrust_part
-from aircraft_sysid_ros.export.level_flight import SEA_LEVEL_DENSITY, LevelFlight, level_flight
-from aircraft_sysid_ros.export.rate_loops import airspeeds_of
+from aircraft_sysid_ros.export.level_flight import (
+    SEA_LEVEL_DENSITY,
+    LevelFlight,
+    airspeeds_of,
+    level_flight,
+    level_words,
+)
 
 Array = npt.NDArray[np.float64]
 

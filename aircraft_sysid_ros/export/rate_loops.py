@@ -25,7 +25,7 @@ from aircraft_sysid_ros.export.level_flight import (
     MOMENT_OF,
     SLOPES,
     LevelFlight,
-    about_gravity,
+    airspeeds_of,
     level_flight,
     moment_signs,
     slopes,
@@ -87,7 +87,7 @@ def plants(learnt: LearntModel, level: LevelFlight, axis: str, values: Array) ->
     qs, speed = 0.5 * level.density * level.airspeed**2 * a.wing_area, level.airspeed
     factors = slopes(learnt, level)
     parts = [(values[:, part] @ factors[part]) for part in (learnt.model.axis_slice(name) for name in AXES)]
-    c = np.einsum("ij,njs->nis", about_gravity(learnt), np.stack(parts, axis=1))  # (n, 6, SLOPES)
+    c = np.einsum("ij,njs->nis", learnt.about_gravity, np.stack(parts, axis=1))  # (n, 6, SLOPES)
     rate = {
         "p": a.span / (2.0 * speed),
         "q": a.chord / speed,
@@ -143,12 +143,6 @@ def closed_loop(plant: Plant, p: float, i: float, actuator: Actuator) -> Array:
 def is_stable(matrices: Array) -> npt.NDArray[np.bool_]:
     """Whether all eigenvalues of each matrix (n, m, m) are in the left half plane."""
     return np.asarray(np.linalg.eigvals(matrices).real.max(axis=1) < 0.0)
-
-
-def airspeeds_of(learnt: LearntModel) -> tuple[float, float, float]:
-    """True airspeeds [m/s] that gains are made for: trim, which is the median of the rows, lowest and highest."""
-    speed = learnt.signal("V")
-    return float(np.median(speed)), float(speed.min()), float(speed.max())
 
 
 def design(learnt: LearntModel, axis: str, actuator: Actuator) -> RateLoop:

@@ -11,8 +11,10 @@ from models import with_terms
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
-from aircraft_sysid_ros.export.jsbsim import OUTSIDE, export_jsbsim, lag_property, property_of
+from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
+from aircraft_sysid_ros.export.jsbsim import FOOT, OUTSIDE, export_jsbsim, lag_property, property_of
 from aircraft_sysid_ros.export.learnt_model import LearntModel, Parameter
+from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight
 
 pytest.importorskip("jsbsim")
 #: Terms of every function and operator of expressions.
@@ -45,6 +47,30 @@ def test_pieces_of_the_held_out_flight_are_flown_as_our_simulator_flies_them(lea
         assert found["apart"][output] < 0.01, output  # another integrator, a round earth
         assert found["nrmse_jsbsim"][output] < found["nrmse_own"][output] + 0.01, output
         assert found["nrmse_jsbsim"][output] < 0.1, output
+
+
+def test_jsbsim_stays_in_the_level_flight_that_the_file_states(learnt, held_out):
+    level = level_flight(learnt, airspeeds_of(learnt)[0])
+    exported = in_jsbsim(learnt)
+    assert f"thrust {level.thrust:.2f} N" in str(export_jsbsim(learnt).content)
+    names, e = learnt.model.signal_names, exported.executive
+    beta = float(level.signals[names.index("beta")])
+    flow = [np.cos(beta) * np.cos(level.alpha), np.sin(beta), np.cos(beta) * np.sin(level.alpha)]
+    attitude = quaternion_from_euler(0.0, level.alpha, 0.0)
+    still = replace(
+        held_out[:1],
+        position=np.zeros((1, 3)),
+        quaternion=attitude[None],
+        rates=np.zeros((1, 3)),
+        air_velocity=level.airspeed * np.array([flow]),
+        controls=np.array([[*level.surfaces, 0.0, 0.0, level.thrust, 0.0]]),
+    )
+    exported.put(still, 0)
+    for _ in range(600):
+        e.run()
+    assert FOOT * e["velocities/vt-fps"] == pytest.approx(level.airspeed, abs=0.05)
+    assert e["attitude/theta-rad"] == pytest.approx(level.alpha, abs=0.01)
+    assert e["attitude/phi-rad"] == pytest.approx(0.0, abs=0.02)
 
 
 def test_every_kind_of_term_is_held_about_any_reference_point(learnt, held_out):
@@ -104,4 +130,4 @@ def test_aeroplanes_of_which_the_terms_are_not_the_truth(name):
     assert found["states"]["largest_difference"] < 1e-6
     for output, own in found["pieces"]["nrmse_own"].items():
         assert found["pieces"]["nrmse_jsbsim"][output] < own + 0.01, output
-    assert all(loop["stable"] >= 99 for loop in found["gains"].values())
+    assert all("refused" in loop or loop["stable"] >= 99 for loop in found["gains"].values())

@@ -12,8 +12,8 @@ from scipy.linalg import expm
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.autopilot_parameters import arduplane_gains, px4_gains
 from aircraft_sysid_ros.export.gains import gains
-from aircraft_sysid_ros.export.level_flight import level_flight
-from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, airspeeds_of, design
+from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight
+from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, design
 
 ACTUATOR = Actuator()
 FULL = np.radians([25.0, 20.0, 30.0])
