@@ -1,0 +1,61 @@
+"""The campaign of benchmarks/faults.py: its faults are what they say, and a small seeded part of it."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.sensors.sensor_models import stamps_of
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+import fault_kinds
+import faults
+
+BEGIN, END = 8.0, 12.0
+
+
+@pytest.fixture(scope="module")
+def samples(aircraft):
+    return simulate_samples(aircraft, seed=3, duration=20.0).samples
+
+
+def test_there_are_forty_kinds_and_more():
+    assert len(fault_kinds.KINDS) > 40
+    assert all((kind.change is None) == bool(kind.surface) and kind.names for kind in fault_kinds.KINDS.values())
+
+
+@pytest.mark.parametrize("name", [name for name, kind in fault_kinds.KINDS.items() if kind.change is not None])
+def test_a_fault_changes_the_record_while_it_lasts_and_nothing_else(samples, name):
+    found = fault_kinds.KINDS[name].change(samples, BEGIN, END, np.random.default_rng(1))
+    begin, end = stamps_of([BEGIN, END])
+    late = int(6e8)  # samples that are stamped later than they were measured
+
+    def outside(of):
+        rows = (of.stamp < begin) | (of.stamp >= end + late)
+        return of[rows]
+
+    before, after = outside(samples), outside(found)
+    assert np.array_equal(before.stamp, after.stamp) and np.array_equal(before.kind, after.kind)
+    np.testing.assert_array_equal(before.values, after.values)
+    same = len(found) == len(samples) and np.array_equal(found.stamp, samples.stamp)
+    assert not (same and np.array_equal(found.values, samples.values, equal_nan=True))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(9_690_000, 9_690_008))
+def test_nothing_breaks_and_nothing_wrong_is_sure(seed):
+    found = faults.fly({"seed": seed, "faulty": True})
+    assert "exception" not in found and found["nonfinite"] == 0 and found["sure_wrong"] == 0
+
+
+def test_a_summary_counts_what_was_flown():
+    moved = {"faulty": True, "fault": "alpha stuck", "touched": ["Cm_q"], "held": 2.0, "sure_wrong": 0, "nonfinite": 0}
+    moved |= {"sure_wrong_at_the_end": 0, "named": True}
+    records = [moved, moved | {"held": None, "sure_wrong": 3}, {"faulty": True, "fault": "GPS lost", "exception": "E"}]
+    records += [{"faulty": False, "holds": 1, "sure_wrong": 0}, {"faulty": False, "holds": 0, "sure_wrong": 0}]
+    found = faults.summary(records)
+    assert found["all"]["flights"] == 3 and found["all"]["exceptions"] == 1 and found["all"]["sure_wrong"] == 1
+    assert (found["faults"]["alpha stuck"]["moved"], found["faults"]["alpha stuck"]["held"]) == (2, 1)
+    assert found["healthy"] == {"flights": 2, "held": 1, "sure_wrong": 0, "exceptions": 0}
