@@ -59,11 +59,11 @@ def put_in_place(new: Path, target: Path, aside: Path, check: Callable[[], None]
             raise
 
 
-def write_new(path: Path, text: str) -> None:
+def write_new(path: Path, content: str | bytes) -> None:
     """``write_whole`` where nothing is yet: raises FileExistsError for whatever is there, a link to nowhere as well."""
     os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
     try:
-        write_whole(path, text)
+        write_whole(path, content)
     except OSError:
         path.unlink(missing_ok=True)
         raise

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
 from aircraft_sysid_ros.export.targets import TARGETS, version_of
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.text_file import write_whole
+from aircraft_sysid_ros.text_file import write_new, write_whole
 
 _FULL = "degrees of elevator, aileron and rudder at full command, such as 25,20,30"
 _LARGEST_DEFLECTION = 90.0  # [deg]
@@ -57,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     opened = open_run(args.run)
     learnt = chosen_model(opened, args.model)
     exported = target.write(learnt, full, version)
-    write(out, exported.content)
+    write(out, exported.content, args.overwrite)
     return {
         **about(learnt),
         "target": args.to,
@@ -108,7 +109,7 @@ def checked_out(path: str, suffix: str, overwrite: bool) -> Path:
         raise InputError(f"--out {path}: give it a name that ends in {suffix}")
     if not out.parent.is_dir():
         raise InputError(f"--out {path}: the folder {out.parent} is not there, make it first")
-    if out.is_dir() or (out.exists() and not overwrite):
+    if out.is_dir() or (os.path.lexists(out) and not overwrite):
         what = (
             "is a folder: give another name" if out.is_dir() else "is already there: give another name or --overwrite"
         )
@@ -129,10 +130,10 @@ def full_deflection(text: str | None) -> npt.NDArray[np.float64] | None:
     return np.radians(degrees)
 
 
-def write(out: Path, content: str | bytes) -> None:
-    """All of it or nothing. Raises InputError."""
+def write(out: Path, content: str | bytes, overwrite: bool) -> None:
+    """All of it or nothing; nothing over a file that has come meanwhile. Raises InputError."""
     try:
-        write_whole(out, content)
+        (write_whole if overwrite else write_new)(out, content)
     except OSError as error:
         raise InputError(f"cannot write {out}: {error.strerror or error}") from None
 

@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     learnt = chosen_model(opened, args.model)
     found = gains(learnt, args.to, full, actuator)
     if out is not None:
-        write(out, found.content)
+        write(out, found.content, args.overwrite)
     loops = {
         loop.axis: {
             "gain_margin_db": 20.0 * float(np.log10(loop.gain_margin)),

@@ -224,14 +224,16 @@ def _aerodynamics(root: Element, learnt: LearntModel) -> None:
                 product.append(prop(_ARMS[axis]))
             if text != "1":
                 product.append(function_of(text, properties, lags))
-            function = SubElement(element, "function", name=f"aero/coefficient/{_property_name(name)}")
+            function = SubElement(element, "function", name=f"aero/coefficient/{_property_name(learnt, name)}")
             _text(function, "description", _described(learnt, name))
             function.append(product)
 
 
-def _property_name(name: str) -> str:
-    """A name that the property tree of JSBSim takes: letters, digits, underscores."""
-    return "".join(c if c.isalnum() or c == "_" else "_" for c in name)
+def _property_name(learnt: LearntModel, name: str) -> str:
+    """A name that the property tree of JSBSim takes: letters, digits, underscores; a number tells equal ones apart."""
+    plain = ["".join(c if c.isalnum() or c == "_" else "_" for c in each) for each in learnt.model.parameter_names]
+    k = learnt.model.parameter_names.index(name)
+    return plain[k] if plain.count(plain[k]) == 1 else f"{plain[k]}_{k}"
 
 
 def _described(learnt: LearntModel, name: str) -> str:

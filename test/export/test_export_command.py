@@ -97,6 +97,9 @@ def test_a_file_that_is_there_is_kept_unless_it_shall_be_replaced(exported_run, 
     assert "already there" in refused(capsys, *words) and out.read_text() == "mine"
     answer(capsys, *words, "--overwrite")
     assert out.read_text() != "mine"
+    link = tmp_path / "b.csv"
+    link.symlink_to("nowhere")
+    assert "already there" in refused(capsys, "export", exported_run, "--to", "csv", "--out", link)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ pytest.importorskip("jsbsim")
 #: Terms of every function and operator of expressions.
 ODD_TERMS = {
     "CX": ["1", "alpha**2", "Tc", "exp(-V/20)", "sqrt(abs(alpha))"],
-    "CY": ["beta", "sign(beta)*beta**2", "-beta*alpha"],
+    "CY": ["beta", "sign(beta)*beta**2", "beta*alpha", "beta+alpha"],
     "CZ": ["1", "alpha", "max(alpha,0.05)", "min(de,0.0)", "alpha_dot"],
     "Cl": ["p", "da", "tanh(3*beta)", "sin(alpha)*r"],
     "Cm": ["1", "alpha", "q", "cos(alpha)/(1+alpha)"],
