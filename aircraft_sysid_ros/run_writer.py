@@ -170,12 +170,13 @@ class RunWriter:
                 result["state"].update(duration=duration, realtime_factor=duration / elapsed)
                 write_json(new / STATE, result["state"])
                 put_in_place(new, self.path, Path(folder) / "replaced", self._check)
-        except OSError as error:
+        except (OSError, InputError) as error:  # the second from the writer of the estimates
             kept = ""
             if self._journal is not None:
                 self._journal.close()
                 kept = f"; its flight is kept: aircraft-sysid recover {self.path}"
-            raise InputError(f"cannot write the run {self.path}: {error.strerror or error}{kept}") from None
+            reason = getattr(error, "strerror", None) or str(error).rpartition(": ")[2]
+            raise InputError(f"cannot write the run {self.path}: {reason}{kept}") from None
         if self._journal is not None:
             self._journal.clear()
         return result

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import time
 import tracemalloc
 from dataclasses import replace
@@ -12,9 +13,11 @@ from processes import live, play
 from waiting import LONGEST, finish
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_journal import RECORD, RECORDS, FlightJournal, recovered
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import journal_path, read_samples
@@ -136,6 +139,23 @@ def test_a_full_disk_does_not_end_the_flight(journal, samples, monkeypatch):
     kept = [*journal]
     np.testing.assert_array_equal(np.concatenate([part.stamp for part in kept]), samples.stamp)
     assert "No space left on device" in journal.note
+
+
+def test_a_disk_that_is_full_when_the_run_is_written_keeps_the_flight(aircraft, samples, tmp_path):
+    """Its estimates are the first and largest file: when they did not fit, the journal was deleted as well."""
+    run, limits = tmp_path / "run", resource.getrlimit(resource.RLIMIT_FSIZE)
+    pipeline = Pipeline(aircraft)
+    with (
+        pytest.raises(InputError, match=r"cannot write the run .*: File too large; its flight is kept: .* recover "),
+        RunWriter(run, aircraft, in_progress={"state": {}, "parameters": {}}) as writer,
+    ):
+        writer.add_samples(samples)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+        try:
+            writer.finish(pipeline.state, pipeline.parameters, 5.0, time.perf_counter())
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert len(recovered(run)[2]) == len(samples) and not run.exists()
 
 
 def test_a_flight_that_was_cut_off_is_not_flown_over(journal, samples, aircraft):
