@@ -25,6 +25,7 @@ NOT_RUN = {
     "make paper": _MEASURES,
     "make calibration": _MEASURES,
     "make closed-loop": _MEASURES,
+    "make fuzz": "test/fuzz/test_fuzz.py tries the same inputs for a moment",
     "make docs": "test/test_packaging.py runs it with --check",
     "python benchmarks/": _MEASURES,
     "python docs/": _MEASURES,
