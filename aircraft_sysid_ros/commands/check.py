@@ -3,36 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import math
 import textwrap
-from collections.abc import Iterable
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, NamedInput, load_aircraft
+from aircraft_sysid_ros.after_flight.check import check_recording
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
-from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.commands.replay_notes import unnamed_notes
+from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_check.check import Checked, check
+from aircraft_sysid_ros.flight_check.check import Checked
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, SEVERITIES, WARNING, Finding, joined, short_names
-from aircraft_sysid_ros.flight_check.signals import Flight, flight_of
-from aircraft_sysid_ros.identification.conditions import listed
-from aircraft_sysid_ros.recordings.reader import Recording, read_recording
-from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.text_file import write_whole
 
 _PAGES = (".html", ".htm")
-#: Sensors of the aircraft file whose delay is known, by kind of sample.
-_SENSORS = {
-    Kind.IMU: "accelerometer", Kind.ATTITUDE: "attitude", Kind.GPS_POSITION: "gps_position",
-    Kind.GPS_VELOCITY: "gps_velocity", Kind.AIRSPEED: "airspeed", Kind.ANGLE_OF_ATTACK: "angle_of_attack",
-    Kind.SIDESLIP: "sideslip", Kind.AIR: "static_pressure", Kind.CONTROLS: "control_surfaces",
-    Kind.INPUTS: "control_surfaces", Kind.FIVE_HOLE: "five_hole_probe",
-    Kind.MAGNETIC_FIELD: "magnetometer", Kind.HEIGHT: "height_above_ground",
-}  # fmt: skip
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -56,31 +40,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Check and draw; returns findings, rates and what can be identified. Raises InputError."""
     _check_out(args.out)
-    aircraft = load_aircraft(args.aircraft) if args.aircraft else None
-    with progress_bar() as progress:
-        task = progress.add_task("read the recording", total=1.0)
-        recording = read_recording(args.bag, unlimited(aircraft.inputs) if aircraft else ())
-        flight = flight_of_recording(recording, aircraft)
-        if not any(len(stream.time) for stream in flight.streams.values()):
-            raise InputError(f"the recording {args.bag} holds no sample with a number in it")
-        progress.update(task, description="check")
-        model = aircraft.model if aircraft else None
-        checked = check(flight, model, lambda share: progress.update(task, completed=share))
-        title = f"{args.bag}, {flight.duration:.1f} s"
-        figure, notes = picture(lambda: _draw(checked, args.out, title)) if args.out else (None, [])
-    return {
-        "recording": str(args.bag),
-        "duration": flight.duration,
-        "findings": [record for finding in checked.findings for record in finding.records],
-        "rates": dict(checked.rates),
-        "identifiable": {p.name: p.is_shown for p in checked.parameters},
-        "parameters": [
-            {"name": p.name, "excitation": p.excitation, "relative_error": p.relative_error, "reason": p.reason}
-            for p in checked.parameters
-        ],
-        "figure": figure,
-        "notes": [*recording.notes, *_unnamed(recording, aircraft), *notes],
-    }
+    with telling() as tell:
+        found = check_recording(args.bag, args.aircraft, tell)
+        title = f"{args.bag}, {found.duration:.1f} s"
+        figure, notes = picture(lambda: _draw(found.checked, args.out, title)) if args.out else (None, [])
+    return {**found.json, "figure": figure, "notes": [*found.notes, *notes]}
 
 
 def _check_out(out: str | None) -> None:
@@ -107,36 +71,6 @@ def _draw(checked: Checked, out: str, title: str) -> Path:
     else:
         write_whole(path, content.getvalue())
     return path
-
-
-def unlimited(inputs: Iterable[NamedInput]) -> tuple[NamedInput, ...]:
-    """Named inputs of which every value is read, so that what is outside the limits can be said."""
-    return tuple(replace(item, limits=(-math.inf, math.inf)) for item in inputs)
-
-
-def _unnamed(recording: Recording, aircraft: Aircraft | None) -> list[str]:
-    """Inputs of the recording that are not looked at."""
-    if aircraft:
-        return unnamed_notes(recording)
-    if not recording.unnamed:
-        return []
-    return [f"the inputs {listed(recording.unnamed)} are looked at where an aircraft file names them: give --aircraft"]
-
-
-def flight_of_recording(recording: Recording, aircraft: Aircraft | None) -> Flight:
-    """The samples of a recording by signal, with what the aircraft file knows of the sensors."""
-    delays = {kind: aircraft.sensors[name].delay for kind, name in _SENSORS.items()} if aircraft else {}
-    known: dict[str, Any] = {}
-    if aircraft:
-        noise = aircraft.sensors["control_surfaces"].noise[0]
-        known = {"surface_signs": aircraft.surface_signs, "surface_noise": noise, "inputs": aircraft.inputs}
-    return flight_of(
-        recording.samples,
-        recording.arrival,
-        delays={kind: delay for kind, delay in delays.items() if delay},
-        skipped=recording.skipped,
-        **known,
-    )
 
 
 def render(result: dict[str, Any]) -> str:

@@ -1,4 +1,7 @@
-"""``compare``: how good the model of a run is on flight that it was not fitted to, and where it fails."""
+"""``compare``: how good the model of a run is on flight that it was not fitted to, and where it fails.
+
+With another run it says, too, which parameters differ beyond doubt and how well each model does on each flight.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,9 @@ import argparse
 import math
 from typing import Any
 
+from aircraft_sysid_ros.after_flight.compare import compare_run, compare_runs
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
-from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.compare import compare
-from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
 
 FIGURE = "compare.png"
@@ -21,25 +23,25 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "compare", help="how good the model is, and where it fails", description=__doc__
     )
     parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument(
+        "--with", dest="other", metavar="RUN2",
+        help="another run, or the id of another version of this one: both side by side",
+    )  # fmt: skip
     return parser
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compare and draw; returns the JSON of INTERFACE.md with the model and the figure. Raises InputError."""
-    opened = open_run(args.run)
-    with progress_bar() as progress:
-        task = progress.add_task("reconstruct the flight", total=None)
-        flight = opened.flight()
-        progress.update(task, description="compare")
-        comparison = compare(flight)
-    title = f"{flight.aircraft.name}, model {opened.current.identifier}"
-    result = {"model": opened.current.identifier, **comparison.json}
-    if opened.samples is None:
-        note = "the run holds no samples: errors are those of the filter, with its settling; replay the recording again"
-        result["notes"] = [*result["notes"], note]
-    result["figure"], notes = picture(lambda: comparison_figure(comparison, opened.path / FIGURE, title))
-    result["notes"] = [*opened.notes, *result["notes"], *notes]
-    return result
+    with telling("compare") as tell:
+        beside = None
+        if args.other is None:
+            found = compare_run(args.run, tell)
+        else:
+            found, beside = compare_runs(args.run, args.other, tell)
+    path, title = found.run.path, f"{found.comparison.flight.aircraft.name}, model {found.run.current.identifier}"
+    figure, notes = picture(lambda: comparison_figure(found.comparison, path / FIGURE, title))
+    result = {**found.json, "figure": figure, "notes": [*found.notes, *notes]}
+    return result if beside is None else {**result, "with": beside.json}
 
 
 def render(result: dict[str, Any]) -> str:
@@ -60,7 +62,39 @@ def render(result: dict[str, Any]) -> str:
         lines += [f"  {w['text']}: {percent(w['nrmse'])} %, {w['times_noise']:.1f} times" for w in result["worst"]]
     else:
         lines.append("no stretch of time and no part of the flight envelope is worse than noise")
-    return "\n".join([*lines, *picture_lines(result)])
+    lines += picture_lines(result)
+    return "\n".join([*lines, "", *_beside(result["with"])] if "with" in result else lines)
+
+
+def _beside(both: dict[str, Any]) -> list[str]:
+    """Two runs side by side, for people."""
+    names = [f"{run} ({model})" for run, model in zip(both["runs"], both["models"], strict=True)]
+    lines = [f"a: {names[0]}", f"b: {names[1]}", ""]
+    header = f"{'parameter':<14}{'a':>12}{'b':>12}{'b - a':>12}{'std. error':>12}"
+    lines += [header, "-" * len(header)]
+    for p in both["parameters"]:
+        numbers = "".join(f"{_number(x):>12}" for x in (*p["value"], p["difference"], p["std_difference"]))
+        lines.append(f"{p['name']:<14}{numbers}" + (f"  differs, p {p['p_value']:.1g}" if p["differs"] else ""))
+    for run, only in zip("ab", both["only_in"], strict=True):
+        if only:
+            lines.append(f"only in {run}: {' '.join(only)}")
+    lines += [
+        "",
+        "error in % of the spread, on flight that was not fitted: of the model of a on a, on b; of b on a, on b",
+    ]
+    for axis, ((aa, ab), (ba, bb)) in both["errors"].items():
+        lines.append(f"{axis:<6}" + "".join(f"{percent(x):>8}" for x in (aa, ab, ba, bb)))
+    lines += ["", *(f"note: {note}" for note in both["notes"])]
+    if not both["same_flight"]:
+        told = f"{len(both['differing'])} of {both['tried']} parameters differ beyond doubt"
+        lines.append(
+            f"{told}; of two flights with the same ones any is said to differ in at most {both['false_alarm_rate']:.0%}"
+        )
+    return lines
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.4f}"
 
 
 def percent(value: float) -> str:

@@ -8,16 +8,12 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from aircraft_sysid_ros.after_flight.diagnose import diagnose
 from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.notes import note_lines
-from aircraft_sysid_ros.commands.progress import progress_bar
-from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run, diagnose_runs
+from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
-from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.run_reader import DIAGNOSIS
-from aircraft_sysid_ros.run_writer import write_json
 
-FEWEST, MOST = 2, 50
 HEADLINES = {
     "none": "nothing is missing", "missing": "an effect is missing", "unexplained": "something is unexplained",
 }  # fmt: skip
@@ -42,23 +38,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; returns the JSON of INTERFACE.md and writes it into the run, where it is one. Raises InputError."""
-    if not FEWEST <= args.replicas <= MOST:
-        raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {args.replicas}")
-    with progress_bar() as progress:
-        task = progress.add_task("diagnose", total=1.0)
-
-        def tell(what: str, share: float) -> None:
-            progress.update(task, description=what, completed=share)
-
-        if len(args.run) > 1:
-            return {**diagnose_runs(args.run, args.replicas, tell), "file": None}
-        result, folder = diagnose_run(args.run[0], args.replicas, tell)
-    result["file"] = str(folder / DIAGNOSIS)
-    try:
-        write_json(folder / DIAGNOSIS, result)
-    except OSError:  # the answer is worth more than its copy
-        result["file"] = None
-    return result
+    with telling("diagnose") as tell:
+        return diagnose(args.run, args.replicas, tell)
 
 
 def render(result: dict[str, Any]) -> str:

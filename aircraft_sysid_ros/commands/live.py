@@ -16,12 +16,12 @@ from typing import Any
 
 from rich.progress import Progress
 
+from aircraft_sysid_ros.after_flight.replay_notes import estimator_notes, place_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.commands.replay import render as render_run
-from aircraft_sysid_ros.commands.replay_notes import estimator_notes, place_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
 from aircraft_sysid_ros.identification.options import ParameterOptions

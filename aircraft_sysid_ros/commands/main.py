@@ -21,6 +21,7 @@ from aircraft_sysid_ros.json_text import json_text
 #: Command, the module that has it and its purpose, in the order in which a user meets them.
 COMMANDS = {
     "demo": ("demo", "the main job on a simulated flight, through ROS 2"),
+    "explain": ("explain", "what a log means, in one go, to one page"),
     "simulate": ("simulate", "a flight with known truth, recorded as a bag"),
     "import": ("import_log", "a flight log of another format to a bag"),
     "check": ("check", "a flight as data, before anything is estimated"),

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from aircraft_sysid_ros.after_flight.progress import Tell
 from aircraft_sysid_ros.errors import InputError
 
 
@@ -19,6 +20,14 @@ def progress_bar() -> Iterator[Progress]:
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         yield progress
+
+
+@contextmanager
+def telling(what: str = "") -> Iterator[Tell]:
+    """A bar that hears what is being done and its share."""
+    with progress_bar() as progress:
+        task = progress.add_task(what, total=1.0)
+        yield lambda now, share: progress.update(task, description=now or what, completed=share)
 
 
 def say_ready(path: str | None) -> None:

@@ -11,10 +11,11 @@ import shutil
 import time
 from typing import Any
 
+from aircraft_sysid_ros.after_flight.replay import feed
+from aircraft_sysid_ros.after_flight.replay_notes import estimator_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
-from aircraft_sysid_ros.commands.replay import feed
+from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.commands.replay import render as render_run
-from aircraft_sysid_ros.commands.replay_notes import estimator_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_journal import recovered
 from aircraft_sysid_ros.identification.options import ParameterOptions
@@ -50,7 +51,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with RunWriter(args.run, aircraft, overwrite=args.overwrite) as writer:
         pipeline.warm_up()
         started = time.perf_counter()
-        feed(pipeline, samples, writer)
+        with telling() as tell:
+            feed(pipeline, samples, writer, tell=tell)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
         told += rate_notes(pipeline.parameters.stream) + estimator_notes(pipeline.parameters)

@@ -321,7 +321,7 @@ def test_replay_is_deterministic(cli, run, bag, aircraft_file, tmp_path):
 
 
 def test_the_numbers_do_not_depend_on_blocks(cli, run, bag, aircraft_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("aircraft_sysid_ros.commands.replay.BLOCK", 37)
+    monkeypatch.setattr("aircraft_sysid_ros.after_flight.replay.BLOCK", 37)
     assert cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")[0] == 0
     assert (tmp_path / "run" / "parameters.json").read_bytes() == (run[0] / "parameters.json").read_bytes()
 

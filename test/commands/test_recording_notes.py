@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
+from aircraft_sysid_ros.after_flight.replay_notes import place_notes
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
-from aircraft_sysid_ros.commands.replay_notes import place_notes
 from aircraft_sysid_ros.recordings import mcap_records
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.commands.replay_notes import why_no_start
+from aircraft_sysid_ros.after_flight.replay_notes import why_no_start
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.ros_messages.conversion import NO_FIX, gps_fix_fields, to_samples
 from aircraft_sysid_ros.samples import Kind, concatenate, samples_of

@@ -14,6 +14,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, sett
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.several_runs import join_runs
+from aircraft_sysid_ros.diagnosis.two_runs import holm
 from aircraft_sysid_ros.run_reader import DIAGNOSIS, read_samples
 from aircraft_sysid_ros.samples import (
     Kind,
@@ -110,6 +111,53 @@ def test_runs_are_held_out_whole_and_what_happened_once_by_blocks(runs):
     assert once.data.blocks_only and np.array_equal(once.data.fold, once.data.block % 4)
     assert set(bench.trial(passing).gains["CZ"].fit.fold) == {0, 1, 2, 3}
     assert once.judging(passing) is once
+
+
+# -- two runs side by side -----------------------------------------------------------------------------------------
+
+
+def test_two_flights_of_one_aeroplane_differ_in_nothing(runs):
+    found = ask("compare", runs["monday"], "--with", runs["tuesday"])["with"]
+    assert (found["runs"], found["same_flight"], found["differing"]) == (["monday", "tuesday"], False, [])
+    assert found["tried"] == len(found["parameters"]) >= 30 and found["only_in"] == [[], []]
+    alone = ask("compare", runs["tuesday"])
+    for axis, ((_, _), (_, own)) in found["errors"].items():
+        assert own == alone["axes"][axis]["nrmse_held_out"]
+
+
+def test_a_load_is_what_differs_between_two_flights(runs, capsys):
+    """Coefficients of force are m_file / m times what they were; the model of the one does badly on the other."""
+    found = ask("compare", runs["monday"], "--with", runs["loaded"])["with"]
+    assert "CZ_alpha" in found["differing"] and not [n for n in found["differing"] if n in ("Cn_beta", "Cl_p")]
+    (lift,) = (p for p in found["parameters"] if p["name"] == "CZ_alpha")
+    assert lift["value"][1] / lift["value"][0] == pytest.approx(1.0 / HEAVIER, abs=0.02)
+    assert lift["difference"] == lift["value"][1] - lift["value"][0] and lift["p_value"] < 1e-6
+    assert lift["std_difference"] == pytest.approx(np.hypot(*lift["std"]))
+    (own, other), (_, its_own) = found["errors"]["CZ"]
+    assert other > 2.0 * max(own, its_own)
+    assert main(["compare", str(runs["monday"]), "--with", str(runs["loaded"])]) == 0
+    assert "parameters differ beyond doubt" in capsys.readouterr().out
+
+
+def test_two_versions_of_one_flight_give_no_chance(runs, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(runs["monday"], run)
+    root = ask("add", run, "CZ: alpha**3")["parents"][0]
+    found = ask("compare", run, "--with", root)["with"]
+    assert found["same_flight"] and found["tried"] == 0 and found["differing"] == []
+    assert found["only_in"] == [["CZ_alpha3"], []]
+    assert {p["difference"] for p in found["parameters"] if p["name"].startswith("Cn")} == {0.0}
+
+
+def test_p_values_by_holm():
+    """0.005, 0.01, 0.03, 0.04 of four: times 4, 3, 2, 1, and none less than one before it."""
+    assert holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+
+
+def test_what_cannot_stand_side_by_side(runs, capsys, tmp_path):
+    assert "is given twice" in refused(capsys, "compare", runs["monday"], "--with", runs["monday"])
+    assert "has no model 'nobody': it has" in refused(capsys, "compare", runs["monday"], "--with", "nobody")
+    assert "is no run" in refused(capsys, "compare", runs["monday"], "--with", tmp_path / "nothing")
 
 
 def test_samples_know_their_run(runs):

@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.after_flight.replay import BLOCK, smoothed
 from aircraft_sysid_ros.aircraft.earth import ned_between
 from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_log, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.commands.main import main
-from aircraft_sysid_ros.commands.replay import BLOCK, smoothed
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.fusion import retract

@@ -1,0 +1,1 @@
+"""What is done with a flight once it is over: one module for each command, without options and printing."""

@@ -1,0 +1,98 @@
+"""The check of a recording, with what an aircraft file knows of its sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.after_flight.progress import Tell, nobody
+from aircraft_sysid_ros.after_flight.replay_notes import unnamed_notes
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, NamedInput, load_aircraft
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_check.check import Checked, check
+from aircraft_sysid_ros.flight_check.signals import Flight, flight_of
+from aircraft_sysid_ros.identification.conditions import listed
+from aircraft_sysid_ros.recordings.reader import Recording, read_recording
+from aircraft_sysid_ros.samples import Kind
+
+#: Sensors of the aircraft file whose delay is known, by kind of sample.
+_SENSORS = {
+    Kind.IMU: "accelerometer", Kind.ATTITUDE: "attitude", Kind.GPS_POSITION: "gps_position",
+    Kind.GPS_VELOCITY: "gps_velocity", Kind.AIRSPEED: "airspeed", Kind.ANGLE_OF_ATTACK: "angle_of_attack",
+    Kind.SIDESLIP: "sideslip", Kind.AIR: "static_pressure", Kind.CONTROLS: "control_surfaces",
+    Kind.INPUTS: "control_surfaces", Kind.FIVE_HOLE: "five_hole_probe",
+    Kind.MAGNETIC_FIELD: "magnetometer", Kind.HEIGHT: "height_above_ground",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CheckedRecording:
+    """What was found in a recording of so many seconds, with notes on how it was read."""
+
+    path: str
+    duration: float
+    checked: Checked
+    notes: tuple[str, ...]
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The JSON of INTERFACE.md, with more about each parameter."""
+        checked = self.checked
+        return {
+            "recording": self.path,
+            "duration": self.duration,
+            "findings": [record for finding in checked.findings for record in finding.records],
+            "rates": dict(checked.rates),
+            "identifiable": {p.name: p.is_shown for p in checked.parameters},
+            "parameters": [
+                {"name": p.name, "excitation": p.excitation, "relative_error": p.relative_error, "reason": p.reason}
+                for p in checked.parameters
+            ],
+        }
+
+
+def check_recording(
+    path: str | Path, aircraft: str | Path | Aircraft | None = None, tell: Tell = nobody
+) -> CheckedRecording:
+    """Check a recording; ``aircraft`` is a file or what is in one. Raises InputError."""
+    known = load_aircraft(aircraft) if isinstance(aircraft, str | Path) else aircraft
+    tell("read the recording", 0.0)
+    recording = read_recording(path, unlimited(known.inputs) if known else ())
+    flight = flight_of_recording(recording, known)
+    if not any(len(stream.time) for stream in flight.streams.values()):
+        raise InputError(f"the recording {path} holds no sample with a number in it")
+    checked = check(flight, known.model if known else None, lambda share: tell("check", share))
+    return CheckedRecording(str(path), flight.duration, checked, (*recording.notes, *_unnamed(recording, known)))
+
+
+def unlimited(inputs: Iterable[NamedInput]) -> tuple[NamedInput, ...]:
+    """Named inputs of which every value is read, so that what is outside the limits can be said."""
+    return tuple(replace(item, limits=(-math.inf, math.inf)) for item in inputs)
+
+
+def _unnamed(recording: Recording, aircraft: Aircraft | None) -> list[str]:
+    """Inputs of the recording that are not looked at."""
+    if aircraft:
+        return unnamed_notes(recording)
+    if not recording.unnamed:
+        return []
+    return [f"the inputs {listed(recording.unnamed)} are looked at where an aircraft file names them: give --aircraft"]
+
+
+def flight_of_recording(recording: Recording, aircraft: Aircraft | None) -> Flight:
+    """The samples of a recording by signal, with what the aircraft file knows of the sensors."""
+    delays = {kind: aircraft.sensors[name].delay for kind, name in _SENSORS.items()} if aircraft else {}
+    known: dict[str, Any] = {}
+    if aircraft:
+        noise = aircraft.sensors["control_surfaces"].noise[0]
+        known = {"surface_signs": aircraft.surface_signs, "surface_noise": noise, "inputs": aircraft.inputs}
+    return flight_of(
+        recording.samples,
+        recording.arrival,
+        delays={kind: delay for kind, delay in delays.items() if delay},
+        skipped=recording.skipped,
+        **known,
+    )

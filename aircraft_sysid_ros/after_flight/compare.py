@@ -1,0 +1,60 @@
+"""The model of a run against its measurements, and two runs side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.after_flight.progress import Tell, nobody, part_of
+from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, open_run, version_named
+from aircraft_sysid_ros.diagnosis.two_runs import SideBySide, side_by_side
+
+
+@dataclass(frozen=True)
+class ComparedRun:
+    """A run, and how good its current model is."""
+
+    run: Run
+    comparison: Comparison
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know of the numbers."""
+        notes = [*self.run.notes, *self.comparison.notes]
+        if self.run.samples is None:
+            unsmoothed = "errors are those of the filter, with its settling"
+            notes.append(f"the run holds no samples: {unsmoothed}; replay the recording again")
+        return notes
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The JSON of INTERFACE.md, with the model."""
+        return {"model": self.run.current.identifier, **self.comparison.json, "notes": self.notes}
+
+
+def compare_run(path: str | Path, tell: Tell = nobody) -> ComparedRun:
+    """How good the current model of a run is on flight that it was not fitted to. Raises InputError."""
+    return _compared(open_run(path), tell)
+
+
+def compare_runs(path: str | Path, other: str | Path, tell: Tell = nobody) -> tuple[ComparedRun, SideBySide]:
+    """The first run by itself, and beside ``other``: a run, or the id of another version of the first one.
+
+    Raises InputError.
+    """
+    run = open_run(path)
+    if Path(other).exists() or Path(other).name != str(other):
+        beside = open_run(other)
+    else:
+        beside = replace(run, current=version_named(run, str(other)))
+    first, second = (_compared(each, part_of(tell, at, at + 0.5)) for each, at in ((run, 0.0), (beside, 0.5)))
+    return first, side_by_side((first.run, second.run), (first.comparison, second.comparison))
+
+
+def _compared(run: Run, tell: Tell) -> ComparedRun:
+    tell("reconstruct the flight", 0.0)
+    flight = run.flight()
+    tell("compare", 0.6)
+    return ComparedRun(run, compare(flight))

@@ -1,0 +1,251 @@
+"""From a log to what it means, in one go: import, check, replay, compare, diagnose, and what that says together."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.after_flight.check import CheckedRecording, check_recording
+from aircraft_sysid_ros.after_flight.compare import ComparedRun, compare_run
+from aircraft_sysid_ros.after_flight.diagnose import diagnose
+from aircraft_sysid_ros.after_flight.explanation.aeroplane import (
+    Fact,
+    KnownMode,
+    Learnt,
+    apparent_mass,
+    facts_of,
+    known_modes,
+)
+from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
+from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError, instrument_errors
+from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
+from aircraft_sysid_ros.after_flight.log_import import BAGS, import_log
+from aircraft_sysid_ros.after_flight.progress import Tell, nobody, part_of
+from aircraft_sysid_ros.after_flight.replay import replay
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_check.finding import ERROR
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.run_reader import read_parameters
+
+RUN, RECORDING, PAGE = "run", "flight", "explain.html"
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a log means. What comes after the check is None or empty where the log allows no replay: ``why_not``."""
+
+    log: str
+    out: Path
+    aircraft: Aircraft
+    check: CheckedRecording
+    said: tuple[Said, ...]  # the most important first
+    next: tuple[str, ...]
+    replayed: Mapping[str, Any] | None = None
+    compared: ComparedRun | None = None
+    diagnosis: Mapping[str, Any] | None = None
+    instruments: tuple[InstrumentError, ...] = ()
+    facts: tuple[Fact, ...] = ()
+    modes: tuple[KnownMode, ...] = ()
+    why_not: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def first(self) -> str:
+        """The most important thing, in a sentence."""
+        return self.said[0].sentence
+
+    @property
+    def used(self) -> tuple[int, int]:
+        """Parameters to USE, of so many."""
+        return _used(self.replayed) if self.replayed is not None else (0, len(self.aircraft.model.parameter_names))
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The JSON of INTERFACE.md, with what is said first."""
+        return {
+            "log": self.log,
+            "run": None if self.replayed is None else str(self.out / RUN),
+            "page": str(self.out / PAGE),
+            "first": self.first,
+            "said": [{"kind": said.kind, "sentence": said.sentence} for said in self.said],
+            "check": self.check.json,
+            "compare": None if self.compared is None else self.compared.json,
+            "diagnose": None if self.diagnosis is None else dict(self.diagnosis),
+            "sensors": [error.json for error in self.instruments],
+            "aeroplane": [fact.json for fact in self.facts],
+            "modes": [mode.json for mode in self.modes],
+            "next": list(self.next),
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True)
+class ExplainOptions:
+    """What an explanation may want different from the defaults."""
+
+    overwrite: bool = False
+    calibration: str | None = None  # what the servo outputs of an autopilot mean
+    replicas: int = COUNT
+
+
+def explain(
+    log: str | Path,
+    aircraft: str | Path | Aircraft,
+    out: str | Path,
+    options: ExplainOptions | None = None,
+    tell: Tell = nobody,
+    page: Callable[[Explanation], str] | None = None,
+) -> Explanation:
+    """Explain a log; the folder ``out`` gets the run, and the recording where it had to be imported.
+
+    ``log``: a recording, or what ``import`` takes by itself; ``page`` makes the content of explain.html. Nothing is
+    written where it raises InputError.
+    """
+    options = options or ExplainOptions()
+    known = aircraft if isinstance(aircraft, Aircraft) else load_aircraft(aircraft)
+    path = Path(out)
+    _check_target(path, options.overwrite)
+    with _beside(path) as folder:
+        new = Path(folder) / "new"
+        new.mkdir()
+        found = _explained(Path(log), known, new, path, options, tell)
+        try:
+            (new / PAGE).write_text("" if page is None else page(found), encoding="utf8")
+            if path.exists():
+                path.rename(Path(folder) / "replaced")
+            shutil.move(new, path)
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    return found
+
+
+def _explained(
+    log: Path, aircraft: Aircraft, place: Path, out: Path, options: ExplainOptions, tell: Tell
+) -> Explanation:
+    tell("read the log", 0.0)
+    recording, notes = _recording(log, place / RECORDING, options)
+    checked = check_recording(recording, aircraft, part_of(tell, 0.02, 0.15))
+    notes += checked.notes
+    try:
+        replayed = replay([str(recording)], aircraft, place / RUN, tell=part_of(tell, 0.15, 0.25))
+    except InputError as error:
+        why_not = str(error).replace(str(place), str(out))
+        if not any(finding.severity == ERROR for finding in checked.checked.findings):
+            raise InputError(why_not) from None
+        said = tuple(what_matters(Evidence(checked.json, (0, len(aircraft.model.parameter_names)))))
+        further = tuple(next_flights(checked.json, None, (), None))
+        return Explanation(str(log), out, aircraft, checked, said, further, why_not=why_not, notes=tuple(notes))
+    notes += replayed["notes"]
+    compared, diagnosis, why_not = _judged(place / RUN, options, tell)
+    tell("put it into words", 0.97)
+    learnt = None if compared is None else Learnt(compared.comparison, _verdicts(place / RUN))
+    instruments = _instruments(compared, diagnosis)
+    facts = [] if learnt is None else facts_of(learnt, _stall_onset(diagnosis))
+    modes = [] if learnt is None else known_modes(learnt)
+    weighed = None if learnt is None else apparent_mass(learnt)
+    mass = None if weighed is None else (float(aircraft.mass), *weighed)
+    evidence = Evidence(checked.json, _used(replayed), instruments, diagnosis, facts, mass)
+    notes += [] if compared is None else compared.notes
+    notes += [] if diagnosis is None else diagnosis["notes"]
+    return Explanation(
+        log=str(log),
+        out=out,
+        aircraft=aircraft,
+        check=checked,
+        said=tuple(what_matters(evidence)),
+        next=tuple(next_flights(checked.json, learnt, modes, diagnosis)),
+        replayed={**replayed, "run": str(out / RUN)},
+        compared=None if compared is None else replace(compared, run=replace(compared.run, path=out / RUN)),
+        diagnosis=None if diagnosis is None else {**diagnosis, "file": str(out / RUN / "diagnosis.json")},
+        instruments=tuple(instruments),
+        facts=tuple(facts),
+        modes=tuple(modes),
+        why_not=why_not,
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _judged(run: Path, options: ExplainOptions, tell: Tell) -> tuple[ComparedRun | None, Mapping[str, Any] | None, str]:
+    """Comparison and diagnosis of a run, and why there is none of either."""
+    try:
+        compared = compare_run(run, part_of(tell, 0.25, 0.4))
+    except InputError as error:
+        return None, None, str(error)
+    try:
+        return compared, diagnose([run], options.replicas, part_of(tell, 0.4, 0.97)), ""
+    except InputError as error:
+        return compared, None, str(error)
+
+
+def _instruments(compared: ComparedRun | None, diagnosis: Mapping[str, Any] | None) -> list[InstrumentError]:
+    if compared is None or compared.run.samples is None:
+        return []
+    named = [str(c["effect"]) for c in diagnosis["candidates"] if c["found"]] if diagnosis else []
+    return instrument_errors(compared.run.root, compared.run.samples, named)
+
+
+def _verdicts(run: Path) -> dict[str, tuple[str, str]]:
+    return {name: (p["status"], p["reason"]) for name, p in read_parameters(run).items()}
+
+
+def _used(replayed: Mapping[str, Any]) -> tuple[int, int]:
+    parameters = replayed["parameters"]["parameters"]
+    return sum(p["status"] == "USE" for p in parameters), len(parameters)
+
+
+def _stall_onset(diagnosis: Mapping[str, Any] | None) -> float | None:
+    """Angle of attack [rad] at which a stall that was found begins."""
+    for candidate in diagnosis["candidates"] if diagnosis else ():
+        if candidate["found"] and "stall" in str(candidate["effect"]) and "onset" in candidate["inner"]:
+            return float(candidate["inner"]["onset"])
+    return None
+
+
+def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, list[str]]:
+    """The recording of a log: itself, or what ``import`` makes of it, with notes. Raises InputError."""
+    if not log.exists():
+        raise InputError(f"there is no log {log}")
+    is_bag = log.suffix.lower() in BAGS or (log.is_dir() and (log / "metadata.yaml").exists())
+    refused = None
+    if is_bag:
+        try:
+            read_recording(log)
+            return log, []
+        except InputError as error:
+            refused = error
+    try:
+        report = import_log(log, target, calibration=options.calibration)
+    except InputError as error:
+        raise (refused or error) from None
+    notes = [f"{name}: {why}" for name, why in report["missing"].items()]
+    return target, [*notes, *report["notes"]]
+
+
+def _check_target(path: Path, overwrite: bool) -> None:
+    """Before the work, whether the folder can be written."""
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file: give the name of a folder")
+    if path.is_dir() and any(path.iterdir()):
+        if not (path / PAGE).exists():
+            raise InputError(f"{path} holds something else and is not overwritten: give another name")
+        if not overwrite:
+            raise InputError(f"{path} is already there: give another name or --overwrite")
+
+
+def _beside(path: Path) -> tempfile.TemporaryDirectory[str]:
+    """A folder on the disk that takes the result."""
+    parent = path.absolute().parent
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        if not os.access(parent, os.W_OK | os.X_OK):
+            raise PermissionError(13, "Permission denied")
+        return tempfile.TemporaryDirectory(dir=parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None

@@ -1,0 +1,153 @@
+"""The most important thing that a flight says, in one sentence.
+
+What makes everything after it wrong comes first: a log that contradicts itself, a flight that shows too little, a
+sensor that is off, then what the model lacks, a mass that the thrust contradicts, an aeroplane that is hardly stable.
+Rules and limits were made on some seeds of benchmarks/explain.py and judged on others (docs/explain.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact
+from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import MEASUREMENT
+from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, joined, short_names
+from aircraft_sysid_ros.identification.conditions import listed
+
+#: Share of the parameters below which a flight has too little motion: to USE, and that the check says are shown.
+LEAST_USED = 0.4
+#: The mass is doubted where the thrust says another one by this share and by so many standard deviations.
+LEAST_MASS, SURE_MASS = 0.08, 5.0
+#: Static margin [% of the chord] below which an aeroplane is hardly stable, by two standard deviations.
+SMALL_MARGIN = 5.0
+
+
+@dataclass(frozen=True)
+class Said:
+    """A sentence and what it is about."""
+
+    kind: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was found of a flight; None where it was not looked for."""
+
+    check: Mapping[str, Any]
+    used: tuple[int, int]  # parameters to USE, of so many
+    instruments: Sequence[InstrumentError] = ()
+    diagnosis: Mapping[str, Any] | None = None
+    facts: Sequence[Fact] = ()
+    mass: tuple[float, float, float] | None = None  # of the file, by the thrust, and its standard deviation [kg]
+
+
+def what_matters(evidence: Evidence) -> list[Said]:
+    """Everything of importance, the most important first; never empty."""
+    return [*_contradictions(evidence), *_motion(evidence), *_sensors(evidence), *_missing(evidence),
+            *_mass(evidence), *_balance(evidence)] or [_nothing(evidence)]  # fmt: skip
+
+
+def _contradictions(evidence: Evidence) -> Iterator[Said]:
+    """Errors of the check."""
+    for finding in _findings(evidence.check, ERROR):
+        yield Said(f"check {finding.kind}", f"The log is wrong in {short_names(finding.signals)}: {finding.sentence}.")
+
+
+def _findings(check: Mapping[str, Any], severity: str) -> list[Finding]:
+    listed_ones = (Finding((f["signal"],), f["kind"], f["severity"], f["sentence"]) for f in check["findings"])
+    return [finding for finding in joined(listed_ones) if finding.severity == severity]
+
+
+def _motion(evidence: Evidence) -> Iterator[Said]:
+    (used, all_of_them), shown = evidence.used, list(evidence.check["identifiable"].values())
+    if used < LEAST_USED * all_of_them and sum(shown) < (1.0 + LEAST_USED) / 2.0 * len(shown):
+        known = f"{used} of {all_of_them} parameters can be used" if used else "no parameter can be used"
+        yield Said(
+            "motion", f"This flight has too little motion to say what the aeroplane is like: {known}. Fly what is "
+            "listed under 'what to fly next'.",
+        )  # fmt: skip
+
+
+def _sensors(evidence: Evidence) -> Iterator[Said]:
+    """Errors of instruments, times by the check, and settings that a diagnosis found, each once."""
+    said = set()
+    for error in evidence.instruments:
+        said.add(error.signal)
+        yield Said(f"instrument {error.kind}", f"{error.words[0].upper()}{error.words[1:]}.")
+    late = [f for f in _findings(evidence.check, WARNING) if f.kind in ("offset", "scale", "held", "saturated", "sign")]
+    for finding in late:
+        if not said & set(finding.signals):
+            said |= set(finding.signals)
+            named = short_names(finding.signals)
+            yield Said(f"check {finding.kind}", f"Of {named} something is wrong: {finding.sentence}.")
+    for candidate in _found(evidence):
+        if candidate["kind"] == MEASUREMENT and not (said and _explained_by(candidate["effect"], said)):
+            yield Said(str(candidate["effect"]), f"{candidate['name']} is wrong in the aircraft file: "
+                       f"{candidate['where']}.")  # fmt: skip
+
+
+#: What a setting is an error of, by the beginning of the name of its effect.
+_ERRS_IN = {"airspeed": "true_airspeed", "alpha": "angle_of_attack", "beta": "sideslip", "actuator": "elevator"}
+
+
+def _explained_by(effect: str, said: set[str]) -> bool:
+    return _ERRS_IN.get(effect.partition("_")[0], effect) in said
+
+
+def _found(evidence: Evidence) -> list[Mapping[str, Any]]:
+    return [c for c in evidence.diagnosis["candidates"] if c["found"]] if evidence.diagnosis else []
+
+
+def _missing(evidence: Evidence) -> Iterator[Said]:
+    for candidate in _found(evidence):
+        if candidate["kind"] == MEASUREMENT:
+            continue
+        fall = f"the error of {candidate['main_axis'][0]}_{candidate['main_axis'][1]} falls from " \
+               f"{100 * candidate['error_before']:.1f} to {100 * candidate['error_after']:.1f} % with it"  # fmt: skip
+        others = [BY_ID[name].name for name in candidate["confounded_with"] if name in BY_ID]
+        doubt = f"; this flight cannot tell it from {listed(others)}" if others else ""
+        if candidate["effect"] is None:
+            text = f"The model lacks something that has no name here, {candidate['label']}: {fall}{doubt}."
+        else:
+            text = f"The model lacks one effect: {candidate['name']} ({candidate['where']}); {fall}{doubt}."
+        yield Said(str(candidate["effect"] or "unexplained"), text)
+
+
+def _mass(evidence: Evidence) -> Iterator[Said]:
+    if evidence.mass is None:
+        return
+    stated, shown, std = evidence.mass
+    if abs(shown - stated) > max(LEAST_MASS * stated, SURE_MASS * std):
+        yield Said(
+            "mass", f"The recorded thrust moves the aeroplane as if its mass were {shown:.3g} ± {std:.2g} kg, and the "
+            f"aircraft file says {stated:.3g} kg: the mass or the thrust is wrong, and every coefficient of force with "
+            "it.",
+        )  # fmt: skip
+
+
+def _balance(evidence: Evidence) -> Iterator[Said]:
+    margin = next((f for f in evidence.facts if f.key == "static_margin" and not f.reason), None)
+    if margin is not None and margin.value + 2.0 * margin.std < SMALL_MARGIN:
+        unstable = margin.value + 2.0 * margin.std < 0.0
+        how = "unstable in pitch" if unstable else "hardly stable in pitch"
+        yield Said(
+            "balance", f"The aeroplane is {how}: its static margin is {margin.value:.1f} ± {margin.std:.1f} % of the "
+            "chord, so the centre of gravity is too far aft.",
+        )  # fmt: skip
+
+
+def _nothing(evidence: Evidence) -> Said:
+    used, all_of_them = evidence.used
+    if evidence.diagnosis is None:
+        return Said("nothing", f"Nothing in this log looks wrong, and {used} of {all_of_them} parameters can be used.")
+    if evidence.diagnosis.get("unknown"):
+        return Said("unknown", str(evidence.diagnosis["advice"]))
+    return Said(
+        "nothing", f"Nothing is missing that this flight could show: the sensors agree, and {used} of {all_of_them} "
+        "parameters can be used.",
+    )  # fmt: skip

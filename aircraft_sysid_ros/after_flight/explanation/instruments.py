@@ -1,0 +1,89 @@
+"""Constant errors of airspeed and vanes, from a filter that has them as states (``reconstruction.air_data_errors``).
+
+Turns tell the scale of the airspeed from the wind. An angle that is off by a constant would need a wind that turns and
+banks with the aeroplane. Neither needs a model of the forces. In gusts a filter takes their share for a scale: with
+light turbulence it is sure of 20 to 40 % too little in the angle of attack, while it is never sure of a constant.
+So a scale counts only where the diagnosis, which knows whether the air was calm, has named it; here is how large it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Kind, Samples
+
+_DEGREES = 180.0 / np.pi
+#: An error is said where it is so many standard deviations from none (the filter takes gusts for noise) ...
+SIGMA = 8.0
+#: ... and this large: scales [1], angles [rad].
+LEAST_SCALE, LEAST_ANGLE = 0.04, 0.012
+#: Sensors by the name of their errors: scale and constant.
+_SENSORS = {
+    "V": ("true_airspeed", "the airspeed", Kind.AIRSPEED, "airspeed"),
+    "alpha": ("angle_of_attack", "the angle of attack", Kind.ANGLE_OF_ATTACK, "alpha"),
+    "beta": ("sideslip", "the sideslip", Kind.SIDESLIP, "beta"),
+}
+
+
+@dataclass(frozen=True)
+class InstrumentError:
+    """What a sensor shows too much, in % or degrees."""
+
+    signal: str
+    kind: str  # scale or offset
+    value: float
+    std: float
+    words: str
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """For ``explain --json``."""
+        return {"signal": self.signal, "kind": self.kind, "value": self.value, "std": self.std, "sentence": self.words}
+
+
+def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[str] = ()) -> list[InstrumentError]:
+    """Errors that are sure and large, the surest first; none where the flight is in pieces or has no airspeed.
+
+    ``named``: effects that a diagnosis has found, such as airspeed_scale.
+    """
+    if np.any(samples.kind == Kind.SEAM) or not np.any(samples.kind == Kind.AIRSPEED):
+        return []
+    estimator = StateEstimator(aircraft, StateOptions(air_data_errors=True))
+    estimator.push(samples)
+    estimator.flush()
+    known = estimator.air_data_errors
+    found = []
+    for name, (signal, words, kind, effect) in _SENSORS.items():
+        if not known or not np.any(samples.kind == kind):
+            continue
+        scale, constant = known[f"lambda_{name}"], known[f"b_{name}"]
+        sureness = abs(scale["value"]) / scale["std"]
+        if f"{effect}_scale" in named and sureness > SIGMA and abs(scale["value"]) > LEAST_SCALE:
+            found.append((sureness, _scale(signal, words, scale["value"], scale["std"])))
+        sureness = abs(constant["value"]) / constant["std"]
+        if name != "V" and sureness > SIGMA and abs(constant["value"]) > LEAST_ANGLE:
+            found.append((sureness, _offset(signal, words, constant["value"], constant["std"])))
+    return [error for _, error in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _scale(signal: str, words: str, value: float, std: float) -> InstrumentError:
+    """y_true = (1 + value) y: what it shows is 1 / (1 + value) of the truth."""
+    shown, spread = 100.0 * (1.0 / (1.0 + value) - 1.0), 100.0 * std / (1.0 + value) ** 2
+    way = "too much" if shown > 0.0 else "too little"
+    text = f"{words} shows {abs(shown):.1f} ± {spread:.1f} % {way}: calibrate it, or divide it by {1 + shown / 100:.3f}"
+    return InstrumentError(signal, "scale", shown, spread, text)
+
+
+def _offset(signal: str, words: str, value: float, std: float) -> InstrumentError:
+    """y_true = y + value."""
+    shown, spread = -_DEGREES * value, _DEGREES * std
+    way = "too much" if shown > 0.0 else "too little"
+    text = f"{words} shows {abs(shown):.1f} ± {spread:.1f}° {way}: set its zero, or take {shown:.1f}° off"
+    return InstrumentError(signal, "offset", shown, spread, text)

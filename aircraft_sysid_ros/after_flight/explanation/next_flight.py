@@ -1,0 +1,94 @@
+"""What to fly next: manoeuvres for the parameters that this flight does not show, and to tell apart what it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.after_flight.explanation.aeroplane import KnownMode, Learnt
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD
+from aircraft_sysid_ros.identification.conditions import listed
+
+#: Which manoeuvre moves a signal; the first that a term reads decides.
+_MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
+    (frozenset({"de", "q", "alpha", "alpha_dot"}), "elevator doublets and a 3-2-1-1{pitch}, slow and fast"),
+    (frozenset({"dr", "r", "beta", "beta_dot"}), "rudder doublets{yaw} and steady sideslips to both sides"),
+    (frozenset({"da", "p"}), "aileron doublets and rolls from bank to bank"),
+    (frozenset({"Tc", "throttle", "propeller_speed"}), "throttle steps with wings level"),
+    (frozenset({"flaps"}), "flaps out and in again in steady flight, with small doublets at each setting"),
+    (frozenset({"V", "qbar", "mach", "height"}), "level flight at several speeds and heights"),
+)
+_WIDEST = 1.3  # highest over lowest airspeed below which other speeds are worth a flight
+
+
+def next_flights(
+    check: Mapping[str, Any],
+    learnt: Learnt | None,
+    modes: Sequence[KnownMode],
+    diagnosis: Mapping[str, Any] | None,
+) -> list[str]:
+    """Sentences, the most useful first."""
+    said = [*_for_parameters(check, learnt, modes), *_to_tell_apart(diagnosis), *_calm(diagnosis)]
+    return list(dict.fromkeys(said)) or [_more(learnt)]
+
+
+def _for_parameters(
+    check: Mapping[str, Any], learnt: Learnt | None, modes: Sequence[KnownMode]
+) -> Iterator[str]:  # fmt: skip
+    """Parameters that are not known, by the manoeuvre that shows them."""
+    if learnt is None:
+        unknown = [name for name, shown in check["identifiable"].items() if not shown]
+        programs = {}
+    else:
+        unknown = [name for name, reason in learnt.unknown.items() if reason]
+        listed_programs = [p for of_axis in learnt.model.programs for p in of_axis]
+        programs = dict(zip(learnt.model.parameter_names, listed_programs, strict=True))
+    pulses = {
+        "pitch": _pulse(modes, SHORT_PERIOD, "the short period"), "yaw": _pulse(modes, DUTCH_ROLL, "the Dutch roll")
+    }  # fmt: skip
+    for signals, manoeuvre in _MANOEUVRES:
+        names = [name for name in unknown if _first(signals, name, programs)]
+        if names:
+            shown = listed(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+            yield f"Fly {manoeuvre.format(**pulses)}: this flight does not show {shown}."
+
+
+def _first(signals: frozenset[str], name: str, programs: Mapping[str, Any]) -> bool:
+    """Whether the term of a parameter reads one of the signals, and none of a manoeuvre before."""
+    read = programs[name].signals if name in programs else {name.partition("_")[2].rstrip("0123456789")}
+    own = next((group for group, _ in _MANOEUVRES if group & set(read)), None)
+    return own == signals
+
+
+def _pulse(modes: Sequence[KnownMode], name: str, words: str) -> str:
+    """The length of a pulse that suits a mode: half of its period."""
+    mode = next((m for m in modes if m.name == name and not m.reason and m.damping < 1.0), None)
+    if mode is None:
+        return ""
+    half = np.pi / (mode.frequency * np.sqrt(1.0 - min(mode.damping, 0.95) ** 2))
+    return f" with pulses of {half:.2g} s (half of {words})"
+
+
+def _to_tell_apart(diagnosis: Mapping[str, Any] | None) -> Iterator[str]:
+    for candidate in diagnosis["candidates"] if diagnosis else ():
+        others = [BY_ID[name].name for name in candidate["confounded_with"] if name in BY_ID]
+        if candidate["found"] and others and candidate["manoeuvre"]:
+            yield f"To tell {candidate['name']} from {listed(others)}: {candidate['manoeuvre']}"
+
+
+def _calm(diagnosis: Mapping[str, Any] | None) -> Iterator[str]:
+    if diagnosis and "gusts" in str(diagnosis["advice"]):
+        yield "Fly in calm air with turns through all headings: these gusts hide a wrong scale of the air data."
+
+
+def _more(learnt: Learnt | None) -> str:
+    if learnt is None:
+        return "Nothing more is needed."
+    speed = learnt.flight.signal("V")
+    low, high = np.nanpercentile(speed, (2.0, 98.0))
+    if high < _WIDEST * low:
+        return f"The same manoeuvres slower and faster: this flight covers {low:.3g} to {high:.3g} m/s only."
+    return f"Nothing more is needed for this model between {low:.3g} and {high:.3g} m/s; other speeds would widen it."

@@ -1,0 +1,172 @@
+"""The flight log of another program as a recording with our topics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from aircraft_sysid_ros.errors import InputError, echo
+
+if TYPE_CHECKING:
+    from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+    from aircraft_sysid_ros.recordings.imported_log import ImportedLog
+
+BAGS = (".mcap", ".db3")
+
+
+def import_log(
+    log: str | Path,
+    out: str | Path | None,
+    *,
+    columns: str | Path | None = None,
+    calibration: str | None = None,
+    overwrite: bool = False,
+) -> dict[str, Any]:
+    """Write the recording ``out``; returns what was found, mapped and missing. Raises InputError.
+
+    ``columns``: MAP of a stranger's tables; ``calibration``: what the servo outputs of an autopilot mean.
+    """
+    path = _there(log)
+    if not out:
+        raise InputError("say with --out where the recording shall be written")
+    if columns:
+        return _import_tables(path, out, columns, calibration, overwrite)
+    suffix = path.suffix.lower()
+    if suffix == ".mat":
+        if calibration:
+            raise InputError("--calibration is for logs of autopilots: a .mat file needs none")
+        from aircraft_sysid_ros.recordings.mat_import import import_mat  # scipy, only when it is used
+
+        return import_mat(path, out, overwrite=overwrite)
+    if _holds_tables(path):
+        return _import_known_tables(path, out, calibration, overwrite)
+    importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(suffix)
+    if importer is None:
+        raise _unknown(path)
+    return _import_autopilot(path, importer, out, calibration, overwrite)
+
+
+def _there(log: str | Path) -> Path:
+    path = Path(log)
+    if not path.exists():
+        raise InputError(f"there is no log {path}")
+    return path
+
+
+def _unknown(path: Path, why: str = "") -> InputError:
+    """The error for what says not itself what it is."""
+    return InputError(
+        f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; "
+        f"tables need --map MAP.yaml, which --guess MAP.yaml begins{why}"
+    )
+
+
+def _holds_tables(path: Path) -> bool:
+    """Whether a folder is no bag but holds tables, or a file is a table."""
+    from aircraft_sysid_ros.recordings.tabular.source import is_table_file
+
+    if not path.is_dir():
+        return is_table_file(path)
+    files = list(path.iterdir())
+    is_bag = any(file.suffix in BAGS or file.name == "metadata.yaml" or ".db3" in file.name for file in files)
+    return not is_bag and any(is_table_file(file) for file in files)
+
+
+def _import_known_tables(path: Path, out: str | Path, calibration: str | None, overwrite: bool) -> dict[str, Any]:
+    from aircraft_sysid_ros.recordings.tabular.guess.first_map import known_map
+    from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
+
+    if calibration:
+        raise InputError("--calibration is for logs of autopilots: say units and signs in a map")
+    try:
+        known = known_map(path)
+    except InputError as error:
+        raise _unknown(path, f" ({error})") from None
+    if known is None:
+        raise _unknown(path)
+    colmap, left_out = known
+    report = import_tables(path, colmap, out, overwrite=overwrite)
+    return {**report, "notes": [*left_out, *report["notes"]]}
+
+
+def guess_columns(log: str | Path, target: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
+    """Write a first MAP of tables from names, units, values and physics; returns what it holds. Raises InputError."""
+    from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map, report_of, write_map
+
+    path, target = _there(log), Path(target)
+    if target.exists() and not overwrite:
+        raise InputError(f"{target} is already there: give another name or overwrite it (--overwrite)")
+    first = guess_map(path)
+    write_map(first, target, path)
+    return report_of(first, path, target)
+
+
+def _import_tables(
+    path: Path, out: str | Path, columns: str | Path, calibration: str | None, overwrite: bool
+) -> dict[str, Any]:
+    from aircraft_sysid_ros.recordings.tabular.column_map import load_column_map
+    from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
+
+    if calibration:
+        raise InputError("--calibration is for logs of autopilots: say units and signs in a map")
+    return import_tables(path, load_column_map(columns), out, overwrite=overwrite)
+
+
+def _import_autopilot(
+    path: Path,
+    importer: Callable[[Path, ServoMapping | None], ImportedLog],
+    out: str | Path,
+    calibration: str | None,
+    overwrite: bool,
+) -> dict[str, Any]:
+    from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
+    from aircraft_sysid_ros.recordings.imported_log import write_log
+
+    if path.resolve() == Path(out).resolve():
+        raise InputError("--out must be another place than the log")
+    mapping = load_servo_mapping(calibration) if calibration else None
+    try:
+        log = importer(path, mapping)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except (LookupError, TypeError, ValueError, OverflowError) as error:  # a name or a shape of another kind of message
+        what = echo(f"{type(error).__name__}: {error}")
+        raise InputError(f"{path} is damaged: a message in it is not what its kind is ({what})") from None
+    return write_log(log, path, out, overwrite=overwrite)
+
+
+def _import_ulog(path: Path, mapping: ServoMapping | None) -> ImportedLog:
+    from aircraft_sysid_ros.recordings.ulog_import import import_ulog
+
+    return import_ulog(path, mapping)
+
+
+def _import_dataflash(path: Path, mapping: ServoMapping | None) -> ImportedLog:
+    from aircraft_sysid_ros.recordings.dataflash_import import import_dataflash
+
+    return import_dataflash(path, mapping)
+
+
+def _import_tlog(path: Path, mapping: ServoMapping | None) -> ImportedLog:
+    from aircraft_sysid_ros.recordings.tlog_import import import_tlog
+
+    return import_tlog(path, mapping)
+
+
+def _import_bag(path: Path, mapping: ServoMapping | None) -> ImportedLog:
+    from aircraft_sysid_ros.recordings.autopilot_bag_import import import_autopilot_bag
+
+    return import_autopilot_bag(path, mapping)
+
+
+#: What imports a file of an autopilot, by the end of its name.
+_IMPORTERS: dict[str, Callable[[Path, ServoMapping | None], ImportedLog]] = {
+    ".ulg": _import_ulog,
+    ".ulog": _import_ulog,
+    ".bin": _import_dataflash,
+    ".tlog": _import_tlog,
+}
+KINDS = (".mat", *_IMPORTERS)

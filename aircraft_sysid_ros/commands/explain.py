@@ -1,0 +1,132 @@
+"""``explain``: what a log means, in one go: import, check, replay, compare, diagnose, to one page.
+
+DIR gets the run and explain.html, and the recording where the log was one of another program. Without --aircraft mass
+and shape are enough; on a terminal they are asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros import api
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.commands.notes import note_lines
+from aircraft_sysid_ros.commands.progress import telling
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
+from aircraft_sysid_ros.errors import InputError
+
+#: Keys of the aircraft file with unit and words, as they are asked for.
+_SHAPE = {
+    "mass": ("kg", "mass"),
+    "wing_area": ("m²", "wing area"),
+    "span": ("m", "wing span"),
+    "chord": ("m", "mean aerodynamic chord"),
+    "inertia": ("kg m²", "moments of inertia Ixx,Iyy,Izz[,Ixz]"),
+}
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command; returns its parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "explain", help="what a log means, in one go, to one page", description=__doc__
+    )
+    add = parser.add_argument
+    add("log", metavar="LOG", help="a recording, or a log that `import` takes by itself")
+    add("--aircraft", metavar="FILE", help="aircraft file (YAML)")
+    for key, (unit, words) in _SHAPE.items():
+        add(
+            _flag(key), metavar="NUMBERS" if key == "inertia" else "X", help=f"{words} [{unit}], in place of --aircraft"
+        )
+    add("--out", required=True, metavar="DIR", help="folder to write: the run, and explain.html")
+    add("--calibration", metavar="FILE", help="what servo outputs and airspeed of an autopilot mean (YAML)")
+    add("--overwrite", action="store_true", help="replace an explanation that is there")
+    add("--replicas", type=int, default=COUNT, metavar="N",
+        help="flights without the effect that the evidence is compared with (default %(default)s)")  # fmt: skip
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Explain; returns the JSON of INTERFACE.md with what is said first. Raises InputError."""
+    if not Path(args.log).exists():
+        raise InputError(f"there is no log {args.log}")
+    aircraft = _aircraft(args)
+    with telling("explain") as tell:
+        found = api.explain(
+            args.log, aircraft, args.out, calibration=args.calibration, overwrite=args.overwrite,
+            replicas=args.replicas, tell=tell,
+        )  # fmt: skip
+    return found.json
+
+
+def _flag(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
+
+
+def _aircraft(args: argparse.Namespace) -> str | Aircraft:
+    """The aircraft file, or an aeroplane of the numbers that were given or are asked for. Raises InputError."""
+    given = {key: getattr(args, key) for key in _SHAPE if getattr(args, key) is not None}
+    if args.aircraft:
+        if given:
+            raise InputError(f"{_flag(next(iter(given)))} goes without --aircraft: that file says it already")
+        return str(args.aircraft)
+    lacking = [key for key in _SHAPE if key not in given]
+    if lacking and not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise InputError(
+            "which aeroplane is it? Give --aircraft FILE, or its mass and shape: "
+            + " ".join(f"{_flag(key)} {'Ixx,Iyy,Izz' if key == 'inertia' else 'X'}" for key in lacking)
+        )
+    for key in lacking:
+        given[key] = _asked(key)
+    content = {key: _inertia(text) if key == "inertia" else _number(key, text) for key, text in given.items()}
+    return aircraft_from_dict({"name": Path(args.log).stem, **content})
+
+
+def _asked(key: str) -> str:
+    """One number, on the terminal; standard output stays for the answer."""
+    unit, words = _SHAPE[key]
+    print(f"{words} [{unit}]: ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip()
+
+
+def _number(key: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{_flag(key)} must be a number in {_SHAPE[key][0]}, not '{text}'") from None
+
+
+def _inertia(text: str) -> dict[str, float]:
+    parts = [part for part in text.replace(",", " ").split() if part]
+    if len(parts) not in (3, 4):
+        raise InputError(f"--inertia must be Ixx,Iyy,Izz or Ixx,Iyy,Izz,Ixz in kg m², not '{text}'")
+    return dict(zip(("xx", "yy", "zz", "xz"), (_number("inertia", part) for part in [*parts, "0"][:4]), strict=True))
+
+
+def render(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [result["first"], *(f"  {said['sentence']}" for said in result["said"][1:]), ""]
+    lines += [_fact_line(fact) for fact in result["aeroplane"] if not fact["reason"]]
+    lines += [_mode_line(mode) for mode in result["modes"] if not mode["reason"]]
+    unknown = [
+        each.get("title", each.get("name")) for each in (*result["aeroplane"], *result["modes"]) if each["reason"]
+    ]
+    lines += [f"not known: {', '.join(unknown)}"] if unknown else []
+    lines += ["", "what to fly next", *(f"  {sentence}" for sentence in result["next"]), ""]
+    lines += note_lines(result["notes"])
+    return "\n".join([*lines, *([f"run {result['run']}"] if result["run"] else []), f"page {result['page']}"])
+
+
+def _fact_line(fact: dict[str, Any]) -> str:
+    std = f" ± {fact['std']:.2g}" if fact["std"] == fact["std"] and fact["std"] is not None else ""
+    return f"{fact['title']:<34}{fact['value']:>9.3g}{std} {fact['unit']}: {fact['words']}"
+
+
+def _mode_line(mode: dict[str, Any]) -> str:
+    std = mode["std"]
+    numbers = (
+        f"{mode['frequency']:.3g} ± {std['frequency']:.2g} rad/s, damping {mode['damping']:.3g} ± {std['damping']:.2g}"
+    )
+    return f"{mode['name']:<34}{numbers}: {mode['words']}"

@@ -1,0 +1,102 @@
+"""The page of an explanation: what a log means, to be read in a minute; one file that needs nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, KnownMode
+from aircraft_sysid_ros.after_flight.explanation.explain import Explanation
+from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, SEVERITIES, WARNING, short_names
+from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.views import coefficients
+
+STYLE = Path(__file__).with_name("style.css")
+#: Findings of the check and places where the model fails that are listed.
+_MOST_FINDINGS, _MOST_PLACES = 8, 3
+
+
+def explain_html(found: Explanation) -> str:
+    """The whole file."""
+    return markup.page(
+        "explain.html",
+        found=found,
+        style=Markup(STYLE.read_text(encoding="utf8")),
+        trust=_trust(found),
+        findings=_findings(found),
+        groups=_groups(found),
+        modes=[_mode(mode) for mode in found.modes],
+        errors=_errors(found),
+        places=[] if found.compared is None else found.compared.comparison.worst[:_MOST_PLACES],
+        sensors=_sensors(found),
+    )
+
+
+def _trust(found: Explanation) -> list[str]:
+    """Whether the log can be trusted, in sentences."""
+    findings = found.check.checked.findings
+    count = {severity: sum(f.severity == severity for f in findings) for severity in SEVERITIES}
+    if count[ERROR]:
+        first = f"Not as it is: {_counted(count[ERROR], 'error')} make what is estimated from it wrong."
+    elif count[WARNING]:
+        first = f"With care: {_counted(count[WARNING], 'warning')}, of parts of the flight or single parameters."
+    else:
+        first = "Yes: its sensors do not contradict each other."
+    said = [first]
+    if found.why_not:
+        said.append(f"It could not be judged to the end: {found.why_not}.")
+    used, every = found.used
+    if found.replayed is not None:
+        said.append(f"{used} of {every} parameters can be used; the others are in the run with the reason.")
+    return said
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word}{'s' * (count != 1)}"
+
+
+def _findings(found: Explanation) -> list[dict[str, Any]]:
+    findings = [f for f in found.check.checked.findings if f.severity != INFO][:_MOST_FINDINGS]
+    return [
+        {"severity": f.severity, "signals": short_names(f.signals), "kind": f.kind, "sentence": f.sentence}
+        for f in findings
+    ]
+
+
+def _groups(found: Explanation) -> list[tuple[str, list[Fact]]]:
+    """Facts by group, in their order."""
+    groups: dict[str, list[Fact]] = {}
+    for fact in found.facts:
+        groups.setdefault(fact.group, []).append(fact)
+    return list(groups.items())
+
+
+def _mode(mode: KnownMode) -> dict[str, Any]:
+    """A mode with its period [s]."""
+    swings = not mode.reason and 0.0 <= abs(mode.damping) < 1.0
+    slow = mode.frequency * np.sqrt(max(1.0 - mode.damping**2, 0.0)) if swings else np.nan
+    return {"mode": mode, "period": 2.0 * np.pi / slow if swings and slow > 0.0 else None}
+
+
+def _errors(found: Explanation) -> dict[str, Any] | None:
+    if found.compared is None:
+        return None
+    rows = coefficients.axis_rows(found.compared.comparison)
+    return {"rows": rows, "scale": markup.errors_scale(row.held_out for row in rows)}
+
+
+def _sensors(found: Explanation) -> list[str]:
+    """What is said of sensors, without what is said of the aeroplane."""
+    kinds = ("check", "instrument")
+    said = [s.sentence for s in found.said if s.kind.startswith(kinds) or _is_setting(s.kind)]
+    return said or ["None that could be seen: what they show fits together."]
+
+
+def _is_setting(kind: str) -> bool:
+    from aircraft_sysid_ros.effects import BY_ID
+    from aircraft_sysid_ros.effects.effect import MEASUREMENT
+
+    return kind in BY_ID and BY_ID[kind].kind == MEASUREMENT

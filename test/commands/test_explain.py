@@ -1,0 +1,232 @@
+"""``explain``: the most important thing first, nothing stated that is not known, and nothing half-written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, Learnt, apparent_mass, facts_of, known_modes
+from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, what_matters
+from aircraft_sysid_ros.after_flight.explanation.instruments import instrument_errors
+from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.compare import compare
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.samples import Kind
+
+USED = {"used": (30, 32)}
+
+
+def check_json(*findings, shown: int = 32) -> dict:
+    """What a check says."""
+    return {
+        "findings": [dict(zip(("signal", "kind", "severity", "sentence"), each, strict=True)) for each in findings],
+        "identifiable": {f"Cm_{k}": k < shown for k in range(32)},
+    }
+
+
+def candidate(effect: str, kind: str, **more) -> dict:
+    """What a diagnosis has found."""
+    return {
+        "effect": effect, "kind": kind, "name": effect, "label": effect, "found": True, "confounded_with": [],
+        "main_axis": "CZ", "error_before": 0.3, "error_after": 0.1, "where": "0 to 5 s", "manoeuvre": "", **more,
+    }  # fmt: skip
+
+
+WRONG_UNIT = ("angle_of_attack", "unit", "error", "it is in degrees")
+LATE = ("elevator", "offset", "warning", "it comes 0.15 s late")
+STALL = {"candidates": [candidate("stall", "aerodynamic")], "advice": "", "unknown": {}}
+SCALE = {"candidates": [candidate("airspeed_scale", "measurement")], "advice": "", "unknown": {}}
+SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%", "stable in pitch")
+
+
+@pytest.mark.parametrize(
+    ("evidence", "kinds"),
+    [
+        (Evidence(check_json(WRONG_UNIT, LATE), (3, 32), diagnosis=STALL), ["check unit", "check offset", "stall"]),
+        (Evidence(check_json(shown=5), (4, 32)), ["motion"]),
+        (Evidence(check_json(LATE), **USED, diagnosis=STALL), ["check offset", "stall"]),
+        (Evidence(check_json(), **USED, diagnosis=SCALE, facts=[SMALL_MARGIN]), ["airspeed_scale", "balance"]),
+        (Evidence(check_json(), **USED, diagnosis=STALL, mass=(2.0, 1.6, 0.02)), ["stall", "mass"]),
+        (Evidence(check_json(), **USED, mass=(2.0, 1.95, 0.001), facts=[SMALL_MARGIN]), ["balance"]),
+        (Evidence(check_json(), **USED, facts=[replace(SMALL_MARGIN, reason="HOLD")]), ["nothing"]),
+        (Evidence(check_json(), **USED), ["nothing"]),
+    ],
+)
+def test_what_makes_the_rest_wrong_comes_first(evidence, kinds):
+    said = what_matters(evidence)
+    assert [each.kind for each in said] == kinds
+    assert all(each.sentence.endswith((".", ". ")) for each in said)
+
+
+@pytest.fixture(scope="module")
+def learnt(aircraft, flight):
+    """The model of the shared flight of 120 s, all of its parameters to USE."""
+    data = settled_flight(reconstruct(aircraft, flight.samples, with_covariance=True))
+    comparison = compare(data)
+    return Learnt(comparison, {name: ("USE", "") for name in aircraft.model.parameter_names}), comparison
+
+
+def test_the_aeroplane_is_as_its_coefficients_say(learnt, aircraft):
+    """Against the truth of the simulation, each within four of its own standard deviations, or 1 %."""
+    c = aircraft.coefficients
+    facts = {fact.key: fact for fact in facts_of(learnt[0])}
+    truth = {
+        "static_margin": 100.0 * c["Cm_alpha"] / c["CZ_alpha"], "Cm_alpha": c["Cm_alpha"], "Cn_beta": c["Cn_beta"],
+        "Cl_beta": c["Cl_beta"], "Cm_q": c["Cm_q"], "Cl_p": c["Cl_p"], "Cn_r": c["Cn_r"],
+        "rudder": -c["Cn_dr"] / c["Cn_beta"],
+    }  # fmt: skip
+    for key, value in truth.items():
+        assert not facts[key].reason
+        assert facts[key].value == pytest.approx(value, abs=max(4.0 * facts[key].std, 0.01 * abs(value))), key
+    assert (facts["static_margin"].words, facts["Cn_beta"].words) == ("stable in pitch", "the nose turns into the wind")
+    assert facts["stall_margin"].words.startswith("at least") and facts["stall_margin"].value > 1.0
+    mass, std = apparent_mass(learnt[0])
+    assert mass == pytest.approx(aircraft.mass, abs=max(4.0 * std, 0.02 * aircraft.mass))
+
+
+def test_modes_have_an_error_and_are_within_it(learnt, aircraft):
+    """The truth is the same linearisation with the coefficients that flew; test_modes.py checks that one."""
+    found = {mode.name: mode for mode in known_modes(learnt[0])}
+    true = Learnt(learnt[1], {})
+    true.values = np.array([aircraft.coefficients[name] for name in aircraft.model.parameter_names])
+    true.draws, true.unknown = true.draws[:0], dict.fromkeys(true.unknown, "")
+    true.draws = np.tile(true.values, (3, 1))
+    from aircraft_sysid_ros.after_flight.explanation import aeroplane
+
+    model = aeroplane.flight_model_of(aircraft, 9.80665)
+    for mode in aeroplane._modes(true, model, true.values):
+        known = found[mode.name]
+        assert not known.reason and known.std_frequency > 0.0
+        assert known.frequency == pytest.approx(mode.frequency, abs=4.0 * known.std_frequency + 0.02 * mode.frequency)
+        assert known.damping == pytest.approx(mode.damping, abs=4.0 * known.std_damping + 0.03)
+
+
+def test_what_is_not_to_use_is_not_stated(learnt, aircraft):
+    verdicts = {name: ("USE", "") for name in aircraft.model.parameter_names} | {"Cm_q": ("HOLD", "no motion")}
+    some = Learnt(learnt[1], verdicts)
+    damping = next(fact for fact in facts_of(some) if fact.key == "Cm_q")
+    assert damping.reason == "Cm_q is HOLD: no motion" and damping.json["value"] is None
+    modes = {mode.name: mode for mode in known_modes(some)}
+    assert modes["short period"].json["frequency"] is None and "no motion" in modes["short period"].reason
+    assert modes["Dutch roll"].json["frequency"] > 0.0
+    (sentence,) = (text for text in next_flights(check_json(), some, list(modes.values()), None) if "Cm_q" in text)
+    assert sentence.startswith("Fly elevator doublets")
+
+
+def test_a_vane_that_is_off_is_found_and_a_sound_one_is_not(aircraft, flight):
+    assert instrument_errors(aircraft, flight.samples) == []
+    values = flight.samples.values.copy()
+    values[flight.samples.kind == Kind.SIDESLIP, 0] -= np.radians(1.5)
+    (error,) = instrument_errors(aircraft, replace(flight.samples, values=values))
+    assert (error.signal, error.kind) == ("sideslip", "offset")
+    assert error.value == pytest.approx(-1.5, abs=4.0 * error.std)
+
+
+class Page(HTMLParser):
+    """Text of a page, and the elements that it opens and closes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.words, self.open, self.opened = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.opened.append(tag)
+        if tag not in ("meta", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def explained(run_with_hidden_effect, aircraft_file, tmp_path_factory):
+    """The answer about a flight with a hidden term, and the folder; its aeroplane has a name that is no markup."""
+    folder = tmp_path_factory.mktemp("explained")
+    file = folder / "aircraft.yaml"
+    file.write_text(aircraft_file.read_text().replace("Ultra Stick 25e\nmass", "'<u>Stick</u> & Co'\nmass"))
+    bag, out, answer = run_with_hidden_effect.parent / "flight", folder / "out", folder / "answer.json"
+    import contextlib
+    import io
+
+    said = io.StringIO()
+    words = ["explain", str(bag), "--aircraft", str(file), "--out", str(out), "--replicas", "2", "--json"]
+    with contextlib.redirect_stdout(said):
+        assert main(words) == 0
+    answer.write_text(said.getvalue())
+    return json.loads(said.getvalue()), out
+
+
+def test_one_command_makes_a_run_and_a_page(explained, capsys):
+    found, out = explained
+    assert {"check", "compare", "diagnose", "modes", "next", "first"} <= set(found)
+    assert (found["run"], found["page"]) == (str(out / "run"), str(out / "explain.html"))
+    assert {"name", "frequency", "damping", "std"} <= set(found["modes"][0])
+    assert found["next"] and all(isinstance(text, str) for text in found["next"])
+    assert found["diagnose"]["verdict"] != "none" and found["said"][0]["sentence"] == found["first"]
+    assert main(["compare", found["run"], "--json"]) == 0  # a run like any other
+    again = json.loads(capsys.readouterr().out)
+    assert again["axes"] == found["compare"]["axes"]
+    assert not [item for item in out.parent.iterdir() if item.name.startswith(".")]
+
+
+def test_the_page_is_one_file_that_escapes_what_is_in_it(explained):
+    found, out = explained
+    text = (out / "explain.html").read_text(encoding="utf8")
+    page = Page(text)
+    words = " ".join(" ".join(page.words).split())
+    assert page.open == [] and "u" not in page.opened  # of the name
+    assert "<u>Stick</u> & Co" in words and found["first"] in words
+    assert "http" not in text.replace("http-equiv", "") and "prefers-color-scheme" in text
+    for title in ("First of all", "Can this log be trusted?", "What the aeroplane is like", "What to fly next"):
+        assert title in words
+    for fact in found["aeroplane"]:
+        assert (fact["reason"] or fact["words"]) in words
+
+
+@pytest.fixture
+def refused(capsys):
+    """The sentence with which a command refuses."""
+
+    def call(*words) -> str:
+        capsys.readouterr()
+        assert main([*map(str, words)]) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and err.strip().count("\n") == 0 and "Traceback" not in err
+        return err
+
+    return call
+
+
+def test_bad_input_is_one_sentence_and_leaves_nothing(
+    refused, run_with_hidden_effect, aircraft_file, tmp_path, explained
+):
+    bag, out = run_with_hidden_effect.parent / "flight", tmp_path / "out"
+    file = ("--aircraft", aircraft_file)
+    stranger = tmp_path / "log.xyz"
+    stranger.write_text("hello")
+    assert "there is no log" in refused("explain", tmp_path / "nothing", *file, "--out", out)
+    assert "cannot be imported" in refused("explain", stranger, *file, "--out", out)
+    assert "which aeroplane is it?" in refused("explain", bag, "--out", out)
+    assert "--chord X --inertia" in refused("explain", bag, "--mass", 2, "--span", 1, "--wing-area", 1, "--out", out)
+    assert "--mass goes without --aircraft" in refused("explain", bag, *file, "--mass", 2, "--out", out)
+    shape = ("--mass", 2, "--span", 1, "--wing-area", 1, "--chord", 1)
+    assert "must be Ixx,Iyy,Izz" in refused("explain", bag, *shape, "--inertia", "1,2", "--out", out)
+    assert "must be a number in kg" in refused(
+        "explain", bag, *shape[2:], "--mass", "two", "--inertia", "1,2,3", "--out", out
+    )
+    assert "already there" in refused("explain", bag, *file, "--out", explained[1])
+    assert "is a file" in refused("explain", bag, *file, "--out", stranger)
+    assert "holds something else" in refused("explain", bag, *file, "--out", run_with_hidden_effect, "--overwrite")
+    assert "cannot write" in refused("explain", bag, *file, "--out", "/proc/nowhere/out")
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["log.xyz"]
+    assert isinstance(out, Path)

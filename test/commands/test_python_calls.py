@@ -1,0 +1,102 @@
+"""The calls of a notebook: they need no ROS, say what the commands say, and take and give pandas."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import aircraft_sysid_ros as sysid
+from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.samples import Kind
+
+WITHOUT_ROS = """
+import sys
+for name in ("rclpy", "pandas", "matplotlib", "jinja2", "nicegui", "pymavlink", "jsbsim"):
+    sys.modules[name] = None
+import aircraft_sysid_ros as sysid
+assert "numpy" not in sys.modules
+run = sysid.load(sys.argv[1])
+print(run.model, run.state["duration"] > 0, sorted(sysid.__dir__())[0])
+try:
+    run.parameters
+except sysid.InputError as error:
+    print(error)
+"""
+
+
+@pytest.fixture
+def run(run_with_hidden_effect, tmp_path) -> sysid.Run:
+    shutil.copytree(run_with_hidden_effect, tmp_path / "run")
+    return sysid.load(tmp_path / "run")
+
+
+def test_a_run_is_read_where_only_the_core_is_installed(run_with_hidden_effect):
+    words = [sys.executable, "-c", WITHOUT_ROS, str(run_with_hidden_effect)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    first, second = done.stdout.splitlines()
+    assert first.split()[1] == "True"
+    assert second == "tables need pandas: python3 -m pip install 'aircraft_sysid_ros[tables]'"
+
+
+def test_every_call_that_is_promised_is_there():
+    from aircraft_sysid_ros import api
+
+    assert set(api.__all__) == set(sysid._OF_API)
+    assert all(getattr(sysid, name) is getattr(api, name) for name in api.__all__)
+    with pytest.raises(AttributeError, match="nobody"):
+        _ = sysid.nobody
+
+
+def test_calls_say_what_the_commands_say(run, capsys):
+    capsys.readouterr()
+    assert main(["compare", str(run.path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    found = sysid.compare(run)
+    assert {key: told[key] for key in ("model", "axes", "worst", "notes")} == json.loads(json.dumps(found.json))
+    assert found.errors.nrmse_held_out["CZ"] == told["axes"]["CZ"]["nrmse_held_out"]
+    added = sysid.add(run, "CZ: alpha**3")
+    assert added.errors.error_after["CZ"] < added.errors.error_before["CZ"] and added.verdict.startswith("the held-out")
+    assert run.model == added.json["model"] != told["model"]
+    value = run.parameters.value["CZ_alpha3"]
+    assert value == pytest.approx(60.0, rel=0.1)  # what `simulate` hid
+    assert sysid.remove(run, "CZ: alpha**3").run.model == told["model"]
+    assert {"alpha", "CZ"} <= set(run.points) and len(run.points) > 500
+
+
+def test_frames_of_pandas_become_the_same_recording(run_with_hidden_effect, tmp_path):
+    """Samples go out as tables by sensor and come in again."""
+    there = sysid.load(run_with_hidden_effect.parent / "flight")
+    tables = there.tables()
+    assert list(tables["imu"]) == [f"{v}.{a}" for v in ("specific_force", "angular_velocity") for a in "xyz"]
+    again = sysid.record([tables["imu"], tables["gps_velocity"], tables["airspeed"]], tmp_path / "again")
+    before, after = read_recording(there.path).samples, read_recording(again.path).samples
+    for kind in (Kind.IMU, Kind.GPS_VELOCITY, Kind.AIRSPEED):
+        old, new = before[before.kind == kind], after[after.kind == kind]
+        known = np.isfinite(old.values[:, 0])
+        assert new.values[:, :6] == pytest.approx(old.values[known][:, :6], rel=1e-6, abs=1e-9, nan_ok=True)
+        assert np.diff(new.stamp) == pytest.approx(np.diff(old.stamp[known]), abs=2)
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda place: sysid.load(place / "nothing"), "there is no .*nothing: give the folder of a run"),
+        (sysid.load, "metadata.yaml|no recording|not a recording|holds no"),
+        (lambda place: sysid.replay([], "aircraft.yaml", place / "run"), "no recording is given"),
+        (lambda place: sysid.replay("a", "b", place / "run", estimatr="rml"), "'estimatr' is no option of replay"),
+        (lambda place: sysid.replay("a", "b", place / "run", estimator="best"), "estimator must be one of"),
+        (lambda place: sysid.diagnose(), "no run is given to diagnose"),
+        (lambda place: sysid.replay("a", {"name": "x"}, place / "run"), "the required key 'mass' is missing"),
+    ],
+)
+def test_bad_input_is_one_sentence(call, sentence, tmp_path):
+    with pytest.raises(sysid.InputError, match=sentence):
+        call(tmp_path)
+    assert not Path(tmp_path, "run").exists()
