@@ -565,6 +565,19 @@ def gusts(name: str) -> Callable[[], str]:
     return lambda: table(*gusts_tables.TABLES[name](load("gusts")))
 
 
+def explain() -> str:
+    """First sentences of logs with one thing wrong each."""
+    if not (RESULTS / "explain.json").exists():
+        return "Not flown yet: `python benchmarks/explain.py`.\n"
+    found = load("explain")
+    rows = [
+        [log["case"], "yes" if log["right"] else "no", log["sentence"], f"{log['processor']:.0f} s"]
+        for log in found["logs"]
+    ]
+    rows.append(["all", f"{found['right']} of {len(rows)}", "", ""])
+    return table([f"what is wrong, {found['duration']:g} s of flight", "right", "said first", "processor time"], rows)
+
+
 def closed_loop(name: str) -> Callable[[], str]:
     """A table of docs/closed-loop.md."""
 
@@ -623,6 +636,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
     **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},
     **{f"closed_loop_{name}": closed_loop(name) for name in closed_loop_tables.TABLES},
+    "explain": explain,
     "alias_sets": lambda: table(*diagnosis_tables.alias_sets()),
     "diagnosis_speed": diagnosis_speed,
     "diagnosis_thresholds": lambda: table(*diagnosis_tables.thresholds()),

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -117,7 +116,7 @@ def side_by_side(runs: tuple[Run, Run], comparisons: tuple[Comparison, Compariso
         raise InputError(f"{first.path} and {second.path} share no parameter that both flights determine")
     only = tuple(tuple(name for name in a if name not in b) for a, b in (known, known[::-1]))
     return SideBySide(
-        runs=_names(first.path, second.path),
+        runs=_names(first, second),
         models=(first.current.identifier, second.current.identifier),
         same_flight=one_flight,
         parameters=tuple(_differences(shared, known[0], known[1], one_flight)),
@@ -127,9 +126,12 @@ def side_by_side(runs: tuple[Run, Run], comparisons: tuple[Comparison, Compariso
     )
 
 
-def _names(first: Path, second: Path) -> tuple[str, str]:
-    a, b = first.resolve().name, second.resolve().name
-    return (a, b) if a != b else (str(first), str(second))
+def _names(first: Run, second: Run) -> tuple[str, str]:
+    """Names that tell them apart: of folders, of versions, or whole paths."""
+    a, b = first.path.resolve(), second.path.resolve()
+    if a == b:
+        return f"{a.name} {first.current.identifier}", f"{b.name} {second.current.identifier}"
+    return (a.name, b.name) if a.name != b.name else (str(first.path), str(second.path))
 
 
 def _of_bias(run: Run) -> Array:

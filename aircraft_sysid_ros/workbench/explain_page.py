@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,11 +9,13 @@ from markupsafe import Markup
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, KnownMode
 from aircraft_sysid_ros.after_flight.explanation.explain import Explanation
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, SEVERITIES, WARNING, short_names
 from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.report import STYLE
 from aircraft_sysid_ros.workbench.views import coefficients
 
-STYLE = Path(__file__).with_name("style.css")
 #: Findings of the check and places where the model fails that are listed.
 _MOST_FINDINGS, _MOST_PLACES = 8, 3
 
@@ -96,7 +97,4 @@ def _sensors(found: Explanation) -> list[str]:
 
 
 def _is_setting(kind: str) -> bool:
-    from aircraft_sysid_ros.effects import BY_ID
-    from aircraft_sysid_ros.effects.effect import MEASUREMENT
-
     return kind in BY_ID and BY_ID[kind].kind == MEASUREMENT

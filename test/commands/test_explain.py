@@ -17,6 +17,8 @@ from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.recordings.writer import RecordingWriter
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 from aircraft_sysid_ros.samples import Kind
 
 USED = {"used": (30, 32)}
@@ -64,10 +66,14 @@ def test_what_makes_the_rest_wrong_comes_first(evidence, kinds):
     assert all(each.sentence.endswith((".", ". ")) for each in said)
 
 
+def _minute(samples):
+    return samples[samples.stamp < samples.stamp.min() + 60 * 10**9]
+
+
 @pytest.fixture(scope="module")
 def learnt(aircraft, flight):
-    """The model of the shared flight of 120 s, all of its parameters to USE."""
-    data = settled_flight(reconstruct(aircraft, flight.samples, with_covariance=True))
+    """The model of a minute of the shared flight, all of its parameters to USE."""
+    data = settled_flight(reconstruct(aircraft, _minute(flight.samples), with_covariance=True))
     comparison = compare(data)
     return Learnt(comparison, {name: ("USE", "") for name in aircraft.model.parameter_names}), comparison
 
@@ -148,6 +154,23 @@ class Page(HTMLParser):
         self.words.append(data)
 
 
+def test_a_log_without_controls_is_explained_as_far_as_it_goes(flight, aircraft_file, tmp_path, capsys):
+    """What the check and the filter say; of the aeroplane nothing, with the reason."""
+    streams = [stream for stream in flight.streams if stream.topic != "control_surfaces"]
+    log, out = tmp_path / "log.mcap", tmp_path / "out"
+    with RecordingWriter(log) as writer:
+        for stream in streams:
+            first = stream.stamp < stream.stamp[0] + 30 * 10**9
+            fields = {name: values[first] for name, values in stream.fields.items()}
+            writer.write(stream.topic, TOPICS[stream.topic], stream.stamp[first], fields)
+    assert main(["explain", str(log), "--aircraft", str(aircraft_file), "--out", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["compare"] is None and found["aeroplane"] == [] and found["modes"] == []
+    assert found["said"][0]["kind"] == "check missing" and (out / "run" / "state.json").is_file()
+    words = " ".join(" ".join(Page((out / "explain.html").read_text()).words).split())
+    assert found["first"] in words and "What the aeroplane is like" not in words
+
+
 @pytest.fixture(scope="module")
 def explained(run_with_hidden_effect, aircraft_file, tmp_path_factory):
     """The answer about a flight with a hidden term, and the folder; its aeroplane has a name that is no markup."""
@@ -166,6 +189,7 @@ def explained(run_with_hidden_effect, aircraft_file, tmp_path_factory):
     return json.loads(said.getvalue()), out
 
 
+@pytest.mark.long
 def test_one_command_makes_a_run_and_a_page(explained, capsys):
     found, out = explained
     assert {"check", "compare", "diagnose", "modes", "next", "first"} <= set(found)
@@ -179,6 +203,7 @@ def test_one_command_makes_a_run_and_a_page(explained, capsys):
     assert not [item for item in out.parent.iterdir() if item.name.startswith(".")]
 
 
+@pytest.mark.long
 def test_the_page_is_one_file_that_escapes_what_is_in_it(explained):
     found, out = explained
     text = (out / "explain.html").read_text(encoding="utf8")
@@ -214,6 +239,9 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     file = ("--aircraft", aircraft_file)
     stranger = tmp_path / "log.xyz"
     stranger.write_text("hello")
+    there = tmp_path / "explained"
+    there.mkdir()
+    (there / "explain.html").touch()
     assert "there is no log" in refused("explain", tmp_path / "nothing", *file, "--out", out)
     assert "cannot be imported" in refused("explain", stranger, *file, "--out", out)
     assert "which aeroplane is it?" in refused("explain", bag, "--out", out)
@@ -224,9 +252,9 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     assert "must be a number in kg" in refused(
         "explain", bag, *shape[2:], "--mass", "two", "--inertia", "1,2,3", "--out", out
     )
-    assert "already there" in refused("explain", bag, *file, "--out", explained[1])
+    assert "already there" in refused("explain", bag, *file, "--out", there)
     assert "is a file" in refused("explain", bag, *file, "--out", stranger)
     assert "holds something else" in refused("explain", bag, *file, "--out", run_with_hidden_effect, "--overwrite")
     assert "cannot write" in refused("explain", bag, *file, "--out", "/proc/nowhere/out")
-    assert sorted(item.name for item in tmp_path.iterdir()) == ["log.xyz"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["explained", "log.xyz"]
     assert isinstance(out, Path)

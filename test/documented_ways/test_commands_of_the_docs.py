@@ -41,6 +41,8 @@ NOT_RUN = {
     "aircraft-sysid simulate calibration": "test/commands/test_calibrate.py flies it",
     "aircraft-sysid replay --calibration": "test/commands/test_calibrate.py replays with what it has found",
     "aircraft-sysid recover": "test/nodes/test_killed_in_flight.py kills a flight first",
+    "aircraft-sysid explain": "test/commands/test_explain.py explains a recording, and refuses bad ones",
+    "aircraft-sysid compare --with": "test/diagnosis/test_several_runs.py, of flights and of versions",
     "aircraft-sysid workbench": "test/workbench drives the page, of a run, of a calibration and of a node",
     "aircraft-sysid replay --calm-air": "test/test_real_failures.py, and test/commands/test_replay_without_sensors.py",
     "aircraft-sysid replay rml": "test/identification/test_likelihood_learner.py",

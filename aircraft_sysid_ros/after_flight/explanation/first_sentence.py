@@ -22,6 +22,8 @@ from aircraft_sysid_ros.identification.conditions import listed
 LEAST_USED = 0.4
 #: The mass is doubted where the thrust says another one by this share and by so many standard deviations.
 LEAST_MASS, SURE_MASS = 0.08, 5.0
+#: Warnings of the check that say that a sensor is off. The sign of a surface is a convention, which any model learns.
+_OF_SENSORS = ("offset", "scale", "held", "saturated")
 #: Static margin [% of the chord] below which an aeroplane is hardly stable, by two standard deviations.
 SMALL_MARGIN = 5.0
 
@@ -65,6 +67,11 @@ def _findings(check: Mapping[str, Any], severity: str) -> list[Finding]:
 
 def _motion(evidence: Evidence) -> Iterator[Said]:
     (used, all_of_them), shown = evidence.used, list(evidence.check["identifiable"].values())
+    lacking = [f for f in _findings(evidence.check, WARNING) if f.kind == "missing"] if not used else []
+    if lacking:
+        named = listed(short_names(lacking[0].signals).split(", "))
+        yield Said("check missing", f"No parameter can be used. Of {named}: {lacking[0].sentence}.")
+        return
     if used < LEAST_USED * all_of_them and sum(shown) < (1.0 + LEAST_USED) / 2.0 * len(shown):
         known = f"{used} of {all_of_them} parameters can be used" if used else "no parameter can be used"
         yield Said(
@@ -79,8 +86,9 @@ def _sensors(evidence: Evidence) -> Iterator[Said]:
     for error in evidence.instruments:
         said.add(error.signal)
         yield Said(f"instrument {error.kind}", f"{error.words[0].upper()}{error.words[1:]}.")
-    late = [f for f in _findings(evidence.check, WARNING) if f.kind in ("offset", "scale", "held", "saturated", "sign")]
-    for finding in late:
+    for finding in _findings(evidence.check, WARNING):
+        if finding.kind not in _OF_SENSORS:
+            continue
         if not said & set(finding.signals):
             said |= set(finding.signals)
             named = short_names(finding.signals)
@@ -136,7 +144,7 @@ def _balance(evidence: Evidence) -> Iterator[Said]:
         unstable = margin.value + 2.0 * margin.std < 0.0
         how = "unstable in pitch" if unstable else "hardly stable in pitch"
         yield Said(
-            "balance", f"The aeroplane is {how}: its static margin is {margin.value:.1f} ± {margin.std:.1f} % of the "
+            "balance", f"The aeroplane is {how}: its static margin is {margin.value:.1f} ± {margin.std:.2g} % of the "
             "chord, so the centre of gravity is too far aft.",
         )  # fmt: skip
 
