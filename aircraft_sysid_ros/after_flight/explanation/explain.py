@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -33,6 +32,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ERROR
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import read_parameters
+from aircraft_sysid_ros.text_file import put_in_place
 
 RUN, RECORDING, PAGE = "run", "flight", "explain.html"
 
@@ -118,9 +118,7 @@ def explain(
         found = _explained(Path(log), known, new, path, options, tell)
         try:
             (new / PAGE).write_text("" if page is None else page(found), encoding="utf8")
-            if path.exists():
-                path.rename(Path(folder) / "replaced")
-            shutil.move(new, path)
+            put_in_place(new, path, Path(folder) / "replaced", lambda: _check_target(path, options.overwrite))
         except OSError as error:
             raise InputError(f"cannot write {path}: {error.strerror or error}") from None
     return found
