@@ -235,10 +235,12 @@ def refused(capsys):
 def test_bad_input_is_one_sentence_and_leaves_nothing(
     refused, run_with_hidden_effect, aircraft_file, tmp_path, explained
 ):
-    bag, out = run_with_hidden_effect.parent / "flight", tmp_path / "out"
-    file = ("--aircraft", aircraft_file)
-    stranger = tmp_path / "log.xyz"
+    bag, out, stranger, full = (tmp_path / name for name in ("flight", "out", "log.xyz", "full"))
+    bag.mkdir()
+    full.mkdir()
+    (full / "something").touch()
     stranger.write_text("hello")
+    file = ("--aircraft", aircraft_file)
     there = tmp_path / "explained"
     there.mkdir()
     (there / "explain.html").touch()
@@ -254,7 +256,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     )
     assert "already there" in refused("explain", bag, *file, "--out", there)
     assert "is a file" in refused("explain", bag, *file, "--out", stranger)
-    assert "holds something else" in refused("explain", bag, *file, "--out", run_with_hidden_effect, "--overwrite")
+    assert "holds something else" in refused("explain", bag, *file, "--out", full, "--overwrite")
     assert "cannot write" in refused("explain", bag, *file, "--out", "/proc/nowhere/out")
-    assert sorted(item.name for item in tmp_path.iterdir()) == ["explained", "log.xyz"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["explained", "flight", "full", "log.xyz"]
     assert isinstance(out, Path)

@@ -66,6 +66,8 @@ def test_calls_say_what_the_commands_say(run, capsys):
     assert run.model == added.json["model"] != told["model"]
     value = run.parameters.value["CZ_alpha3"]
     assert value == pytest.approx(60.0, rel=0.1)  # what `simulate` hid
+    both = sysid.compare(run, told["model"])  # a version by its id
+    assert both.json["with"]["same_flight"] and both.parameters.differs.sum() == 0 and len(both.errors) == 6
     assert sysid.remove(run, "CZ: alpha**3").run.model == told["model"]
     assert {"alpha", "CZ"} <= set(run.points) and len(run.points) > 500
 

@@ -139,6 +139,7 @@ def test_a_load_is_what_differs_between_two_flights(runs, capsys):
     assert "parameters differ beyond doubt" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_two_versions_of_one_flight_give_no_chance(runs, tmp_path):
     run = tmp_path / "run"
     shutil.copytree(runs["monday"], run)
