@@ -143,19 +143,19 @@ def _attitude(values: Array, x: Array, residual: Array, h: Array) -> int:
 def _heading(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -> int:
     """Heading of the magnetic field: its horizontal direction in NED is the declination.
 
-    The Jacobian is that of the predicted direction, of which the sample gives the inclination alone. At that of the
-    sample it would carry the same noise as the residual, and the products of both would tilt the attitude.
+    The residual is that angle times the horizontal share of the field, whose noise is that of the direction in any
+    inclination. The Jacobian is that of the predicted direction, of which the sample gives the inclination alone: at the
+    direction of the sample it would carry the noise of the residual, and the products of both would tilt the attitude.
     """
     c = rotation_matrix(x[ATTITUDE])
     level = c @ (values[:3] / np.sqrt(np.sum(values[:3] * values[:3])))
-    horizontal2 = level[0] ** 2 + level[1] ** 2
-    if horizontal2 < 0.04 or np.isnan(setup.declination):  # field nearly vertical: no heading in it
+    horizontal = np.sqrt(level[0] ** 2 + level[1] ** 2)
+    if horizontal < 0.2 or np.isnan(setup.declination):  # field nearly vertical: no heading in it
         return 0
-    residual[0] = wrap(setup.declination - np.arctan2(level[1], level[0]))
+    residual[0] = horizontal * wrap(setup.declination - np.arctan2(level[1], level[0]))
     north, east = np.cos(setup.declination), np.sin(setup.declination)
-    slope = level[2] / np.sqrt(horizontal2)
     for j in range(3):
-        h[0, D_ATTITUDE + j] = c[2, j] - slope * (north * c[0, j] + east * c[1, j])
+        h[0, D_ATTITUDE + j] = horizontal * c[2, j] - level[2] * (north * c[0, j] + east * c[1, j])
     return 1
 
 

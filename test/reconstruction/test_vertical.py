@@ -160,7 +160,8 @@ def test_straight_flight_is_as_uncertain_as_it_says(straight) -> None:
     assert np.abs(np.mean(error[:, :, :2], axis=(0, 1))).max() < 1.0
 
 
-def test_the_noise_of_a_magnetometer_does_not_pitch(straight) -> None:
+def test_the_noise_of_a_magnetometer_tilts_nothing_and_is_counted(straight) -> None:
+    """In a field of 70 deg, whose heading is three times as noisy as its direction."""
     error, std = straight[True]
-    assert np.abs(np.mean(error[:, :, 1])) < 2.0
-    assert np.sqrt(np.mean((error / std)[:, :, 1] ** 2)) < 2.5
+    assert np.abs(np.mean(error, axis=(0, 1))[:2]).max() < 1.0
+    assert np.sqrt(np.mean((error / std) ** 2, axis=(0, 1))).max() < 1.5
