@@ -144,8 +144,9 @@ def _heading(values: Array, x: Array, setup: Setup, residual: Array, h: Array) -
     """Heading of the magnetic field: its horizontal direction in NED is the declination.
 
     The residual is that angle times the horizontal share of the field, whose noise is that of the direction in any
-    inclination. The Jacobian is that of the predicted direction, of which the sample gives the inclination alone: at the
-    direction of the sample it would carry the noise of the residual, and the products of both would tilt the attitude.
+    inclination. The Jacobian is that of the predicted direction, of which the sample gives the inclination alone. At
+    the direction of the sample it would carry the noise of the residual, and the products of both would tilt the
+    attitude.
     """
     c = rotation_matrix(x[ATTITUDE])
     level = c @ (values[:3] / np.sqrt(np.sum(values[:3] * values[:3])))
