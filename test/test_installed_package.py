@@ -282,6 +282,7 @@ def with_extra(wheel, installed, tmp_path_factory):
     return variables
 
 
+@pytest.mark.long
 def test_an_extra_brings_all_that_its_commands_need(run, installed, place, wheel, with_extra):
     call(installed.command, "report", run, "--out", "run.html", cwd=place, **with_extra("workbench"))
     assert (place / "run.html").stat().st_size > 1_000_000

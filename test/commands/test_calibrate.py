@@ -28,6 +28,7 @@ def test_simulate_writes_the_truth_of_the_instruments(bag):
     assert set(document["calibration"]) == {"five_hole_probe", "magnetometer", "compatibility"}
 
 
+@pytest.mark.long
 def test_five_hole_writes_file_result_and_pictures(bag, tmp_path, pictures, capsys):
     capsys.readouterr()
     out = tmp_path / "probe"

@@ -74,6 +74,7 @@ def test_import_says_it(damaged, tmp_path):
     assert read_raw(tmp_path / "bag").notes == ()
 
 
+@pytest.mark.long
 def test_calibrate_says_it(damaged, aircraft_file):
     bag, messages = damaged
     options = ["--aircraft", aircraft_file, "--samples", 8]

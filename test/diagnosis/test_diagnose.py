@@ -86,6 +86,7 @@ def test_a_stall_with_a_memory_is_told_from_one_without(aircraft):
     assert inner["lag"] == pytest.approx(flight.hidden[0].inner["lag"], rel=0.5)
 
 
+@pytest.mark.long
 def test_another_shape_of_what_was_found_is_no_further_effect(aircraft):
     """Flaps whose lift and moment are not in proportion: one name, and what to add for the shape."""
     rivals = [BY_ID[name] for name in ("flaps", "landing_gear", "sideslip_drag", "mass_change")]

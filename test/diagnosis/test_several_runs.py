@@ -80,6 +80,7 @@ def test_a_load_between_two_flights_is_named_with_its_flight(runs):
     assert found["file"] is None and not any((run / DIAGNOSIS).exists() for run in runs.values())
 
 
+@pytest.mark.long
 def test_flights_that_are_alike_give_nothing(runs):
     found = ask("diagnose", runs["monday"], runs["tuesday"], runs["wednesday"], "--replicas", 2)
     assert found["verdict"] == "none" and not [c for c in found["candidates"] if c["found"]]

@@ -57,6 +57,7 @@ def other_maker(shared_data):
     return load_aircraft(folder / "clean_1.yaml"), samples[samples.stamp < samples.stamp[0] + 120 * 10**9]
 
 
+@pytest.mark.long
 def test_in_steady_wind_no_scale_of_the_airspeed_is_a_calmer_atmosphere(other_maker):
     flight, calm = reconstruct_as_flown(*other_maker, with_covariance=False)
     assert calm

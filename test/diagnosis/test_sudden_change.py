@@ -113,6 +113,7 @@ def test_a_change_that_the_library_knows_keeps_its_name(aircraft):
     assert said["candidates"][0]["label"] == "control_damage (one half of the elevator)"
 
 
+@pytest.mark.long
 def test_an_expression_must_explain_clearly_more(loose_fin):
     """The change against itself explains nothing more; against one of its axes alone it does."""
     bench = CandidateEvaluator(loose_fin.flight)

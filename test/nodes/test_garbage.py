@@ -86,7 +86,7 @@ def no_orientation(now):
     [
         (everywhere(np.nan), everywhere(np.inf), everywhere(1e300), no_orientation),
         (everywhere(0.0, seconds=0), everywhere(1.0, seconds=0), everywhere(0.5, seconds=FUTURE, count=1)),
-        (everywhere(np.nan, seconds=FUTURE), everywhere(0.5, seconds=LAST)),
+        pytest.param((everywhere(np.nan, seconds=FUTURE), everywhere(0.5, seconds=LAST)), marks=pytest.mark.long),
     ],
     ids=["values", "stamps-behind", "stamps-ahead"],
 )

@@ -216,6 +216,7 @@ def last_imu(recording):
     return int(samples.stamp[samples.kind == Kind.IMU].max())
 
 
+@pytest.mark.long
 def test_each_node_uses_and_publishes_all_that_has_come(short, aircraft_file, listener):
     """Ended by one signal or by the other."""
     last = last_imu(short)
@@ -249,6 +250,7 @@ def test_ctrl_c_in_a_terminal_ends_both_at_once(short, aircraft_file, listener):
     assert listener.sets
 
 
+@pytest.mark.long
 def test_play_says_who_keeps_it_waiting_and_goes_on_when_it_can(short, aircraft_file, run, helper):
     node, executor = helper
     heard = []

@@ -71,6 +71,7 @@ def test_the_truth_is_within_the_standard_errors_at_ten_hertz(run, samples: Samp
     assert max(abs(found[name]["value"] / truth[name] - 1.0) for name in MAIN) < largest
 
 
+@pytest.mark.long
 def test_slow_controls_widen_the_standard_errors(run, samples: Samples) -> None:
     """By a share of each coefficient that goes with the square of the interval: 2.5 % at 10 Hz."""
     options = RefineOptions(segment=8.0, held_out=2.0, maximum_iterations=0)
