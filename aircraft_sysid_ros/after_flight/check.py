@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.after_flight.replay_notes import unnamed_notes
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, NamedInput, load_aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.check import Checked, check
-from aircraft_sysid_ros.flight_check.signals import Flight, flight_of
+from aircraft_sysid_ros.flight_check.signals import WILD, Flight, flight_of
 from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.samples import Kind
@@ -65,7 +67,17 @@ def check_recording(
     if not any(len(stream.time) for stream in flight.streams.values()):
         raise InputError(f"the recording {path} holds no sample with a number in it")
     checked = check(flight, known.model if known else None, lambda share: tell("check", share))
-    return CheckedRecording(str(path), flight.duration, checked, (*recording.notes, *_unnamed(recording, known)))
+    notes = (*recording.notes, *_wild(recording), *_unnamed(recording, known))
+    return CheckedRecording(str(path), flight.duration, checked, notes)
+
+
+def _wild(recording: Recording) -> list[str]:
+    """That there are numbers that nothing has."""
+    values = np.abs(recording.samples.values)
+    wild = values[np.isfinite(values) & (values > WILD)]
+    if not len(wild):
+        return []
+    return [f"{len(wild)} numbers beyond {WILD:g}, the largest {wild.max():.3g}, are taken as not measured"]
 
 
 def unlimited(inputs: Iterable[NamedInput]) -> tuple[NamedInput, ...]:

@@ -126,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     status = 0
     try:
         with _libraries_on_standard_error(), warnings.catch_warnings():
-            if not os.environ.get(TRACEBACK):  # what a number that cannot be does to others is said in words or NaN
+            if not (sys.warnoptions or os.environ.get(TRACEBACK)):  # NaN says it
                 warnings.simplefilter("ignore", RuntimeWarning)
             result = args.module.run(args)
     except IncompleteError as error:

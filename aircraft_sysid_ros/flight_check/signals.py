@@ -184,6 +184,10 @@ def inside_limits(values: Array, item: NamedInput) -> npt.NDArray[np.bool_]:
 _LONGEST = 43_200.0
 
 
+#: Beyond it a number is no value of any signal, in whatever unit; it is taken as not measured.
+WILD = 1e12
+
+
 def flight_of(
     samples: Samples, arrival: npt.NDArray[np.int64], inputs: Sequence[NamedInput] = (), **known: Any
 ) -> Flight:
@@ -220,8 +224,8 @@ def _stream(
     name: str,
 ) -> Stream:
     disordered = int(np.sum(np.diff(stamp[~away]) < 0))
-    usable = np.any(np.isfinite(values), axis=1)
-    values = np.where(np.isfinite(values), values, np.nan)
+    usable = np.any(np.abs(values) <= WILD, axis=1)
+    values = np.where(np.abs(values) <= WILD, values, np.nan)
     order = np.flatnonzero(usable & ~away)
     order = order[np.argsort(stamp[order], kind="stable")]
     return Stream(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,22 @@ def test_a_damaged_recording_is_judged_by_what_can_be_read(recorded, capsys, tmp
     (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
     result = answer(capsys, tmp_path / "cut.mcap")
     assert result["notes"] and 10.0 < result["duration"] < 60.0
+
+
+def test_numbers_that_nothing_has_are_said_and_harm_nothing(recorded, capsys, tmp_path):
+    """Squared they are infinite, and check ended with a ValueError of scipy."""
+    streams = []
+    for stream in recorded[1].streams:
+        fields = {name: np.array(values) for name, values in stream.fields.items()}
+        for values in fields.values():
+            if values.dtype.kind == "f" and len(values) == len(stream.stamp) and len(values) > 60:
+                values.reshape(len(values), -1)[50:52, 0] = (1e300, -1e300)
+        streams.append(replace(stream, fields=fields))
+    write(tmp_path / "wild", streams)
+    result = answer(capsys, tmp_path / "wild")
+    wild = [note for note in result["notes"] if "beyond 1e+12, the largest 1e+300, are taken as not measured" in note]
+    assert len(wild) == 1 and sum(result["identifiable"].values()) >= 25
+    assert not [f for f in result["findings"] if f["severity"] == "error"]
 
 
 @pytest.mark.parametrize("count", [50, None])
