@@ -27,6 +27,7 @@ from aircraft_sysid_ros.export.learnt_model import (
     standard_errors,
     thrust_part,
 )
+from aircraft_sysid_ros.export.level_flight import middle_row, moment_signs
 
 Array = npt.NDArray[np.float64]
 
@@ -53,8 +54,14 @@ LEAST_INDUCED = 1e-9
 
 
 def export_ardupilot_sitl(learnt: LearntModel, full: Array) -> Exported:
-    """``full`` (3,) [rad]: elevator, aileron and rudder at an input of 1. Raises InputError without whole rows."""
+    """``full`` (3,) [rad]: how far elevator, aileron and rudder go at an input of 1, whichever way makes the moment
+    positive, as the program's own aeroplane has it (c_m_deltae, c_l_deltaa and c_n_deltar are positive there).
+
+    Raises InputError without whole rows.
+    """
     flown = learnt.flown
+    signs = moment_signs(learnt, middle_row(flown))
+    full = np.array([signs[name] or 1.0 for name in SURFACES]) * full
     values = coefficients(flown, full)
     thrust = thrust_part(flown)
     misses = lost(flown.coefficients, body_coefficients(values, flown, flown.signals, full) + thrust)
@@ -101,7 +108,7 @@ def coefficients(flown: LearntModel, full: Array) -> dict[str, Any]:
         reads |= flown.reads("CX", "CY", "CZ") if column > 2 and flown.aircraft.aerodynamic_reference.any() else set()
         found = fitted({name: x[name] for name in suffixes}, target[:, column], reads)
         values |= {f"{prefix}_{suffix}": found[name] for name, suffix in suffixes.items()}
-    values |= dict(zip(("deltae_max", "deltaa_max", "deltar_max"), full, strict=True))
+    values |= dict(zip(("deltae_max", "deltaa_max", "deltar_max"), np.abs(full), strict=True))
     return {**{name: float(value) for name, value in values.items()}, "CGOffset": [0.0, 0.0, 0.0]}
 
 

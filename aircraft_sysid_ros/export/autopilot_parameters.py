@@ -47,7 +47,7 @@ def with_std(entries: Sequence[Entry], std: Mapping[str, float]) -> list[Entry]:
 
 def px4_trims(learnt: LearntModel, levels: Sequence[LevelFlight], full: Array) -> list[Entry]:
     """TRIM_* of the first level flight, and what is added at the lowest and the highest airspeed."""
-    signs, found = moment_signs(learnt, levels[0]), []
+    signs, found = moment_signs(learnt, levels[0].signals), []
     for k, surface in enumerate(SURFACES):
         name, sign = _PX4_TRIM[surface], signs[surface]
         if sign == 0.0:

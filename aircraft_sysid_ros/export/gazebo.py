@@ -49,8 +49,11 @@ _ALWAYS_MISSING = (
 )
 
 
-def export_gazebo(learnt: LearntModel) -> Exported:
-    """Raises InputError without whole rows."""
+def export_gazebo(learnt: LearntModel, full: Array | None = None) -> Exported:
+    """``full`` (3,) [rad]: how far elevator, aileron and rudder go; None: as far as they went in flight.
+
+    Raises InputError without whole rows.
+    """
     flown = learnt.flown
     values = coefficients(flown)
     misses = lost(flown.coefficients, body_coefficients(values, flown, flown.signals) + thrust_part(flown))
@@ -69,7 +72,7 @@ def export_gazebo(learnt: LearntModel) -> Exported:
     lines += number_lines(values, standard_errors(flown, coefficients))
     root.append(Comment(comment_of(lines)))
     model = SubElement(root, "model", name="".join(c if c.isalnum() else "_" for c in learnt.aircraft.name))
-    _links(model, learnt)
+    _links(model, learnt, full)
     _plugin(model, values)
     indent(root)
     text = '<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="unicode") + "\n"
@@ -195,7 +198,7 @@ def _text(parent: Element, tag: str, value: object) -> None:
     SubElement(parent, tag).text = repr(float(value)) if isinstance(value, float) else str(value)
 
 
-def _links(model: Element, learnt: LearntModel) -> None:
+def _links(model: Element, learnt: LearntModel, full: Array | None) -> None:
     """The aeroplane about its centre of gravity, in Gazebo's FLU, and a joint for each surface."""
     link = SubElement(model, "link", name="base_link")
     inertial = SubElement(link, "inertial")
@@ -206,7 +209,7 @@ def _links(model: Element, learnt: LearntModel) -> None:
         _text(inertia, tag, float(value) + 0.0)
     for tag in ("ixy", "iyz"):
         _text(inertia, tag, 0.0)
-    for name, joint in _JOINTS.items():
+    for k, (name, joint) in enumerate(_JOINTS.items()):
         surface = joint.removesuffix("_joint")
         small = SubElement(SubElement(model, "link", name=surface), "inertial")
         _text(small, "mass", small_mass)
@@ -218,7 +221,8 @@ def _links(model: Element, learnt: LearntModel) -> None:
         _text(element, "child", surface)
         axis = SubElement(element, "axis")
         _text(axis, "xyz", {"de": "0 1 0", "da": "0 1 0", "dr": "0 0 1"}[name])
-        limit, reached = SubElement(axis, "limit"), max(map(abs, learnt.ranges.get(name, (0.0, 0.0))))
+        flown = max(map(abs, learnt.ranges.get(name, (0.0, 0.0))))
+        limit, reached = SubElement(axis, "limit"), flown if full is None else float(full[k])
         _text(limit, "lower", -reached)
         _text(limit, "upper", reached)
 

@@ -12,13 +12,16 @@ import contextlib
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
+import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.exported import Exported, comment_of, header_lines
 from aircraft_sysid_ros.export.jsbsim_expression import function_of, node, number, prop
 from aircraft_sysid_ros.export.learnt_model import LearntModel
-from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight, level_words
+from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight, level_words, middle_row, moment_signs
+
+Array = npt.NDArray[np.float64]
 
 VERSIONS = ("2.0",)  # of fdm_config
 FOOT, INCH, POUND_MASS = 0.3048, 0.0254, 0.45359237
@@ -36,6 +39,9 @@ SURFACES = (
     ("dr", "fcs/rudder-pos-rad", "fcs/rudder-cmd-norm", "sysid/rudder-rad"),
     ("flaps", "fcs/flap-pos-rad", "fcs/flap-cmd-norm", "sysid/flaps-rad"),
 )
+#: Sign of the moment of a positive command, as in the c172p, the c182 and the J3Cub that come with JSBSim: elevator
+#: nose down, aileron to the right, rudder nose left.
+COMMANDED = {"de": -1.0, "da": 1.0, "dr": -1.0}
 #: Signals that nothing in an aeroplane of JSBSim has: properties that whoever flies it may set, SI.
 GIVEN = {"throttle": "sysid/throttle", "propeller_speed": "sysid/propeller-speed-rad_sec"}
 _NOT_HELD = (
@@ -45,8 +51,8 @@ _NOT_HELD = (
 )
 
 
-def export_jsbsim(learnt: LearntModel) -> Exported:
-    """The whole file."""
+def export_jsbsim(learnt: LearntModel, full: Array | None = None) -> Exported:
+    """The whole file; ``full`` (3,) [rad]: elevator, aileron and rudder at full command, None: the largest flown."""
     root = Element("fdm_config", name=learnt.aircraft.name, version=VERSIONS[0], release="BETA")
     notes = _notes(learnt)
     lines = [*header_lines(learnt, "JSBSim", {}, _NOT_HELD), *notes]
@@ -59,7 +65,7 @@ def export_jsbsim(learnt: LearntModel) -> Exported:
     _ground(root)
     SubElement(root, "propulsion")
     _properties(root, learnt)
-    _surfaces(root, learnt)
+    _surfaces(root, learnt, full)
     _aerodynamics(root, learnt)
     indent(root)
     return Exported('<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="unicode") + "\n",
@@ -155,13 +161,17 @@ def _properties(root: Element, learnt: LearntModel) -> None:
         _text(filtered, "c1", repr(1.0 / max(lag.tau, 1e-6)))
 
 
-def _surfaces(root: Element, learnt: LearntModel) -> None:
+def _surfaces(root: Element, learnt: LearntModel, full: Array | None) -> None:
+    signs = moment_signs(learnt, middle_row(learnt))
+    reach = {name: max(map(abs, learnt.ranges.get(name, (0.0, 0.0)))) for name, *_ in SURFACES}
+    if full is not None:
+        reach |= dict(zip(("de", "da", "dr"), full.tolist(), strict=True))
     control = SubElement(root, "flight_control", name="surfaces")
     for name, position, command, in_rad in SURFACES:
-        limits = learnt.ranges.get(name, (0.0, 0.0))
         channel = SubElement(control, "channel", name=name)
         summed = SubElement(channel, "fcs_function", name=f"sysid/position/{name}")
-        scaled = node("product", prop(command), number(max(map(abs, limits))))
+        way = COMMANDED.get(name, 1.0) * signs.get(name, 0.0) or 1.0
+        scaled = node("product", prop(command), number(way * reach[name]))
         SubElement(summed, "function").append(node("sum", scaled, prop(in_rad)))
         _text(summed, "output", position)
 

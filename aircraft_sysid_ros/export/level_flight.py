@@ -46,6 +46,12 @@ def airspeeds_of(learnt: LearntModel) -> tuple[float, float, float]:
     return float(np.median(speed)), float(speed.min()), float(speed.max())
 
 
+def middle_row(learnt: LearntModel) -> Array:
+    """Medians of the rows (SIGNAL_COUNT,), 0 of signals that are never known."""
+    known = (column[np.isfinite(column)] for column in learnt.signals.T)
+    return np.array([np.median(column) if len(column) else 0.0 for column in known])
+
+
 def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     """Angles and surfaces at which nothing accelerates. Raises InputError where there are none.
 
@@ -56,9 +62,7 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     flown = learnt.flown
     aircraft, names = learnt.aircraft, learnt.model.signal_names
     density = float(np.median(2.0 * flown.signal("qbar") / flown.signal("V") ** 2))
-    row = np.array(
-        [np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else 0.0 for column in learnt.signals.T]
-    )
+    row = middle_row(learnt)
     qbar = 0.5 * density * airspeed**2
     row[[names.index(name) for name in ("p", "q", "r", "alpha_dot", "beta_dot")]] = 0.0
     row[names.index("V")], row[names.index("qbar")] = airspeed, qbar
@@ -106,12 +110,12 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     return LevelFlight(airspeed, calibrated, density, at["alpha"], bank, surfaces, newtons, signals, outside)
 
 
-def slopes(learnt: LearntModel, level: LevelFlight) -> Array:
-    """d C_i / d (signal of SLOPES) per parameter, (k, 9): times the values of an axis, summed, its slopes."""
+def slopes(learnt: LearntModel, signals: Array) -> Array:
+    """d C_i / d (signal of SLOPES) per parameter at a signal row, (k, 9): with the values of an axis its slopes."""
     names, rows = learnt.model.signal_names, []
     for name in SLOPES:
         for sign in (1.0, -1.0):
-            row = level.signals.copy()
+            row = signals.copy()
             row[names.index(name)] += sign * _STEP
             rows.append(row)
     steady = np.array([learnt.terms_on(row[None])[0] for row in rows])  # each by itself: lags are in steady flight
@@ -134,9 +138,9 @@ def level_words(level: LevelFlight) -> str:
     )
 
 
-def moment_signs(learnt: LearntModel, level: LevelFlight) -> dict[str, float]:
-    """+1 or -1 by surface: the sign of the moment that a positive deflection makes; 0 where it is not known."""
-    factors = slopes(learnt, level)
+def moment_signs(learnt: LearntModel, signals: Array) -> dict[str, float]:
+    """+1 or -1 by surface: the sign of the moment of a positive deflection at a row; 0 where it is not known."""
+    factors = slopes(learnt, signals)
     parts = [learnt.values[learnt.model.axis_slice(axis)] @ factors[learnt.model.axis_slice(axis)] for axis in AXES]
     c = learnt.about_gravity @ np.array(parts)
     return {s: float(np.sign(c[AXES.index(axis), SLOPES.index(s)])) for s, axis in MOMENT_OF.items()}

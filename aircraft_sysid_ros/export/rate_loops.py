@@ -85,7 +85,7 @@ def plants(learnt: LearntModel, level: LevelFlight, axis: str, values: Array) ->
     """The motion about level flight for parameter values (n, k), SI."""
     a = learnt.aircraft
     qs, speed = 0.5 * level.density * level.airspeed**2 * a.wing_area, level.airspeed
-    factors = slopes(learnt, level)
+    factors = slopes(learnt, level.signals)
     parts = [(values[:, part] @ factors[part]) for part in (learnt.model.axis_slice(name) for name in AXES)]
     c = np.einsum("ij,njs->nis", learnt.about_gravity, np.stack(parts, axis=1))  # (n, 6, SLOPES)
     rate = {
@@ -151,7 +151,7 @@ def design(learnt: LearntModel, axis: str, actuator: Actuator) -> RateLoop:
     levels = [level_flight(learnt, trim), *(level_flight(learnt, speed) for speed in others)]
     own = learnt.values[None]
     nominal = [plants(learnt, level, axis, own) for level in levels]
-    sign = moment_signs(learnt, levels[0])[_SURFACE[axis]]
+    sign = moment_signs(learnt, levels[0].signals)[_SURFACE[axis]]
     _check_known(learnt, axis, sign)
     scales = [(trim / level.airspeed) ** 2 for level in levels]
     ff = feed_forward(nominal[0]) * sign

@@ -40,9 +40,9 @@ def reached(learnt: LearntModel) -> Array:
 
 
 TARGETS = {
-    "jsbsim": Target(".xml", jsbsim.VERSIONS, lambda learnt, full, version: jsbsim.export_jsbsim(learnt)),
+    "jsbsim": Target(".xml", jsbsim.VERSIONS, lambda learnt, full, version: jsbsim.export_jsbsim(learnt, full)),
     "ardupilot-sitl": Target(".json", ardupilot_sitl.VERSIONS, _sitl),
-    "gazebo": Target(".sdf", gazebo.VERSIONS, lambda learnt, full, version: gazebo.export_gazebo(learnt)),
+    "gazebo": Target(".sdf", gazebo.VERSIONS, lambda learnt, full, version: gazebo.export_gazebo(learnt, full)),
     "px4": Target(".params", px4.VERSIONS, px4.export_px4),
     "matlab": Target(".mat", ("5",), lambda learnt, full, version: export_matlab(learnt)),
     "csv": Target(".csv", ("1",), lambda learnt, full, version: export_table(learnt)),

@@ -73,6 +73,24 @@ def test_jsbsim_stays_in_the_level_flight_that_the_file_states(learnt, held_out)
     assert e["attitude/phi-rad"] == pytest.approx(0.0, abs=0.02)
 
 
+def test_commands_go_the_way_of_jsbsims_own_aeroplanes(learnt, held_out):
+    """Elevator nose down, aileron to the right, rudder nose left, as far as is asked for."""
+    exported = benchmark.ExportedAeroplane(learnt, str(export_jsbsim(learnt, np.radians([25.0, 20.0, 30.0])).content))
+    e = exported.executive
+    ways = (("elevator", "m", -1, 25.0), ("aileron", "l", 1, 20.0), ("rudder", "n", -1, 30.0))
+    for name, moment, way, degrees in ways:
+        found = []
+        for command in (0.0, 1.0):
+            e[f"fcs/{name}-cmd-norm"] = command
+            exported.coefficients(held_out, 100)
+            position = "left-aileron" if name == "aileron" else name
+            found.append((e[f"moments/{moment}-aero-lbsft"], e[f"fcs/{position}-pos-rad"]))
+        (before, at_rest), (after, deflected) = found
+        assert np.sign(after - before) == way, name
+        assert abs(deflected - at_rest) == pytest.approx(np.radians(degrees)), name
+        e[f"fcs/{name}-cmd-norm"] = 0.0
+
+
 def test_every_kind_of_term_is_held_about_any_reference_point(learnt, held_out):
     odd = with_terms(learnt, ODD_TERMS, (0.03, 0.01, -0.02))
     exported = in_jsbsim(odd)

@@ -21,6 +21,8 @@ from aircraft_sysid_ros.export.px4 import PULL_REQUEST, export_px4
 from aircraft_sysid_ros.export.targets import reached
 
 FULL = np.radians([25.0, 20.0, 30.0])
+#: Deflections at inputs of 1 in SITL, which make positive moments there; those of this aeroplane make negative ones.
+INPUT = -FULL
 AIRSPEED, DENSITY = 17.0, 1.18
 
 
@@ -114,12 +116,19 @@ def sitl(c, point, full):
 def test_sitl_accelerates_as_the_aeroplane_does(learnt, for_sitl):
     exported = for_sitl
     c, spread = read_sitl(exported.content), spread_of_accelerations(learnt)
-    errors = [sitl(c, point, FULL) - accelerations(learnt, ours(learnt, point)) for point in grid(learnt)]
+    errors = [sitl(c, point, INPUT) - accelerations(learnt, ours(learnt, point)) for point in grid(learnt)]
     assert np.max(np.abs(errors), axis=0) == pytest.approx(0.0, abs=0.15 * spread.max()), "nowhere far off"
     rms = np.sqrt(np.mean(np.square(errors), axis=0)) / spread
     assert rms[1:] == pytest.approx(0.0, abs=0.02)
     assert rms[0] < 0.3  # drag by elevator is |de| there; the flight was in no corner of this grid
     assert max(exported.lost.values()) < 0.05
+
+
+def test_full_input_of_sitl_is_nose_up_right_wing_down_and_nose_right(for_sitl):
+    c = read_sitl(for_sitl.content)
+    assert c["c_m_deltae"] > 0.0 and c["c_l_deltaa"] > 0.0 and c["c_n_deltar"] > 0.0
+    assert [c["deltae_max"], c["deltaa_max"], c["deltar_max"]] == pytest.approx(FULL)
+    assert "full input is elevator -25.0, aileron -20.0, rudder -30.0 deg" in for_sitl.content
 
 
 def test_what_sitl_loses_is_what_its_formula_misses_on_the_flight(learnt, for_sitl):
@@ -130,7 +139,7 @@ def test_what_sitl_loses_is_what_its_formula_misses_on_the_flight(learnt, for_si
     for row in flown.signals[::10]:
         point = {name: float(row[names.index(name)]) for name in ("alpha", "beta", "p", "q", "r", "de", "da", "dr")}
         a, qs = learnt.aircraft, 0.5 * DENSITY * AIRSPEED**2 * learnt.aircraft.wing_area
-        missed = sitl(c, point, FULL) - accelerations(learnt, ours(learnt, point))
+        missed = sitl(c, point, INPUT) - accelerations(learnt, ours(learnt, point))
         force, moment = a.mass * missed[:3], a.inertia @ missed[3:]
         errors.append(np.concatenate([force, moment / [a.span, a.chord, a.span]]) / qs)
     nrmse = np.sqrt(np.mean(np.square(errors), axis=0)) / np.std(flown.coefficients, axis=0)
@@ -141,7 +150,7 @@ def test_sitl_gets_the_accelerations_of_an_aeroplane_about_another_reference_poi
     moved = replace(learnt, aircraft=replace(learnt.aircraft, aerodynamic_reference=np.array([0.02, 0.0, -0.01])))
     exported = export_ardupilot_sitl(moved, FULL)
     c, spread = read_sitl(exported.content), spread_of_accelerations(moved)
-    errors = [sitl(c, point, FULL) - accelerations(moved, ours(moved, point)) for point in grid(moved)]
+    errors = [sitl(c, point, INPUT) - accelerations(moved, ours(moved, point)) for point in grid(moved)]
     rms = np.sqrt(np.mean(np.square(errors), axis=0)) / spread
     assert rms[1:] == pytest.approx(0.0, abs=0.05)
 
