@@ -42,6 +42,8 @@ def _trust(found: Explanation) -> list[str]:
     count = {severity: sum(f.severity == severity for f in findings) for severity in SEVERITIES}
     if count[ERROR]:
         first = f"Not as it is: {_counted(count[ERROR], 'error')} make what is estimated from it wrong."
+    elif off := _off(found):
+        first = f"With care: {_counted(len(off), 'sensor')} or what the aircraft file says of it is off, see below."
     elif count[WARNING]:
         first = f"With care: {_counted(count[WARNING], 'warning')}, of parts of the flight or single parameters."
     else:
@@ -89,11 +91,14 @@ def _errors(found: Explanation) -> dict[str, Any] | None:
     return {"rows": rows, "scale": markup.errors_scale(row.held_out for row in rows)}
 
 
-def _sensors(found: Explanation) -> list[str]:
+def _off(found: Explanation) -> list[str]:
     """What is said of sensors, without what is said of the aeroplane."""
     kinds = ("check", "instrument")
-    said = [s.sentence for s in found.said if s.kind.startswith(kinds) or _is_setting(s.kind)]
-    return said or ["None that could be seen: what they show fits together."]
+    return [s.sentence for s in found.said if s.kind.startswith(kinds) or _is_setting(s.kind)]
+
+
+def _sensors(found: Explanation) -> list[str]:
+    return _off(found) or ["None that could be seen: what they show fits together."]
 
 
 def _is_setting(kind: str) -> bool:

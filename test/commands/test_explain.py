@@ -6,20 +6,23 @@ import json
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, Learnt, apparent_mass, facts_of, known_modes
-from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, what_matters
+from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
 from aircraft_sysid_ros.after_flight.explanation.instruments import instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.flight_check.finding import Finding
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.workbench import explain_page
 
 USED = {"used": (30, 32)}
 
@@ -132,6 +135,27 @@ def test_a_vane_that_is_off_is_found_and_a_sound_one_is_not(aircraft, flight):
     (error,) = instrument_errors(aircraft, replace(flight.samples, values=values))
     assert (error.signal, error.kind) == ("sideslip", "offset")
     assert error.value == pytest.approx(-1.5, abs=4.0 * error.std)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "findings", "begin"),
+    [
+        (["instrument offset"], [], "With care: 1 sensor or"),
+        (["airspeed_scale", "stall"], [], "With care: 1 sensor or"),
+        (["stall"], [], "Yes"),
+        (["stall"], [Finding(("elevator",), "sign", "warning", "…")], "With care: 1 warning,"),
+        (["check unit"], [Finding(("sideslip",), "unit", "error", "…")], "Not as it is: 1 error "),
+    ],
+)
+def test_a_log_is_trusted_as_far_as_its_sensors(kinds, findings, begin):
+    found = SimpleNamespace(
+        said=[Said(kind, kind) for kind in kinds], check=SimpleNamespace(checked=SimpleNamespace(findings=findings)),
+        why_not="", used=(30, 32), replayed={},
+    )  # fmt: skip
+    assert explain_page._trust(found)[0].startswith(begin)
+    assert (explain_page._sensors(found) == ["None that could be seen: what they show fits together."]) == (
+        kinds == ["stall"]
+    )
 
 
 class Page(HTMLParser):
