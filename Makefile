@@ -19,7 +19,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate faults hidden-effects paper calibration closed-loop workbench fuzz docs clean distclean FORCE
+.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate faults hidden-effects paper calibration closed-loop fleet workbench fuzz docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -171,6 +171,13 @@ closed-loop: env ## a controller on live parameters against fixed and true ones,
 
 fuzz: env ## random and nearly right input against all that reads what others write (MINUTES=10, TARGETS='mcap runs')
 	$(BIN)/python test/fuzz/long.py --minutes $(or $(MINUTES),10) $(TARGETS)
+
+fleet: env ## 400 simulated flights of 8 airframes with stated truth; goes on where it was stopped (many hours)
+	$(BIN)/python benchmarks/fleet_changes.py
+	$(BIN)/python benchmarks/fleet.py
+	$(BIN)/python benchmarks/fleet.py --small
+	$(BIN)/python benchmarks/fleet.py --small --costs 4
+	@$(MAKE) --no-print-directory docs
 
 docs: env ## tables and pictures of README and docs/ from the results
 	$(BIN)/python docs/build.py

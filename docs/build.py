@@ -23,6 +23,7 @@ import check_tables
 import closed_loop_tables
 import diagnosis_tables
 import export_tables
+import fleet_tables
 import gusts_tables
 import mavlink_tables
 import node_tables
@@ -555,6 +556,17 @@ def checked(name: str) -> Callable[[], str]:
     return lambda: table(*check_tables.TABLES[name](load("flight_check")))
 
 
+def fleet(make: Callable[..., tuple[list[str], list[list[str]]]], *sources: str) -> Callable[[], str]:
+    """A table of docs/fleet.md."""
+
+    def made() -> str:
+        if not all((RESULTS / f"{source}.json").exists() for source in sources):
+            return "Not flown yet: `python benchmarks/fleet.py`.\n"
+        return table(*make(*map(load, sources)))
+
+    return made
+
+
 def trust(name: str) -> Callable[[], str]:
     """A table of docs/trust.md."""
     return lambda: table(*trust_tables.TABLES[name](load("bad_minute")))
@@ -644,6 +656,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "strangers": strangers,
     "jet": jet,
     "further_effects": further_effects,
+    "fleet_healthy": fleet(fleet_tables.healthy, "fleet_changes"),
+    "fleet_changed": fleet(fleet_tables.changed, "fleet_changes"),
+    "fleet_small": fleet(fleet_tables.small, "fleet_small"),
+    "fleet_costs": fleet(fleet_tables.costs, "fleet_small", "fleet_costs"),
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "failures": failures,
     "slow_imu": slow_imu,

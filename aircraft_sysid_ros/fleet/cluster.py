@@ -10,6 +10,7 @@ import logging
 import os
 import shutil
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -23,6 +24,10 @@ from aircraft_sysid_ros.installation import MissingExtra
 
 #: Flights per thread of the cluster that the scheduler knows at a time: it forgets those that are done.
 _AHEAD = 4
+#: Where Dask's pages are: for this machine alone, and beside those of other clusters.
+_HERE = "127.0.0.1:0"
+#: What a worker does first: Ctrl-C is for the one who waits for it, and who ends it.
+_DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 #: Time [s] in which a scheduler answers.
 _PATIENCE = 10.0
 #: Deaths of workers that a flight may see on the cluster of this machine: it never causes them.
@@ -125,6 +130,8 @@ def cluster(scheduler: str | None, workers: int | None = None) -> Iterator[Any]:
     }
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
+        stack.enter_context(warnings.catch_warnings())
+        warnings.filterwarnings("ignore", module="distributed")  # that the port of other clusters is taken
         if scheduler is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="aircraft_sysid_fleet."))
             address: Any = stack.enter_context(
@@ -133,7 +140,9 @@ def cluster(scheduler: str | None, workers: int | None = None) -> Iterator[Any]:
                     threads_per_worker=1,
                     processes=True,
                     local_directory=folder,
-                    dashboard_address="127.0.0.1:0" if has_dashboard() else None,
+                    dashboard_address=_HERE,
+                    worker_dashboard_address=_HERE,
+                    preload=[_DEAF],
                     silence_logs=logging.CRITICAL,
                 )
             )

@@ -173,5 +173,9 @@ def _flown(
             say(f"dashboard {client.dashboard_link}")
         if asked.scheduler and not client.nthreads():
             say(f"the scheduler has no workers yet: start some with `dask worker {shlex.quote(asked.scheduler)}`")
-        fly_all(client, list(jobs.values()), Work(answer_of, (steps,), _PRELOAD), Limits(asked.time_limit), done)
+        try:
+            fly_all(client, list(jobs.values()), Work(answer_of, (steps,), _PRELOAD), Limits(asked.time_limit), done)
+        except KeyboardInterrupt:
+            say(f"{len(answers)} of {len(jobs)} flights are done and kept; the same command goes on with the others")
+            raise
     return answers

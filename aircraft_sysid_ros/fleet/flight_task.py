@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import resource
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -28,6 +29,8 @@ from aircraft_sysid_ros.run_reader import read_parameters, read_points, read_sam
 #: Signals of the condition in which a parameter was learnt.
 _CONDITION = ("V", "alpha")
 _BLOCK = 1 << 20
+#: Folders of the program that have no part in an answer.
+_NO_PART = ("consumer", "fleet", "nodes", "report", "simulation", "workbench")
 Answer = dict[str, Any]
 
 
@@ -84,11 +87,13 @@ def content_key(paths: tuple[Path, ...], *more: str) -> str:
 
 @cache
 def program_key() -> str:
-    """One text for the program: its sources, so that no answer of another one is taken for its own."""
+    """One text for the program: the sources that answers rest on, so that none of another program is taken for ours."""
     package = Path(__file__).resolve().parents[1]
     whole = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
-        whole.update(str(source.relative_to(package)).encode() + source.read_bytes())
+        place = source.relative_to(package)
+        if place.parts[0] not in _NO_PART or source == Path(__file__).resolve():
+            whole.update(str(place).encode() + source.read_bytes())
     return whole.hexdigest()[:16]
 
 
@@ -96,7 +101,7 @@ def answer_of(job: Job, folder: Path, steps: Steps) -> Answer:
     """The answer about one flight; ``folder`` may be written to. Raises InputError where the flight has none."""
     if job.program != program_key():
         raise Failed("its worker has another version of the program: install the same one everywhere", lasting=False)
-    recording, run = job.recording, folder / "run"
+    recording, run, began = job.recording, folder / "run", _cpu()
     if not recording.exists():
         raise Failed(f"the worker finds no {recording}: recordings must be where all workers see them", lasting=False)
     if job.is_log:
@@ -115,7 +120,13 @@ def answer_of(job: Job, folder: Path, steps: Steps) -> Answer:
     answer["reason"] = "; ".join(filter(None, reasons))
     if job.keep is not None:
         _keep(run, job.keep)
+    answer["cpu"] = _cpu() - began  # what the flight costs; in no table, since it is never twice the same
     return json.loads(json.dumps(answer))  # what cannot be kept fails here
+
+
+def _cpu() -> float:
+    """Time [s] of the processor that this process and those that it waited for have used."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
 def _tried(work: Callable[[], Any], what: str, nothing: Any) -> tuple[Any, str]:

@@ -129,7 +129,7 @@ def _found(recording: Path, base: Path, aircraft: str | None) -> Flight:
     """A flight that was found below a folder."""
     inside = recording.relative_to(base) if recording.is_relative_to(base) else Path(recording.name)
     airframe = inside.parts[0] if len(inside.parts) > 1 else base.resolve().name or "fleet"
-    name = str(inside.with_suffix("") if recording.is_file() else inside)
+    name = str(inside if recording.is_dir() else inside.with_suffix(""))
     return Flight(name, airframe, recording, _aircraft_of(airframe, aircraft, str(recording)))
 
 

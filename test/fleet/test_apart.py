@@ -80,17 +80,17 @@ def test_it_ends_with_the_worker_that_waits_for_it(tmp_path):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])}
     with subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], env=environment) as worker:
         until((tmp_path / "wait").exists)
-        group = _below(worker.pid)
+        group = below(worker.pid)
         worker.kill()
     assert group
     until(lambda: all(map(_is_over, group)))
 
 
-def _below(pid):
+def below(pid):
     """Processes below one."""
     found = []
     for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-        found += [int(child), *_below(int(child))]
+        found += [int(child), *below(int(child))]
     return found
 
 

@@ -1,0 +1,166 @@
+"""A fleet from its sources to its tables and its page, with flights whose answers are known."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.fleet import fleet as module
+from aircraft_sysid_ros.fleet.apart import Failed
+from aircraft_sysid_ros.fleet.fleet import Asked, fly_fleet
+from aircraft_sysid_ros.fleet.flight_task import Options
+from aircraft_sysid_ros.fleet.results import Results
+
+DAY = 86_400 * 10**9
+HOSTILE = "<script>alert(1)</script>"
+COLUMNS = {  # of INTERFACE.md
+    "flights": ["flight", "airframe", "start", "ok", "reason"],
+    "parameters": ["flight", "airframe", "start", "parameter", "value", "std", "status", "V", "alpha"],
+    "verdicts": ["flight", "verdict", "effect", "axes", "p_value", "error_before", "error_after"],
+    "changes": ["airframe", "parameter", "kind", "when", "size", "std", "p_value"],
+    "errors": ["flight", "airframe", "start", "axis"],
+}
+
+
+def answer(recording):
+    """What a recording holds in these tests: its number, airframe, and the true value of Cm_de."""
+    number, airframe, value = recording.read_text().split()
+    rng = np.random.default_rng([int(number), ord(airframe)])
+    parameters = [
+        {"name": "Cm_de", "value": float(value) + 0.01 * rng.normal(), "std": 0.01, "status": "USE"},
+        {"name": "Cm_q", "value": 1e9, "std": None, "status": "HOLD"},
+    ]
+    found = {"effect": "stall", "label": HOSTILE, "axes": ["CZ", "Cm"], "p_value": 0.001}
+    return {
+        "ok": True, "reason": "", "duration": 1800.0, "start": int(number) * DAY,
+        "parameters": [{**p, "V": 20.0, "alpha": 0.05} for p in parameters],
+        "axes": {"Cm": {"nrmse_fit": 0.1, "nrmse_held_out": 0.2, "noise_floor": 0.1, "white": None}},
+        "findings": [{"signal": "airspeed", "kind": "gap", "severity": "warning", "sentence": "a gap"}],
+        "diagnosis": {
+            "verdict": "missing" if airframe == "B" else "none", "advice": "", "false_alarm_rate": 0.05,
+            "candidates": [found] if airframe == "B" else [],
+        },
+    }  # fmt: skip
+
+
+@pytest.fixture
+def flown(monkeypatch):
+    """Jobs that were flown, in place of a cluster; a recording may hold the failure that it ends with."""
+    names = []
+
+    def fly_all(client, jobs, work, limits, done):
+        for job in reversed(jobs):  # as they come
+            names.append(job.recording.stem)
+            text = job.recording.read_text()
+            done(job, eval(text) if text.startswith("Failed(") else answer(job.recording))
+
+    monkeypatch.setattr(module, "cluster", lambda *args: contextlib.nullcontext())
+    monkeypatch.setattr(module, "has_dashboard", lambda: False)
+    monkeypatch.setattr(module, "fly_all", fly_all)
+    return names
+
+
+@pytest.fixture
+def place(tmp_path):
+    """Ten flights of A, which loses a tenth of its elevator with the seventh, and of B, which does not."""
+    for airframe in "AB":
+        (tmp_path / "flights" / airframe).mkdir(parents=True)
+        for number in range(10):
+            value = -1.0 if airframe == "B" or number < 6 else -0.9
+            (tmp_path / "flights" / airframe / f"{number}.mcap").write_text(f"{number} {airframe} {value}")
+    (tmp_path / "aircraft.yaml").write_text("name: x")
+    return tmp_path
+
+
+def fly(place, time_limit=60.0, **more):
+    out = place / "out"
+    asked = Asked([str(place / "flights")], str(place / "aircraft.yaml"), out, Options(2), time_limit, **more)
+    return fly_fleet(asked, None, lambda *said: None, print), out
+
+
+def test_what_changes_is_found_and_shown(place, flown):
+    (place / "flights" / "B" / "x.mcap").write_text(f"Failed('{HOSTILE} is damaged')")
+    fleet, out = fly(place)
+    tables = {name: pd.read_parquet(out / f"{name}.parquet") for name in COLUMNS}
+    assert all(list(tables[name].columns[: len(columns)]) == columns for name, columns in COLUMNS.items())
+    (change,) = tables["changes"].to_dict("records")
+    assert (change["airframe"], change["parameter"], change["kind"], change["flight"]) == ("A", "Cm_de", "jump", "A/6")
+    assert change["when"] == pd.Timestamp(6 * DAY, tz="UTC")
+    assert change["size"] == pytest.approx(0.1, abs=3.0 * change["std"]) and change["std"] < 0.01
+    assert tables["flights"].query("not ok").reason.tolist() == [f"{HOSTILE} is damaged"]
+    assert (tables["verdicts"].query("airframe == 'B'").effect == "stall").all()
+    assert tables["parameters"].query("parameter == 'Cm_q'")["std"].isna().all()
+    (effect,) = fleet.json["effects"]
+    assert (effect["airframe"], effect["effect"], effect["flights"], effect["of"]) == ("B", "stall", 10, 10)
+    page = (out / "fleet.html").read_text()
+    assert "Cm_de" in page and "A/6" in page and HOSTILE not in page and "&lt;script&gt;alert(1)" in page
+    json.dumps(fleet.json)
+
+
+def test_begun_again_nothing_is_flown_twice(place, flown):
+    _, out = fly(place)
+    assert len(flown) == 20
+    before = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
+    fleet, _ = fly(place)
+    assert len(flown) == 20 and fleet.new == 0
+    assert before == {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
+    (place / "flights" / "A" / "new.mcap").write_text("10 A -0.9")
+    (place / "flights" / "B" / "0.mcap").rename(place / "flights" / "B" / "00.mcap")  # the same under another name
+    assert fly(place)[0].new == 1 and flown[20:] == ["new"]
+    (place / "aircraft.yaml").write_text("name: y")
+    assert fly(place)[0].new == 21
+
+
+def test_a_damaged_answer_is_flown_again(place, flown):
+    _, out = fly(place)
+    for number, path in enumerate(sorted((out / "results").glob("*/*.json"))[:4]):
+        path.write_bytes((b"", b"{", b"[]", b'{"ok": "x"}')[number])
+    assert fly(place)[0].new == 4
+
+
+def test_what_the_machine_refused_is_tried_again(place, flown):
+    flights = place / "flights" / "A"
+    (flights / "damaged.mcap").write_text("Failed('damaged')")
+    (flights / "full.mcap").write_text("Failed('no space', lasting=False)")
+    (flights / "slow.mcap").write_text("Failed('too slow', took_all_time=True)")
+    fly(place)
+    del flown[:]
+    assert fly(place)[0].new == 1 and flown == ["full"]
+    del flown[:]
+    fly(place, time_limit=61.0)
+    assert sorted(flown) == ["full", "slow"]
+
+
+def test_a_recording_that_is_there_twice_counts_once(place, flown):
+    (place / "flights" / "A" / "copy.mcap").write_text("0 A -1.0")
+    fleet, _ = fly(place)
+    (bad,) = [each for each in fleet.flown if not each.answer["ok"]]
+    assert "it holds the same as A/0" in bad.answer["reason"] and bad.flight.name == "A/copy"
+
+
+def test_a_pipe_is_not_waited_for(place, flown, monkeypatch):
+    """What hangs when it is opened is left to the process of its flight, which has a limit."""
+    import os
+
+    os.mkfifo(place / "flights" / "A" / "pipe.mcap")
+    monkeypatch.setattr(module, "fly_all", lambda client, jobs, work, limits, done: [
+        done(job, Failed("too slow") if job.recording.stem == "pipe" else answer(job.recording)) for job in jobs
+    ])  # fmt: skip
+    assert fly(place)[0].json["failures"] == [{"flight": "A/pipe", "reason": "too slow"}]
+
+
+def test_folders_that_cannot_be_used(place, flown, tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").touch()
+    for out, said in (("file", "is a file"), ("other", "is left alone"), ("file/below", "cannot write")):
+        with pytest.raises(InputError, match=said):
+            Results(tmp_path / out)
+    results = Results(place / "out")
+    with results.held(), pytest.raises(InputError, match="another fleet works on"):
+        fly(place)
