@@ -117,13 +117,12 @@ def plain(entries: list[dict[str, Any]], place: Path, replicas: int) -> list[flo
     code = (
         "import json, os, sys; from pathlib import Path; os.environ['AIRCRAFT_SYSID_CORES'] = '1'\n"
         "import aircraft_sysid_ros.fleet.warm\n"
-        "from aircraft_sysid_ros.commands.fleet import _check_flight, _import, _replay\n"
-        "from aircraft_sysid_ros.fleet.flight_task import Job, Options, Steps, answer_of, program_key\n"
+        "from aircraft_sysid_ros.fleet.flight_task import Job, Options, answer_of, program_key\n"
         "place, aircraft, replicas, *bags = sys.argv[1:]; found = []\n"
         "for number, bag in enumerate([bags[0], *bags]):  # the first loads what is still missing\n"
         "    folder = Path(place, str(number)); folder.mkdir(parents=True)\n"
         "    job = Job('', Path(bag), False, Path(aircraft), Options(int(replicas)), program_key())\n"
-        "    found.append(answer_of(job, folder, Steps(_import, _check_flight, _replay))['cpu'])\n"
+        "    found.append(answer_of(job, folder)['cpu'])\n"
         "print(json.dumps(found[1:]))"
     )
     bags = [entry["recording"] for entry in entries]

@@ -7,15 +7,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from aircraft_sysid_ros.after_flight.diagnose import FEWEST, MOST
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.fleet.fleet import Asked, Fleet, fly_fleet
-from aircraft_sysid_ros.fleet.flight_task import Options, Steps
-from aircraft_sysid_ros.fleet.flights import TABLES
-
-FEWEST, MOST = 2, 50
+from aircraft_sysid_ros.fleet.flight_task import Options
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -58,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         def tell(what: str, count: int, total: int) -> None:
             progress.update(task, description=what, completed=count, total=total)
 
-        fleet = fly_fleet(asked, Steps(_import, _check_flight, _replay), tell, _say)
+        fleet = fly_fleet(asked, tell, _say)
     result = fleet.json
     if not fleet.ok:
         raise IncompleteError(f"none of {len(fleet.flown)} flights could be used, {_first_reason(fleet)}", result)
@@ -86,40 +84,6 @@ def _check(args: argparse.Namespace) -> None:
     for option, path in (("--map", args.map), ("--servos", args.servos)):
         if path is not None and not Path(path).is_file():
             raise InputError(f"{option} {path}: there is no such file")
-
-
-# -- what workers do to a flight, by the commands ------------------------------------------------------------
-
-
-def _asked(*words: str | Path) -> argparse.Namespace:
-    """Arguments of another command, with its own defaults."""
-    from aircraft_sysid_ros.commands.main import build_parser
-
-    texts = [str(word) for word in words]
-    return build_parser(texts[0]).parse_args(texts)
-
-
-def _import(log: Path, out: Path, options: Options) -> dict[str, Any]:
-    from aircraft_sysid_ros.commands.import_log import run as run_import
-
-    words: list[str | Path] = ["import", log, "--out", out]
-    if options.map and log.suffix.lower() in (*TABLES, ".mat"):
-        words += ["--map", options.map]
-    elif options.servos and log.suffix.lower() != ".mat":
-        words += ["--calibration", options.servos]
-    return run_import(_asked(*words))
-
-
-def _check_flight(recording: Path, aircraft: Path) -> dict[str, Any]:
-    from aircraft_sysid_ros.commands.check import run as run_check
-
-    return run_check(_asked("check", recording, "--aircraft", aircraft))
-
-
-def _replay(recording: Path, aircraft: Path, out: Path) -> dict[str, Any]:
-    from aircraft_sysid_ros.commands.replay import run as run_replay
-
-    return run_replay(_asked("replay", recording, "--aircraft", aircraft, "--out", out))
 
 
 def render(result: dict[str, Any]) -> str:

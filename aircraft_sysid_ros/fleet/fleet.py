@@ -12,19 +12,14 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.apart import Failed, Limits
 from aircraft_sysid_ros.fleet.between import Between, between_flights
 from aircraft_sysid_ros.fleet.cluster import Work, cluster, fly_all, has_dashboard
-from aircraft_sysid_ros.fleet.flight_task import Answer, Job, Options, Steps, answer_of, content_key, program_key
+from aircraft_sysid_ros.fleet.flight_task import Answer, Job, Options, answer_of, content_key, program_key
 from aircraft_sysid_ros.fleet.flights import Flight, flights_of
 from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
 from aircraft_sysid_ros.fleet.results import RUNS, Results
 from aircraft_sysid_ros.fleet.tables import Flown, in_order, require_pyarrow, tables_of, write_tables
 
 #: What the process of a flight finds loaded.
-_PRELOAD = (
-    "aircraft_sysid_ros.fleet.warm",
-    "aircraft_sysid_ros.fleet.flight_task",
-    "aircraft_sysid_ros.commands.replay",
-    "aircraft_sysid_ros.commands.check",
-)
+_WORK = Work(answer_of, (), ("aircraft_sysid_ros.fleet.warm", "aircraft_sysid_ros.fleet.flight_task"))
 
 
 @dataclass(frozen=True)
@@ -75,7 +70,7 @@ class Fleet:
         }
 
 
-def fly_fleet(asked: Asked, steps: Steps, tell: Callable[[str, int, int], None], say: Callable[[str], None]) -> Fleet:
+def fly_fleet(asked: Asked, tell: Callable[[str, int, int], None], say: Callable[[str], None]) -> Fleet:
     """Fly what is not known yet, and write tables and page. Raises InputError.
 
     ``tell`` hears what is done, and how many of how many flights; ``say`` what a user should know at once.
@@ -91,7 +86,7 @@ def fly_fleet(asked: Asked, steps: Steps, tell: Callable[[str, int, int], None],
         answers |= known
         unkept: list[str] = []
         if new:
-            answers |= _flown(new, steps, asked, results, unkept, tell, say)
+            answers |= _flown(new, asked, results, unkept, tell, say)
         flown = in_order([Flown(flight, answers[flight.name]) for flight in flights])
         tables = tables_of(flown)
         between = between_flights(tables, flown)
@@ -138,7 +133,6 @@ def _no_answer(reason: str) -> Answer:
 
 def _flown(
     jobs: Mapping[str, Job],
-    steps: Steps,
     asked: Asked,
     results: Results,
     unkept: list[str],
@@ -174,7 +168,7 @@ def _flown(
         if asked.scheduler and not client.nthreads():
             say(f"the scheduler has no workers yet: start some with `dask worker {shlex.quote(asked.scheduler)}`")
         try:
-            fly_all(client, list(jobs.values()), Work(answer_of, (steps,), _PRELOAD), Limits(asked.time_limit), done)
+            fly_all(client, list(jobs.values()), _WORK, Limits(asked.time_limit), done)
         except KeyboardInterrupt:
             say(f"{len(answers)} of {len(jobs)} flights are done and kept; the same command goes on with the others")
             raise

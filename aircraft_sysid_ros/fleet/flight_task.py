@@ -1,7 +1,6 @@
 """What is done to one flight: import, check, replay, compare and diagnose, by the functions of the commands.
 
-What the commands themselves hold is handed down in ``Steps``. The answer is numbers and words alone, so that it can be
-sent, and kept beside those of other flights.
+The answer is numbers and words alone, so that it can be sent, and kept beside those of other flights.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ import hashlib
 import json
 import resource
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,12 +17,15 @@ from typing import Any
 
 import numpy as np
 
+from aircraft_sysid_ros.after_flight.check import check_recording
+from aircraft_sysid_ros.after_flight.compare import compare_run
+from aircraft_sysid_ros.after_flight.diagnose import diagnose
+from aircraft_sysid_ros.after_flight.log_import import import_log
+from aircraft_sysid_ros.after_flight.replay import replay
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.compare import compare
-from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run
-from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.apart import Failed
+from aircraft_sysid_ros.fleet.flights import TABLES
 from aircraft_sysid_ros.run_reader import read_parameters, read_points, read_samples
 
 #: Signals of the condition in which a parameter was learnt.
@@ -61,15 +63,6 @@ class Job:
     keep: Path | None = None  # where its run shall stay
 
 
-@dataclass(frozen=True)
-class Steps:
-    """What commands do to a flight; functions of a module, so that another machine finds them by name."""
-
-    import_log: Callable[[Path, Path, Options], Mapping[str, Any]]  # log, recording to write
-    check: Callable[[Path, Path], Mapping[str, Any]]  # recording, aircraft file
-    replay: Callable[[Path, Path, Path], Mapping[str, Any]]  # recording, aircraft file, run to write
-
-
 def content_key(paths: tuple[Path, ...], *more: str) -> str:
     """One text for the content of files and folders, wherever they lie, and for ``more``. Raises OSError."""
     whole = hashlib.sha256("\0".join(more).encode())
@@ -97,7 +90,7 @@ def program_key() -> str:
     return whole.hexdigest()[:16]
 
 
-def answer_of(job: Job, folder: Path, steps: Steps) -> Answer:
+def answer_of(job: Job, folder: Path) -> Answer:
     """The answer about one flight; ``folder`` may be written to. Raises InputError where the flight has none."""
     if job.program != program_key():
         raise Failed("its worker has another version of the program: install the same one everywhere", lasting=False)
@@ -106,14 +99,14 @@ def answer_of(job: Job, folder: Path, steps: Steps) -> Answer:
         raise Failed(f"the worker finds no {recording}: recordings must be where all workers see them", lasting=False)
     if job.is_log:
         recording = folder / "recording"
-        steps.import_log(job.recording, recording, job.options)
-    checked = steps.check(recording, job.aircraft)
-    steps.replay(recording, job.aircraft, run)
+        import_log(job.recording, recording, **_import_options(job))
+    checked = check_recording(recording, job.aircraft).json
+    replay([str(recording)], job.aircraft, run)
     answer: Answer = {"ok": True, "reason": "", "duration": checked["duration"], "findings": checked["findings"]}
     answer["start"] = int(read_samples(run).stamp.min())
     answer["parameters"] = _parameters(run)
     reasons = []
-    answer["axes"], told = _tried(lambda: compare(open_run(run).flight()).json["axes"], "not compared", {})
+    answer["axes"], told = _tried(lambda: compare_run(run).json["axes"], "not compared", {})
     reasons.append(told)
     answer["diagnosis"], told = _tried(lambda: _diagnosis(run, job.options.replicas), "not diagnosed", None)
     reasons.append(told)
@@ -122,6 +115,14 @@ def answer_of(job: Job, folder: Path, steps: Steps) -> Answer:
         _keep(run, job.keep)
     answer["cpu"] = _cpu() - began  # what the flight costs; in no table, since it is never twice the same
     return json.loads(json.dumps(answer))  # what cannot be kept fails here
+
+
+def _import_options(job: Job) -> dict[str, Any]:
+    """What of the options is for a log of this kind."""
+    suffix, options = job.recording.suffix.lower(), job.options
+    if options.map is not None and suffix in (*TABLES, ".mat"):
+        return {"columns": options.map}
+    return {"calibration": str(options.servos)} if options.servos is not None and suffix != ".mat" else {}
 
 
 def _cpu() -> float:
@@ -157,7 +158,7 @@ def _parameters(run: Path) -> list[dict[str, Any]]:
 
 
 def _diagnosis(run: Path, replicas: int) -> dict[str, Any]:
-    found = diagnose_run(run, replicas)[0]
+    found = diagnose([run], replicas)
     kept = ("effect", "label", "axes", "main_axis", "p_value", "error_before", "error_after", "confounded_with")
     candidates = [{key: c.get(key) for key in kept} for c in found["candidates"] if c["found"]]
     shown = {key: found.get(key) for key in ("verdict", "advice", "false_alarm_rate")}

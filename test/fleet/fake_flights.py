@@ -9,6 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
+
 from aircraft_sysid_ros.errors import InputError
 
 
@@ -48,3 +50,19 @@ def until(is_so: Callable[[], bool]) -> None:
             return
         time.sleep(0.01)
     raise AssertionError("it never came")
+
+
+def below(pid: int) -> list[int]:
+    """Processes below one, whichever of its threads began them."""
+    try:
+        return [child.pid for child in psutil.Process(pid).children(recursive=True)]
+    except psutil.Error:
+        return []
+
+
+def words_of(pid: int) -> str:
+    """The command of a process; nothing of one that has ended."""
+    try:
+        return " ".join(psutil.Process(pid).cmdline())
+    except psutil.Error:
+        return ""

@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from fake_flights import FakeJob, until, work
+from fake_flights import FakeJob, below, until, work
 
 from aircraft_sysid_ros.fleet.apart import Failed, Limits, run_apart
 
@@ -62,18 +62,15 @@ def test_one_that_was_killed_is_begun_again(tmp_path):
 
 
 def _child():
-    """The process of the flight: the only one below the forkserver, which has this one as its parent."""
-    from multiprocessing.forkserver import _forkserver
-
-    children = Path(f"/proc/{_forkserver._forkserver_pid}/task/{_forkserver._forkserver_pid}/children").read_text()
-    (pid,) = children.split()
-    return int(pid)
+    """The process of the flight: the only one below the forkserver."""
+    (pid,) = (pid for server in below(os.getpid()) for pid in below(server))
+    return pid
 
 
 def test_it_ends_with_the_worker_that_waits_for_it(tmp_path):
     """However that ends: nothing goes on in the background."""
     script = (
-        "import sys; from pathlib import Path; from fake_flights import FakeJob, until, work\n"
+        "import sys; from pathlib import Path; from fake_flights import FakeJob, below, until, work\n"
         "from aircraft_sysid_ros.fleet.apart import Limits, run_apart\n"
         "folder = Path(sys.argv[1]); run_apart(work, FakeJob('wait', folder), folder, limits=Limits(600.0))"
     )
@@ -84,14 +81,6 @@ def test_it_ends_with_the_worker_that_waits_for_it(tmp_path):
         worker.kill()
     assert group
     until(lambda: all(map(_is_over, group)))
-
-
-def below(pid):
-    """Processes below one."""
-    found = []
-    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-        found += [int(child), *below(int(child))]
-    return found
 
 
 def _is_over(pid):

@@ -80,7 +80,7 @@ def place(tmp_path):
 def fly(place, time_limit=60.0, **more):
     out = place / "out"
     asked = Asked([str(place / "flights")], str(place / "aircraft.yaml"), out, Options(2), time_limit, **more)
-    return fly_fleet(asked, None, lambda *said: None, print), out
+    return fly_fleet(asked, lambda *said: None, print), out
 
 
 def test_what_changes_is_found_and_shown(place, flown):

@@ -11,8 +11,7 @@ import sys
 
 import pandas as pd
 import pytest
-from fake_flights import until
-from test_apart import below
+from fake_flights import below, until, words_of
 
 from aircraft_sysid_ros.commands.main import main
 
@@ -88,19 +87,11 @@ def test_killed_and_stopped_it_has_the_same_tables(flights, undisturbed):
     assert tables(flights, "again") == tables(flights, "out")
 
 
-def _words(pid):
-    try:
-        with open(f"/proc/{pid}/cmdline", "rb") as file:
-            return file.read()
-    except OSError:
-        return b""
-
-
 def _workers(pid):
-    return [child for child in below(pid) if b"spawn_main" in _words(child)]
+    return [child for child in below(pid) if "spawn_main" in words_of(child)]
 
 
 def _flights_in_the_air(pid):
     """Processes of flights: forked from a forkserver, which is below a worker."""
-    servers = [child for worker in _workers(pid) for child in below(worker) if b"forkserver" in _words(child)]
-    return [child for child in servers if below(child)]
+    servers = [child for worker in _workers(pid) for child in below(worker) if "forkserver" in words_of(child)]
+    return [flight for server in servers for flight in below(server)]
