@@ -54,22 +54,24 @@ def small(result: Mapping[str, Any]) -> Table:
     rows.append(["all", "changes named that are none", "", others])
     rows.append(["damaged", "files named, of those that are damaged or hang", str(result["damaged"]),
                  str(result["damaged_named"])])  # fmt: skip
+    each = result["cpu_per_flight"]
+    hours = f"{each * 1e6 / 3600.0:,.0f}".replace(",", " ")
+    rows += [
+        ["each flight", "processor time, bytes of its answer", f"{each:.1f} s", f"{result['bytes_per_answer']:.0f}"],
+        ["a million", "core hours, of answers", hours, f"{result['bytes_per_answer'] / 1e3:.1f} GB"],
+    ]
     return ["airframe", "parameter", "truth", "named, with 95 % interval"], rows
 
 
-def costs(small: Mapping[str, Any], result: Mapping[str, Any]) -> Table:
+def costs(result: Mapping[str, Any]) -> Table:
     """What a fleet costs."""
     one, two, count = result["workers_1"], result["workers_2"], result["flights"]
-    each, ahead = small["cpu_per_flight"], one["flights_cpu"] / result["plain_cpu"] - 1.0
-    thousands = f"{each * 1e6 / 3600.0:,.0f}".replace(",", " ")
+    ahead = one["flights_cpu"] / result["plain_cpu"] - 1.0
     rows = [
-        [f"processor time of a flight of {small['duration']:g} s, mean of {small['ok']}", f"{each:.1f} s"],
-        ["a million of them", f"{thousands} core hours"],
         ["scheduler, client and worker, for each flight", f"{1000.0 * result['own']:.0f} ms"],
         [f"{count} flights one after the other in one process", f"{result['plain_cpu']:.1f} s"],
         ["the same in a fleet, in the processes of the flights", f"{one['flights_cpu']:.1f} s ({100 * ahead:+.1f} %)"],
         ["the same, wall-clock time with one worker and with two", f"{one['wall']:.0f} s, {two['wall']:.0f} s"],
         ["load of the machine's two cores before", f"{result['load']:.1f}"],
-        ["bytes of an answer", f"{small['bytes_per_answer']:.0f}"],
     ]
     return ["measured", ""], rows
