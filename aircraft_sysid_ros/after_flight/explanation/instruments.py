@@ -67,9 +67,13 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
         sureness = abs(scale["value"]) / scale["std"]
         if f"{effect}_scale" in named and sureness > SIGMA and abs(scale["value"]) > LEAST_SCALE:
             found.append((sureness, _scale(signal, words, scale["value"], scale["std"])))
-        sureness = abs(constant["value"]) / constant["std"]
-        if name != "V" and sureness > SIGMA and abs(constant["value"]) > LEAST_ANGLE:
-            found.append((sureness, _offset(signal, words, constant["value"], constant["std"])))
+        # at the median angle: what gusts feign as a scale they take off the constant
+        shown = samples.values[samples.kind == kind, 0]
+        usual = float(np.nanmedian(shown)) if np.isfinite(shown).any() else 0.0
+        offset = constant["value"] + scale["value"] * usual
+        sureness = abs(offset) / constant["std"]
+        if name != "V" and f"{effect}_scale" not in named and sureness > SIGMA and abs(offset) > LEAST_ANGLE:
+            found.append((sureness, _offset(signal, words, offset, constant["std"])))
     return [error for _, error in sorted(found, key=lambda pair: -pair[0])]
 
 
