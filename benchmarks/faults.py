@@ -25,6 +25,7 @@ import numpy as np
 import resumed
 from fault_kinds import KINDS, effects_of
 
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -67,14 +68,16 @@ def fly(want: dict[str, Any]) -> dict[str, Any]:
     kind = KINDS.get(drawing["fault"])
     if kind is not None:
         effects = effects_of(kind, truth, begin, end)
-    flight = simulate_samples(
-        aircraft, seed, DURATION, effects=effects, turbulence=drawing["air"], manoeuvres=drawing["plan"],
-        sensors=SensorOptions(attitude=drawing["attitude"], height_above_ground=True),
-    )  # fmt: skip
-    samples = flight.samples
+    result = {**want, **drawing, "begin": round(begin, 2), "end": round(end, 2)}
+    try:
+        samples = simulate_samples(
+            aircraft, seed, DURATION, effects=effects, turbulence=drawing["air"], manoeuvres=drawing["plan"],
+            sensors=SensorOptions(attitude=drawing["attitude"], height_above_ground=True),
+        ).samples  # fmt: skip
+    except InputError as error:  # an aeroplane with a surface that is stuck may not stay in the air
+        return result | {"not_flown": str(error)}
     if kind is not None and kind.change is not None:
         samples = kind.change(samples, begin, end, np.random.default_rng(seed))
-    result = {**want, **drawing, "begin": round(begin, 2), "end": round(end, 2)}
     try:
         return result | watched(aircraft, samples, truth, drawing, end)
     except Exception as error:  # what the campaign is for
@@ -140,6 +143,7 @@ def watched(
 
 def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
     """Figures of docs/trust.md: all, and by fault."""
+    records = [r for r in records if "not_flown" not in r]
     faulty, healthy = [r for r in records if r["faulty"]], [r for r in records if not r["faulty"]]
     by_fault = {name: of_faults([r for r in faulty if r["fault"] == name]) for name in KINDS}
     return {
