@@ -57,8 +57,8 @@ def fill(message: Any, content: dict[str, Any]) -> Any:
 
 
 def stamp_of(message: Any, nanoseconds: int, frame: str = "") -> Any:
-    """Set stamp and frame of a message's header."""
-    message.header.frame_id = frame
+    """Set the stamp of a message's header, and its frame where one is given."""
+    message.header.frame_id = frame or message.header.frame_id
     message.header.stamp.sec = nanoseconds // NANOSECONDS
     message.header.stamp.nanosec = nanoseconds % NANOSECONDS
     return message

@@ -19,12 +19,14 @@ class FakeJob:
     """A job of a fleet."""
 
     key: str
-    started: Path  # a file of this job's name is there as soon as it has begun
+    started: Path  # a file of this job's name, with the number of its process, is there as soon as it has begun
 
 
 def work(job: FakeJob, folder: Path) -> dict[str, object]:
     """An answer, or what goes wrong in flights."""
-    (job.started / job.key).touch()
+    made = job.started / f".{job.key}"
+    made.write_text(str(os.getpid()), encoding="utf8")
+    made.rename(job.started / job.key)
     kind = job.key.split("-")[0]
     if kind == "crash":
         os.kill(os.getpid(), signal.SIGSEGV)

@@ -53,18 +53,13 @@ def test_one_that_was_killed_is_begun_again(tmp_path):
     thread = threading.Thread(target=lambda: found.append(flown("wait", tmp_path)))
     thread.start()
     until((tmp_path / "wait").exists)
+    process = int((tmp_path / "wait").read_text())
     (tmp_path / "wait").unlink()
-    os.kill(_child(), signal.SIGKILL)
+    os.kill(process, signal.SIGKILL)
     until((tmp_path / "wait").exists)
     (tmp_path / "go").touch()
     thread.join()
     assert found[0]["key"] == "wait"
-
-
-def _child():
-    """The process of the flight: the only one below the forkserver."""
-    (pid,) = (pid for server in below(os.getpid()) for pid in below(server))
-    return pid
 
 
 def test_it_ends_with_the_worker_that_waits_for_it(tmp_path):
