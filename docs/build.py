@@ -436,6 +436,11 @@ def jet() -> str:
     return table(*diagnosis_tables.jet([json.loads(line) for line in lines]))
 
 
+def faults() -> str:
+    """The campaign of faults."""
+    return table(*trust_tables.faults(load("faults")))
+
+
 def failures() -> str:
     """Inputs that fail in flights without vanes."""
     lines = (RESULTS / "failures.jsonl").read_text(encoding="utf8").splitlines()
@@ -655,6 +660,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "diagnosis_thresholds": lambda: table(*diagnosis_tables.thresholds()),
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
+    "faults": faults,
     "jet": jet,
     "further_effects": further_effects,
     "fleet_healthy": fleet(fleet_tables.healthy, "fleet_changes"),

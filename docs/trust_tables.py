@@ -62,3 +62,23 @@ def clean(result: Result) -> Table:
 
 
 TABLES: dict[str, Callable[[Result], Table]] = {"failures": failures, "clean": clean}
+
+
+def faults(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """The campaign of faults: all, and the kinds with a value that was confidently wrong or never held."""
+    header = ["fault", "flights", "moved a main derivative", "held", "until HOLD, median / 95 %", "cause named"]
+    header += ["confidently wrong", "at the end"]
+    rows = [_of_faults("all of them", found["all"])]
+    kinds = found["faults"].items()
+    worst = [item for item in kinds if item[1]["sure_wrong"] or item[1]["held"] < item[1]["moved"]]
+    rows += [_of_faults(name, each) for name, each in worst]
+    healthy = found["healthy"]
+    nothing = ["", "", "", "", str(healthy["sure_wrong"]), ""]
+    rows.append([f"none; {healthy['held']} with an axis held", str(healthy["flights"]), *nothing])
+    return header, rows
+
+
+def _of_faults(name: str, each: dict[str, Any]) -> list[str]:
+    until = "" if each["median"] is None else f"{each['median']:.1f} / {each['slowest']:.1f} s"
+    counts = [str(each[key]) for key in ("named", "sure_wrong", "sure_wrong_at_the_end")]
+    return [name, str(each["flights"]), str(each["moved"]), str(each["held"]), until, *counts]

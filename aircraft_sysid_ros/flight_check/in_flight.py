@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.flight_check.check import contradictions
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, short_names
 from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, flight_of
-from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField
+from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 Array = npt.NDArray[np.float64]
@@ -25,6 +26,9 @@ FIRST, SECOND, LONGEST = 30.0, 60.0, 240.0
 _STEP = 1.0
 #: A stream that is late by more [s] than this is worth a word: less is for ``check`` and the aircraft file.
 LATE = 0.2
+#: The density is not that of its height if it differs by this share from the ratio to the standard atmosphere's that it
+#: had at the begin of the flight: weather changes the ratio by some per cent over thousands of metres.
+DENSITY = 0.1
 #: Vectors and sensors of which each must have agreed once.
 _ASKED: dict[Kind, tuple[tuple[str, ...], ...]] = {
     Kind.IMU: (NAMES[Kind.IMU][:3], NAMES[Kind.IMU][3:]),
@@ -36,6 +40,13 @@ _SENSORS = {
     "longitude": "GPS position", "altitude": "GPS position", "velocity": "GPS velocity", "true_airspeed": "airspeed",
     "angle_of_attack": "angle of attack", "sideslip": "sideslip", "static_pressure": "static pressure",
 }  # fmt: skip
+
+_STATIC_PRESSURE = next(code for code, sensor in CONTRADICTED.items() if sensor == "static pressure")
+#: Statuses of a state whose height rests on GPS.
+_ON_GPS = (
+    Status.OK, Status.NO_AIR_DATA, Status.INFERRED_ALPHA, Status.INFERRED_BETA, Status.INFERRED_ANGLES, Status.CALM_AIR,
+    Status.CALM_AIR_ALPHA, Status.CALM_AIR_BETA, Status.CALM_AIR_ANGLES,
+)  # fmt: skip
 
 
 def warm_up() -> None:
@@ -52,6 +63,7 @@ class InFlightCheck:
         self._minimum_airspeed = minimum_airspeed
         self.findings: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
         self._code = 0
+        self._density = np.nan  # over that of the standard atmosphere, at the begin of the flight
         self._restart()
 
     def _restart(self) -> None:
@@ -91,10 +103,25 @@ class InFlightCheck:
             self._look(float(times[at]), epoch)
             rows[at:, StateField.CONTRADICTION] = self._code
             self._due = max(2.0 * self._due, SECOND)
+        self._mark_density(rows, flies)
         if np.isnan(self._begin):
             self._keep(epoch, times[-1])
         elif not self._over and times[-1] > max(self._kept_since, self._begin) + 2.0 * LONGEST:
             self._keep(epoch, times[-1] - LONGEST)
+
+    def _mark_density(self, rows: Array, flies: npt.NDArray[np.bool_]) -> None:
+        """Mark rows whose density left the height that GPS shows, as a blocked or leaking static port has it."""
+        altitude = rows[:, StateField.ORIGIN.stop - 1] - rows[:, StateField.POSITION.stop - 1]
+        density = rows[:, StateField.AIR_DENSITY]
+        shown = np.isin(rows[:, StateField.STATUS], _ON_GPS) & np.isfinite(altitude) & (density > 0.0) & flies
+        if not shown.any():
+            return
+        ratio = density[shown] / np.array([air_density(height) for height in altitude[shown]])
+        if np.isnan(self._density):
+            self._density = float(ratio[0])
+        left = np.zeros(len(rows), np.bool_)
+        left[shown] = np.abs(ratio / self._density - 1.0) > DENSITY
+        rows[left & (rows[:, StateField.CONTRADICTION] == 0.0), StateField.CONTRADICTION] = _STATIC_PRESSURE
 
     def _keep(self, epoch: int, since: float) -> Samples:
         """Forget samples from before a time [s]; returns the others."""

@@ -70,6 +70,43 @@ def test_the_reason_of_a_parameter_names_the_sensor(clean):
     assert any(contradiction_text(NUMBER["sideslip"]) in reason for reason in reasons)
 
 
+@pytest.mark.parametrize("block", [137, 1000])
+def test_a_density_that_leaves_its_height_is_told_while_it_does_and_nothing_is_used(clean, block):
+    """A static port that is blocked or leaks: all coefficients are off by the same factor, and nothing else tells."""
+    values, since = clean.values.copy(), (clean.stamp - clean.stamp[0]) * 1e-9
+    wrong = (clean.kind == Kind.AIR) & (since > 40.0) & (since < 55.0)
+    values[wrong, :2] *= 0.75
+    samples = Samples(clean.stamp, clean.kind, values)
+    pipeline, rows = flown(samples[since < 54.0], block)
+    time = rows[:, StateField.TIME] - rows[0, StateField.TIME]
+    marked = rows[:, StateField.CONTRADICTION] == NUMBER["static pressure"]
+    assert not marked[time < 38.0].any() and marked[time > 42.0].all()
+    assert used(pipeline) == []
+    assert any("static pressure" in p.reason for p in pipeline.parameters.snapshot().parameters)
+    _, rows = flown(samples, block)
+    time = rows[:, StateField.TIME] - rows[0, StateField.TIME]
+    assert np.all(rows[time > 57.0, StateField.CONTRADICTION] == 0.0)
+
+
+def test_a_climb_of_three_kilometres_on_a_hot_day_changes_no_density():
+    rows = np.full((3000, StateField.WIDTH), np.nan)
+    rows[:, StateField.TIME] = 0.005 * np.arange(3000)  # the laws of motion are not asked yet
+    height = 400.0 + np.arange(3000.0)
+    rows[:, StateField.ORIGIN], rows[:, StateField.POSITION] = 400.0, 0.0
+    rows[:, StateField.POSITION.stop - 1] = 400.0 - height
+    # hydrostatic, 20 K above the standard at the ground and 3 K below it at the top
+    temperature = 288.15 - 0.0065 * height + np.linspace(20.0, -3.0, 3000)
+    pressure = 96_000.0 * np.exp(-np.concatenate([[0.0], np.cumsum(9.80665 / (287.05 * temperature[1:]))]))
+    rows[:, StateField.AIR_DENSITY] = pressure / (287.05 * temperature)
+    rows[:, StateField.AIRSPEED], rows[:, StateField.STATUS] = 60.0, 1.0
+    check = InFlightCheck(10.0)
+    check.mark(rows, 0)
+    assert np.all(rows[:, StateField.CONTRADICTION] == 0.0)
+    rows[2000:, StateField.AIR_DENSITY] *= 0.7
+    check.mark(rows, 0)
+    assert np.all(rows[2000:, StateField.CONTRADICTION] == NUMBER["static pressure"])
+
+
 @pytest.mark.parametrize("signal", ["elevator", "throttle"])
 def test_controls_of_another_unit_are_not_learnt_from(clean, signal):
     pipeline, _ = flown(scaled(signal, 100.0)(clean))
