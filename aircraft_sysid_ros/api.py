@@ -16,7 +16,8 @@ for (the extra ``tables``), SI and radians, FRD and NED. Bad input raises InputE
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -40,7 +41,7 @@ from aircraft_sysid_ros.diagnosis.model_versions import additions
 from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_of, open_run
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.flight_check.signals import NAMES
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import MissingExtra
@@ -69,6 +70,19 @@ def _frame(rows: Sequence[Mapping[str, Any]], index: str | None = None) -> panda
     """A table of records."""
     frame = _pandas().DataFrame(list(rows))
     return frame.set_index(index) if index and len(frame) else frame
+
+
+@contextmanager
+def _drawing(path: Place) -> Iterator[None]:
+    """Why a figure cannot be written, as InputError."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    except ValueError as error:
+        if not str(error).startswith("Format "):
+            raise
+        raise InputError(f"{path} is no kind of picture that can be drawn: give it a name that ends in .png") from None
 
 
 def _pandas() -> Any:
@@ -193,7 +207,8 @@ class Comparison:
     def plot(self, path: Place) -> Path:
         """Measured and predicted coefficients and what is left over, to a PNG file."""
         title = f"{self.result.comparison.flight.aircraft.name}, model {self.result.run.current.identifier}"
-        return comparison_figure(self.result.comparison, path, title)
+        with _drawing(path):
+            return comparison_figure(self.result.comparison, path, title)
 
 
 @dataclass(frozen=True)
@@ -274,7 +289,8 @@ class Addition:
 
     def plot(self, path: Place) -> Path:
         """The errors before and after, to a PNG file."""
-        return errors_figure(self.result.axes, path, f"{self.result.label}: {self.result.verdict}")
+        with _drawing(path):
+            return errors_figure(self.result.axes, path, f"{self.result.label}: {self.result.verdict}")
 
 
 @dataclass(frozen=True)
@@ -346,14 +362,16 @@ def record(
     what time 0 is, as in a MAP; without it stamps begin in the year 2000. Raises InputError.
     """
     pandas = _pandas()
-    listed = [frames] if isinstance(frames, pandas.DataFrame) else list(frames)
+    listed = [frames] if isinstance(frames, pandas.DataFrame) else frames
+    if not isinstance(listed, list | tuple) or not listed or not all(isinstance(f, pandas.DataFrame) for f in listed):
+        raise InputError("give a table of pandas, or a list of tables: of the answer of tables(), list(….values())")
     tables = []
     with tempfile.TemporaryDirectory() as folder:
         for number, frame in enumerate(listed):
             for name in frame.columns:
                 check_signal(str(name))
             named = f"table_{number}.parquet"
-            timed = frame.assign(**{"time [s]": np.asarray(frame.index, dtype=np.float64)})
+            timed = frame.assign(**{"time [s]": _seconds(frame.index)})
             timed.columns = [str(name) for name in timed.columns]
             timed.reset_index(drop=True).to_parquet(Path(folder) / named, index=False)
             signals = {str(c): {"column": str(c), "unit": unit_of(str(c)) or "1"} for c in frame.columns}
@@ -362,6 +380,14 @@ def record(
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
         report = import_tables(Path(folder), parse_column_map(text), out, overwrite=overwrite)
     return Recording(Path(out), {**report, "log": "pandas", "format": "pandas"})
+
+
+def _seconds(index: pandas.Index) -> np.ndarray:
+    """The index of a table as its time. Raises InputError."""
+    try:
+        return np.asarray(index, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"the index of a table is its time in s, and '{echo(str(index[0]))}' is no number") from None
 
 
 def check(recording: Place | Recording, aircraft: Place | Mapping[str, Any] | Aircraft | None = None) -> Check:

@@ -21,8 +21,7 @@ def diagnose(runs: Sequence[str | Path], replicas: int = COUNT, tell: Tell = nob
 
     ``replicas``: flights without the effect that the evidence is compared with.
     """
-    if not FEWEST <= replicas <= MOST:
-        raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {replicas}")
+    check_replicas(replicas)
     if len(runs) > 1:
         return {**diagnose_runs(runs, replicas, tell), "file": None}
     result, folder = diagnose_run(runs[0], replicas, tell)
@@ -32,3 +31,9 @@ def diagnose(runs: Sequence[str | Path], replicas: int = COUNT, tell: Tell = nob
     except OSError:  # the answer is worth more than its copy
         result["file"] = None
     return result
+
+
+def check_replicas(replicas: int) -> None:
+    """Raises InputError for a number of replicas of which nothing can be said, or that nobody can wait for."""
+    if not FEWEST <= replicas <= MOST:
+        raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {replicas}")

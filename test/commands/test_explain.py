@@ -128,6 +128,15 @@ def test_what_is_not_to_use_is_not_stated(learnt, aircraft):
     assert sentence.startswith("Fly elevator doublets")
 
 
+def test_what_is_not_recorded_is_to_be_recorded_before_anything_is_flown():
+    lacking, damaged = "not in the recording: no derivatives", "3 messages could not be decoded"
+    check = check_json(
+        ("elevator", "missing", "warning", lacking), ("sideslip", "missing", "info", lacking),
+        ("/imu/data", "missing", "warning", damaged), shown=30,
+    )  # fmt: skip
+    assert next_flights(check, None, (), None)[0].startswith("Record elevator: ")
+
+
 def test_a_vane_that_is_off_is_found_and_a_sound_one_is_not(aircraft, flight):
     assert instrument_errors(aircraft, flight.samples) == []
     values = flight.samples.values.copy()
@@ -135,6 +144,7 @@ def test_a_vane_that_is_off_is_found_and_a_sound_one_is_not(aircraft, flight):
     (error,) = instrument_errors(aircraft, replace(flight.samples, values=values))
     assert (error.signal, error.kind) == ("sideslip", "offset")
     assert error.value == pytest.approx(-1.5, abs=4.0 * error.std)
+    assert f"add {-error.value:.1f}°" in error.words  # and not: take -1.5° off
 
 
 @pytest.mark.parametrize(
@@ -271,6 +281,10 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     assert "there is no log" in refused("explain", tmp_path / "nothing", *file, "--out", out)
     assert "cannot be imported" in refused("explain", stranger, *file, "--out", out)
     assert "which aeroplane is it?" in refused("explain", bag, "--out", out)
+    for replicas in (-1, 1, 51):
+        assert "must be from 2 to 50" in refused("explain", bag, *file, "--out", out, "--replicas", replicas)
+    recording = run_with_hidden_effect.parent / "flight"
+    assert "is for logs of autopilots" in refused("explain", recording, *file, "--out", out, "--calibration", file[1])
     assert "--chord X --inertia" in refused("explain", bag, "--mass", 2, "--span", 1, "--wing-area", 1, "--out", out)
     assert "--mass goes without --aircraft" in refused("explain", bag, *file, "--mass", 2, "--out", out)
     shape = ("--mass", 2, "--span", 1, "--wing-area", 1, "--chord", 1)

@@ -72,6 +72,26 @@ def test_calls_say_what_the_commands_say(run, capsys):
     assert {"alpha", "CZ"} <= set(run.points) and len(run.points) > 500
 
 
+def test_a_picture_that_cannot_be_written_is_bad_input(run, pictures, tmp_path):
+    found = sysid.compare(run)
+    for name, sentence in (("none/x.png", "cannot write"), ("x.nope", "no kind of picture")):
+        with pytest.raises(sysid.InputError, match=sentence):
+            found.plot(tmp_path / name)
+
+
+@pytest.mark.parametrize("frames", [{}, [], 3, {"imu": 1}, "imu"])
+def test_what_is_no_table_is_not_recorded(frames, tmp_path):
+    with pytest.raises(sysid.InputError, match="give a table of pandas"):
+        sysid.record(frames, tmp_path / "run")
+
+
+def test_a_table_without_times_is_not_recorded(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    with pytest.raises(sysid.InputError, match="index of a table is its time in s, and 'noon' is no number"):
+        sysid.record(pandas.DataFrame({"true_airspeed": [15.0]}, index=["noon"]), tmp_path / "run")
+    assert not Path(tmp_path, "run").exists()
+
+
 def test_frames_of_pandas_become_the_same_recording(run_with_hidden_effect, tmp_path):
     """Samples go out as tables by sensor and come in again."""
     there = sysid.load(run_with_hidden_effect.parent / "flight")

@@ -11,7 +11,7 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.check import CheckedRecording, check_recording
 from aircraft_sysid_ros.after_flight.compare import ComparedRun, compare_run
-from aircraft_sysid_ros.after_flight.diagnose import diagnose
+from aircraft_sysid_ros.after_flight.diagnose import check_replicas, diagnose
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import (
     Fact,
     KnownMode,
@@ -109,6 +109,7 @@ def explain(
     written where it raises InputError.
     """
     options = options or ExplainOptions()
+    check_replicas(options.replicas)
     known = aircraft if isinstance(aircraft, Aircraft) else load_aircraft(aircraft)
     path = Path(out)
     _check_target(path, options.overwrite)
@@ -215,9 +216,12 @@ def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, 
     if is_bag:
         try:
             read_recording(log)
-            return log, []
         except InputError as error:
             refused = error
+        if refused is None:
+            if options.calibration:
+                raise InputError(f"--calibration is for logs of autopilots: the recording {log} needs none")
+            return log, []
     try:
         report = import_log(log, target, calibration=options.calibration)
     except InputError as error:

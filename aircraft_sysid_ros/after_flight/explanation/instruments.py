@@ -89,5 +89,6 @@ def _offset(signal: str, words: str, value: float, std: float) -> InstrumentErro
     """y_true = y + value."""
     shown, spread = -_DEGREES * value, _DEGREES * std
     way = "too much" if shown > 0.0 else "too little"
-    text = f"{words} shows {abs(shown):.1f} ± {spread:.1f}° {way}: set its zero, or take {shown:.1f}° off"
+    remedy = f"take {shown:.1f}° off" if shown > 0.0 else f"add {-shown:.1f}°"
+    text = f"{words} shows {abs(shown):.1f} ± {spread:.1f}° {way}: set its zero, or {remedy}"
     return InstrumentError(signal, "offset", shown, spread, text)

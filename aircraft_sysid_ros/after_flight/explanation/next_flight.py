@@ -9,6 +9,7 @@ import numpy as np
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import KnownMode, Learnt
 from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.flight_check.finding import INFO
 from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD
 from aircraft_sysid_ros.identification.conditions import listed
 
@@ -31,8 +32,19 @@ def next_flights(
     diagnosis: Mapping[str, Any] | None,
 ) -> list[str]:
     """Sentences, the most useful first."""
-    said = [*_for_parameters(check, learnt, modes), *_to_tell_apart(diagnosis), *_calm(diagnosis)]
+    said = [*_to_record(check), *_for_parameters(check, learnt, modes), *_to_tell_apart(diagnosis), *_calm(diagnosis)]
     return list(dict.fromkeys(said)) or [_more(learnt)]
+
+
+def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
+    """What no manoeuvre shows, since it is not in the recording at all; of some samples lost the check speaks."""
+    missing = [
+        finding["signal"]
+        for finding in check["findings"]
+        if finding["severity"] != INFO and finding["sentence"].startswith("not in the recording")
+    ]
+    if missing:
+        yield f"Record {listed(missing)}: nothing that is flown makes up for what is not in the log."
 
 
 def _for_parameters(
