@@ -31,6 +31,8 @@ from aircraft_sysid_ros.run_reader import read_parameters, read_points, read_sam
 #: Signals of the condition in which a parameter was learnt.
 _CONDITION = ("V", "alpha")
 _BLOCK = 1 << 20
+#: In the folder of a flight: its run, and what a log was imported to.
+_RUN, _IMPORTED = "run", "recording"
 #: Folders of the program that have no part in an answer.
 _NO_PART = ("consumer", "fleet", "nodes", "report", "simulation", "workbench")
 Answer = dict[str, Any]
@@ -92,13 +94,30 @@ def program_key() -> str:
 
 def answer_of(job: Job, folder: Path) -> Answer:
     """The answer about one flight; ``folder`` may be written to. Raises InputError where the flight has none."""
+    try:
+        answer = json.dumps(_answer_of(job, folder), ensure_ascii=False)  # what cannot be kept fails here
+    except InputError as error:
+        error.args = (_without(folder, str(error)),)
+        raise
+    found: Answer = json.loads(_without(folder, answer))
+    return found
+
+
+def _without(folder: Path, text: str) -> str:
+    """Sentences that speak of the flight, and not of its place in a folder that is gone and is never twice the same."""
+    for place in (folder / _RUN, folder / _IMPORTED):
+        text = text.replace(str(place), "the flight")
+    return text
+
+
+def _answer_of(job: Job, folder: Path) -> Answer:
     if job.program != program_key():
         raise Failed("its worker has another version of the program: install the same one everywhere", lasting=False)
-    recording, run, began = job.recording, folder / "run", _cpu()
+    recording, run, began = job.recording, folder / _RUN, _cpu()
     if not recording.exists():
         raise Failed(f"the worker finds no {recording}: recordings must be where all workers see them", lasting=False)
     if job.is_log:
-        recording = folder / "recording"
+        recording = folder / _IMPORTED
         import_log(job.recording, recording, **_import_options(job))
     checked = check_recording(recording, job.aircraft).json
     replay([str(recording)], job.aircraft, run)
@@ -114,7 +133,7 @@ def answer_of(job: Job, folder: Path) -> Answer:
     if job.keep is not None:
         _keep(run, job.keep)
     answer["cpu"] = _cpu() - began  # what the flight costs; in no table, since it is never twice the same
-    return json.loads(json.dumps(answer))  # what cannot be kept fails here
+    return answer
 
 
 def _import_options(job: Job) -> dict[str, Any]:

@@ -164,3 +164,26 @@ def test_folders_that_cannot_be_used(place, flown, tmp_path):
     results = Results(place / "out")
     with results.held(), pytest.raises(InputError, match="another fleet works on"):
         fly(place)
+
+
+def test_what_is_said_of_a_flight_does_not_name_the_folder_that_it_was_flown_in(tmp_path, monkeypatch):
+    """Otherwise no two tables of one fleet are the same, and they name folders that are gone."""
+    from aircraft_sysid_ros.fleet import flight_task
+
+    recording = tmp_path / "flight.bin"
+    recording.touch()
+
+    def judge(place):
+        raise InputError(f"{place} is too short")
+
+    monkeypatch.setattr(flight_task, "import_log", lambda *args, **more: None)
+    monkeypatch.setattr(flight_task, "check_recording", lambda place, aircraft: judge(place))
+    job = flight_task.Job("key", recording, True, recording, Options(2), flight_task.program_key())
+    with pytest.raises(InputError, match=r"^the flight is too short$"):
+        flight_task.answer_of(job, tmp_path / "work")
+    monkeypatch.setattr(
+        flight_task,
+        "_answer_of",
+        lambda job, folder: {"reason": flight_task._tried(lambda: judge(folder / "run"), "no", 0)[1]},
+    )
+    assert flight_task.answer_of(job, tmp_path / "wörk") == {"reason": "no: the flight is too short"}
