@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+import socket
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -154,8 +155,13 @@ def cluster(scheduler: str | None, workers: int | None = None) -> Iterator[Any]:
 
 def _client(distributed: Any, address: Any) -> Any:
     try:
+        if isinstance(address, str):  # asked first: a client whose start fails complains when it is forgotten
+            protocol, place = distributed.comm.addressing.parse_address(address)
+            distributed.comm.registry.get_backend(protocol)
+            with socket.create_connection(distributed.comm.addressing.parse_host_port(place), timeout=_PATIENCE):
+                pass
         return distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, KeyError, RuntimeError) as error:
+    except (OSError, OverflowError, ValueError, KeyError, RuntimeError) as error:
         if not isinstance(address, str):
             raise InputError(f"Dask does not start on this machine: {error}") from None
         raise InputError(
