@@ -21,6 +21,7 @@ NOT_RUN = {
     "make workbench": "test/workbench/test_workbench_page.py opens the same page",
     "make bench": _MEASURES,
     "make certificate": _MEASURES,
+    "make faults": _MEASURES,
     "make hidden-effects": _MEASURES,
     "make paper": _MEASURES,
     "make calibration": _MEASURES,
