@@ -19,7 +19,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate faults hidden-effects paper calibration closed-loop fleet workbench fuzz docs clean distclean FORCE
+.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate faults hidden-effects paper calibration closed-loop fleet workbench fuzz site docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -178,6 +178,10 @@ fleet: env ## 400 simulated flights of 8 airframes with stated truth; goes on wh
 	$(BIN)/python benchmarks/fleet.py --small
 	$(BIN)/python benchmarks/fleet.py --small --costs 4
 	@$(MAKE) --no-print-directory docs
+
+site: env ## the documentation as a site in build/site; a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "build/site/index.html"
 
 docs: env ## tables and pictures of README and docs/ from the results
 	$(BIN)/python docs/build.py

@@ -11,6 +11,13 @@ from setuptools import find_packages, setup
 from setuptools.command.build_py import build_py
 
 PACKAGE = "aircraft_sysid_ros"
+#: Address of the public repository, once there is one: PyPI links what stands below to it.
+REPOSITORY = ""
+URLS = {
+    name: f"{REPOSITORY}/blob/main/{path}"
+    for name, path in (("Documentation", "docs"), ("Changelog", "CHANGELOG.md"), ("Security", "SECURITY.md"))
+    if REPOSITORY
+}
 # What an installed program reads of the files beside the package: put into it under the same names.
 SHIPPED = sorted([*glob("msg_defs/msg/*.msg"), *glob("config/*")])
 
@@ -45,6 +52,8 @@ BRIDGE = ["pymavlink>=2.4.40,<3", "pyserial>=3.5,<4"]
 BENCH = ["filterpy>=1.4.5,<3", "statsmodels>=0.14,<0.16", "pysindy>=2,<3", "scikit-learn>=1.7.2,<2"]
 REPORT = ["matplotlib>=3.8,<4"]
 WORKBENCH = ["jinja2>=3.1,<4", "nicegui>=3.5,<4", "plotly>=6,<8"]  # the page, and its file
+# The site of the documentation: `make site`.
+DOCS = ["mkdocs>=1.6,<2", "mkdocs-material>=9.5,<10", "mkdocstrings-python>=1.16,<3"]
 TEST = [
     "colcon-common-extensions",
     "hypothesis>=6.100,<7",
@@ -71,15 +80,36 @@ class BuildWithFiles(build_py):
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version="0.2.0",
     description="Aerodynamic model identification of fixed-wing aircraft in flight, on ROS 2",
+    long_description=Path("README.md").read_text(encoding="utf8"),
+    long_description_content_type="text/markdown",
+    url=REPOSITORY,
+    project_urls=URLS,
     license="Apache-2.0",
     maintainer="aircraft_sysid_ros maintainers",
     maintainer_email="maintainers@aircraft-sysid-ros.invalid",
+    keywords="system identification, aerodynamics, flight test, parameter estimation, Kalman filter, ROS 2",
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Environment :: Console",
+        "Environment :: Web Environment",
+        "Intended Audience :: Developers",
+        "Intended Audience :: Science/Research",
+        "Natural Language :: English",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Programming Language :: Python :: 3.10",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Programming Language :: Python :: 3.13",
+        "Topic :: Scientific/Engineering",
+        "Typing :: Typed",
+    ],
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     cmdclass={"build_py": BuildWithFiles},
-    package_data={PACKAGE: ["**/*.html", "**/*.css", "**/*.js", "**/*.svg", "**/*.yaml", "**/*.json"]},
+    package_data={PACKAGE: ["**/*.html", "**/*.css", "**/*.js", "**/*.svg", "**/*.yaml", "**/*.json", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -110,8 +140,9 @@ setup(
         "workbench": WORKBENCH,
         "fleet": FLEET,
         "bench": BENCH,
+        "docs": DOCS,
         "test": TEST,
-        "all": ROS + MESSAGES + SIMULATION + LOGS + TABLES + BRIDGE + REPORT + WORKBENCH + FLEET + TEST,
+        "all": ROS + MESSAGES + SIMULATION + LOGS + TABLES + BRIDGE + REPORT + WORKBENCH + FLEET + DOCS + TEST,
     },
     entry_points={
         "console_scripts": [

@@ -370,6 +370,13 @@ def effect_terms() -> str:
     return table(["id", "variant", "terms, or key of the aircraft file", "numbers"], rows)
 
 
+def commands() -> str:
+    """Every command with its purpose."""
+    from aircraft_sysid_ros.commands.main import COMMANDS
+
+    return table(["command", "what it does"], [[f"`{name}`", purpose] for name, (_, purpose) in COMMANDS.items()])
+
+
 def story() -> str:
     """The demo: errors of every axis before and after what diagnose named was added."""
     told = load("story")
@@ -678,6 +685,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "effect_terms": effect_terms,
     "recursive_likelihood": recursive_likelihood,
     "recursive_likelihood_speed": recursive_likelihood_speed,
+    "commands": commands,
     "story": story,
     "story_truth": story_truth,
     "figures": figures,

@@ -145,16 +145,59 @@ def package_xml(path: str) -> ElementTree.Element:
     return ElementTree.parse(ROOT / path).getroot()
 
 
+def said_by_setup_py(name: str) -> str:
+    """A text that setup.py tells setuptools."""
+    found = re.search(rf'{name}="([^"]*)"', (ROOT / "setup.py").read_text(encoding="utf-8"))
+    assert found is not None
+    return found[1]
+
+
+def citation() -> dict:
+    return yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+
+
 def test_versions_agree():
-    setup_py = re.search(r'version="([\d.]+)"', (ROOT / "setup.py").read_text(encoding="utf-8"))
-    assert setup_py is not None
+    released = re.search(r"^## (\d+\.\d+\.\d+) \(", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    quality = re.search(r"stable version \| no: (\S+) ", (ROOT / "QUALITY_DECLARATION.md").read_text(encoding="utf-8"))
     versions = {
         "package.xml": package_xml("package.xml").findtext("version"),
         "msg_defs/package.xml": package_xml("msg_defs/package.xml").findtext("version"),
-        "setup.py": setup_py[1],
+        "setup.py": said_by_setup_py("version"),
         "__version__": aircraft_sysid_ros.__version__,
+        "CITATION.cff": str(citation()["version"]),
+        "newest of CHANGELOG.md": released and released[1],
+        "QUALITY_DECLARATION.md": quality and quality[1],
     }
     assert len(set(versions.values())) == 1, versions
+
+
+def test_licences_agree():
+    licences = {
+        "package.xml": package_xml("package.xml").findtext("license"),
+        "msg_defs/package.xml": package_xml("msg_defs/package.xml").findtext("license"),
+        "setup.py": said_by_setup_py("license"),
+        "CITATION.cff": citation()["license"],
+    }
+    assert set(licences.values()) == {"Apache-2.0"}, licences
+    assert "Apache License\n                           Version 2.0" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+
+
+def test_the_classifiers_name_the_pythons_that_make_env_takes():
+    text = (ROOT / "setup.py").read_text(encoding="utf-8")
+    minors = [int(minor) for minor in re.findall(r'"Programming Language :: Python :: 3\.(\d+)"', text)]
+    check = (ROOT / "tools/check_machine.sh").read_text(encoding="utf-8")
+    low, high = map(int, re.search(r"\(3, (\d+)\) <= sys.version_info\[:2\] <= \(3, (\d+)\)", check).groups())
+    assert minors == list(range(low, high + 1))
+    workflow = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8"))
+    assert workflow["jobs"]["test"]["strategy"]["matrix"]["python"] == [f"3.{minor}" for minor in minors]
+
+
+def test_workflow_and_image_make_what_the_makefile_makes():
+    """Neither runs here: what they call must exist at least."""
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    for file in ("Dockerfile", ".github/workflows/ci.yml"):
+        called = re.findall(r"\bmake ([a-z-]+)", (ROOT / file).read_text(encoding="utf-8"))
+        assert {"env", "test", "demo"} & set(called) and set(called) <= targets, file
 
 
 def imported_packages() -> set[str]:

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "licences.md"
 PROJECT = "aircraft_sysid_ros"
 #: Not for using the program.
-_OWN = ("test", "bench", "all")
+_OWN = ("docs", "test", "bench", "all")
 _HEAD = """# Licences
 
 aircraft_sysid_ros is under the [Apache License 2.0](../LICENSE). These packages come with it, as `tools/licences.py`

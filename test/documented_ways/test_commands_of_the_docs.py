@@ -28,6 +28,7 @@ NOT_RUN = {
     "make closed-loop": _MEASURES,
     "make fuzz": "test/fuzz/test_fuzz.py tries the same inputs for a moment",
     "make fleet": _MEASURES,
+    "make site": "test/test_site.py builds it",
     "make docs": "test/test_packaging.py runs it with --check",
     "python benchmarks/": _MEASURES,
     "python docs/": _MEASURES,

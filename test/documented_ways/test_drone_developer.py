@@ -21,14 +21,21 @@ from aircraft_sysid_ros.consumer import Origin
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
 from aircraft_sysid_ros.ros_messages.conversion import FIX, UNKNOWN_FIX
 
+ARDUPILOT, CONTROLLER = "docs/tutorials/beside-ardupilot.md", "docs/tutorials/feed-a-controller.md"
 WAY = {
-    "bridge": ("docs/mavlink.md", "aircraft-sysid bridge udp:0.0.0.0:14550 --calibration config/"),
-    "live": ("docs/mavlink.md", "aircraft-sysid live --aircraft config/ultra_stick_25e.yaml --out runs/today"),
+    "bridge": (ARDUPILOT, "aircraft-sysid bridge udp:0.0.0.0:14550 --calibration config/"),
+    "live": (
+        ARDUPILOT,
+        "aircraft-sysid live --aircraft config/ultra_stick_25e.yaml --out runs/today",
+    ),
     "mavlink_simulator": (
-        "docs/mavlink.md",
+        ARDUPILOT,
         "python -m aircraft_sysid_ros.simulation.mavlink_simulator.process --simulator textbook",
     ),
-    "fly": ("docs/closed-loop.md", "python examples/adaptive_controller/fly.py --case elevator --parameters live"),
+    "fly": (
+        CONTROLLER,
+        "python examples/adaptive_controller/fly.py --case elevator --parameters live",
+    ),
 }
 AIRCRAFT = "config/ultra_stick_25e.yaml"
 ENOUGH = 10  # parameters that may be used

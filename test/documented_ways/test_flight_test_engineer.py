@@ -1,6 +1,7 @@
 """The way of a flight-test engineer: a bag replayed, the model compared, what it lacks named, added and reported.
 
-It is the example of README.md: its truth is told in full, and all commands, the page and the report say one error.
+It is the tutorial of the missing effect and the example of README.md: its truth is told in full, and all commands, the
+page and the report say one error.
 """
 
 import json
@@ -17,16 +18,20 @@ from aircraft_sysid_ros.workbench.views.candidates import cards
 from aircraft_sysid_ros.workbench.views.coefficients import axis_rows
 from aircraft_sysid_ros.workbench.views.words import percent
 
+MISSING = "docs/tutorials/find-a-missing-effect.md"
 WAY = {
-    "simulate": ("README.md", "aircraft-sysid simulate --out flight --effect sideslip_drag"),
-    "replay": ("README.md", "aircraft-sysid replay flight --aircraft"),
+    "simulate": (
+        MISSING,
+        "aircraft-sysid simulate --out flight --effect sideslip_drag",
+    ),
+    "replay": (MISSING, "aircraft-sysid replay flight --aircraft"),
     "campaign": ("docs/recordings.md", "aircraft-sysid replay flight --aircraft"),
-    "compare": ("README.md", "aircraft-sysid compare runs/flight"),
-    "diagnose": ("README.md", "aircraft-sysid diagnose runs/flight"),
-    "add": ("README.md", "aircraft-sysid add runs/flight sideslip_drag"),
+    "compare": (MISSING, "aircraft-sysid compare runs/flight"),
+    "diagnose": (MISSING, "aircraft-sysid diagnose runs/flight"),
+    "add": (MISSING, "aircraft-sysid add runs/flight sideslip_drag"),
     "refine": ("README.md", "aircraft-sysid refine runs/flight"),
-    "report": ("README.md", "aircraft-sysid report runs/flight --out flight.html"),
-    "remove": ("README.md", "aircraft-sysid remove runs/flight sideslip_drag"),
+    "report": ("docs/tutorials/first-flight.md", "aircraft-sysid report runs/flight --out flight.html"),
+    "remove": (MISSING, "aircraft-sysid remove runs/flight sideslip_drag"),
 }
 SECONDS = 45  # of flight
 #: Diagnosis does without the covariance of the smoother, which is summed in another order.
