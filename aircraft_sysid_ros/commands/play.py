@@ -141,7 +141,7 @@ def _publishers(
         except (ImportError, AttributeError, ValueError):
             unknown[topic] = f"the type {channel.type} is not installed"
         except InvalidTopicNameException as error:
-            raise InputError(f"{topic} is not a topic name: {' '.join(str(error).split())}") from None
+            raise InputError(f"{topic} is not a topic name: {error}") from None
     return publishers, unknown
 
 

@@ -78,7 +78,7 @@ def snapshot_of(stamp: int, content: Mapping[str, Any]) -> Snapshot:
     except KeyError as error:
         raise InputError(f"the message has no {error.args[0]}") from None
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"the message cannot be read: {' '.join(str(error).split())}") from None
+        raise InputError(f"the message cannot be read: {error}") from None
     _check_content(made)
     _check_covariance(made)
     return made

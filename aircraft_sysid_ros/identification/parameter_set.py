@@ -90,7 +90,8 @@ def axis_estimates(
         value, std = float(estimate.theta[j]), float(np.sqrt(estimate.covariance[j, j]))
         excited = float(excitation[j])
         limits = (bounds or {}).get(name, (-np.inf, np.inf))
-        follows = told_apart(AXES[axis], names, correlation, j) if excited < TrustRules.excitation else ""
+        unexcited = not missing and excited < TrustRules.excitation
+        follows = told_apart(AXES[axis], names, correlation, j) if unexcited else ""
         evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing, limits, follows)
         verdict = judge(evidence, TrustRules())
         if verdict.status == Trust.USE and apart[j]:

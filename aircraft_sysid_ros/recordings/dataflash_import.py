@@ -59,7 +59,7 @@ def read_dataflash(path: Path) -> LogContent:
         with _without_complaints() as complaints:
             reader = DFReader_binary(str(path))
     except Exception as error:  # pymavlink lets struct.error, KeyError and its own through
-        raise InputError(f"it is not a readable DataFlash log ({' '.join(str(error).split())})") from None
+        raise InputError(f"it is not a readable DataFlash log ({error})") from None
     content = np.frombuffer(reader.data_map, np.uint8)
     tables = {
         name: _columns(content, np.asarray(reader.offsets[number], dtype=np.int64), reader.formats[number])

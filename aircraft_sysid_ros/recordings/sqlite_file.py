@@ -49,7 +49,7 @@ def read_sqlite(path: Path) -> RawMessages:
             problems = _problems(database)
             counted, is_gapless = _counted(database), _is_gapless(database)
     except _ERRORS as error:
-        raise InputError(f"cannot read the recording {path}: {' '.join(str(error).split())}") from None
+        raise InputError(f"cannot read the recording {path}: {error}") from None
     number = {topic: i for i, topic in enumerate(channels)}
     known = [row for row in rows if _is_message(row) and row[0] in number]
     undescribed = sum(_is_message(row) for row in rows) - len(known)

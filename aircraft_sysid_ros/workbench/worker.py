@@ -73,7 +73,7 @@ def _serve(pipe: Connection, path: str) -> None:
             try:
                 answer: Done | Failed = desk.do(job)
             except InputError as error:
-                answer = Failed(job, " ".join(str(error).split()))
+                answer = Failed(job, str(error))
             except OSError as error:
                 if isinstance(error, BrokenPipeError):
                     return

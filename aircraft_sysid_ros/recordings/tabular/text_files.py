@@ -86,7 +86,7 @@ class TextTable(Table):
                 for frame in reader:
                     yield [frame[i].to_numpy() for i in positions]
         except (ValueError, OSError, EOFError) as error:  # ParserError is a ValueError
-            raise InputError(f"{self.name} cannot be read: {' '.join(str(error).split())}") from None
+            raise InputError(f"{self.name} cannot be read: {error}") from None
 
 
 @dataclass(frozen=True)

@@ -69,10 +69,17 @@ def guess_map(path: Path) -> FirstMap:
     if known is not None:
         return _of_known_kind(tables, known, notes)
     notes += [note for _, table in tables if (note := table.note or _without_names(table))]
+    looked_at: dict[str | None, tuple[dict[str, npt.NDArray[Any]], TimeGuess | None]] = {}
+
+    def look(file: str | None, table: Table) -> tuple[dict[str, npt.NDArray[Any]], TimeGuess | None]:
+        if file not in looked_at:
+            content = _content(table)
+            looked_at[file] = content, guess_time(table, content)
+        return looked_at[file]
+
     parts, columns = [], []
-    for file, table in joined_manoeuvres(tables, lambda table: guess_time(table, _content(table)) is not None):
-        content = _content(table)
-        time = guess_time(table, content)
+    for file, table in joined_manoeuvres(tables, lambda pattern, table: look(pattern, table)[1] is not None):
+        content, time = look(file, table)
         if time is None:
             notes.append(why_no_time(table, content))
         part = TablePart(file, time)

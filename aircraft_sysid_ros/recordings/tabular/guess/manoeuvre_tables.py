@@ -22,6 +22,7 @@ _SAME_MOTION = 0.8
 _ROWS = 20_000  # of each table that are compared
 
 Named = tuple[str | None, Table]
+Columns = dict[str, npt.NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def _joined(waiting: list[list[npt.NDArray[Any]]]) -> list[npt.NDArray[Any]]:
     return columns
 
 
-def joined_manoeuvres(tables: list[Named], has_time: Callable[[Table], bool]) -> list[Named]:
+def joined_manoeuvres(tables: list[Named], has_time: Callable[[str, Table], bool]) -> list[Named]:
     """Tables with their names in the MAP, those that are manoeuvres of one layout as one under a pattern.
 
     They are, where the times of all of them go on, or begin anew with each: where ``has_time`` says so of the whole.
@@ -69,7 +70,7 @@ def joined_manoeuvres(tables: list[Named], has_time: Callable[[Table], bool]) ->
         if len(group) > 1 and pattern is not None and _is_flight(columns, group[0][1]) and not _side_by_side(group):
             parts = [table for _, table in sorted(group, key=lambda named: natural_order(str(named[0])))]
             whole = ManoeuvreTables(pattern, parts[0].columns, parts[0].units, parts[0].note, tuple(parts))
-            if has_time(whole):
+            if has_time(pattern, whole):
                 group = [(pattern, whole)]
         out += group
     return out
@@ -100,12 +101,12 @@ def _is_flight(columns: Sequence[str], table: Table) -> bool:
 
 def _side_by_side(group: list[Named]) -> bool:
     """Whether two tables that follow one another hold the same motion: they are two recorders, no manoeuvres."""
-    return any(_same_motion(one, other) for (_, one), (_, other) in pairwise(group))
+    names = [name for name in group[0][1].columns if name and (guess := guess_name(name)) and guess.signal != TIME]
+    contents = (next(table.read(names, _ROWS), None) for _, table in group)
+    return any(_same_motion(names, one, other) for one, other in pairwise(contents))
 
 
-def _same_motion(one: Table, other: Table) -> bool:
-    names = [name for name in one.columns if name and (guess := guess_name(name)) and guess.signal != TIME]
-    first, second = (next(table.read(names, _ROWS), None) for table in (one, other))
+def _same_motion(names: list[str], first: Columns | None, second: Columns | None) -> bool:
     if first is None or second is None:
         return True
     alike = []
