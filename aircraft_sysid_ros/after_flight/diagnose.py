@@ -9,7 +9,7 @@ from typing import Any
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run, diagnose_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.run_reader import DIAGNOSIS
 from aircraft_sysid_ros.run_writer import write_json
 
@@ -35,5 +35,5 @@ def diagnose(runs: Sequence[str | Path], replicas: int = COUNT, tell: Tell = nob
 
 def check_replicas(replicas: int) -> None:
     """Raises InputError for a number of replicas of which nothing can be said, or that nobody can wait for."""
-    if not FEWEST <= replicas <= MOST:
-        raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {replicas}")
+    if not isinstance(replicas, int) or not FEWEST <= replicas <= MOST:
+        raise InputError(f"--replicas must be from {FEWEST} to {MOST}, not {echo(str(replicas))}")

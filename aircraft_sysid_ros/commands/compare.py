@@ -74,7 +74,7 @@ def _beside(both: dict[str, Any]) -> list[str]:
     lines += [header, "-" * len(header)]
     for p in both["parameters"]:
         numbers = "".join(f"{_number(x):>12}" for x in (*p["value"], p["difference"], p["std_difference"]))
-        lines.append(f"{p['name']:<14}{numbers}" + (f"  differs, p {p['p_value']:.1g}" if p["differs"] else ""))
+        lines.append(f"{p['name']:<14}{numbers}{_verdict(p, p['name'] in both['doubtful'])}")
     for run, only in zip("ab", both["only_in"], strict=True):
         if only:
             lines.append(f"only in {run}: {' '.join(only)}")
@@ -90,7 +90,24 @@ def _beside(both: dict[str, Any]) -> list[str]:
         lines.append(
             f"{told}; of two flights with the same ones any is said to differ in at most {both['false_alarm_rate']:.0%}"
         )
+    if both["doubtful"]:
+        named = [p for p in both["parameters"] if p["name"] in both["doubtful"]]
+        first = min(named, key=lambda p: p["p_value"])
+        run, reason = next((run, why) for run, why in zip("ab", first["held"], strict=True) if why)
+        lines.append(
+            f"{len(named)} more differ by their standard errors and are not to USE in one of the runs, so no "
+            f"difference is proven: {first['name']} in {run} is {reason}"
+        )
     return lines
+
+
+def _verdict(p: dict[str, Any], is_doubtful: bool) -> str:
+    """What stands behind the numbers of a parameter."""
+    chance = f"p {p['p_value']:.1g}"
+    if is_doubtful:
+        where = " and ".join(f"{run} on {why.split(':')[0]}" for run, why in zip("ab", p["held"], strict=True) if why)
+        return f"  differs, {chance}, but {where}"
+    return f"  differs, {chance}" if p["differs"] else ""
 
 
 def _number(value: float) -> str:

@@ -50,6 +50,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Explain; returns the JSON of INTERFACE.md with what is said first. Raises InputError."""
+    if not args.log.strip():
+        raise InputError("LOG is empty: give a recording, or a log of another program")
+    if not args.out.strip():
+        raise InputError("--out is empty: give the name of a folder")
     if not Path(args.log).exists():
         raise InputError(f"there is no log {args.log}")
     aircraft = _aircraft(args)
@@ -125,7 +129,10 @@ def _fact_line(fact: dict[str, Any]) -> str:
 
 
 def _mode_line(mode: dict[str, Any]) -> str:
-    std = mode["std"]
+    std, seconds = mode["std"], mode["time_constant"]
+    if seconds is not None:
+        spread = seconds * std["frequency"] / mode["frequency"]
+        return f"{mode['name']:<34}time constant {seconds:.3g} ± {spread:.2g} s: {mode['words']}"
     numbers = (
         f"{mode['frequency']:.3g} ± {std['frequency']:.2g} rad/s, damping {mode['damping']:.3g} ± {std['damping']:.2g}"
     )

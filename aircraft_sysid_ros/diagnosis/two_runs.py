@@ -4,7 +4,8 @@ Of a parameter that both models have, d = b - a has the variance of both estimat
 noise. The constant of a force takes up the bias of the accelerometer, which each flight has anew: its variance counts,
 too. All parameters are asked at once: by Holm's method (1979) the chance that any that is the same in both is said
 to differ is at most ``Thresholds.false_alarm``. Two versions of one flight share all of its noise: their differences
-are told, and no chance of them.
+are told, and no chance of them. That holds of models that describe their flights: of a parameter that is not to USE in
+one of the runs the difference is told with the reason, and not taken for one beyond doubt.
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ from scipy.special import ndtr
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, settings_of
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, folder_of, settings_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.run_reader import UNREADABLE, read_state
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.run_reader import UNREADABLE, read_parameters, read_state
 from aircraft_sysid_ros.samples import same_imu
 
 Array = npt.NDArray[np.float64]
@@ -43,7 +45,21 @@ class Difference:
     values: tuple[float, float]
     std: tuple[float, float]
     p_value: float  # by Holm's method, of all parameters; NaN where both are of one flight
-    differs: bool
+    held: tuple[str, str] = ("", "")  # why it is not to USE in a run; empty: it is
+
+    @property
+    def differs(self) -> bool:
+        """Beyond doubt."""
+        return self._is_significant and not any(self.held)
+
+    @property
+    def is_doubtful(self) -> bool:
+        """It differs by its standard errors, and is not to USE in one of the runs."""
+        return self._is_significant and any(self.held)
+
+    @property
+    def _is_significant(self) -> bool:
+        return bool(self.p_value < THRESHOLDS.false_alarm)
 
     @property
     def difference(self) -> float:
@@ -66,6 +82,7 @@ class Difference:
             "std_difference": self.std_difference,
             "p_value": self.p_value,
             "differs": self.differs,
+            "held": list(self.held),
         }
 
 
@@ -95,6 +112,7 @@ class SideBySide:
             "same_flight": self.same_flight,
             "parameters": [d.json for d in self.parameters],
             "differing": [d.name for d in self.differing],
+            "doubtful": [d.name for d in self.parameters if d.is_doubtful],
             "only_in": [list(names) for names in self.only_in],
             "errors": {axis: errors.tolist() for axis, errors in self.errors.items()},
             "false_alarm_rate": THRESHOLDS.false_alarm,
@@ -119,7 +137,7 @@ def side_by_side(runs: tuple[Run, Run], comparisons: tuple[Comparison, Compariso
         runs=_names(first, second),
         models=(first.current.identifier, second.current.identifier),
         same_flight=one_flight,
-        parameters=tuple(_differences(shared, known[0], known[1], one_flight)),
+        parameters=tuple(_differences(shared, (known[0], known[1]), (_held(first), _held(second)), one_flight)),
         only_in=(only[0], only[1]),
         errors=_errors(comparisons),
         notes=tuple(_notes(runs, comparisons, one_flight, same_version)),
@@ -132,6 +150,17 @@ def _names(first: Run, second: Run) -> tuple[str, str]:
     if a == b:
         return f"{a.name} {first.current.identifier}", f"{b.name} {second.current.identifier}"
     return (a.name, b.name) if a.name != b.name else (str(first.path), str(second.path))
+
+
+def _held(run: Run) -> dict[str, str]:
+    """Why parameters are not to USE, by name; nothing where the run does not say."""
+    try:
+        parameters = read_parameters(folder_of(run, run.current))
+        return {
+            name: f"{p['status']}: {p['reason']}" for name, p in parameters.items() if p["status"] != Trust.USE.name
+        }
+    except UNREADABLE:  # said of that file
+        return {}
 
 
 def _of_bias(run: Run) -> Array:
@@ -160,17 +189,21 @@ def _fitted(comparison: Comparison, of_bias: Array) -> dict[str, tuple[float, fl
 
 def _differences(
     names: Sequence[str],
-    a: Mapping[str, tuple[float, float]],
-    b: Mapping[str, tuple[float, float]],
+    known: tuple[Mapping[str, tuple[float, float]], Mapping[str, tuple[float, float]]],
+    held: tuple[Mapping[str, str], Mapping[str, str]],
     one_flight: bool,
 ) -> list[Difference]:
     """The parameters of both, with p-values by Holm's method."""
+    a, b = known
     z = np.array([abs(b[name][0] - a[name][0]) / np.hypot(a[name][1], b[name][1]) for name in names])
     p_values = np.full(len(names), np.nan) if one_flight else holm(2.0 * ndtr(-z))
     return [
-        Difference(name, (a[name][0], b[name][0]), (a[name][1], b[name][1]), float(p), bool(p < THRESHOLDS.false_alarm))
+        Difference(
+            name, (a[name][0], b[name][0]), (a[name][1], b[name][1]), float(p),
+            (held[0].get(name, ""), held[1].get(name, "")),
+        )
         for name, p in zip(names, p_values, strict=True)
-    ]
+    ]  # fmt: skip
 
 
 def holm(p_values: Array) -> Array:

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, Learnt, 
 from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
 from aircraft_sysid_ros.after_flight.explanation.instruments import instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
+from aircraft_sysid_ros.commands.explain import _mode_line
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
@@ -114,6 +115,16 @@ def test_modes_have_an_error_and_are_within_it(learnt, aircraft):
         assert not known.reason and known.std_frequency > 0.0
         assert known.frequency == pytest.approx(mode.frequency, abs=4.0 * known.std_frequency + 0.02 * mode.frequency)
         assert known.damping == pytest.approx(mode.damping, abs=4.0 * known.std_damping + 0.03)
+
+
+def test_a_mode_that_cannot_swing_has_a_time_constant_and_no_damping(learnt):
+    """Of one eigenvalue the damping is 1 by definition: a number with an error of 0 would be no finding."""
+    modes = {mode.name: mode.json for mode in known_modes(learnt[0])}
+    for name in ("roll", "spiral"):
+        mode = modes[name]
+        assert mode["std"]["damping"] is None and abs(mode["growth"]) == pytest.approx(1.0 / mode["time_constant"])
+        assert "damping" not in _mode_line(mode) and f"time constant {mode['time_constant']:.3g} ± " in _mode_line(mode)
+    assert modes["Dutch roll"]["time_constant"] is None and "damping" in _mode_line(modes["Dutch roll"])
 
 
 def test_what_is_not_to_use_is_not_stated(learnt, aircraft):
@@ -296,5 +307,10 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     assert "is a file" in refused("explain", bag, *file, "--out", stranger)
     assert "holds something else" in refused("explain", bag, *file, "--out", full, "--overwrite")
     assert "cannot write" in refused("explain", bag, *file, "--out", "/proc/nowhere/out")
+    assert "log.xyz is a file and can hold no folder" in refused("explain", bag, *file, "--out", stranger / "out" / "x")
+    assert "LOG is empty: give a recording" in refused("explain", "", *file, "--out", out)
+    assert "--out is empty" in refused("explain", bag, *file, "--out", "")
+    run = run_with_hidden_effect
+    assert f"{run} is a run: give the recording or the log" in refused("explain", run, *file, "--out", out)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["explained", "flight", "full", "log.xyz"]
     assert isinstance(out, Path)

@@ -108,18 +108,30 @@ class KnownMode:
     growth: float = np.nan  # [1/s]
     std_growth: float = np.nan
     reason: str = ""
+    is_first_order: bool = False  # one eigenvalue: its damping is 1 or -1 by definition, and is no finding
+
+    @property
+    def time_constant(self) -> float:
+        """Time [s] in which a mode of first order falls to, or grows by, e; NaN of one that is of second order."""
+        return 1.0 / self.frequency if self.is_first_order and self.frequency > 0.0 else np.nan
+
+    @property
+    def std_time_constant(self) -> float:
+        """Standard deviation [s], of small errors."""
+        return self.time_constant * self.std_frequency / self.frequency if self.is_first_order else np.nan
 
     @property
     def json(self) -> dict[str, Any]:
         """As INTERFACE.md has it, with null for what is not known."""
         known = not self.reason
-        std = {"frequency": self.std_frequency, "damping": self.std_damping}
+        std = {"frequency": self.std_frequency, "damping": None if self.is_first_order else self.std_damping}
         return {
             "name": self.name,
             "frequency": self.frequency if known else None,
             "damping": self.damping if known else None,
             "std": std if known else None,
             "growth": self.growth if known else None,
+            "time_constant": self.time_constant if known and self.is_first_order else None,
             "words": self.words,
             "reason": self.reason,
         }
@@ -338,7 +350,10 @@ def _known(learnt: Learnt, mode: Mode, drawn: list[Mode]) -> KnownMode:
     frequency, damping, growth = (
         _spread(np.array([getattr(each, name) for each in drawn])) for name in ("frequency", "damping", "growth")
     )
-    return KnownMode(mode.name, mode.frequency, mode.damping, frequency, damping, mode.growth, growth)
+    first_order = len(mode.eigenvalues) == 1
+    return KnownMode(
+        mode.name, mode.frequency, mode.damping, frequency, damping, mode.growth, growth, is_first_order=first_order
+    )
 
 
 def _unknown(name: str, reason: str) -> KnownMode:

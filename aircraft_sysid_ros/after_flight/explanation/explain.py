@@ -31,7 +31,7 @@ from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ERROR
 from aircraft_sysid_ros.recordings.reader import read_recording
-from aircraft_sysid_ros.run_reader import read_parameters
+from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, read_parameters
 from aircraft_sysid_ros.text_file import put_in_place
 
 RUN, RECORDING, PAGE = "run", "flight", "explain.html"
@@ -211,6 +211,10 @@ def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, 
     """The recording of a log: itself, or what ``import`` makes of it, with notes. Raises InputError."""
     if not log.exists():
         raise InputError(f"there is no log {log}")
+    if (log / PARAMETERS).is_file() and (log / AIRCRAFT).is_file():
+        raise InputError(
+            f"{log} is a run: give the recording or the log that it was made from, which is explained anew"
+        )
     is_bag = log.suffix.lower() in BAGS or (log.is_dir() and (log / "metadata.yaml").exists())
     refused = None
     if is_bag:
@@ -244,6 +248,9 @@ def _check_target(path: Path, overwrite: bool) -> None:
 def _beside(path: Path) -> tempfile.TemporaryDirectory[str]:
     """A folder on the disk that takes the result."""
     parent = path.absolute().parent
+    in_the_way = next((folder for folder in (*parent.parents, parent) if folder.is_file()), None)
+    if in_the_way is not None:
+        raise InputError(f"cannot write {path}: {in_the_way} is a file and can hold no folder, give another name")
     try:
         parent.mkdir(parents=True, exist_ok=True)
         if not os.access(parent, os.W_OK | os.X_OK):
