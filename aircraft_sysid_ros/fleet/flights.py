@@ -53,6 +53,11 @@ def flights_of(sources: Sequence[str], aircraft: str | None, out: Path, with_tab
     ``aircraft``: an aircraft file, or a name with ``{airframe}`` in it. ``out`` is not searched. ``with_tables``: a
     table is a flight, since a map says what its columns are.
     """
+    if any(Path(source).resolve() == out.resolve() for source in sources):
+        raise InputError(
+            f"--out {out} is the SOURCE itself, and what a fleet writes is not searched for flights: give --out a "
+            f"folder of its own, such as {out / 'fleet'}"
+        )
     endings = (*RECORDINGS, *LOGS, *(TABLES if with_tables else ()))
     found = [flight for source in sources for flight in _of_source(source, aircraft, out, endings)]
     if not found:

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.text_file import write_whole
 
 FOLDER, RUNS = "results", "runs"
-_LOCK = ".lock"
+_LOCK, _README = ".lock", "README"
 _DIGITS = 2  # of a key, that name a folder: few files lie in each
 
 
@@ -32,21 +32,39 @@ class Results:
             raise InputError(f"--out {out} is a file: give the name of a folder")
         if out.is_dir() and any(out.iterdir()) and not (out / FOLDER).is_dir():
             raise InputError(f"--out {out} is no folder of a fleet and is left alone: give another name")
+        self._new = [folder for folder in (out / FOLDER, out, *out.parents) if not folder.exists()]
         try:
             (out / FOLDER).mkdir(parents=True, exist_ok=True)
-            write_whole(out / FOLDER / "README", "Answers by flight, for a fleet that is begun again.\n")
+            write_whole(out / FOLDER / _README, "Answers by flight, for a fleet that is begun again.\n")
         except OSError as error:
             raise InputError(f"cannot write to --out {out}: {error.strerror or error}") from None
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """While a fleet works on it. Raises InputError where another one does."""
+        """While a fleet works on it. Raises InputError where another one does.
+
+        A fleet that is refused before any answer is kept leaves nothing behind.
+        """
         with (self.out / FOLDER / _LOCK).open("w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise InputError(f"another fleet works on {self.out}: wait for it, or give another --out") from None
-            yield
+            try:
+                yield
+            except InputError:
+                self._leave_nothing()
+                raise
+
+    def _leave_nothing(self) -> None:
+        """Remove the folders that were made for this fleet, where they hold nothing but their own files."""
+        for folder in self._new:
+            own = [folder / name for name in (_README, _LOCK)] if folder.name == FOLDER else []
+            if any(place not in own for place in folder.iterdir()):
+                return
+            for file in own:
+                file.unlink(missing_ok=True)
+            folder.rmdir()
 
     def _path(self, key: str) -> Path:
         return self.out / FOLDER / key[:_DIGITS] / f"{key}.json"

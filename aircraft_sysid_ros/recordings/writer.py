@@ -164,7 +164,11 @@ class _OpenBag:
         self._folder = tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.")
         self._bag = Path(self._folder.name) / target.stem
         self._writer = BagWriter(self._bag)
-        self._writer.open()
+        try:
+            self._writer.open()
+        except OSError:
+            self._folder.cleanup()
+            raise
         self._open: set[str] = set()  # topics
 
     def write(self, batches: list[_Batch], connections: Mapping[str, str]) -> None:

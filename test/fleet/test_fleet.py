@@ -166,6 +166,22 @@ def test_folders_that_cannot_be_used(place, flown, tmp_path):
         fly(place)
 
 
+def test_a_fleet_that_never_began_leaves_nothing(place, flown, monkeypatch):
+    def refuse(*_):
+        raise InputError("no scheduler answers")
+
+    with monkeypatch.context() as patched, pytest.raises(InputError, match="no scheduler"):
+        patched.setattr(module, "cluster", refuse)
+        fly(place)
+    assert not (place / "out").exists()
+    fly(place)
+    (place / "flights" / "A" / "9.mcap").write_text("11 A -1.0")
+    with monkeypatch.context() as patched, pytest.raises(InputError, match="no scheduler"):
+        patched.setattr(module, "cluster", refuse)
+        fly(place)
+    assert (place / "out" / "fleet.html").exists() and len([*(place / "out" / "results").glob("*/*.json")]) == 20
+
+
 def test_what_is_said_of_a_flight_does_not_name_the_folder_that_it_was_flown_in(tmp_path, monkeypatch):
     """Otherwise no two tables of one fleet are the same, and they name folders that are gone."""
     from aircraft_sysid_ros.fleet import flight_task

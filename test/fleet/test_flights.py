@@ -45,6 +45,11 @@ def test_the_folder_of_results_is_no_source(place):
     assert len(flights_of([str(place / "fleet")], str(place / "one.yaml"), out)) == 5
 
 
+def test_the_source_itself_is_no_place_for_results(place):
+    with pytest.raises(InputError, match="is the SOURCE itself, and what"):
+        flights_of([str(place / "fleet")], str(place / "one.yaml"), place / "N9" / ".." / "fleet")
+
+
 def test_patterns_and_files(place):
     assert found(place, "fleet/*/*.mcap") == {"N1/1": "N1"}
     assert found(place, "fleet/N1/1.mcap", "fleet/N2/bag") == {"1": "N1", "bag": "N2"}
