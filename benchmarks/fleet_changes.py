@@ -21,6 +21,7 @@ from aircraft_sysid_ros.fleet.changes import DRIFT, JUMP, RATE, Change, Series, 
 Array = npt.NDArray[np.float64]
 
 RESULT = Path(__file__).parent / "results" / "fleet_changes.json"
+PIECES = Path(__file__).resolve().parents[1] / "build" / "fleet" / "changes.json"
 AIRFRAMES, PARAMETERS, FIRST_SEED = 8, 32, 1000
 FLIGHTS = (10, 25, 50)
 HEALTHY, CHANGED = 40, 20  # fleets by number of flights
@@ -94,19 +95,28 @@ def changed(flights: int, size: float) -> dict[str, float]:
                 continue
             one["kind"] += 1
             true = size * spread / (flights - 1 if kind == DRIFT else 1)
-            one["inside"] += abs(change.size - true) <= 1.96 * change.std
-            first = numbers[numbers >= at][0] if kind == JUMP else 0
-            one["date"] += abs(change.number - first) <= 1
+            one["inside"] += bool(abs(change.size - true) <= 1.96 * change.std)
+            first = int(numbers[numbers >= at][0]) if kind == JUMP else 0
+            one["date"] += bool(abs(change.number - first) <= 1)
     return {"flights": flights, "size": size, "fleets": CHANGED, "false": false, "named": all_named, **count}
 
 
 def main() -> None:
+    """Fleets of one kind after the other, each kept when it is done: what is there is not drawn again."""
+    pieces = json.loads(PIECES.read_text(encoding="utf8")) if PIECES.exists() else {}
+    for flights in FLIGHTS:
+        for size in (0.0, *SIZES):
+            name = f"{flights} {size:g}"
+            if name not in pieces:
+                pieces[name] = changed(flights, size) if size else healthy(flights)
+                PIECES.parent.mkdir(parents=True, exist_ok=True)
+                PIECES.write_text(json.dumps(pieces), encoding="utf8")
     result = {
         "rate": RATE,
         "airframes": AIRFRAMES,
         "parameters": PARAMETERS,
-        "healthy": [healthy(flights) for flights in FLIGHTS],
-        "changed": [changed(flights, size) for flights in FLIGHTS for size in SIZES],
+        "healthy": [pieces[f"{flights} 0"] for flights in FLIGHTS],
+        "changed": [pieces[f"{flights} {size:g}"] for flights in FLIGHTS for size in SIZES],
     }
     RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")
 
