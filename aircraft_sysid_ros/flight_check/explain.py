@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, Finding
+from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, KEEPS_TIME, WARNING, Finding
 from aircraft_sysid_ros.flight_check.relation import Fault, Relation, lag_faults, scale_faults, sign_faults
 from aircraft_sysid_ros.flight_check.repair import with_delay, with_factor
 from aircraft_sysid_ros.flight_check.signals import (
@@ -172,7 +172,7 @@ def _late(fault: Fault, flight: Flight) -> Finding:
         )
     low, high = relation.lag
     if low <= 0.0 <= high:
-        text = f"it keeps time with {other}, which comes {size:.2f} s {way} than it should: {remedy}"
+        text = f"{KEEPS_TIME}{other}, which comes {size:.2f} s {way} than it should: {remedy}"
         return Finding(names, "offset", WARNING, text, fault.size)
     error = max(3.0 * relation.comparison.lag_std, 0.005)
     return Finding(

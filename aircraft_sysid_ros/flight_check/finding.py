@@ -8,6 +8,8 @@ from dataclasses import dataclass
 KINDS = ("rate", "gap", "jitter", "held", "saturated", "unit", "sign", "offset", "scale", "noise", "missing")
 ERROR, WARNING, INFO = "error", "warning", "info"
 SEVERITIES = (ERROR, WARNING, INFO)
+#: How a sentence begins of a stream that is as late as another; a signal of that follows, and a comma.
+KEEPS_TIME = "it keeps time with "
 
 
 @dataclass(frozen=True)

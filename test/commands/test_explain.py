@@ -46,6 +46,7 @@ def candidate(effect: str, kind: str, **more) -> dict:
 
 WRONG_UNIT = ("angle_of_attack", "unit", "error", "it is in degrees")
 LATE = ("elevator", "offset", "warning", "it comes 0.15 s late")
+FOLLOWS = ("latitude", "offset", "warning", "it keeps time with elevator, which comes 0.15 s later than it should")
 STALL = {"candidates": [candidate("stall", "aerodynamic")], "advice": "", "unknown": {}}
 SCALE = {"candidates": [candidate("airspeed_scale", "measurement")], "advice": "", "unknown": {}}
 SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%", "stable in pitch")
@@ -57,6 +58,8 @@ SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%"
         (Evidence(check_json(WRONG_UNIT, LATE), (3, 32), diagnosis=STALL), ["check unit", "check offset", "stall"]),
         (Evidence(check_json(shown=5), (4, 32)), ["motion"]),
         (Evidence(check_json(LATE), **USED, diagnosis=STALL), ["check offset", "stall"]),
+        (Evidence(check_json(LATE, FOLLOWS), **USED), ["check offset"]),
+        (Evidence(check_json(FOLLOWS), **USED), ["check offset"]),
         (Evidence(check_json(), **USED, diagnosis=SCALE, facts=[SMALL_MARGIN]), ["airspeed_scale", "balance"]),
         (Evidence(check_json(), **USED, diagnosis=STALL, mass=(2.0, 1.6, 0.02)), ["stall", "mass"]),
         (Evidence(check_json(), **USED, mass=(2.0, 1.95, 0.001), facts=[SMALL_MARGIN]), ["balance"]),

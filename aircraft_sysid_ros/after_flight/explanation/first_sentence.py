@@ -15,7 +15,7 @@ from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact
 from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
-from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, joined, short_names
+from aircraft_sysid_ros.flight_check.finding import ERROR, KEEPS_TIME, WARNING, Finding, joined, short_names
 from aircraft_sysid_ros.identification.conditions import listed
 
 #: Share of the parameters below which a flight has too little motion: to USE, and that the check says are shown.
@@ -87,7 +87,7 @@ def _sensors(evidence: Evidence) -> Iterator[Said]:
         said.add(error.signal)
         yield Said(f"instrument {error.kind}", f"{error.words[0].upper()}{error.words[1:]}.")
     for finding in _findings(evidence.check, WARNING):
-        if finding.kind not in _OF_SENSORS:
+        if finding.kind not in _OF_SENSORS or _is_said_of(finding, said):
             continue
         if not said & set(finding.signals):
             said |= set(finding.signals)
@@ -97,6 +97,12 @@ def _sensors(evidence: Evidence) -> Iterator[Said]:
         if candidate["kind"] == MEASUREMENT and not (said and _explained_by(candidate["effect"], said)):
             yield Said(str(candidate["effect"]), f"{candidate['name']} is wrong in the aircraft file: "
                        f"{candidate['where']}.")  # fmt: skip
+
+
+def _is_said_of(finding: Finding, said: set[str]) -> bool:
+    """Whether it is the delay of a stream of which it is said already: two streams of one receiver have one delay."""
+    text = finding.sentence
+    return text.startswith(KEEPS_TIME) and text.removeprefix(KEEPS_TIME).partition(",")[0] in said
 
 
 #: What a setting is an error of, by the beginning of the name of its effect.
