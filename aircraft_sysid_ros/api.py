@@ -35,18 +35,16 @@ from aircraft_sysid_ros.after_flight.explanation.explain import Explanation as _
 from aircraft_sysid_ros.after_flight.explanation.explain import explain as _explain
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_angles
+from aircraft_sysid_ros.call_arguments import Place, aircraft_of, options_by_name, place_of, text_of, text_path
 from aircraft_sysid_ros.diagnosis.model_versions import additions
 from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_of, open_run
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.flight_check.signals import NAMES
-from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import MissingExtra
-from aircraft_sysid_ros.option import OptionError, options_of
-from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tabular.column_map import parse_column_map
 from aircraft_sysid_ros.recordings.tabular.signals import check_signal, unit_of
@@ -62,8 +60,6 @@ __all__ = [
     "Addition", "Check", "Comparison", "Diagnosis", "Explanation", "InputError", "Recording", "Run", "TwoRuns", "add",
     "check", "compare", "diagnose", "explain", "import_log", "load", "record", "remove", "replay",
 ]  # fmt: skip
-
-Place = str | Path
 
 
 def _frame(rows: Sequence[Mapping[str, Any]], index: str | None = None) -> pandas.DataFrame:
@@ -335,7 +331,7 @@ class Explanation:
 
 def load(path: Place) -> Run | Recording:
     """A run or a recording that is there. Raises InputError for anything else."""
-    folder = Path(path)
+    folder = _path(path)
     if (folder / AIRCRAFT).exists():
         return Run(open_run(folder).path)
     if not folder.exists():
@@ -345,11 +341,14 @@ def load(path: Place) -> Run | Recording:
 
 
 def import_log(
-    log: Place, out: Place, *, columns: Place | None = None, calibration: str | None = None, overwrite: bool = False
+    log: Place, out: Place, *, columns: Place | None = None, calibration: Place | None = None, overwrite: bool = False
 ) -> Recording:
     """A log of another program as a recording. ``columns``: the MAP of a table; ``calibration``: of servo outputs."""
-    report = _import.import_log(log, out, columns=columns, calibration=calibration, overwrite=overwrite)
-    return Recording(Path(out), report)
+    place, by_map = place_of(out), None if columns is None else place_of(columns)
+    report = _import.import_log(
+        _path(log), place, columns=by_map, calibration=text_path(calibration), overwrite=overwrite
+    )
+    return Recording(place, report)
 
 
 def record(
@@ -361,7 +360,7 @@ def record(
     The index of each is its time [s]; frames of sensors that come at different times are given as a list. ``clock``:
     what time 0 is, as in a MAP; without it stamps begin in the year 2000. Raises InputError.
     """
-    pandas = _pandas()
+    pandas, place = _pandas(), place_of(out)
     listed = [frames] if isinstance(frames, pandas.DataFrame) else frames
     if not isinstance(listed, list | tuple) or not listed or not all(isinstance(f, pandas.DataFrame) for f in listed):
         raise InputError("give a table of pandas, or a list of tables: of the answer of tables(), list(….values())")
@@ -378,8 +377,8 @@ def record(
             tables.append({"file": named, "time": {"column": "time [s]", "unit": "s"}, "signals": signals})
         content = {"tables": tables, **({"clock": clock} if clock else {})}
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-        report = import_tables(Path(folder), parse_column_map(text), out, overwrite=overwrite)
-    return Recording(Path(out), {**report, "log": "pandas", "format": "pandas"})
+        report = import_tables(Path(folder), parse_column_map(text), place, overwrite=overwrite)
+    return Recording(place, {**report, "log": "pandas", "format": "pandas"})
 
 
 def _seconds(index: pandas.Index) -> np.ndarray:
@@ -392,7 +391,7 @@ def _seconds(index: pandas.Index) -> np.ndarray:
 
 def check(recording: Place | Recording, aircraft: Place | Mapping[str, Any] | Aircraft | None = None) -> Check:
     """Whether a recording contradicts itself, and which parameters it shows. Raises InputError."""
-    found = _check.check_recording(_path(recording), None if aircraft is None else _aircraft(aircraft))
+    found = _check.check_recording(_path(recording), None if aircraft is None else aircraft_of(aircraft))
     return Check({**found.json, "notes": list(found.notes)})
 
 
@@ -404,29 +403,36 @@ def replay(
     segments: Place | None = None,
     calibration: Place | None = None,
     smooth: bool = False,
+    prior: Place | None = None,
+    airframe: str | None = None,
     overwrite: bool = False,
     tell: Tell = nobody,
     **options: Any,
 ) -> Run:
     """Estimate everything from recordings, of one aeroplane, and write it to the run ``out``.
 
-    ``aircraft``: a file, or its content. Further options are those of docs/nodes.md, such as estimator="rml" or
-    calm_air=True. Raises InputError, and then nothing is written.
+    ``aircraft``: a file, or its content. ``prior``: folder of a fleet, and which ``airframe`` of it flies. Further
+    options are those of docs/nodes.md, such as estimator="rml" or calm_air=True. Raises InputError, and then nothing is
+    written.
     """
-    listed = [recordings] if isinstance(recordings, str | Path | Recording) else list(recordings)
+    several = isinstance(recordings, Sequence) and not isinstance(recordings, str)
+    listed: list[Any] = list(recordings) if several else [recordings]  # type: ignore[arg-type]
     if not listed:
         raise InputError("no recording is given to replay: give at least one")
-    state, parameters = _options(options)
+    state, parameters = options_by_name(options)
     chosen = _replay.ReplayOptions(
         state,
         parameters,
-        segments=None if segments is None else str(segments),
+        segments=text_path(segments),
         overwrite=overwrite,
-        calibration=None if calibration is None else str(calibration),
+        calibration=text_path(calibration),
         smooth=smooth,
+        prior=text_path(prior),
+        airframe=airframe,
     )
-    result = _replay.replay([str(_path(each)) for each in listed], _aircraft(aircraft), out, chosen, tell)
-    return Run(Path(out), result)
+    place = place_of(out)
+    result = _replay.replay([str(_path(each)) for each in listed], aircraft_of(aircraft), place, chosen, tell)
+    return Run(place, result)
 
 
 @overload
@@ -444,7 +450,7 @@ def compare(run: Place | Run, other: Place | Run | None = None) -> Comparison | 
     """
     if other is None:
         return Comparison(_compare.compare_run(_path(run)))
-    first, both = _compare.compare_runs(_path(run), other.path if isinstance(other, Run) else other)
+    first, both = _compare.compare_runs(_path(run), other if isinstance(other, str) else _path(other))
     return TwoRuns(Comparison(first), both)
 
 
@@ -457,12 +463,12 @@ def diagnose(*runs: Place | Run, replicas: int = COUNT, tell: Tell = nobody) -> 
 
 def add(run: Place | Run, what: str) -> Addition:
     """Add an effect by its id, or terms such as "CZ: alpha**3", as a new version of the model. Raises InputError."""
-    return Addition(Run(_path(run)), additions.add(_path(run), what))
+    return Addition(Run(_path(run)), additions.add(_path(run), text_of(what)))
 
 
 def remove(run: Place | Run, what: str) -> Addition:
     """Take out what was added, or any term, as a new version of the model. Raises InputError."""
-    return Addition(Run(_path(run)), additions.remove(_path(run), what))
+    return Addition(Run(_path(run)), additions.remove(_path(run), text_of(what)))
 
 
 def explain(
@@ -470,7 +476,7 @@ def explain(
     aircraft: Place | Mapping[str, Any] | Aircraft,
     out: Place,
     *,
-    calibration: str | None = None,
+    calibration: Place | None = None,
     overwrite: bool = False,
     replicas: int = COUNT,
     tell: Tell = nobody,
@@ -483,29 +489,12 @@ def explain(
         from aircraft_sysid_ros.workbench.explain_page import explain_html
     except ImportError:
         raise MissingExtra("pages", "jinja2", "workbench") from None
-    options = ExplainOptions(overwrite, calibration, replicas)
-    return Explanation(_explain(_path(log), _aircraft(aircraft), out, options, tell, explain_html))
+    options = ExplainOptions(overwrite, text_path(calibration), replicas)
+    return Explanation(_explain(_path(log), aircraft_of(aircraft), place_of(out), options, tell, explain_html))
 
 
 def _path(given: Place | Recording | Run) -> Path:
-    return given.path if isinstance(given, Recording | Run) else Path(given)
-
-
-def _aircraft(given: Place | Mapping[str, Any] | Aircraft) -> Aircraft:
-    if isinstance(given, Aircraft):
-        return given
-    return load_aircraft(given) if isinstance(given, str | Path) else aircraft_from_dict(given)
-
-
-def _options(given: Mapping[str, Any]) -> tuple[StateOptions, ParameterOptions]:
-    """Options of both steps by name. Raises InputError for one that is none, or makes no sense."""
-    of_state, of_parameters = options_of(StateOptions), options_of(ParameterOptions)
-    unknown = [name for name in given if name not in of_state and name not in of_parameters]
-    if unknown:
-        raise InputError(f"'{unknown[0]}' is no option of replay: there are {', '.join([*of_state, *of_parameters])}")
-    known = {"measured_angles": not given.get("air_data_errors", False), **given}
-    try:
-        state = StateOptions(**{name: value for name, value in known.items() if name in of_state})
-        return state, ParameterOptions(**{name: value for name, value in known.items() if name in of_parameters})
-    except OptionError as error:
-        raise InputError(f"{error.name} {error.what}") from None
+    """The folder or file of what was given. Raises InputError for what is none."""
+    return (
+        given.path if isinstance(given, Recording | Run) else place_of(given, "a path, or what another call has given")
+    )

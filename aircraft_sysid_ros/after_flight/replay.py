@@ -15,7 +15,7 @@ import yaml
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.after_flight.replay_notes import manoeuvre_notes, notes, why_no_start
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft, with_prior
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.calibration.filter_start import LONGEST, start_by_stage_1, start_of_calibration
@@ -57,6 +57,8 @@ class ReplayOptions:
     smooth: bool = False
     stage_1: float | None = None  # [s]
     learn_sensors: str | None = None  # file to write
+    prior: str | None = None  # folder of a fleet
+    airframe: str | None = None  # of that fleet
 
 
 def replay(
@@ -72,7 +74,7 @@ def replay(
     """
     options = options or ReplayOptions()
     _check(options, bags)
-    aircraft = _aircraft(aircraft)
+    aircraft = with_prior(_aircraft(aircraft), options.prior, options.airframe)
     correction = Correction(load_calibration(options.calibration)) if options.calibration else None
     pipeline = Pipeline(aircraft, options.state, options.parameters)
     if correction is not None and options.state.air_data_errors:

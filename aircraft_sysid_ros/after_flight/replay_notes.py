@@ -60,6 +60,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     found += bound_notes(aircraft) + place_notes(aircraft) + segment_notes(body)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
+    found += prior_notes(pipeline.parameters)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
@@ -88,6 +89,11 @@ def estimator_notes(parameters: Identifier) -> list[str]:
     if choice is None or (choice.successor is None and not parameters.learning.lends):
         return []
     return [f"the parameters are those of {chosen['published']}, chosen by itself: {chosen['why']}"]
+
+
+def prior_notes(parameters: Identifier) -> list[str]:
+    """What came of the prior of a fleet, and what is wrong with the aeroplane beside it."""
+    return parameters.learning.fleet.notes() + parameters.learning.health.notes()
 
 
 def manoeuvre_notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:

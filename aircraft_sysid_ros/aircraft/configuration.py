@@ -14,6 +14,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name, is_reserved
+from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior, prior_from_dict, read_prior
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.yaml_file import read_yaml
 
@@ -164,6 +165,11 @@ KEYS = {
         "([trust.md](trust.md))",
         default="what aeroplanes have",
     ),
+    "prior": Key(
+        "what earlier flights say of the parameters, as `fleet` writes it ([fleet.md](fleet.md#a-prior-for-the-next-"
+        "flight)): `flights` in words, `parameters` by name `[value, standard deviation]`",
+        default="none",
+    ),
     "coefficients": Key(
         "known values by parameter name: what `simulate` flies. Never used by the estimators", default="none"
     ),
@@ -198,6 +204,7 @@ class Aircraft:
     minimum_airspeed: float = 0.0  # [m/s] below it the aircraft is not flying and air data are not fused
     trim_airspeed: float | None = None  # [m/s] of simulated flights
     parameter_bounds: dict[str, tuple[float, float]] = field(default_factory=dict)  # outside: never to be used
+    prior: FleetPrior | None = None  # of the parameters, from flights before
     inputs: tuple[NamedInput, ...] = ()  # in the order of the file, which is that of their values in samples
     source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
 
@@ -245,9 +252,19 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         minimum_airspeed=_positive(data, "minimum_airspeed", default=0.8 * float(stall)),
         trim_airspeed=_positive(data, "trim_airspeed") if data.get("trim_airspeed") is not None else None,
         parameter_bounds=_bounds(_mapping(data, "parameter_bounds", "{CZ_alpha: [-8, -2]}"), model),
+        prior=prior_from_dict(data.get("prior")),
         inputs=inputs,
         source=dict(data),
     )
+
+
+def with_prior(aircraft: Aircraft, fleet: str | Path | None, airframe: str | None = None) -> Aircraft:
+    """The aircraft with the prior of a fleet in its file; as it is where none is named. Raises InputError."""
+    if not fleet:
+        if airframe:
+            raise InputError("--airframe says which one of --prior is meant: give that too")
+        return aircraft
+    return aircraft_from_dict({**aircraft.source, "prior": read_prior(fleet, airframe or None, aircraft.name)})
 
 
 def inertia_matrix(xx: float, yy: float, zz: float, xz: float) -> Vector:

@@ -16,10 +16,16 @@ from typing import Any
 
 from rich.progress import Progress
 
-from aircraft_sysid_ros.after_flight.replay_notes import estimator_notes, place_notes, rate_notes, why_no_start
-from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.after_flight.replay_notes import (
+    estimator_notes,
+    place_notes,
+    prior_notes,
+    rate_notes,
+    why_no_start,
+)
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft, with_prior
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
-from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
+from aircraft_sysid_ros.commands.options import add_estimator_options, add_prior_options, estimator_options
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.commands.replay import render as render_run
 from aircraft_sysid_ros.errors import IncompleteError, InputError
@@ -52,6 +58,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--ready-file", metavar="FILE", help="file to create when the nodes listen, for scripts")
     add_estimator_options(parser)
+    add_prior_options(parser)
     return parser
 
 
@@ -60,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     options = estimator_options(args)
     if args.until_idle is not None and not 0.0 < args.until_idle < 1e6:
         raise InputError(f"--until-idle must be a positive time in s, not {args.until_idle:g}")
-    aircraft = load_aircraft(args.aircraft)
+    aircraft = with_prior(load_aircraft(args.aircraft), args.prior, args.airframe)
     if args.calibration:
         load_calibration(args.calibration)
     in_progress = {"state": asdict(options[0]), "parameters": asdict(options[1])}
@@ -125,6 +132,8 @@ def _node_arguments(args: argparse.Namespace, state: StateOptions, parameters: P
     values = {
         "aircraft_file": str(args.aircraft),
         "calibration_file": str(args.calibration or ""),
+        "prior": str(args.prior or ""),
+        "airframe": str(args.airframe or ""),
         "input_reliability": "reliable" if args.reliable else "best_effort",
         **asdict(state),
         **asdict(parameters),
@@ -224,6 +233,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             *place_notes(parameters.estimator.aircraft),
             *absences(state.estimator),
             *noise_notes(state.estimator),
+            *prior_notes(parameters.estimator),
         ],
     }
     if writer is None:

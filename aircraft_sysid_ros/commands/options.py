@@ -53,6 +53,18 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_prior_options(parser: argparse.ArgumentParser) -> None:
+    """What earlier flights say, and of which aeroplane."""
+    parser.add_argument(
+        "--prior", metavar="FLEET", help="folder of `fleet`: what its flights say of the parameters before this one"
+    )
+    parser.add_argument(
+        "--airframe",
+        metavar="NAME",
+        help="of --prior (default: its only one, the one called as the aircraft file says, or what all have in common)",
+    )
+
+
 def estimator_options(args: argparse.Namespace) -> tuple[StateOptions, ParameterOptions]:
     """Options of both steps; raises InputError where they make no sense."""
     if args.frequencies is not None and args.estimator != "fourier":

@@ -9,6 +9,7 @@ from aircraft_sysid_ros.after_flight.replay import ReplayOptions, replay
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.options import (
     add_estimator_options,
+    add_prior_options,
     estimator_options,
     parameter_table,
     state_table,
@@ -51,6 +52,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="write the aircraft file with the noise of sensors and gusts that the flight shows, where it says none",
     )
     add_estimator_options(parser)
+    add_prior_options(parser)
     return parser
 
 
@@ -66,6 +68,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         args.smooth,
         args.stage_1,
         args.learn_sensors,
+        args.prior,
+        args.airframe,
     )
     with telling() as tell:
         return replay(args.bags, args.aircraft, args.out, options, tell)

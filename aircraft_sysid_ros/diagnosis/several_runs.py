@@ -17,7 +17,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Samples, joined, manoeuvres, same_imu, with_run_numbers
 
 #: Keys in which the files of one aeroplane may differ: no number of a diagnosis rests on them.
-_OF_NO_MATTER = ("name", "parameter_bounds", "trim_airspeed")
+_OF_NO_MATTER = ("name", "parameter_bounds", "prior", "trim_airspeed")
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ import numpy as np
 from scipy.stats import binom
 
 from aircraft_sysid_ros.fleet.changes import RATE, Change, Mean, Series, change_of, difference, mean_of, named
+from aircraft_sysid_ros.fleet.priors import SeriesOf, priors_of
 from aircraft_sysid_ros.fleet.tables import Flown, Row
 
 #: An effect comes back where false alarms would be seen as often in less than this share of fleets.
 _BY_CHANCE = 0.001
 _HOUR = 3600.0
-SeriesOf = dict[tuple[str, str], Series]
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class Between:
     changes: Sequence[Row]  # by airframe and parameter
     airframes: Sequence[Row]  # values by airframe and parameter
     effects: Sequence[Row]
+    priors: Mapping[str, Any]  # of the next flights, see ``priors``
     rate: float = RATE
 
     @property
@@ -67,7 +68,8 @@ def _numbers(flown: Sequence[Flown]) -> dict[str, int]:
 def between_flights(tables: Mapping[str, Sequence[Row]], flown: Sequence[Flown]) -> Between:
     """All that is found between flights; ``flown`` in the order of time."""
     series = series_of(tables["parameters"], flown)
-    return Between(_changes(series, flown), _airframes(series), _effects(tables["verdicts"], flown))
+    changes = _changes(series, flown)
+    return Between(changes, _airframes(series), _effects(tables["verdicts"], flown), priors_of(series, changes))
 
 
 def _changes(series: SeriesOf, flown: Sequence[Flown]) -> list[Row]:
@@ -89,7 +91,7 @@ def _change_row(airframe: str, parameter: str, change: Change, flown: Sequence[F
     return {
         "airframe": airframe, "parameter": parameter, "kind": change.kind, "when": at.start, "size": change.size,
         "std": change.std, "p_value": change.p_value, "flight": at.flight.name, "flights": flights,
-        "per_hour": change.size / hours if change.kind == "drift" and hours > 0.0 else None,
+        "number": change.number, "per_hour": change.size / hours if change.kind == "drift" and hours > 0.0 else None,
     }  # fmt: skip
 
 

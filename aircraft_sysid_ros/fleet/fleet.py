@@ -15,6 +15,7 @@ from aircraft_sysid_ros.fleet.cluster import Work, cluster, fly_all, has_dashboa
 from aircraft_sysid_ros.fleet.flight_task import Answer, Job, Options, answer_of, content_key, program_key
 from aircraft_sysid_ros.fleet.flights import Flight, flights_of
 from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
+from aircraft_sysid_ros.fleet.priors import write_priors
 from aircraft_sysid_ros.fleet.results import RUNS, Results
 from aircraft_sysid_ros.fleet.tables import Flown, in_order, require_pyarrow, tables_of, write_tables
 
@@ -91,6 +92,7 @@ def fly_fleet(asked: Asked, tell: Callable[[str, int, int], None], say: Callable
         tables = tables_of(flown)
         between = between_flights(tables, flown)
         write_tables(asked.out, {**tables, "changes": between.changes, "airframes": between.airframes})
+        write_priors(asked.out, between.priors)
         fleet = Fleet(asked.out, flown, between, len(new), unkept)
         write_page(asked.out / "fleet.html", fleet.flown, between)
     return fleet

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.fleet.between import Between, SeriesOf, series_of
+from aircraft_sysid_ros.fleet.between import Between, series_of
 from aircraft_sysid_ros.fleet.changes import Series
+from aircraft_sysid_ros.fleet.priors import SeriesOf
 from aircraft_sysid_ros.fleet.tables import Flown, tables_of
 from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.text_file import write_whole

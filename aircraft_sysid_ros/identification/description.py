@@ -13,6 +13,7 @@ from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstan
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, known_theta
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
+from aircraft_sysid_ros.identification.prior import AxisPrior
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +31,7 @@ class Description(NamedTuple):
     constants: DoubtfulConstants
     ranges: list[tuple[float, float]]  # learnt between these V, alpha, beta
     bounds: Mapping[str, tuple[float, float]]  # of the aircraft file
+    priors: list[AxisPrior | None]  # what earlier flights say of each axis
 
     def values(self) -> Array:
         """The values alone (parameters,), NaN where nothing is known."""
@@ -50,7 +52,7 @@ class Description(NamedTuple):
             part = model.axis_slice(name)
             of_axis, block = axis_estimates(
                 model, axis, self.least_squares, self.time, self.missing[axis], self.own[axis], self.changed[axis],
-                self.bounds,
+                self.bounds, self.priors[axis],
             )  # fmt: skip
             estimates.extend(of_axis)
             covariance[part, :] = covariance[:, part] = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -19,12 +20,14 @@ from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.choice import EstimatorChoice
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset, Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RecursiveLeastSquares, RlsState
+from aircraft_sysid_ros.identification.health import HealthWatch
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor, Restore
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.identification.predictions import KnownHistory
+from aircraft_sysid_ros.identification.prior import FleetKnowledge
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.samples import Samples
@@ -72,6 +75,9 @@ class Learning:
             self.aircraft, options.step, options.half_width, forgetting, joint, self.history
         )
         self.conditions = LearntConditions()
+        aircraft = self.aircraft
+        self.fleet = FleetKnowledge(aircraft.model, aircraft.prior)
+        self.health = HealthWatch(aircraft.model, aircraft.prior, aircraft.chord / aircraft.span)
         self.newest: Array | None = None  # sample
 
     @property
@@ -137,6 +143,8 @@ class Learning:
         self.history.widen(self.columns)
         self.changes.restart()
         self.integrity.adopt(aircraft)
+        self.fleet.adopt(aircraft.model)
+        self.health.adopt(aircraft.model)
 
     def restart_clock(self) -> None:
         """The clock began anew: what was learnt stays."""
@@ -150,6 +158,7 @@ class Learning:
         self.history.restart()
         self.changes.restart_clock()
         self.integrity.restart()
+        self.fleet.restart_clock()
 
     def begin_anew(self, same_flight: bool) -> None:
         """Another manoeuvre begins: what was learnt stays, or what was known before it was held."""
@@ -200,6 +209,8 @@ class Learning:
         if self._options.relearn:
             self._reset_axes(self.changes.evaluate(self.aircraft.model, state, start), time)
             self.changes.remember(state)
+        if self.fleet.is_due(time):
+            self._look_at_prior(time, start)
         self._restore(self.integrity.evaluate(time, state.updates >= KNOWN, misread))
         if self.newest is not None and self.integrity.checkpoints.is_due(time):
             self.integrity.keep(self._checkpoint(time, used_until))
@@ -227,6 +238,7 @@ class Learning:
         for reset in resets:
             self.least_squares.reset_axis(reset)
             self.integrity.note_change(reset.axis, time)
+            self.fleet.drop(reset.axis, f"dropped, since the axis changed at {self.changes.times[reset.axis]:.1f} s")
         if not self.lends:
             if resets and self.choice is not None:
                 self.choice.forget()
@@ -239,6 +251,20 @@ class Learning:
             if found is not None:
                 self.estimator.reseed(axis, found)
                 self.known.begin(self.estimator.known())
+
+    def _look_at_prior(self, now: float, start: float) -> None:
+        """Watch the health of the aeroplane, and drop what earlier flights say of axes where least squares contradicts.
+
+        An axis that is held says nothing.
+        """
+        model, state = self.aircraft.model, self.least_squares.state
+        own = [ParameterEstimate(name, np.nan, np.nan, Trust.HOLD, "", np.nan, 0.0) for name in model.parameter_names]
+        for axis, name in enumerate(AXES):
+            if self.integrity.holds[axis] is None and not (missing := self._missing(axis)):
+                found, _ = axis_estimates(model, axis, state, now, missing, bounds=self.aircraft.parameter_bounds)
+                own[model.axis_slice(name)] = found
+                self.fleet.look(axis, *_columns(found), now - start)
+        self.health.look(*_columns(own), now - start)
 
     def _restore(self, restores: list[Restore]) -> None:
         for axis, good in restores:
@@ -293,6 +319,7 @@ class Learning:
             constants=copy(self.constants),
             ranges=[(float(low), float(high)) for low, high in self.conditions.ranges],
             bounds=self.aircraft.parameter_bounds,
+            priors=[*self.fleet.axes],
         )  # fmt: skip
 
     def _own(self, axis: int) -> AxisEstimate | None:
@@ -349,3 +376,9 @@ class Learning:
         if not angles:
             return ""
         return f"needs {listed(angles)}, which no vane measures, and wind and attitude do not show well enough"
+
+
+def _columns(found: Sequence[ParameterEstimate]) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Values, standard errors, and which are to USE (n,)."""
+    value, std = np.array([(p.value, p.std) for p in found]).reshape(-1, 2).T
+    return value, std, np.array([p.status == Trust.USE for p in found], dtype=np.bool_)

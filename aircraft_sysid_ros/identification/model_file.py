@@ -119,10 +119,17 @@ def parameters_json(estimator: Identifier) -> dict[str, Any]:
             }
             for p in estimates.parameters
         ],
+        **_beside_earlier_flights(estimator),
         "changes": [
             {"axis": axis, "time": t, "count": count} for axis, t, count in estimator.learning.changes.alarms()
         ],
     }
+
+
+def _beside_earlier_flights(estimator: Identifier) -> dict[str, Any]:
+    """What came of the prior of a fleet, and what is wrong with the aeroplane beside it; nothing without one."""
+    learning = estimator.learning
+    return {"prior": learning.fleet.json, "health": learning.health.json} if learning.fleet.is_there else {}
 
 
 def _number(value: float) -> float | None:

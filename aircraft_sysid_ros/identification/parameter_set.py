@@ -11,6 +11,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
+from aircraft_sysid_ros.identification.prior import AxisPrior, helped
 from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, Verdict, disagree, judge
 
 Array = npt.NDArray[np.float64]
@@ -63,13 +64,14 @@ def axis_estimates(
     own: AxisEstimate | None = None,
     changed: float = np.nan,
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    prior: AxisPrior | None = None,
 ) -> tuple[list[ParameterEstimate], Array]:
     """Parameters of one axis at the time ``now`` [s] and their covariance (n, n).
 
     ``missing`` says what the axis lacks, empty if nothing; ``own`` is what another estimator
     knows of the axis: the parameters are then its, and recursive least squares only says how the terms moved.
     ``changed`` is the time of flight [s] of the newest change of the axis, NaN if it never did; ``bounds`` are those
-    of the aircraft file.
+    of the aircraft file; ``prior`` is what earlier flights say of the axis.
     """
     names = model.parameter_names[model.axis_slice(AXES[axis])]
     n, first = len(names), int(model.offsets[axis])
@@ -85,6 +87,10 @@ def axis_estimates(
         excitation = estimate.excitation
     std_known, std_own = np.sqrt(np.diag(known.covariance)), np.sqrt(np.diag(estimate.covariance))
     apart = disagree(estimate.theta, known.theta, std_own, std_known, per_unit)
+    with_help = helped(estimate.theta, estimate.covariance, prior)
+    if with_help is not None:
+        estimate = estimate._replace(theta=with_help.theta, covariance=with_help.covariance)
+        excitation, effect = excitation * with_help.gain, effect / with_help.gain
     estimates = []
     for j, name in enumerate(names):
         value, std = float(estimate.theta[j]), float(np.sqrt(estimate.covariance[j, j]))

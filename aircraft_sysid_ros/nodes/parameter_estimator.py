@@ -11,7 +11,7 @@ import numpy as np
 from aircraft_sysid_msgs.msg import AircraftState, AxisError, ModelError, Parameter, Parameters
 from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, with_prior
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.learning import STALE
@@ -44,7 +44,18 @@ MODEL_FOLDER = NodeOption(
     "~/.ros/aircraft_sysid_ros/models", "Folder of the models that save_model writes and load_model reads.",
     when=When.STARTED,
 )  # fmt: skip
-OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions) | {"model_folder": MODEL_FOLDER}
+_LEARNT_WITH = "what was learnt is published with it"
+PRIOR = {
+    "prior": NodeOption(
+        "", "Folder of `aircraft-sysid fleet`: what its flights say of the parameters before this one; empty: nothing.",
+        fixed=_LEARNT_WITH, when=When.CONFIGURED,
+    ),
+    "airframe": NodeOption(
+        "", "Which airframe of `prior` flies; empty: its only one, the one called as the aircraft file says, or all.",
+        fixed=_LEARNT_WITH, when=When.CONFIGURED,
+    ),
+}  # fmt: skip
+OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions) | PRIOR | {"model_folder": MODEL_FOLDER}
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
 PERIOD = 1.0
@@ -74,7 +85,7 @@ class ParameterEstimatorNode(EstimatorNode):
         if aircraft.inputs:
             more = (*more, INPUTS_TOPIC)
         self.received = dict.fromkeys(INPUTS + more, 0)
-        estimator = Identifier(aircraft, options)
+        estimator = Identifier(with_prior(aircraft, values["prior"], values["airframe"]), options)
         estimator.warm_up()
         self.model_services.configure(options_from(DiagnosisOptions, values))
         return estimator
@@ -155,6 +166,8 @@ class ParameterEstimatorNode(EstimatorNode):
             **{trust.name: statuses.count(trust) for trust in Trust},
             "estimator": published["published"],
             "estimator_because": published["why"],
+            "prior": "; ".join(self.estimator.learning.fleet.notes()),
+            "health": "; ".join(self.estimator.learning.health.notes()),
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),
         }

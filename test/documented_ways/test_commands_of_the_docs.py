@@ -49,6 +49,8 @@ NOT_RUN = {
     "aircraft-sysid compare --with": "test/diagnosis/test_several_runs.py, of flights and of versions",
     "aircraft-sysid workbench": "test/workbench drives the page, of a run, of a calibration and of a node",
     "aircraft-sysid replay --calm-air": "test/test_real_failures.py, and test/commands/test_replay_without_sensors.py",
+    "aircraft-sysid replay --prior": "test/nodes/test_live_equals_replay.py, with the prior of a fleet",
+    "aircraft-sysid live --prior": "test/nodes/test_live_equals_replay.py, with the prior of a fleet",
     "aircraft-sysid replay rml": "test/identification/test_likelihood_learner.py",
     "aircraft-sysid live rml": "test/nodes/test_likelihood_node.py",
     "aircraft-sysid refine --method": "test/commands/test_refine.py",

@@ -89,20 +89,33 @@ def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replay
     played_in_time(playback)
 
 
+def prior_of(aircraft, folder, **wrong):
+    """The file that a fleet leaves, of one airframe: the coefficients that fly, but for those that are given."""
+    known = {**aircraft.coefficients, **wrong}
+    prior = {"flights": "9 flights of one", "parameters": {n: [v, 0.05 * abs(v) + 1e-6] for n, v in known.items()}}
+    (folder / "prior.json").write_text(json.dumps({"airframes": {"one": prior}, "all": None}))
+    return folder
+
+
 def test_a_flight_without_gps_starts_live_where_replay_starts(domain, aircraft, aircraft_file, tmp_path, capsys):
-    """Neither knows beforehand that no GPS will come; both begin with the first sample that they kept."""
+    """Neither knows beforehand that no GPS will come; both begin with the first sample that they kept.
+
+    And both have the prior of a fleet, which is wrong in one axis.
+    """
     flight = simulate_samples(aircraft, seed=3, duration=30.0)
     recording, expected = tmp_path / "flight", tmp_path / "replayed"
     write_flight(replace(flight, streams=[s for s in flight.streams if not s.topic.startswith("gps")]), recording)
-    arguments = ["--aircraft", aircraft_file, "--out", expected, "--horizon", LONG, "--json"]
+    prior = ("--prior", prior_of(aircraft, tmp_path, Cl_p=-0.1))
+    arguments = ["--aircraft", aircraft_file, "--out", expected, "--horizon", LONG, *prior, "--json"]
     assert main([*map(str, ["replay", recording, *arguments])]) == 0
     notes = json.loads(capsys.readouterr().out)["notes"]
     assert notes[0].startswith("no GPS: wind is not estimated")
+    assert notes[-2].startswith("prior of 9 flights of one: counts in ") and notes[-1].startswith("the prior of Cl was")
 
     def playback(attempt):
         run = tmp_path / str(attempt) / "run"
         run.parent.mkdir()
-        with live(run, aircraft_file, "--reliable", "--until-idle", 1.5, "--horizon", LONG) as process:
+        with live(run, aircraft_file, "--reliable", "--until-idle", 1.5, "--horizon", LONG, *prior) as process:
             sent = play(recording, 16 / 2**attempt)
             assert check_same(process, run, expected, sent["messages"])["notes"] == notes
 
