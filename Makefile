@@ -174,6 +174,8 @@ fuzz: env ## random and nearly right input against all that reads what others wr
 
 fleet: env ## 400 simulated flights of 8 airframes with stated truth; goes on where it was stopped (many hours)
 	$(BIN)/python benchmarks/fleet_changes.py
+	$(BIN)/python benchmarks/fleet_prior.py
+	$(BIN)/python benchmarks/fleet_health.py
 	$(BIN)/python benchmarks/fleet.py
 	$(BIN)/python benchmarks/fleet.py --small
 	$(BIN)/python benchmarks/fleet.py --small --costs 4

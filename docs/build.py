@@ -672,6 +672,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "further_effects": further_effects,
     "fleet_healthy": fleet(fleet_tables.healthy, "fleet_changes"),
     "fleet_changed": fleet(fleet_tables.changed, "fleet_changes"),
+    "fleet_prior": fleet(fleet_tables.prior, "fleet_prior"),
+    "fleet_health": fleet(fleet_tables.health, "fleet_health"),
     "fleet_small": fleet(fleet_tables.small, "fleet_small"),
     "fleet_costs": fleet(fleet_tables.costs, "fleet_costs"),
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 Table = tuple[list[str], list[list[str]]]
@@ -75,3 +75,86 @@ def costs(result: Mapping[str, Any]) -> Table:
         ["load of the machine's two cores before", f"{result['load']:.1f}"],
     ]
     return ["measured", ""], rows
+
+
+#: Parameters of the table by name, and how they are called in it; the others count in the mean over all.
+_SHOWN = ("CZ_q", "CZ_de", "Cl_dr", "Cn_dr", "CY_da", "CX_0")
+
+
+def prior(result: Mapping[str, Any]) -> Table:
+    """Time until parameters are known, with the prior of a fleet and without."""
+    rows, names = [], result["names"]
+    for words, changed in (("the same aeroplane", False), ("one derivative changed before", True)):
+        flights = [flight for flight in result["flights"] if bool(flight["factors"]) == changed]
+        both = [[flight[key] for flight in flights] for key in ("without", "with")]
+
+        def row(what: str, of: Callable[[Any], str], both: Any = both) -> list[str]:
+            return ["", what, *map(of, both)]
+
+        rows.append([f"{words}, {len(flights)} flights", "", "", ""])
+        rows.append(
+            row("mean time to the first USE of a parameter", lambda b: f"{_mean([b_['first'] for b_ in b]):.1f} s")
+        )
+        if changed:
+            own = [names.index(next(iter(flight["factors"]))) for flight in flights]
+            rows.append(row("time until the changed one is to USE and right", lambda b, own=own: (
+                f"{_mean([[one['right'][j]] for one, j in zip(b, own, strict=True)]):.1f} s"
+            )))  # fmt: skip
+            rows.append(row("the changed one is wrong with USE, in all flights", lambda b, own=own: (
+                f"{sum(one['wrong'][j] for one, j in zip(b, own, strict=True))} s"
+            )))  # fmt: skip
+        else:
+            rows += [
+                row(f"of {name}", lambda b, j=j: f"{_mean([[one['first'][j]] for one in b]):.1f} s")
+                for j, name in enumerate(names)
+                if name in _SHOWN
+            ]
+        rows.append(row("of the time with USE a value is wrong in", lambda b: _of_use(b, "wrong")))
+        rows.append(row("of the time with USE the truth is outside of 95 % in", lambda b: _of_use(b, "beyond")))
+        dropped = sum(time is not None for one in both[1] for time in one["dropped"])
+        rows.append(["", "axes whose prior was dropped", "", f"{dropped} of {6 * len(flights)}"])
+    return ["", "", "without", "with the prior"], rows
+
+
+def _of_use(flights: Any, key: str) -> str:
+    return f"{100.0 * sum(sum(one[key]) for one in flights) / sum(sum(one['used']) for one in flights):.1f} %"
+
+
+def _mean(times: Any) -> float:
+    """Of times [s]; a parameter that is never known counts with the whole flight of 60 s."""
+    listed = [60.0 if time is None else time for each in times for time in each]
+    return float(sum(listed) / len(listed))
+
+
+def health(result: Mapping[str, Any]) -> Table:
+    """Faults in flight that were said, when, and how large; and what was said of nothing."""
+    rows = []
+    for case, (kind, size) in result["truth"].items():
+        flights = [flight for flight in result["flights"] if flight["case"] == case]
+        found = [_said_of(flight, kind) for flight in flights]
+        named = [said for said in found if said is not None]
+        alone = sum(len(said["kinds"]) == 1 for said in named)
+        others = sum(any(s["kinds"] and kind not in s["kinds"] for s in flight["said"]) for flight in flights)
+        hours = sum(flight["duration"] for flight in flights) / 3600.0
+        times = sorted(said["time"] for said in named)
+        sizes = [said["size"] for said in named if said["kinds"][0] == kind]
+        rows.append([
+            f"{case}, {len(flights)} flights of {hours:.1f} h" if not kind else f"{case}, {len(flights)} flights",
+            f"{len(named)} ({alone} alone)" if kind else "–",
+            f"{times[len(times) // 2]:.0f} s ({times[0]:.0f} to {times[-1]:.0f})" if times else "–",
+            f"{100 * sum(sizes) / len(sizes):+.0f} % of {100 * size:+.0f} %" if sizes else "–",
+            f"{others} ({others / hours:.1f} per hour)" if not kind else str(others),
+        ])  # fmt: skip
+    return [
+        "what is wrong",
+        "said",
+        "median time until then",
+        "mean size at the end",
+        "flights with another one said",
+    ], rows
+
+
+def _said_of(flight: Mapping[str, Any], kind: str) -> Mapping[str, Any] | None:
+    """When a kind was first said in a flight, alone or as one of several, with its newest size."""
+    said = [each for each in flight["said"] if kind in each["kinds"]]
+    return {**said[-1], "time": said[0]["time"]} if said else None
