@@ -179,6 +179,7 @@ fleet: env ## 400 simulated flights of 8 airframes with stated truth; goes on wh
 	$(BIN)/python benchmarks/fleet.py
 	$(BIN)/python benchmarks/fleet.py --small
 	$(BIN)/python benchmarks/fleet.py --small --costs 4
+	$(BIN)/python benchmarks/fleet_constants.py
 	@$(MAKE) --no-print-directory docs
 
 site: env ## the documentation as a site in build/site; a warning is an error

@@ -1,6 +1,6 @@
 """The health watch beside a fleet's prior: time until a fault is said, its size, and false alarms per hour.
 
-    python benchmarks/fleet_health.py [--flights 6] [--healthy 24] [--tune]
+    python benchmarks/fleet_health.py [--flights 6] [--healthy 120] [--tune]
 
 Flights of 120 s of the Ultra Stick 25e, half in light turbulence, identified with the prior of ``fleet_prior.py``: one
 fault each from take-off on, or an airspeed that creeps, or none. The coefficients of every flight are off by 2 %, as
@@ -97,7 +97,7 @@ def one(seed: int, air: str, case: str, prior: dict[str, Any]) -> dict[str, Any]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flights", type=int, default=6)
-    parser.add_argument("--healthy", type=int, default=24)
+    parser.add_argument("--healthy", type=int, default=120)
     parser.add_argument("--tune", action="store_true")
     args = parser.parse_args()
     base = TUNE_SEED if args.tune else FIRST_SEED

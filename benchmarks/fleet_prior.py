@@ -4,8 +4,8 @@
 
 A fleet of 8 flights of the Ultra Stick 25e, whose coefficients differ from flight to flight by 2 %, gives its prior by
 the functions of `fleet`. Then flights of 60 s, in calm air and in light turbulence, each identified with that prior and
-without: the same aeroplane, one with one derivative changed before the flight, one with the elevator damaged at 30 s.
-Rules were made with --tune, on other seeds; those of the table were looked at once.
+without: the same aeroplane, and one with a derivative changed before the flight. Rules were made with --tune, on other
+seeds; those of the table were looked at once.
 """
 
 from __future__ import annotations

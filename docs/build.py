@@ -675,6 +675,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "fleet_prior": fleet(fleet_tables.prior, "fleet_prior"),
     "fleet_health": fleet(fleet_tables.health, "fleet_health"),
     "fleet_small": fleet(fleet_tables.small, "fleet_small"),
+    "fleet_million": fleet(fleet_tables.million, "fleet_small", "fleet_costs", "fleet_constants"),
     "fleet_costs": fleet(fleet_tables.costs, "fleet_costs"),
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "failures": failures,

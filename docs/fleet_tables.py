@@ -64,15 +64,24 @@ def small(result: Mapping[str, Any]) -> Table:
 
 
 def costs(result: Mapping[str, Any]) -> Table:
-    """What a fleet costs."""
-    one, two, count = result["workers_1"], result["workers_2"], result["flights"]
-    ahead = one["flights_cpu"] / result["plain_cpu"] - 1.0
+    """What a fleet costs, in processor time: the machine is shared."""
+    one, two, count, plain = result["workers_1"], result["workers_2"], result["flights"], result["plain_cpu"]
+    ahead, scaling = one["flights_cpu"] / plain - 1.0, 2.0 * one["flights_cpu"] / two["flights_cpu"]
     rows = [
         ["scheduler, client and worker, for each flight", f"{1000.0 * result['own']:.0f} ms"],
-        [f"{count} flights one after the other in one process", f"{result['plain_cpu']:.1f} s"],
-        ["the same in a fleet, in the processes of the flights", f"{one['flights_cpu']:.1f} s ({100 * ahead:+.1f} %)"],
-        ["the same, wall-clock time with one worker and with two", f"{one['wall']:.0f} s, {two['wall']:.0f} s"],
-        ["load of the machine's two cores before", f"{result['load']:.1f}"],
+        [f"{count} flights one after the other in one process", f"{plain:.1f} s"],
+        [
+            "the same in a fleet of one worker, in the processes of the flights",
+            f"{one['flights_cpu']:.1f} s ({100 * ahead:+.1f} %)",
+        ],
+        ["the same in a fleet of two workers", f"{two['flights_cpu']:.1f} s"],
+        ["so two workers fly, by processor time, as many flights as one, times", f"{scaling:.2f}"],
+        [
+            "everything of the command, starts and tables too, with one worker and with two",
+            f"{one['cpu']:.0f} s, {two['cpu']:.0f} s",
+        ],
+        ["wall-clock time of the command, with one worker and with two", f"{one['wall']:.0f} s, {two['wall']:.0f} s"],
+        ["load of the machine's two cores at the end of both", f"{one['load']:.1f}, {two['load']:.1f}"],
     ]
     return ["measured", ""], rows
 
@@ -158,3 +167,30 @@ def _said_of(flight: Mapping[str, Any], kind: str) -> Mapping[str, Any] | None:
     """When a kind was first said in a flight, alone or as one of several, with its newest size."""
     said = [each for each in flight["said"] if kind in each["kinds"]]
     return {**said[-1], "time": said[0]["time"]} if said else None
+
+
+def million(small: Mapping[str, Any], costs: Mapping[str, Any], constants: Mapping[str, Any]) -> Table:
+    """What a flight costs, and a million of them."""
+    each = constants["each"]
+    times = {
+        "import, check, replay, compare, diagnose": small["cpu_per_flight"],
+        "scheduler, client and worker": costs["own"],
+        "the key of a recording of 10 MB": 10.0 * constants["megabyte"],
+        "an answer written, and read when it is begun again": each["keep"] + each["read"],
+        "rows of its tables": each["tables"],
+        f"changes between flights, of airframes with {constants['of_one']}": each["between"],
+        "Parquet": each["write"],
+    }
+    rows = [
+        [what, _short(seconds), f"{1e6 * seconds / 3600.0:,.1f} h".replace(",", " ")] for what, seconds in times.items()
+    ]
+    sizes = {
+        "its answer on disk": small["bytes_per_answer"], "its rows in memory": each["memory"],
+        "its rows in Parquet": each["parquet"],
+    }  # fmt: skip
+    rows += [[what, f"{size / 1e3:.1f} kB", f"{size / 1e3:.1f} GB"] for what, size in sizes.items()]
+    return ["processor time and bytes of", "one flight", "a million"], rows
+
+
+def _short(seconds: float) -> str:
+    return f"{seconds:.1f} s" if seconds >= 1.0 else f"{1e3 * seconds:.1f} ms"
