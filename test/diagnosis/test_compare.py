@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import json
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -70,3 +73,16 @@ def test_an_axis_without_data_is_null_with_a_reason(flight) -> None:
     assert content["CZ"]["nrmse_held_out"] is not None
     with pytest.raises(InputError, match="no axis can be compared"):
         compare(flight.with_signals(np.full_like(signals, np.nan)))
+
+
+def test_a_reconstruction_closes_its_files(aircraft, recwarn) -> None:
+    """One that fails, and one that succeeds while what it gave is in use: Python would warn of files that are left."""
+    warnings.simplefilter("always", ResourceWarning)
+    flown = simulate_samples(aircraft, seed=3, duration=20.0).samples
+    first, kept = flown.stamp.min(), []
+    for seconds in (0.5, 10.0):
+        samples = flown[flown.stamp < first + int(seconds * 1e9)]
+        with contextlib.suppress(InputError):
+            kept.append(reconstruct(aircraft, samples, with_covariance=False))
+    gc.collect()
+    assert len(kept) == 1 and not [w for w in recwarn if issubclass(w.category, ResourceWarning)]

@@ -117,23 +117,23 @@ def reconstruct(
     Without the covariance of the smoother it is faster, and standard deviations are those of the filter.
     """
     state, parameters = StateEstimator(aircraft, options), Identifier(aircraft, OF_FILTER)
-    filtered = [rows[:, StateField.AIR_VELOCITY_STD].copy() for rows in _filtered_rows(state, samples)]
-    if state.epoch is None or not state.has_been_aligned:
-        raise InputError("the filter does not start on the samples of this flight: replay says why")
-    rows = np.array(state.smooth(with_covariance))
+    with SmootherHistory() as tape:
+        filtered = [rows[:, StateField.AIR_VELOCITY_STD].copy() for rows in _filtered_rows(state, samples, tape)]
+        if state.epoch is None or not state.has_been_aligned:
+            raise InputError("the filter does not start on the samples of this flight: replay says why")
+        rows = np.array(state.smooth(with_covariance))
     parameters.push_samples(samples, state.epoch)
     points = [parameters.push_states(rows, state.epoch), parameters.flush()]
     gusts = float(state.memory.wind_walk[0])
     return Reconstruction(aircraft, samples, rows, state.epoch, np.vstack(points), gusts, np.concatenate(filtered))
 
 
-def _filtered_rows(state: StateEstimator, samples: Samples) -> Iterator[Array]:
-    """What the filter makes of all samples, with a tape of it.
+def _filtered_rows(state: StateEstimator, samples: Samples, tape: SmootherHistory) -> Iterator[Array]:
+    """What the filter makes of all samples, with a ``tape`` of it.
 
     A flight of several manoeuvres is filtered twice, the second time from the biases that its end knows: a manoeuvre
     of some seconds says little of them, and each would have its own.
     """
-    tape = SmootherHistory()
     for number, flight in enumerate(flights(samples)):
         if number:
             yield state.begin_anew(np.nan)
