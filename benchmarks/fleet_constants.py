@@ -25,13 +25,14 @@ from aircraft_sysid_ros.fleet.changes import Series, change_of
 from aircraft_sysid_ros.fleet.flight_task import Job, Options, content_key
 from aircraft_sysid_ros.fleet.flights import Flight
 from aircraft_sysid_ros.fleet.results import Results
-from aircraft_sysid_ros.fleet.tables import Flown, tables_of, write_tables
+from aircraft_sysid_ros.fleet.tables import Flown, require_pyarrow, tables_of, write_tables
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft
 
 RESULT = Path(__file__).parent / "results" / "fleet_constants.json"
 FEW, MANY, OF_ONE = 500, 2500, 50  # flights, and flights of each airframe
 LONG_SERIES = 1000
 MEGABYTES = 100
+COEFFICIENTS = default_aircraft().coefficients
 
 
 def answer(number: int) -> dict[str, Any]:
@@ -46,7 +47,7 @@ def answer(number: int) -> dict[str, Any]:
             "V": 20.0,
             "alpha": 0.05,
         }
-        for name, value in default_aircraft().coefficients.items()
+        for name, value in COEFFICIENTS.items()
     ]
     errors = {"nrmse_fit": 0.1, "nrmse_held_out": 0.1, "noise_floor": 0.1, "white": True}
     finding = {"signal": "airspeed", "kind": "gap", "severity": "info", "sentence": "a gap of some seconds, " * 5}
@@ -70,11 +71,13 @@ def of_flights(count: int, found: Any) -> None:
     """Processor time [s] and memory [bytes] of everything but the flights, for a number of them."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "fleet"
-        results, at = Results(out), spent()
+        require_pyarrow()
+        results, kept = Results(out), 0.0
         jobs = [Job(f"{k:040x}", Path(), False, Path(), Options(2), "") for k in range(count)]
         for k, job in enumerate(jobs):
-            results.keep(job.key, answer(k))
-        kept = spent() - at
+            one, at = answer(k), spent()
+            results.keep(job.key, one)
+            kept += spent() - at
         made, at = memory(), spent()
         answers = [results.known(job, 60.0) for job in jobs]
         read = spent() - at
