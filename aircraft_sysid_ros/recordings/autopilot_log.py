@@ -14,6 +14,7 @@ from aircraft_sysid_ros.mavlink.assembler import COMPUTED_ANGLES, Assembler, Out
 from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Table, readings_of
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic
+from aircraft_sysid_ros.recordings.segment_list import Span
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS
 
 #: Where a log without a date begins: 2000-01-01, Unix time [s].
@@ -37,6 +38,7 @@ class LogContent:
     batches: list[Batch]
     found: Mapping[str, int]
     notes: list[str] = field(default_factory=list)
+    manoeuvres: list[Span] = field(default_factory=list)  # that the log names by itself
 
 
 def gps_nanoseconds(week: int, milliseconds: int) -> int:
@@ -54,11 +56,12 @@ def import_content(content: LogContent, table: Table, mapping: ServoMapping | No
     outputs, assembler = assembled(readings, table, mapping)
     topics = topics_of(outputs)
     if not any(topic.topic in TOPICS for topic in topics):
-        found = ", ".join(content.found) or "nothing"
-        raise InputError(f"nothing in it can be used: it holds {found[:300]}")
+        held = ", ".join(content.found) or "nothing"
+        raise InputError(f"nothing in it can be used: it holds {held[:300]}")
     missing = _missing(topics, readings, assembler, mapping)
     used = {_source_name(output.source) for output in outputs}
-    return ImportedLog(content.format, topics, missing, content.notes, _found(content.found, table, used))
+    found = _found(content.found, table, used)
+    return ImportedLog(content.format, topics, missing, content.notes, found, content.manoeuvres)
 
 
 def assembled(readings: Sequence[Reading], table: Table, mapping: ServoMapping) -> tuple[list[Output], Assembler]:

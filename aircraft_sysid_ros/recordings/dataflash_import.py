@@ -20,6 +20,7 @@ from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
 from aircraft_sysid_ros.recordings.imported_log import GPS_EPOCH, LATEST, SECONDS_PER_WEEK, ImportedLog
+from aircraft_sysid_ros.recordings.injections import MESSAGES, injections
 from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
@@ -64,7 +65,7 @@ def read_dataflash(path: Path) -> LogContent:
     tables = {
         name: _columns(content, np.asarray(reader.offsets[number], dtype=np.int64), reader.formats[number])
         for name, number in reader.name_to_id.items()
-        if len(reader.offsets[number]) and name in (*DATAFLASH, "PARM")
+        if len(reader.offsets[number]) and name in (*DATAFLASH, *MESSAGES, "PARM")
     }
     found = {name: int(reader.counts[n]) for name, n in reader.name_to_id.items() if reader.counts[n]}
     del content
@@ -78,7 +79,8 @@ def read_dataflash(path: Path) -> LogContent:
         for name, fields in tables.items()
         if name in DATAFLASH and _has_time(fields)
     ]
-    return LogContent("DataFlash (ArduPilot)", batches, found, [*notes, NO_CHECKSUMS])
+    flown = injections(tables, start)
+    return LogContent("DataFlash (ArduPilot)", batches, found, [*notes, NO_CHECKSUMS], flown)
 
 
 #: Of GPS that a stamp can have: what is after it is damaged.

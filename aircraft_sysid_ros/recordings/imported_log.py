@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.segment_list import Span, add_segments
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS
 
@@ -47,6 +48,7 @@ class ImportedLog:
     notes: list[str] = field(default_factory=list)
     #: Messages of the log by name: how many, and whether they are mapped; empty where a log has no messages.
     found: dict[str, dict[str, Any]] = field(default_factory=dict)
+    manoeuvres: list[Span] = field(default_factory=list)  # that the log names by itself
 
 
 def gps_seconds(week: int, time_of_week: float) -> float:
@@ -77,6 +79,7 @@ def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrit
                 continue
             type_name = topic.type_name or TOPICS[topic.topic]
             writer.write(topic.topic, type_name, topic.stamp, topic.fields, frame_id=topic.frame_id)
+        notes += _manoeuvres(log.manoeuvres, topics, writer)
     start = min(int(topic.stamp[0]) for topic in topics)
     end = max(int(topic.stamp[-1]) for topic in topics)
     return {
@@ -90,6 +93,18 @@ def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrit
         "missing": log.missing,
         "notes": notes,
     }
+
+
+def _manoeuvres(spans: list[Span], topics: list[ImportedTopic], writer: RecordingWriter) -> list[str]:
+    """A list of segments beside the recording, of what lies in it."""
+    imu = next((topic.stamp for topic in topics if topic.topic == "imu/data"), None)
+    inside = [] if imu is None else [s for s in spans if s.begin < int(imu[-1]) and s.end > int(imu[0])]
+    if imu is None or not inside:
+        return []
+    first, last = int(imu[0]), int(imu[-1])
+    cut = [Span(s.name, max(s.begin, first), min(s.end, last)) for s in inside]
+    path = add_segments(writer, cut, first)
+    return [f"System ID flew {len(cut)} sweep{'s' * (len(cut) > 1)}, for replay --segments {path}"]
 
 
 def _timed(topic: ImportedTopic) -> ImportedTopic:

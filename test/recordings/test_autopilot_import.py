@@ -13,6 +13,8 @@ from aircraft_sysid_ros.aircraft.configuration import NamedInput
 from aircraft_sysid_ros.commands import import_log
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.autopilot_log import gps_nanoseconds
+from aircraft_sysid_ros.recordings.injections import injections
+from aircraft_sysid_ros.recordings.manoeuvres import read_segments
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.samples import Kind
@@ -160,6 +162,45 @@ def test_dataflash(tmp_path, calibration):
     x, y, z, w = attitude[0]
     forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
     np.testing.assert_allclose(forward, (np.cos(np.radians(5.0)), 0.0, np.sin(np.radians(5.0))), atol=1e-6)
+
+
+SWEEPS = {
+    "SIDS": ("QBfffffff", "TimeUS,Ax,Mag,FSt,FSp,TFin,TC,TR,TFout"),
+    "SIDD": ("Qfffffffff", "TimeUS,Time,Targ,F,Gx,Gy,Gz,Ax,Ay,Az"),
+}
+
+
+def sweep(axis, begin, end, length=70.0, rate=50.0):
+    """What System ID writes of one sweep, times [s] since the first sample: it may be ended before its length."""
+    rows = [("SIDS", (round((BOOT + begin) * 1e6), axis, 5.0, 0.5, 15.0, 5.0, 4.0, length, 1.0))]
+    times = np.arange(begin, end + 1e-9, 1.0 / rate) if rate else ()
+    return rows + [("SIDD", (round((BOOT + t) * 1e6), t - begin, 0.1, 1.0, *[0.0] * 6)) for t in times]
+
+
+def cut(log, out):
+    """Name, start and stop of each manoeuvre, by the file that the import leaves beside the recording."""
+    report, _ = run_import(log, out)
+    file = out.with_name(f"{out.name}.segments.yaml")
+    if not file.exists():
+        assert not any("System ID" in note for note in report["notes"])
+        return []
+    assert any(note.startswith("System ID flew") and str(file) in note for note in report["notes"])
+    return [(segment.name, segment.start, segment.stop) for segment in read_segments(str(file), [out])]
+
+
+def test_sweeps_of_system_id_are_manoeuvres(tmp_path):
+    """Each with what is around it; one is stopped by hand, one kept no samples."""
+    end, log = float(TIME[-1]), tmp_path / "flight.bin"
+    first, second = sweep(8, 0.3 * end, 0.4 * end), sweep(10, 0.6 * end, 0.0, 0.1 * end, rate=0.0)
+    log.write_bytes(dataflash({**FORMATS, **SWEEPS}, [*dataflash_rows(), *second, *first]))
+    (one, two) = cut(log, tmp_path / "bag")
+    assert (one[0], two[0]) == ("sweep 1 rate pitch", "sweep 2 mixer roll")
+    assert one[1:] == pytest.approx((0.0, 0.5 * end), abs=0.03)  # there is a moment between them
+    assert two[1:] == pytest.approx((0.5 * end, end), abs=0.03)
+    log.write_bytes(dataflash({**FORMATS, **SWEEPS}, [*dataflash_rows(), *sweep(8, 2.0 * end, 2.1 * end)]))
+    assert cut(log, tmp_path / "after the flight") == []
+    log.write_bytes(dataflash(FORMATS, dataflash_rows()))
+    assert cut(log, tmp_path / "without") == []
 
 
 def test_dataflash_with_vanes_and_without_calibration(tmp_path):
@@ -466,3 +507,15 @@ def test_the_recording_does_not_go_onto_the_log(tmp_path):
     mat.write_bytes(b"x")
     with pytest.raises(InputError, match="needs none"):
         run_import(mat, tmp_path / "bag", tmp_path / "c.yaml")
+
+
+def test_a_sweep_has_three_seconds_around_it():
+    """Of a length of 70 s one was stopped after 20 s; a sample from after a pause belongs to no sweep."""
+    second = 1_000_000
+    settings = {"TimeUS": np.array([100, 300]) * second, "Ax": np.array([8, 99]), "TR": np.array([70.0, np.nan])}
+    times = {"TimeUS": np.append(np.arange(100 * second, 120 * second + 1, 20_000), 200 * second)}
+    one, two = injections({"SIDS": settings, "SIDD": times}, start=10**18)
+    assert (one.name, two.name) == ("sweep 1 rate pitch", "sweep 2 axis 99")
+    assert [(s.begin - 10**18) / 1e9 for s in (one, two)] == [97.0, 297.0]
+    assert [(s.end - 10**18) / 1e9 for s in (one, two)] == [123.0, 303.0]
+    assert injections({"SIDD": times}, 0) == []

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.segment_list import Span, add_segments
 from aircraft_sysid_ros.recordings.tabular.clock import start_note
 from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap
 from aircraft_sysid_ros.recordings.tabular.joining import windows
@@ -69,13 +70,8 @@ def _add_segments(writer: RecordingWriter, manoeuvres: list[tuple[int, int]], co
     if len(manoeuvres) < 2:
         return []
     zero = counts.topics.get("imu/data", (0, counts.start, 0))[1]
-    spans = [((begin - zero) / NANOSECONDS, (end - zero) / NANOSECONDS) for begin, end in manoeuvres]
-    path = writer.path.with_name(f"{writer.path.name}.segments.yaml")
-    lines = [
-        f"- {{name: manoeuvre {number}, start: {max(begin, 0.0):.3f}, stop: {end:.3f}}}"
-        for number, (begin, end) in enumerate(spans, 1)
-    ]
-    writer.add_file(path, ("\n".join(lines) + "\n").encode())
+    spans = [Span(f"manoeuvre {number}", *span) for number, span in enumerate(manoeuvres, 1)]
+    path = add_segments(writer, spans, zero)
     return [
         f"its time restarts {len(spans) - 1} times: {len(spans)} manoeuvres, each {PAUSE:g} s after the one before, "
         f"for replay --segments {path}"
