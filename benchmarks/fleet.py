@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -188,10 +187,10 @@ def costs_of(entries: list[dict[str, Any]], place: Path, replicas: int, words: l
     result: dict[str, Any] = json.loads(kept.read_text(encoding="utf8")) if kept.exists() else {}
 
     def by(workers: int) -> dict[str, float]:
-        out, before = place / f"few-{workers}-{stamp}", _children()
+        out = place / f"few-{workers}-{stamp}"
         answer, wall = fly(few, out, *words, "--workers", str(workers))
         assert answer["ok"] == len(entries)
-        return {"wall": wall, "cpu": _children() - before, "flights_cpu": sum(costs(out)), "load": os.getloadavg()[0]}
+        return {"wall": wall, "flights_cpu": sum(costs(out)), "load": os.getloadavg()[0]}
 
     pieces = {
         "own": of_the_fleet,
@@ -204,11 +203,6 @@ def costs_of(entries: list[dict[str, Any]], place: Path, replicas: int, words: l
             result[name] = measure()
             kept.write_text(json.dumps(result), encoding="utf8")
     return {"flights": len(entries), **result}
-
-
-def _children() -> float:
-    """Processor time [s] of all processes that have ended."""
-    return sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
 
 
 def main() -> None:

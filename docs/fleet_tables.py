@@ -76,10 +76,6 @@ def costs(result: Mapping[str, Any]) -> Table:
         ],
         ["the same in a fleet of two workers", f"{two['flights_cpu']:.1f} s"],
         ["so two workers fly, by processor time, as many flights as one, times", f"{scaling:.2f}"],
-        [
-            "everything of the command, starts and tables too, with one worker and with two",
-            f"{one['cpu']:.0f} s, {two['cpu']:.0f} s",
-        ],
         ["wall-clock time of the command, with one worker and with two", f"{one['wall']:.0f} s, {two['wall']:.0f} s"],
         ["load of the machine's two cores at the end of both", f"{one['load']:.1f}, {two['load']:.1f}"],
     ]
@@ -102,19 +98,22 @@ def prior(result: Mapping[str, Any]) -> Table:
 
         rows.append([f"{words}, {len(flights)} flights", "", "", ""])
         rows.append(
-            row("mean time to the first USE of a parameter", lambda b: f"{_mean([b_['first'] for b_ in b]):.1f} s")
+            row(
+                "mean time to the first USE of a parameter",
+                lambda b: f"{_mean(result, [b_['first'] for b_ in b]):.1f} s",
+            )
         )
         if changed:
             own = [names.index(next(iter(flight["factors"]))) for flight in flights]
             rows.append(row("time until the changed one is to USE and right", lambda b, own=own: (
-                f"{_mean([[one['right'][j]] for one, j in zip(b, own, strict=True)]):.1f} s"
+                f"{_mean(result, [[one['right'][j]] for one, j in zip(b, own, strict=True)]):.1f} s"
             )))  # fmt: skip
             rows.append(row("the changed one is wrong with USE, in all flights", lambda b, own=own: (
                 f"{sum(one['wrong'][j] for one, j in zip(b, own, strict=True))} s"
             )))  # fmt: skip
         else:
             rows += [
-                row(f"of {name}", lambda b, j=j: f"{_mean([[one['first'][j]] for one in b]):.1f} s")
+                row(f"of {name}", lambda b, j=j: f"{_mean(result, [[one['first'][j]] for one in b]):.1f} s")
                 for j, name in enumerate(names)
                 if name in _SHOWN
             ]
@@ -129,9 +128,9 @@ def _of_use(flights: Any, key: str) -> str:
     return f"{100.0 * sum(sum(one[key]) for one in flights) / sum(sum(one['used']) for one in flights):.1f} %"
 
 
-def _mean(times: Any) -> float:
-    """Of times [s]; a parameter that is never known counts with the whole flight of 60 s."""
-    listed = [60.0 if time is None else time for each in times for time in each]
+def _mean(result: Mapping[str, Any], times: Any) -> float:
+    """Of times [s]; a parameter that is never known counts with the whole flight."""
+    listed = [result.get("duration", 60.0) if time is None else time for each in times for time in each]
     return float(sum(listed) / len(listed))
 
 

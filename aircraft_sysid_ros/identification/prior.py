@@ -11,8 +11,8 @@ Published is of each parameter j what this flight says of it with the help of wh
 
 with the correlations of F. So a prior tells collinear terms apart sooner, and never vouches for its own parameter: one
 that has changed since is as free as without. Where one that would be to USE without the prior is further from it than
-``LIMIT`` standard errors of both at some looks in a row, the prior of the axis is dropped for good, and from then on
-all is as without it.
+``LIMIT`` standard errors of both, those of this flight ``WIDER``, at some looks in a row, the prior of the axis is
+dropped for good, and from then on all is as without it.
 
 Nothing but what is published knows of the prior: estimators, residuals and holds are those of a flight without it, and
 changes in flight are found as they are without it.
@@ -34,6 +34,8 @@ Bools = npt.NDArray[np.bool_]
 
 #: Standard errors of the difference between this flight and earlier ones from which they contradict each other.
 LIMIT = 4.0
+#: What those of this flight count for: in the first seconds of motion in gusts they are too small.
+WIDER = 2.5
 #: Time [s] between two looks at this flight beside the prior, and how many in a row must find a contradiction: in its
 #: first seconds of motion a flight is at times surer of itself than it should be.
 LOOK_STEP, LOOKS = 1.0, 4
@@ -104,7 +106,7 @@ def contradiction(names: Sequence[str], value: Array, std: Array, is_used: Bools
     """
     asked = is_used & (prior.information > 0.0)
     of_prior = np.where(asked, 1.0 / np.sqrt(np.where(asked, prior.information, 1.0)), np.inf)
-    apart = np.where(asked, np.abs(value - prior.mean) / np.hypot(std, of_prior), 0.0)
+    apart = np.where(asked, np.abs(value - prior.mean) / np.hypot(WIDER * std, of_prior), 0.0)
     j = int(np.argmax(apart))
     if apart[j] <= LIMIT:
         return ""
