@@ -117,6 +117,12 @@ def prior(result: Mapping[str, Any]) -> Table:
                 for j, name in enumerate(names)
                 if name in _SHOWN
             ]
+        if changed:
+            later = [
+                (w["right"][j] or result["duration"]) > (o["right"][j] or result["duration"])
+                for o, w, j in zip(*both, own, strict=True)
+            ]
+            rows.append(["", "flights in which it is right later than without", "", str(sum(later))])
         rows.append(row("of the time with USE a value is wrong in", lambda b: _of_use(b, "wrong")))
         rows.append(row("of the time with USE the truth is outside of 95 % in", lambda b: _of_use(b, "beyond")))
         dropped = sum(time is not None for one in both[1] for time in one["dropped"])
@@ -130,7 +136,7 @@ def _of_use(flights: Any, key: str) -> str:
 
 def _mean(result: Mapping[str, Any], times: Any) -> float:
     """Of times [s]; a parameter that is never known counts with the whole flight."""
-    listed = [result.get("duration", 60.0) if time is None else time for each in times for time in each]
+    listed = [result["duration"] if time is None else time for each in times for time in each]
     return float(sum(listed) / len(listed))
 
 
