@@ -668,6 +668,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
     "faults": faults,
+    "isolation_limits": lambda: table(*trust_tables.isolation_limits()),
     "jet": jet,
     "further_effects": further_effects,
     "fleet_healthy": fleet(fleet_tables.healthy, "fleet_changes"),

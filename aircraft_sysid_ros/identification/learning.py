@@ -23,7 +23,8 @@ from aircraft_sysid_ros.identification.estimators.recursive_least_squares import
 from aircraft_sysid_ros.identification.health import HealthWatch
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
-from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor, Restore
+from aircraft_sysid_ros.identification.monitoring.hold import Restore
+from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.identification.predictions import KnownHistory

@@ -46,7 +46,7 @@ def test_a_fault_changes_the_record_while_it_lasts_and_nothing_else(samples, nam
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(9_690_000, 9_690_008))
 def test_nothing_breaks(seed):
-    """How often something wrong is sure is counted by the benchmark: every fifth flight, docs/trust.md."""
+    """How often something wrong is sure is counted by the benchmark, docs/trust.md."""
     found = faults.fly({"seed": seed, "faulty": True})
     assert "exception" not in found and found["nonfinite"] == 0 and found["used_before"] > 0
 

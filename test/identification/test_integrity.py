@@ -17,6 +17,7 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField, Status
+from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.sensor_faults import stuck_surface, with_fault
@@ -308,6 +309,7 @@ def test_a_fault_is_the_same_in_blocks_of_any_size(bounded, sound):
     one, other = (Flown(bounded, samples, block).parameters for block in (97, 10**6))
     assert one.learning.integrity.count == other.learning.integrity.count == 6
     assert np.array_equal(bits(one), bits(other), equal_nan=True)
+    assert [p.reason for p in one.snapshot().parameters] == [p.reason for p in other.snapshot().parameters]
 
 
 @pytest.mark.long  # what is known to each of them: test_fourier_recalls_what_it_remembered
@@ -344,6 +346,23 @@ def test_a_record_that_stands_still_is_no_change_of_the_aeroplane(bounded, sound
     assert all("Cl_da" in used for used in flown.used(BEGIN - 5.0, DURATION))  # what it does not touch
 
 
+def test_a_record_that_shows_half_is_named_and_not_believed(bounded, sound):
+    """To the pitch axis alone it is an elevator of twice the effect, which no aeroplane has."""
+    values, stamps = sound.samples.values.copy(), sound.samples.stamp
+    wrong = (stamps >= EPOCH + BEGIN * 1e9) & (stamps < EPOCH + END * 1e9) & (sound.samples.kind == Kind.CONTROLS)
+    values[wrong, 0] *= 0.5
+    flown = Flown(bounded, Samples(stamps, sound.samples.kind, values))
+    path = [(time, p["Cm_de"]) for time, p in flown.sets if time > BEGIN + 2.0]
+    truth = bounded.coefficients["Cm_de"]
+    assert all(p.value == pytest.approx(truth, rel=0.15) for _, p in path if p.status == Trust.USE)
+    found = next(p for time, p in path if time > BEGIN + 10.0)
+    assert found.status == Trust.HOLD and found.value == pytest.approx(truth, rel=0.05)
+    assert found.reason.startswith("the record of the elevator needs the factor 2, or the aeroplane has changed")
+    assert found.reason.endswith("the values are those from before it")
+    assert all({"Cm_de", "Cm_alpha", "Cm_q"} <= set(used) for used in flown.used(END + 20.0, DURATION))
+    assert all("Cl_da" in used for used in flown.used(BEGIN - 5.0, DURATION))  # what it does not touch
+
+
 def test_an_airspeed_that_stands_still_in_gusts_is_held(bounded):
     """Wind explains it: only that it repeats itself to the last bit tells."""
     flight = simulate_samples(bounded, 3, DURATION, turbulence="light")
@@ -362,6 +381,7 @@ def test_an_aeroplane_that_changes_is_learnt_anew_and_used_again(bounded):
     truth = 0.6 * bounded.coefficients["Cm_de"]
     assert all(p.value == pytest.approx(truth, rel=0.2) for _, p in path if p.status == Trust.USE)
     assert all(p.status == Trust.USE for time, p in path if time > BEGIN + 20.0)
+    assert path[-1][1].reason.startswith("changed: -0.8")
     assert all("Cl_da" in used for used in flown.used(BEGIN, DURATION))
 
 

@@ -3,7 +3,8 @@
 At every evaluation each axis is asked whether its parameters may be believed:
 
 - The model error of the newest second of motion, each sample predicted before it is learnt from, against what it was
-  (``residuals``). Where it is ALARM times that, something is wrong: with a sensor or with the aeroplane.
+  (``residuals``). Where it is ALARM times that, something is wrong: with a sensor or with the aeroplane; unless the
+  error is that of parameters which were not known, as when an axis moves for the first time.
 - The same against the error of what was known LAG seconds ago, over the same samples: learning must not make it worse.
 - The error over the spread of the coefficient (``residuals.unexplained``): a model that explains less than three
   quarters of its variance lacks something, for which its parameters then stand. The axis goes on learning, with HOLD.
@@ -20,11 +21,15 @@ s^2 what is usual,
 
 is twice the log likelihood of the newest over the good. After a sensor the good parameters stand unless D speaks
 against them for SURE seconds, and learning goes back to them, in all axes at once. Without any sign of a sensor the
-aeroplane has changed: the newest stand unless D speaks against them. While such an axis is being learnt anew
-(``covariance_reset``) what is published are its own values. A surface of which nothing is left is taken for one that is
-stuck: its axis stays at the good parameters, and so do all others in which that surface has a term. So they do where
-the record of a surface stopped to the last bit when the error rose: then only motion after it goes on says which is
-right.
+newest stand unless D speaks against them. Either way they are believed only where they are what was known before, or
+an aeroplane of which one surface lost effect or the centre of gravity moved (``known_before``, ``isolation``); else the
+axis stays at the good parameters until those predict again. While an axis is being learnt anew (``covariance_reset``)
+what is published are its own values. A surface of which nothing is left is taken for one that is stuck: its axis stays
+at the good parameters, and so do all others in which that surface has a term. So they do where the record of a surface
+stopped to the last bit when the error rose: then only motion after it goes on says which is right.
+
+An axis that is not held, but surely says what contradicts what was known of it, is held as well: what comes slowly
+raises no error.
 
 The monitor changes no estimator: it returns commands (``Restore``), and the facade carries them out.
 """
@@ -32,13 +37,11 @@ The monitor changes no estimator: it returns commands (``Restore``), and the fac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -48,21 +51,27 @@ from aircraft_sysid_ros.identification.estimators.recursive_least_squares import
 from aircraft_sysid_ros.identification.history import Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.agreement import SplitHalfAgreement
 from aircraft_sysid_ros.identification.monitoring.coefficient_noise import CoefficientNoise
-from aircraft_sysid_ros.identification.monitoring.residuals import SPREAD, WINDOW, ResidualMonitor, Summary
+from aircraft_sysid_ros.identification.monitoring.error_levels import ALARM, NORMAL, error_levels
+from aircraft_sysid_ros.identification.monitoring.hold import SURFACES, Hold, Release, Restore, held, rolled_back
+from aircraft_sysid_ros.identification.monitoring.isolation import Explanation, explanations
+from aircraft_sysid_ros.identification.monitoring.known_before import SHARE, KnownBefore, cause
+from aircraft_sysid_ros.identification.monitoring.residuals import SPREAD, WINDOW, ResidualMonitor
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, SensorFaultDetector
-from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust, lack_of_fit
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Integers = npt.NDArray[np.int64]
 
-#: Rms error over the usual and over the largest block of it: alarm (looks in a row), first sign, and normal again.
-ALARM, LOOKS, SIGN, NORMAL = (3.0, 2.0), 2, (2.0, 1.3), (2.0, 1.3)
+#: Looks in a row that make an alarm.
+LOOKS = 2
 #: Learning made it worse: mean square error over that of what was known LAG [s] ago.
 WORSE, LAG = 2.0, 10.0
 #: Time [s] without a sign after which sensors are sound; points from SETTLED [s] on are asked which set is right.
 CLEAR, SETTLED, EVIDENCE, MOST_EVIDENCE = 5.0, 2.0, 50, 100
+#: Points of motion that confirm that the aeroplane has changed.
+CONFIRMED = 125
 #: So many are enough for newest that are WORSE times better than the good, but not as good as was usual.
 LONG = 250
 #: Signs that last for less time [s] than this do not make learning go back.
@@ -75,80 +84,15 @@ DECIDES = 30.0
 BEFORE = 4.0
 #: A record [rad] that moves less than this for so long [s], and stopped so near [s] to the first sign, stands still.
 STILL, STILL_TIME, STILL_SINCE = 1e-6, 2.0, 3.0
+#: Mean square of a term over that of what an axis has learnt from, beyond which it moves as it never did.
+NEW = 2.0
+#: Time [s] between looks at what is known, where values alone show no change.
+NOTED = 5.0
+#: One thing is asked for that explains the errors of so many seconds, if their mean square is so many times the usual.
+EXPLAINED, LEAST_ERROR = 4.0, 3.0
 #: Share of its effectiveness below which a surface is taken for stuck.
 STUCK = 0.2
-SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps"}
 _TIME = CoefficientSample.TIME
-#: Errors above these many times the usual, as of a slight unease.
-_SLIGHT = (1.5, 1.0)
-
-
-@njit(cache=True)
-def _exceeds(level: float, usual: float, largest: float, common: float, limits: tuple[float, float]) -> bool:
-    """Whether a mean square error is above what is usual and above the largest block, by factors of the rms."""
-    return level > limits[0] ** 2 * (common * usual) and level > limits[1] ** 2 * (common * largest)
-
-
-@njit(cache=True)
-def error_levels(samples: Array, since: Array, summary: Summary, levels: Array, flags: Bools) -> None:
-    """Mean square error of the newest WINDOW samples of motion of each axis, and what it says.
-
-    samples (n, …) ascending; ``since`` (6,) [s] from when they count; ``levels`` (6,) NaN where there are too few;
-    ``flags`` (6, 3): above SIGN, above ALARM, above the slight unease at which older parameters are compared.
-    """
-    common = summary.common[0]
-    for axis in range(6):
-        total, count = 0.0, 0
-        for i in range(len(samples) - 1, -1, -1):
-            if not samples[i, _TIME] > since[axis] or count == WINDOW:
-                break
-            if samples[i, LEARNT + axis] > 0.0:
-                total += (samples[i, MEASURED + axis] - samples[i, PREDICTED + axis]) ** 2
-                count += 1
-        levels[axis] = total / WINDOW if count == WINDOW else np.nan
-        usual, largest = summary.usual[axis, 0], summary.usual[axis, 1]
-        flags[axis, 0] = _exceeds(levels[axis], usual, largest, common, SIGN)
-        flags[axis, 1] = _exceeds(levels[axis], usual, largest, common, ALARM)
-        flags[axis, 2] = _exceeds(levels[axis], usual, largest, common, _SLIGHT)
-
-
-@dataclass
-class Hold:
-    """Why an axis is held."""
-
-    since: float  # [s] first sign
-    begun: float  # [s] when it was held
-    words: str
-    good: ParameterCheckpoint | None  # what is published; None: nothing was known before
-    sensor: bool  # a sensor is suspected
-    high: bool  # its error was too large
-    stuck: str = ""  # a surface of which nothing is left, or whose record stands still: "de" and so on
-    still: float = -np.inf  # [s] when its record was last seen to stand still
-    sure: bool = False  # the words say which sensor it is
-    leader: int | None = None  # the axis that found it stuck, whose end is the end of this one
-
-    @property
-    def what(self) -> str:
-        """What is wrong, in words."""
-        if not self.stuck:
-            return self.words
-        recorded = self.still > -np.inf
-        surface = SURFACES[self.stuck]
-        return f"the record of the {surface} stands still" if recorded else f"the {surface} is stuck or lost"
-
-
-class Release(Enum):
-    """How a hold ends: learning goes back to the good set, or on from what is newest."""
-
-    BACK = 1
-    ON = 2
-
-
-class Restore(NamedTuple):
-    """Command: an axis is to know again what it knew at a checkpoint, and nothing of what came since."""
-
-    axis: int
-    checkpoint: ParameterCheckpoint
 
 
 class IntegrityMonitor:
@@ -169,9 +113,11 @@ class IntegrityMonitor:
     def adopt(self, aircraft: Aircraft) -> None:
         """Begin anew, with another model or none learnt."""
         self.model: AerodynamicModel = aircraft.model
+        self._chord_over_span = aircraft.chord / aircraft.span
         self.monitor = ResidualMonitor(self._step)
         self.agreement = SplitHalfAgreement(self.model, self._forgetting)
         self.sensors = SensorFaultDetector(aircraft)
+        self.known_before = KnownBefore(aircraft.model)
         self.checkpoints = Checkpoints()
         self.holds: list[Hold | None] = [None] * len(AXES)
         self.count = 0  # how often axes were held
@@ -185,6 +131,7 @@ class IntegrityMonitor:
     def restart(self) -> None:
         """The clock began anew."""
         self.sensors.restart()
+        self.known_before.restart_clock()
         self.checkpoints.clear()
         self._seen = self._history.count
         self._raised = np.zeros(len(AXES), np.int64)
@@ -195,6 +142,7 @@ class IntegrityMonitor:
         self._sign_words = ""
         self._disagreeing: dict[int, str] = {}
         self._misfits: dict[int, str] = {}
+        self._noted = -np.inf  # [s] when what is known was last remembered
         for hold in self.holds:
             if hold is not None:
                 hold.since, hold.begun = np.nan, -np.inf
@@ -299,9 +247,32 @@ class IntegrityMonitor:
                 self._uneasy_since[axis] = np.nan
             elif np.isnan(self._uneasy_since[axis]):
                 self._uneasy_since[axis] = begin
-            high = alarming[axis] or (slight[axis] and self._is_worse(axis, now))
+            high = (alarming[axis] and not self._is_news(axis, begin)) or (slight[axis] and self._is_worse(axis, now))
             self._raised[axis] = self._raised[axis] + 1 if high else 0
         return np.flatnonzero(asked & (self._raised >= LOOKS)).tolist()
+
+    def _is_news(self, axis: int, begin: float) -> bool:
+        """Whether an error since ``begin`` [s] is that of what the axis did not know before.
+
+        The variance of its predictions by the covariance from before it explains the error, or a term moves more than
+        it ever did whose parameter was not trusted.
+        """
+        past, n = self.checkpoints.before(begin, axis), len(self.model.terms[AXES[axis]])
+        samples = self._history.since(0)
+        samples = samples[(samples[:, _TIME] > begin) & (samples[:, LEARNT + axis] > 0.0)]
+        if past is None or not len(samples):
+            return False
+        part = self.model.axis_slice(AXES[axis])
+        x = samples[:, CoefficientSample.TERMS + part.start : CoefficientSample.TERMS + part.stop]
+        state, (mean, largest) = past.least_squares, self.monitor.usual(axis)
+        explained = mean * float(np.einsum("ki,ij,kj->k", x, state.p[axis, :n, :n], x).mean())
+        level = float(self._levels[axis])
+        if not (level > ALARM[0] ** 2 * (mean + explained) and level > ALARM[1] ** 2 * (largest + explained)):
+            return True
+        sums = state.sums[axis, 0]
+        learnt = np.diag(sums)[:n] / max(sums[n + 1, n + 1], 1e-300)
+        trusted = np.array([p.status == Trust.USE for p in past.found.parameters[part]])
+        return bool((~trusted & ((x * x).mean(axis=0) > NEW * learnt)).any())
 
     def _is_worse(self, axis: int, now: float) -> bool:
         """Whether what was known some time ago predicts far better."""
@@ -320,6 +291,8 @@ class IntegrityMonitor:
             begin = self._uneasy_since[axis] if since is None else since
             begin = now - SPREAD * WINDOW * self._step if np.isnan(begin) else begin
             good = self.checkpoints.before(begin, axis)
+            if good is not None and self.known_before.changes(good, range(axis, axis + 1)):
+                good = self.known_before.of(axis)
             self.holds[axis] = Hold(float(begin), now, words or "model error", good, bool(words), not words)
             self.count += 1
         elif not words:
@@ -360,16 +333,47 @@ class IntegrityMonitor:
         bar = DECIDES if hold.sensor else -DECIDES
         newest_better = float(np.sum(good - newest)) > bar * self.monitor.usual(axis)[0]
         if not newest_better and self.joint and not hold.sensor:
-            return Release.ON if is_normal else None  # all axes would have to go back for one
+            # all axes would have to go back for one
+            return Release.ON if is_normal and self._is_believed(axis, hold, quiet) else None
         if not newest_better:
             return None if self._exceeds(axis, float(good.mean()), NORMAL) else Release.BACK
         hold.stuck = self._stuck(axis, hold.good)
         if hold.stuck or (hold.sensor and now - self._last_sign < SURE):
             return None
-        if not is_normal and not hold.sensor and self._is_far_better(axis, quiet, hold.good):
+        if not is_normal and (hold.sensor or not self._is_far_better(axis, quiet, hold.good)):
+            return None
+        if not self._is_believed(axis, hold, quiet):
+            return None
+        if not is_normal:
             self.monitor.forget(axis)  # what is usual is another now
-            return Release.ON
-        return Release.ON if is_normal else None
+        return Release.ON
+
+    def _is_believed(self, axis: int, hold: Hold, quiet: float) -> bool:
+        """Whether the newest are what was known, or an aeroplane that lost something; else says what may be wrong."""
+        newest = self.checkpoints.newest()
+        assert newest is not None  # since there is a good one
+        changes, best = self.known_before.changes(newest, strict=True), self._explanation(quiet)
+        if not changes and (best is None or not best.is_sure or self.known_before.regain(newest)):
+            return True
+        if best is not None and best.is_aeroplane and not hold.sensor:
+            mixed = {c.axis for c in changes if not best.touches(c.axis, c.label)}  # of what was and what is
+            new = [c for c in changes if c.axis not in mixed]
+            if not new or axis in mixed or len(self._errors(axis, quiet, CONFIRMED)[0]) < CONFIRMED:
+                return False
+            self.known_before.accept(new, newest, best.words)
+            return True
+        hold.sensor = True
+        hold.rename(cause(changes, best))
+        return False
+
+    def _explanation(self, since: float) -> Explanation | None:
+        """The one thing that best explains what came since a time [s]; None where there is no error, or no known."""
+        samples = self._history.since(0)
+        samples = samples[np.searchsorted(samples[:, _TIME], since, side="right") :]
+        known = [None if kept is None else kept.theta for kept in map(self.known_before.of, range(len(AXES)))]
+        usual = np.array([self.monitor.usual(axis)[0] for axis in range(len(AXES))])
+        found = explanations(self.model, samples, known, self.known_before.is_known, usual, self._chord_over_span)
+        return found[0] if found and found[0].before > LEAST_ERROR else None
 
     def _stands_still(self, axis: int, hold: Hold) -> bool:
         """Whether the record of a surface of the axis stopped when the trouble began, and still stands; notes which."""
@@ -424,6 +428,7 @@ class IntegrityMonitor:
         """What is known now; whether it explains the coefficients, and agrees with before, is looked at, too."""
         self.checkpoints.keep(kept)
         self._disagreeing, self._misfits = {}, {}
+        self._compare_with_before(kept)
         self.noise.note(kept, self.model)
         for axis, name in enumerate(AXES):
             if words := lack_of_fit(name, self.monitor.unexplained(axis), self.monitor.over_noise(axis)):
@@ -437,6 +442,26 @@ class IntegrityMonitor:
                 words = f"the newest motion says {now:.3g}, what was before it {before:.3g}"
                 self._disagreeing[part.start + j] = words
 
+    def _compare_with_before(self, kept: ParameterCheckpoint) -> None:
+        """Hold axes that are no more what they were known to be; remember what is known of the others."""
+        is_due = not kept.time < self._noted + NOTED
+        self._noted = kept.time if is_due else self._noted
+        for axis in np.flatnonzero(~self._held()).tolist():
+            if not is_due and not self.known_before.may_differ(axis, kept):
+                continue
+            changes = self.known_before.changes(kept, range(axis, axis + 1))
+            if changes:
+                good = self.known_before.of(axis)
+                self.holds[axis] = Hold(kept.time, kept.time, cause(changes), good, sensor=False, high=True)
+                self.count += 1
+            else:
+                self.known_before.note(axis, kept)
+        asked = [hold for hold in self.holds if hold is not None and hold.high and not hold.stuck]
+        best = self._explanation(kept.time - EXPLAINED) if asked else None
+        if best is not None and best.is_sure:
+            for hold in asked:
+                hold.rename(best.words)
+
     def gated(self, found: ParameterSet, changed: Array, start: float) -> ParameterSet:
         """What is published of ``found``; ``changed`` (6,) [s] when axes changed last, ``start`` [s] of the flight."""
         parameters, covariance = list(found.parameters), found.covariance.copy()
@@ -445,6 +470,10 @@ class IntegrityMonitor:
         for axis, words in self._misfits.items():
             part = self.model.axis_slice(AXES[axis])
             parameters[part] = [held(p, words) for p in parameters[part]]
+        for i, (words, before) in self.known_before.changed.items():
+            p = parameters[i]
+            if p.status == Trust.USE and abs(p.value - before) > SHARE * abs(before):
+                parameters[i] = replace(p, reason=words)
         found = replace(found, parameters=())
         for axis in np.flatnonzero(self._held()).tolist():
             hold, part = self.holds[axis], self.model.axis_slice(AXES[axis])
@@ -461,21 +490,3 @@ class IntegrityMonitor:
                 was = hold.good.found
                 found = replace(found, airspeed=was.airspeed, alpha=was.alpha, beta=was.beta)
         return replace(found, parameters=tuple(parameters), covariance=covariance)
-
-
-def held(estimate: ParameterEstimate, words: str) -> ParameterEstimate:
-    """HOLD instead of USE."""
-    return replace(estimate, status=Trust.HOLD, reason=words) if estimate.status == Trust.USE else estimate
-
-
-def rolled_back(
-    newest: list[ParameterEstimate], part: slice, good: ParameterCheckpoint | None, now: float, words: str
-) -> list[ParameterEstimate]:
-    """Parameters of one axis as they were in the good set, not known where there is none; never USE."""
-    if good is None:
-        nan = float("nan")
-        words += ", nothing was known before"
-        return [ParameterEstimate(p.name, nan, nan, Trust.HOLD, words, nan, p.excitation) for p in newest]
-    words += ": the values are those from before it"
-    elapsed = now - good.found.time
-    return [held(replace(p, age=p.age + elapsed), words) for p in good.found.parameters[part]]

@@ -63,8 +63,9 @@ _WITHOUT_GPS = Status.WITHOUT_GPS
 #: What is wrong, in words; the number of each is a bit of what ``evaluate`` returns.
 #: Those about one sensor, which say most, are the last of them.
 CAUSES = tuple(contradiction_text(code) for code in CONTRADICTED)
+LOST = ("no GPS", "no airspeed", "no angle of attack", "no sideslip")
 WORDS = (
-    "state reconstruction had to begin anew", "no GPS", "no airspeed", "no angle of attack", "no sideslip",
+    "state reconstruction had to begin anew", *LOST,
     "sensors contradict each other", "measurements are rejected", "an IMU bias leaps", *CAUSES,
 )  # fmt: skip
 (

@@ -1,0 +1,78 @@
+"""A hold: why an axis is held, what is published meanwhile, and how it ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from aircraft_sysid_ros.identification.history import ParameterCheckpoint
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import LOST
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate
+from aircraft_sysid_ros.identification.trust import Trust
+
+SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps"}
+
+
+@dataclass
+class Hold:
+    """Why an axis is held."""
+
+    since: float  # [s] first sign
+    begun: float  # [s] when it was held
+    words: str
+    good: ParameterCheckpoint | None  # what is published; None: nothing was known before
+    sensor: bool  # a sensor is suspected
+    high: bool  # its error was too large
+    stuck: str = ""  # a surface of which nothing is left, or whose record stands still: "de" and so on
+    still: float = -np.inf  # [s] when its record was last seen to stand still
+    sure: bool = False  # the words say which sensor it is
+    leader: int | None = None  # the axis that found it stuck, whose end is the end of this one
+
+    def rename(self, words: str) -> None:
+        """Say what explains it, unless a sensor is known to be lost or wrong."""
+        if not (self.sure or self.words in LOST):
+            self.words = words
+
+    @property
+    def what(self) -> str:
+        """What is wrong, in words."""
+        if not self.stuck:
+            return self.words
+        recorded = self.still > -np.inf
+        surface = SURFACES[self.stuck]
+        return f"the record of the {surface} stands still" if recorded else f"the {surface} is stuck or lost"
+
+
+class Release(Enum):
+    """How a hold ends: learning goes back to the good set, or on from what is newest."""
+
+    BACK = 1
+    ON = 2
+
+
+class Restore(NamedTuple):
+    """Command: an axis is to know again what it knew at a checkpoint, and nothing of what came since."""
+
+    axis: int
+    checkpoint: ParameterCheckpoint
+
+
+def held(estimate: ParameterEstimate, words: str) -> ParameterEstimate:
+    """HOLD instead of USE."""
+    return replace(estimate, status=Trust.HOLD, reason=words) if estimate.status == Trust.USE else estimate
+
+
+def rolled_back(
+    newest: list[ParameterEstimate], part: slice, good: ParameterCheckpoint | None, now: float, words: str
+) -> list[ParameterEstimate]:
+    """Parameters of one axis as they were in the good set, not known where there is none; never USE."""
+    if good is None:
+        nan = float("nan")
+        words += ", nothing was known before"
+        return [ParameterEstimate(p.name, nan, nan, Trust.HOLD, words, nan, p.excitation) for p in newest]
+    words += ": the values are those from before it"
+    elapsed = now - good.found.time
+    return [held(replace(p, age=p.age + elapsed), words) for p in good.found.parameters[part]]

@@ -1,0 +1,187 @@
+"""What was surely known before, and what contradicts it.
+
+Of each parameter the value is kept that was known best: a later one takes its place only where it is known far better,
+so that what creeps is not followed. A value contradicts it where the two differ surely, by more than a fifth, and by
+what matters to the coefficient. What may have happened is read from all that changed, in all axes:
+
+- One surface, in every axis that it moves, does less than before, and that explains all errors (``isolation``): it lost
+  a part of its effect. Or the centre of gravity moved. That is the aeroplane, and is believed after some seconds of
+  motion more. So is what comes back.
+- Anything else is not believed. No surface gains effect, and no damage makes several axes depend less, or more, on
+  several things at once; but a record that is too small does, an angle that is scaled, airspeed, density, or a delay.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.identification.history import ParameterCheckpoint
+from aircraft_sysid_ros.identification.monitoring.hold import SURFACES
+from aircraft_sysid_ros.identification.monitoring.isolation import INPUTS, Explanation
+from aircraft_sysid_ros.identification.trust import Trust
+
+Array = npt.NDArray[np.float64]
+
+#: A value contradicts one that was known where it differs by this share of that, and by so many standard errors.
+SHARE, SIGMA = 0.2, 4.0
+#: It matters where the difference moves the coefficient by this share of its spread.
+NEGLIGIBLE = 0.1
+#: Standard error over the value of what is surely known.
+SURELY = 0.05
+#: A value takes the place of one that is known worse: its standard error is at most this share of that. So what is
+#: known best changes a few times in a flight, and does not follow what creeps; nor is what is known better in doubt.
+BETTER = 0.7
+#: Learning goes back to what is as near as this share to what is known best.
+NEAR = 0.1
+#: Ratios of all that changed lie within this share of their mean where one scale explains them.
+ALIKE = 0.2
+
+
+class Change(NamedTuple):
+    """A parameter that contradicts what was known of it."""
+
+    axis: int
+    name: str  # "Cm_de"
+    before: float
+    now: float
+
+    @property
+    def label(self) -> str:
+        """What the coefficient depends on: "de", "alpha"."""
+        return self.name.partition("_")[2]
+
+    @property
+    def ratio(self) -> float:
+        """What is now over what was before."""
+        return self.now / self.before
+
+
+class KnownBefore:
+    """The best known of every parameter, and what was before the aeroplane changed."""
+
+    def __init__(self, model: AerodynamicModel) -> None:
+        self._model = model
+        names = model.parameter_names
+        self._moving = np.concatenate(model.constants) == 0.0
+        self._best = np.full((2, len(names)), np.nan)  # value, standard error
+        self._whole = np.full((2, len(names)), np.nan)  # the same before the aeroplane changed
+        self._kept: list[ParameterCheckpoint | None] = [None] * len(AXES)
+        self.changed: dict[int, tuple[str, float]] = {}  # of parameters: words, and what they were
+
+    @property
+    def is_known(self) -> npt.NDArray[np.bool_]:
+        """Which parameters are surely known."""
+        return np.isfinite(self._best[0])
+
+    def restart_clock(self) -> None:
+        """The clock began anew: what was known has no age on it."""
+        self._kept = [kept and kept.without_time() for kept in self._kept]
+
+    def of(self, axis: int) -> ParameterCheckpoint | None:
+        """The newest checkpoint of an axis that is near what is known best; None where there was none."""
+        return self._kept[axis]
+
+    def note(self, axis: int, kept: ParameterCheckpoint) -> None:
+        """What is known of an axis that does not contradict what was."""
+        part = self._model.axis_slice(AXES[axis])
+        now, best = self._said(kept, part), self._best[:, part]
+        sure = (now[1] < SURELY * np.abs(now[0])) & self._moving[part]
+        sure &= np.array([p.status == Trust.USE for p in kept.found.parameters[part]], np.bool_)
+        better = sure & ~(now[1] >= BETTER * best[1])  # or nothing was known
+        best[:, better] = now[:, better]
+        if not np.isnan(best[0]).all() and not (np.abs(now[0] - best[0]) > NEAR * np.abs(best[0])).any():
+            self._kept[axis] = kept
+
+    def may_differ(self, axis: int, kept: ParameterCheckpoint) -> bool:
+        """Whether the values of an axis alone, which are quickly had, leave it open that one is a change."""
+        part = self._model.axis_slice(AXES[axis])
+        now, best = kept.theta[part][None], self._best[:, part]
+        return bool(
+            (np.isfinite(best[0]) & ~_is_near(now, best, NEAR) & ~_is_near(now, self._whole[:, part], NEAR)).any()
+        )
+
+    def changes(self, kept: ParameterCheckpoint, axes: range = range(len(AXES)), strict: bool = False) -> list[Change]:
+        """What a checkpoint surely says otherwise than was known best, and before the aeroplane changed.
+
+        What is known far better than before is no change, unless ``strict``: something was wrong meanwhile.
+        """
+        found = []
+        for axis in axes:
+            part = self._model.axis_slice(AXES[axis])
+            if np.isnan(self._best[0, part]).all():
+                continue
+            now, best = self._said(kept, part), self._best[:, part]
+            changed = _contradicts(now, best) & ~_is_near(now, self._whole[:, part])
+            changed &= np.abs(now[0] - best[0]) * _effect(kept, axis) > NEGLIGIBLE
+            changed &= strict | (now[1] >= BETTER * best[1])
+            for j in np.flatnonzero(changed) + part.start:
+                name, before = self._model.parameter_names[j], float(self._best[0, j])
+                found.append(Change(axis, name, before, float(now[0, j - part.start])))
+        return found
+
+    def _said(self, kept: ParameterCheckpoint, part: slice) -> Array:
+        """Values and standard errors (2, n) of an axis."""
+        return np.array([(p.value, p.std) for p in kept.found.parameters[part]]).reshape(-1, 2).T
+
+    def accept(self, changes: list[Change], kept: ParameterCheckpoint, words: str) -> None:
+        """The aeroplane is another one from now on, for which there are words; what it was is remembered, too."""
+        names = self._model.parameter_names
+        for change in changes:
+            j = names.index(change.name)
+            self._whole[:, j], p = self._best[:, j], kept.found.parameters[j]
+            self._best[:, j] = p.value, p.std
+            self.changed[j] = (f"changed: {change.before:.3g} before, {words}", change.before)
+            self._kept[change.axis] = kept
+
+    def regain(self, kept: ParameterCheckpoint) -> bool:
+        """Whether what changed is again what it was; that is then known best."""
+        values = np.array([p.value for p in kept.found.parameters])
+        back = _is_near(values[None], self._whole) & ~_is_near(values[None], self._best)
+        self._best[:, back], self._whole[:, back] = self._whole[:, back], np.nan
+        for j in np.flatnonzero(back).tolist():
+            del self.changed[j]
+            self._kept[int(np.searchsorted(self._model.offsets, j, side="right")) - 1] = kept
+        return bool(back.any())
+
+
+def _effect(kept: ParameterCheckpoint, axis: int) -> Array:
+    """What a unit of each parameter of an axis (n,) moves its coefficient by, over the spread that that had."""
+    n = int(np.diff(kept.least_squares.offsets)[axis])
+    sums = kept.least_squares.sums[axis, 0, : n + 2, : n + 2]
+    moments = sums / max(sums[n + 1, n + 1], 1e-300)
+    return np.asarray(np.sqrt(np.diag(moments)[:n] / max(moments[n, n] - moments[n, n + 1] ** 2, 1e-300)))
+
+
+def _contradicts(now: Array, before: Array) -> npt.NDArray[np.bool_]:
+    """Which values (2, n) with standard errors differ surely, and by a size that matters; none that is not known."""
+    apart = np.abs(now[0] - before[0])
+    return np.asarray((apart > SHARE * np.abs(before[0])) & (apart > SIGMA * np.hypot(now[1], before[1])))
+
+
+def _is_near(now: Array, before: Array, share: float = SHARE) -> npt.NDArray[np.bool_]:
+    return np.asarray(np.abs(now[0] - before[0]) <= share * np.abs(before[0]))
+
+
+def cause(changes: list[Change], best: Explanation | None = None) -> str:
+    """What may be wrong, in words, and what shows it; ``best`` is what explains the errors best."""
+    if best is not None and best.is_sure:
+        return best.words
+    shown = ", ".join(f"{c.name} went from {c.before:.3g} to {c.now:.3g}" for c in changes[:2])
+    more = f" and {len(changes) - 2} more" if len(changes) > 2 else ""
+    return f"{_candidates(changes)} ({shown}{more})"
+
+
+def _candidates(changes: list[Change]) -> str:
+    labels, ratios = {c.label.rstrip("0123456789") for c in changes}, np.array([c.ratio for c in changes])
+    if len(labels) == 1 and labels <= set(INPUTS):
+        return f"the {INPUTS[labels.pop()]} is wrong, or the aeroplane has changed"
+    if labels <= set(SURFACES):
+        return "the records of the controls are wrong, or the aeroplane has changed"
+    scale = float(np.mean(ratios))
+    if len(changes) > 2 and len({c.axis for c in changes}) > 1 and np.all(np.abs(ratios / scale - 1.0) < ALIKE):
+        return "airspeed or density is wrong, or the aeroplane has changed"
+    return "a sensor is wrong, or the aeroplane has changed"

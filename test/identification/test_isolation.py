@@ -1,0 +1,182 @@
+"""What contradicts what was known: a wrong record, a wrong sensor, or an aeroplane that lost something."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.monitoring.isolation import explanations
+from aircraft_sysid_ros.identification.monitoring.known_before import BETTER, SHARE, KnownBefore, cause
+from aircraft_sysid_ros.identification.trust import Trust
+
+NOISE, STEP, COUNT = 1e-3, 0.04, 250
+
+
+@pytest.fixture(scope="module")
+def truth(aircraft):
+    return np.array([aircraft.coefficients[name] for name in aircraft.model.parameter_names])
+
+
+def motion(seed: int = 1, scale: dict[str, float] | None = None, late: dict[str, float] | None = None):
+    """Smooth signals, as they are and as they are recorded: times ``scale``, ``late`` by so much [s]."""
+    rng = np.random.default_rng(seed)
+    time = STEP * np.arange(COUNT)
+    really = {name: np.zeros(COUNT) for name in SIGNALS}
+    seen = dict(really)
+    for name, size in dict(alpha=0.05, beta=0.05, p=0.3, q=0.2, r=0.2, de=0.1, da=0.1, dr=0.1).items():
+        f, phase = rng.uniform(0.2, 0.8, 4), rng.uniform(0.0, 2.0 * np.pi, 4)
+
+        def at(t, f=f, phase=phase, size=size):
+            return size * np.sin(2.0 * np.pi * f * t[:, None] + phase).sum(axis=1) / 2.0
+
+        really[name] = at(time)
+        seen[name] = (scale or {}).get(name, 1.0) * at(time - (late or {}).get(name, 0.0))
+    return time, really, seen
+
+
+def points(aircraft, theta, scale=None, late=None, factor: float = 1.0):
+    """Samples of coefficients that ``theta`` makes, times ``factor``, with the terms of what is recorded."""
+    time, really, seen = motion(scale=scale, late=late)
+    model, rng = aircraft.model, np.random.default_rng(2)
+    rows = np.zeros((COUNT, CoefficientSample.TERMS + len(theta)))
+    rows[:, CoefficientSample.TIME], rows[:, CoefficientSample.LEARNT] = time, 1.0
+    for axis, name in enumerate(AXES):
+        part = model.axis_slice(name)
+        rows[:, CoefficientSample.TERMS + part.start : CoefficientSample.TERMS + part.stop] = model.regressors(
+            name, seen
+        )
+        rows[:, 1 + axis] = factor * model.regressors(name, really) @ theta[part] + NOISE * rng.standard_normal(COUNT)
+    return rows
+
+
+def best_of(aircraft, truth, rows):
+    known, ratio = np.ones(len(truth), np.bool_), aircraft.chord / aircraft.span
+    return explanations(aircraft.model, rows, [truth] * 6, known, np.full(6, NOISE**2), ratio)[0]
+
+
+@pytest.mark.parametrize(
+    ("scale", "what", "size"),
+    [({"de": 0.5}, "de", 1.0), ({"da": -1.0}, "da", -2.0), ({"alpha": 0.7}, "alpha", 0.43),
+     ({"beta": 1.5}, "beta", -0.33)],
+)  # fmt: skip
+def test_what_is_recorded_with_a_wrong_scale_is_named(aircraft, truth, scale, what, size):
+    best = best_of(aircraft, truth, points(aircraft, truth, scale))
+    assert best.what == what and best.is_sure and not best.is_aeroplane
+    assert best.size == pytest.approx(size, abs=0.02)
+    assert f"the factor {1.0 + best.size:.2g}" in best.words
+
+
+def test_a_density_that_is_wrong_scales_all_axes(aircraft, truth):
+    best = best_of(aircraft, truth, points(aircraft, truth, factor=1.0 / 0.75))
+    assert best.what == "airspeed" and best.words.startswith("airspeed or density is wrong")
+
+
+@pytest.mark.parametrize(
+    ("signals", "words"),
+    [(("de", "da", "dr"), "the controls are 0.0"), (("alpha", "beta"), "the air data are 0.0"),
+     (("de", "da", "dr", "alpha", "beta"), "the IMU is 0.0")],
+)  # fmt: skip
+def test_what_is_late_is_named(aircraft, truth, signals, words):
+    """An IMU that is late makes all else early."""
+    late = -0.05 if len(signals) > 3 else 0.05
+    best = best_of(aircraft, truth, points(aircraft, truth, late=dict.fromkeys(signals, late)))
+    assert best.words.startswith(words) and best.words.endswith("late")
+
+
+def test_a_surface_that_loses_effect_is_an_aeroplane_and_a_change_of_one_axis_is_nothing_else(aircraft, truth):
+    names = aircraft.model.parameter_names
+    half = np.where([name.endswith("_de") for name in names], 0.5, 1.0) * truth
+    best = best_of(aircraft, truth, points(aircraft, half))
+    assert (best.what, best.is_aeroplane) == ("de", True) and best.size == pytest.approx(-0.5, abs=0.02)
+    other = np.where([name == "Cm_alpha" for name in names], 0.3, 1.0) * truth
+    assert not best_of(aircraft, truth, points(aircraft, other)).is_aeroplane
+    assert best_of(aircraft, truth, points(aircraft, truth)).before == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("aft", [0.06, -0.1])
+def test_a_centre_of_gravity_that_moves_is_an_aeroplane(aircraft, truth, aft):
+    """Forces that act elsewhere: r x F, in chords and spans."""
+    rows = points(aircraft, truth)
+    rows[:, 5] -= aft * rows[:, 3]
+    rows[:, 6] += aft * aircraft.chord / aircraft.span * rows[:, 2]
+    best = best_of(aircraft, truth, rows)
+    assert best.is_aeroplane and best.size == pytest.approx(aft, abs=0.005)
+    assert best.words == f"the centre of gravity moved {'aft' if aft > 0 else 'forward'} by {abs(aft):.0%} of the chord"
+
+
+# -- what was known -------------------------------------------------------------------------------------------------
+
+
+def known_as(aircraft, theta, share: float = 0.01):
+    """A checkpoint of parameters with standard errors of a share of the true ones."""
+    true = [aircraft.coefficients[name] for name in aircraft.model.parameter_names]
+    found = [SimpleNamespace(value=v, std=share * abs(t), status=Trust.USE) for v, t in zip(theta, true, strict=True)]
+    offsets = aircraft.model.offsets
+    sums = np.zeros((6, 1, 9, 9))
+    for axis, n in enumerate(np.diff(offsets)):
+        sums[axis, 0, : n + 2, : n + 2] = np.diag([*np.ones(n), 1e-6, 1.0])  # each term moves more than matters
+    state = SimpleNamespace(sums=sums, offsets=offsets)
+    return SimpleNamespace(found=SimpleNamespace(parameters=found), least_squares=state, theta=theta)
+
+
+def with_(aircraft, truth, **factors: float):
+    return truth * [factors.get(name, 1.0) for name in aircraft.model.parameter_names]
+
+
+def noted(aircraft, truth) -> KnownBefore:
+    known = KnownBefore(aircraft.model)
+    for axis in range(6):
+        known.note(axis, known_as(aircraft, truth))
+    return known
+
+
+def test_a_value_that_differs_surely_is_a_change_and_one_that_may_not_is_none(aircraft, truth):
+    known, half = noted(aircraft, truth), with_(aircraft, truth, Cm_de=0.5)
+    assert not known.changes(known_as(aircraft, truth))
+    assert [c.name for c in known.changes(known_as(aircraft, half))] == ["Cm_de"]
+    assert not known.changes(known_as(aircraft, half, 0.5))
+    assert not known.changes(known_as(aircraft, with_(aircraft, truth, Cm_de=1.0 - 0.9 * SHARE)))
+    assert not known.changes(known_as(aircraft, with_(aircraft, truth, Cm_0=5.0)))
+
+
+def test_what_creeps_is_not_followed_and_what_is_known_better_is(aircraft, truth):
+    known = noted(aircraft, truth)
+    for factor in np.linspace(1.0, 0.7, 31):
+        for axis in range(6):
+            known.note(axis, known_as(aircraft, with_(aircraft, truth, Cn_beta=factor)))
+    assert [c.name for c in known.changes(known_as(aircraft, with_(aircraft, truth, Cn_beta=0.7)))] == ["Cn_beta"]
+    better = known_as(aircraft, with_(aircraft, truth, Cn_beta=0.7), 0.9 * BETTER * 0.01)
+    assert not known.changes(better) and known.changes(better, strict=True)
+    known.note(5, better)
+    assert not known.changes(better, strict=True)
+
+
+def test_an_effect_that_was_lost_may_come_back(aircraft, truth):
+    known, half = noted(aircraft, truth), known_as(aircraft, with_(aircraft, truth, Cm_de=0.5, CZ_de=0.5))
+    changes = known.changes(half)
+    assert {c.name for c in changes} == {"Cm_de", "CZ_de"}
+    known.accept(changes, half, "words")
+    assert not known.changes(half) and len(known.changed) == 2
+    assert not known.changes(known_as(aircraft, truth))
+    assert known.changes(known_as(aircraft, with_(aircraft, truth, Cm_de=2.0)))
+    assert not known.regain(half)
+    assert known.regain(known_as(aircraft, truth)) and not known.changed
+    assert known.changes(half)
+
+
+def test_candidates_are_named(aircraft, truth):
+    known = noted(aircraft, truth)
+
+    def words(**factors: float) -> str:
+        return cause(known.changes(known_as(aircraft, with_(aircraft, truth, **factors))))
+
+    assert words(Cm_de=2.0).startswith("the record of the elevator is wrong, or the aeroplane has changed (Cm_de went")
+    assert words(CZ_alpha=1.4, Cm_alpha=1.4).startswith("the angle of attack is wrong")
+    assert words(Cm_de=0.6, Cl_da=0.6).startswith("the records of the controls are wrong")
+    assert words(Cm_de=1.5, Cl_da=1.5, Cl_p=1.5, CZ_alpha=1.5).startswith("airspeed or density is wrong")
+    assert words(Cm_q=1.5, Cl_p=0.5).startswith("a sensor is wrong")
