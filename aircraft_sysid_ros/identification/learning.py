@@ -28,7 +28,7 @@ from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMoni
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.identification.predictions import KnownHistory
-from aircraft_sysid_ros.identification.prior import FleetKnowledge
+from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.samples import Samples
@@ -286,7 +286,7 @@ class Learning:
         state = self.least_squares.checkpoint()
         own = self.estimator.checkpoint() if self.lends else None
         changed = np.array([self.changes.since, self.changes.times])
-        described = self._describe(state, self.time(used_until))
+        described = self._describe(state, self.time(used_until), [None] * len(AXES))
         return ParameterCheckpoint(time, described, state, own, changed, self.conditions.ranges.copy())
 
     # -- what was learnt ----------------------------------------------------------------------------------------------
@@ -303,14 +303,17 @@ class Learning:
 
     def estimates(self, used_until: float) -> ParameterSet:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
-        return self._describe(self.least_squares.state, self.time(used_until))()
+        return self._describe(self.least_squares.state, self.time(used_until), self.fleet.axes)()
 
     def noise_of(self, points: Array) -> tuple[Array, Array]:
         """Variances of samples from the noise of the IMU (m, 6), and of the noise of terms (parameters,)."""
         return self.integrity.noise.response(points), self.least_squares.state.noise_square.copy()
 
-    def _describe(self, state: RlsState, time: float) -> Description:
-        """What is known now; ``state`` of least squares must not have changed by the time that it is made."""
+    def _describe(self, state: RlsState, time: float, priors: Sequence[AxisPrior | None]) -> Description:
+        """What is known now; ``state`` of least squares must not have changed by the time that it is made.
+
+        ``priors`` of the axes: what is remembered has none, or what earlier flights say would be held against this one.
+        """
         axes = range(len(AXES))
         return Description(
             self.aircraft.model, time, self.newest, state,
@@ -320,7 +323,7 @@ class Learning:
             constants=copy(self.constants),
             ranges=[(float(low), float(high)) for low, high in self.conditions.ranges],
             bounds=self.aircraft.parameter_bounds,
-            priors=[*self.fleet.axes],
+            priors=[*priors],
         )  # fmt: skip
 
     def _own(self, axis: int) -> AxisEstimate | None:
