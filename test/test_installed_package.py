@@ -90,6 +90,7 @@ def contents(wheel):
         return {name: file.read(name) for name in file.namelist() if not name.endswith(("RECORD", "/METADATA"))}
 
 
+@pytest.mark.long
 def test_the_wheels_of_the_checkout_and_of_its_source_distribution_are_the_same(checkout, wheel, tmp_path):
     assert contents(wheel_of(checkout, tmp_path)) == contents(wheel)
 
@@ -192,6 +193,7 @@ def test_the_installed_program_is_the_one_that_runs_and_nothing_of_ros_is_there(
     assert found == [str(installed.site / PACKAGE / "__init__.py"), "None", "None"]
 
 
+@pytest.mark.long
 def test_the_installed_replay_gives_the_numbers_of_the_source_tree(run, place):
     command = (sys.executable, "-m", f"{PACKAGE}.commands.main", "replay", "flight")
     aircraft = ROOT / "config" / "ultra_stick_25e.yaml"

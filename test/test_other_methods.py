@@ -32,6 +32,7 @@ def pool_of(rng, signal, owners=None, spread=3.0, k=K):
     return Pool(base, tuple(map(str, range(k))), tuple(owners), z, z, y, spread, np.arange(N) // 50 % 4)
 
 
+@pytest.mark.long
 def test_stepwise_regression_selects_nothing_of_white_noise_in_95_of_100_cases():
     """Bonferroni: at most 5 %, and not much less for 30 candidates; three sigma of 300 draws are 3.8 %."""
     rng = np.random.default_rng(1)

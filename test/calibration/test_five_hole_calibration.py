@@ -113,6 +113,7 @@ def test_straight_flight_says_so(calibration_aircraft):
         calibrate_probe(until(flight.samples, 60.0), calibration_aircraft)
 
 
+@pytest.mark.long
 def test_gusts_are_noticed(calibration_aircraft):
     """In turbulence the answer rests on averages, says so, and scales are too small but within their errors' reach."""
     wind = np.array([5.0, 2.0, 0.0])

@@ -61,6 +61,7 @@ def test_all_parameters_are_found(calibration_flown):
     assert np.all(np.abs(errors[3:6]) < 0.01 * STRENGTH) and np.all(np.abs(np.delete(errors, [3, 4, 5])) < 0.01)
 
 
+@pytest.mark.long
 def test_level_turns_do_not_tell_everything():
     """Wings level at every heading: vertical scale and vertical hard iron are one number."""
     rng, n = np.random.default_rng(2), 400

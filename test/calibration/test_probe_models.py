@@ -69,6 +69,7 @@ def test_unbent_turns_the_curve_round(kappa):
     assert np.all(np.isfinite(unbent(np.array([-5.0, 5.0]), kappa)))
 
 
+@pytest.mark.long
 def test_a_steady_flight_with_a_straight_curve_supports_the_paper_s(probe_made, probe_answer):
     found = solve_probe(probe_made, 64)
     assert found.model.words == "linear curve, steady wind"

@@ -138,6 +138,7 @@ def test_the_run_says_where_each_manoeuvre_comes_from(campaign, recordings):
     assert not said["notes"]
 
 
+@pytest.mark.long
 def test_compare_is_at_its_floor(campaign):
     compared = ask("compare", campaign[0])
     for axis, error in compared["axes"].items():
@@ -164,6 +165,7 @@ def test_what_is_held_out_are_whole_manoeuvres(flight_of_campaign):
             assert found[out] == pytest.approx(y[out] - x[out] @ theta, abs=1e-6 * np.std(y))
 
 
+@pytest.mark.long
 def test_segments_of_one_recording_are_the_same_body(campaign, flight_of_campaign, bag, aircraft_file, folder):
     file = write_segments(folder / "segments.yaml", equal_segments())
     said = ask("replay", bag, "--segments", file, "--aircraft", aircraft_file, "--out", folder / "cut")
@@ -172,6 +174,7 @@ def test_segments_of_one_recording_are_the_same_body(campaign, flight_of_campaig
     assert furthest(parameters_of(flight_of_campaign), parameters_of(open_run(folder / "cut").flight())) < 0.5
 
 
+@pytest.mark.long
 def test_the_order_of_recordings_does_not_matter(flight_of_campaign, recordings, aircraft_file, folder):
     """But for what the end of the body knows of the biases: half of a standard error."""
     mixed = random.Random(3).sample(recordings, len(recordings))
@@ -201,6 +204,7 @@ def test_a_hidden_effect_is_named(hidden_run):
     assert (found["verdict"], found["candidates"][0]["effect"]) == ("missing", "sideslip_drag")
 
 
+@pytest.mark.long
 def test_a_hidden_effect_is_seen_and_added(hidden_run):
     before = ask("compare", hidden_run)
     assert before["worst"][0]["axis"] == "CX"
@@ -210,6 +214,7 @@ def test_a_hidden_effect_is_seen_and_added(hidden_run):
     assert change["error_after"] < 0.5 * change["error_before"]
 
 
+@pytest.mark.long
 def test_without_a_common_clock_each_begins_anew(clean, aircraft, aircraft_file, folder):
     """Recordings of other days, as of files that all begin at 0: a constant of each is not known, the rest is."""
     days = [

@@ -136,6 +136,7 @@ def test_from_columns_to_a_term_whose_derivative_is_the_true_one(flight, tables,
     assert whole["value"] == pytest.approx(TRUE, rel=0.05)
 
 
+@pytest.mark.long
 def test_elevons_alone_say_what_elevator_and_aileron_say(flight, tables, tmp_path, capsys):
     """A recording without elevator, aileron and rudder: the same numbers by other names."""
     example = (REPOSITORY / "docs" / "aircraft-file.md").read_text().split("```yaml")[1].split("```")[0]
@@ -162,6 +163,7 @@ def test_elevons_alone_say_what_elevator_and_aileron_say(flight, tables, tmp_pat
         assert errors["wing"][axis]["nrmse_held_out"] == pytest.approx(compared["nrmse_held_out"], rel=1e-3)
 
 
+@pytest.mark.long
 def test_an_input_that_the_flight_lacks_is_named_and_its_term_can_go(aircraft, tmp_path, capsys):
     write_flight(simulate_samples(aircraft, seed=4, duration=30.0), tmp_path / "bag")
     terms = {"Cm": [1, "alpha", "q", "de", "trim_tab"]}

@@ -108,6 +108,7 @@ def test_a_slow_imu_without_gps_and_attitude_shows_the_main_derivatives(replayed
     assert [p for p in constants if "without GPS a bias of the IMU may stand in it" in p["reason"]]
 
 
+@pytest.mark.long
 def test_twenty_short_manoeuvres_at_25_hertz_without_gps(replayed, aircraft, tmp_path):
     """10 s each: shorter than the wait for GPS and a window of its own would leave of them if it lost samples."""
     slow = simulate_samples(at_rate(aircraft, 25.0), seed=64, duration=225.0)
@@ -187,6 +188,7 @@ def test_angles_that_nothing_shows_are_named_by_every_command(replayed, plain, a
     assert "no input has stopped acting" in said and "nothing is missing" not in said
 
 
+@pytest.mark.long
 def test_controls_that_are_not_there_are_named_by_every_command(replayed, plain, tmp_path, capsys):
     result = replayed(without(plain.streams, ("control_surfaces",)))
     reasons = {p["name"]: p["reason"] for p in result["parameters"]["parameters"]}
@@ -222,6 +224,7 @@ def test_all_gps_is_better_than_none(replayed, flown, aircraft):
     assert result["notes"] == [] and result["state"]["notes"] == []
 
 
+@pytest.mark.long
 def test_smoothed_and_after_the_flight(replayed, flown, aircraft, tmp_path, capsys):
     """The smoother and `compare` go over a flight without GPS as over any other."""
     result = replayed(without(flown.streams, GPS), "--smooth")

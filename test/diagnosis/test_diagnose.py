@@ -63,6 +63,7 @@ def test_nothing_is_missing_in_a_clean_flight(aircraft, turbulence):
         assert found.diagnosis.bench.fits[axis].nrmse_held_out < 1.3 * floor
 
 
+@pytest.mark.long
 def test_two_effects_are_found_one_after_another(two_effects):
     said = two_effects.json
     assert said["verdict"] == "missing"
@@ -137,6 +138,7 @@ def test_the_json_is_that_of_the_interface(two_effects):
 # -- replicas ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_replica_of_a_flight_with_an_effect_is_as_noisy_as_a_flight_without(aircraft):
     """The effect is known in the world of the replica and taken off: what is left is the noise of the chain."""
     with_effect, clean = flight_of(aircraft, DIHEDRAL), flight_of(aircraft)
@@ -183,9 +185,8 @@ def test_a_wrong_scale_of_the_vane_is_found_before_aerodynamics_is_blamed(aircra
     assert not measurement_faults(reconstruct(truth, samples, with_covariance=False), [BY_ID["alpha_scale"]], True)
 
 
-@pytest.mark.parametrize(
-    ("effect", "unit"), [("alpha_drift", "deg"), pytest.param("airspeed_drift", "%", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("effect", "unit"), [("alpha_drift", "deg"), ("airspeed_drift", "%")])
 def test_a_slow_drift_of_the_air_data_is_found_before_aerodynamics_is_blamed(aircraft, effect, unit):
     flight = simulate_samples(aircraft, 21, 90.0, hidden=[(effect, 1.0)])
     found = diagnose_flight(aircraft, flight.samples, [BY_ID["alpha_drift"], BY_ID["airspeed_drift"]], 2).json
@@ -297,6 +298,7 @@ def test_a_delay_of_the_controls_does_not_stand_for_angles_that_are_inferred(air
         assert found == []
 
 
+@pytest.mark.long
 def test_what_rests_on_inferred_angles_is_listed_and_not_named(other_maker_without_vanes):
     """A clean flight of JSBSim: what its inferred angles get wrong had been called propwash."""
     said = other_maker_without_vanes

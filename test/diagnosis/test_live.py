@@ -225,6 +225,7 @@ def test_the_worker_answers_and_ends_with_us(windows, found):
     assert worker._process.returncode is not None
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_says_so_and_is_replaced(windows):
     worker = LiveWorker()
     worker.submit(windows)

@@ -11,10 +11,12 @@ import yaml
 
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.several_runs import join_runs
 from aircraft_sysid_ros.diagnosis.two_runs import holm
+from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.run_reader import DIAGNOSIS, read_samples
 from aircraft_sysid_ros.samples import (
     Kind,
@@ -66,6 +68,15 @@ def runs(aircraft_file, folder):
     return made
 
 
+def test_a_load_in_the_second_flight_is_named_with_its_flight(runs):
+    body = join_runs([runs["monday"], runs["loaded"]])
+    library = [BY_ID[name] for name in ("mass_change", "cg_shift", "parameter_change")]
+    found = diagnose_flight(body.aircraft, body.samples, library, replicas=2, names=body.manoeuvres, runs=body.names)
+    assert [c["label"] for c in found.json["candidates"] if c["found"]] == ["mass_change"]
+    assert "changed: Change of mass, in loaded." in found.json["advice"]
+
+
+@pytest.mark.long
 def test_a_load_between_two_flights_is_named_with_its_flight(runs):
     """C_measured = m_file / m C: what C_Z has more is m_file / m - 1 of it."""
     found = ask("diagnose", runs["monday"], runs["loaded"], runs["tuesday"], "--replicas", 2)

@@ -55,6 +55,7 @@ def test_moment_axes_and_terms_are_those_of_the_simulation(bench_of_loose_fin):
     assert sizes["Cn"] == pytest.approx(-0.04, rel=0.1) and sizes["Cl"] == pytest.approx(-0.05, rel=0.1)
 
 
+@pytest.mark.long
 def test_a_flight_in_which_nothing_changes_has_none_of_size(aircraft):
     change = sudden_change(bench_of(aircraft))
     assert change is None or change.score < 0.5
@@ -80,6 +81,7 @@ def test_the_command_prints_what_is_to_be_added(loose_fin):
     assert f'to add: "{said["candidates"][0]["expression"]}"' in printed
 
 
+@pytest.mark.long
 def test_controls_that_are_not_measured_or_do_not_move_are_no_terms(bench_of_loose_fin):
     """A flying wing has no rudder, and here its ailerons stay where they are."""
     data = bench_of_loose_fin.data

@@ -217,6 +217,7 @@ def test_a_shift_that_is_undone_has_a_begin_and_an_end(aircraft):
     assert dict(found["stays"].candidate.inner)["t0"] == pytest.approx(57.0, abs=1.0)
 
 
+@pytest.mark.long
 def test_what_passes_and_has_no_name_is_seen_with_both_its_times(aircraft):
     def another(c, after, values):
         there = after & (values["time"] < 99.0)

@@ -185,6 +185,7 @@ def test_add_and_diagnose_find_the_same_lag_of_the_air_data(run, monkeypatch) ->
     assert key[1] == "air_data" and value == pytest.approx(0.1, abs=0.02) and outcome.improved
 
 
+@pytest.mark.long
 def test_a_scale_that_is_right_is_not_believed_to_be_wrong(run) -> None:
     try:
         outcome = add(run, "beta_scale")

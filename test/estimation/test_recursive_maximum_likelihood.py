@@ -155,6 +155,7 @@ def filter_flight(noise, truth, start, forgetting, early, root, scores, block):
     return theta
 
 
+@pytest.mark.long
 def test_state_space_model_with_unknown_noise_levels_converges_with_honest_errors():
     """100 runs: no bias beyond 4 standard errors of the mean and 0.1 of one, 95 % intervals cover at least 88 %."""
     rng = np.random.default_rng(3)

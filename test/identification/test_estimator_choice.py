@@ -63,6 +63,7 @@ def test_it_is_the_default_and_least_squares_where_vanes_are_on_time(aircraft, g
     assert not any("by rml" in p.reason for p in found.snapshot().parameters)
 
 
+@pytest.mark.long
 def test_least_squares_stays_in_calm_air_with_slow_vanes_and_without_vanes_in_gusts(aircraft, gusty):
     slow = with_slow_vanes(simulate_samples(aircraft, 91003, 60.0).samples)
     none = gusty.samples[~np.isin(gusty.samples.kind, VANES)]

@@ -64,6 +64,7 @@ def learnt(gusty) -> Pipeline:
 # -- right, and as right as it says ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_parameters_in_turbulence_are_covered_by_their_standard_errors(learnt, gusty):
     """One flight of the benchmark: at least 24 of 32 within 1.96 standard errors, all within 5."""
     value, std = values_and_stds(learnt)

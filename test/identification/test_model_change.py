@@ -180,6 +180,7 @@ def test_the_error_falls_at_once_and_other_axes_do_not_notice(flown, at_sixty):
         assert np.array_equal(later[:, block][:, others], without[:, block][:, others], equal_nan=True)
 
 
+@pytest.mark.long
 def test_it_is_what_an_estimator_with_the_term_from_the_beginning_knows(flown, at_sixty):
     estimator, memory = copy.deepcopy(at_sixty)
     aircraft = with_terms(estimator.aircraft, HIDDEN, {})

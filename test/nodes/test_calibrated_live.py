@@ -45,6 +45,7 @@ def test_the_first_step_is_right_with_a_calibration_and_wrong_without(flown, tmp
     assert max(abs(a - b) for a, b in zip(wrong, wind, strict=True)) > 0.8
 
 
+@pytest.mark.long
 def test_live_is_replay_with_a_calibration(domain, flown, tmp_path):
     """With errors of the air data as states, too, which the calibration starts."""
     states = ("--calibration", flown[0] / "calibration.yaml", "--air-data-errors")

@@ -25,6 +25,7 @@ def upside_down(aircraft, tmp_path_factory):
     return read_raw(path)
 
 
+@pytest.mark.long
 def test_state_diagnostics_and_parameters_name_the_sensor(bench, upside_down):
     state, parameters = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode)
     states = bench.listen(AircraftState, "state_estimator/state")

@@ -85,7 +85,10 @@ def no_orientation(now):
     "throws",
     [
         (everywhere(np.nan), everywhere(np.inf), everywhere(1e300), no_orientation),
-        (everywhere(0.0, seconds=0), everywhere(1.0, seconds=0), everywhere(0.5, seconds=FUTURE, count=1)),
+        pytest.param(
+            (everywhere(0.0, seconds=0), everywhere(1.0, seconds=0), everywhere(0.5, seconds=FUTURE, count=1)),
+            marks=pytest.mark.long,
+        ),
         pytest.param((everywhere(np.nan, seconds=FUTURE), everywhere(0.5, seconds=LAST)), marks=pytest.mark.long),
     ],
     ids=["values", "stamps-behind", "stamps-ahead"],
@@ -126,6 +129,7 @@ def failing_once(work):
     return done
 
 
+@pytest.mark.long
 def test_a_matrix_that_cannot_be_solved_ends_no_node(bench, raw):
     state, parameters = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode)
     states = bench.listen(AircraftState, "state_estimator/state")

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 import yaml
 from processes import live, play
 from waiting import finish
@@ -17,6 +18,7 @@ from aircraft_sysid_ros.simulation.truth_files import write_flight
 HORIZON, RATE = 5.0, 8  # a busy machine may be 0.6 s late
 
 
+@pytest.mark.long
 def test_live_is_replay_to_the_last_bit(domain, aircraft, tmp_path):
     model = {"Cm": [*aircraft.model.terms["Cm"], "trim_tab"]}
     source = {**aircraft.source, "inputs": {"trim_tab": {"unit": "deg"}}}

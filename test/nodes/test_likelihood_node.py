@@ -1,6 +1,7 @@
 """The parameter node with ``estimator: rml`` hears what it predicts and publishes what replay finds."""
 
 import numpy as np
+import pytest
 from aircraft_sysid_msgs.msg import Parameters
 
 from aircraft_sysid_ros.identification.options import ParameterOptions
@@ -11,6 +12,7 @@ from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.recordings.reader import read_recording
 
 
+@pytest.mark.long
 def test_the_node_publishes_the_parameters_of_replay(bench, raw, recording, aircraft):
     state = bench.node(StateEstimatorNode)
     node = bench.node(ParameterEstimatorNode, estimator="rml", rml_rate=25.0)

@@ -114,6 +114,7 @@ def test_a_process_that_is_far_behind_writes_the_run_in_full(short, aircraft_fil
     check_full(json.loads(output), sent, run)
 
 
+@pytest.mark.long
 def test_further_signals_tear_nothing_apart_and_are_told_what_is_left(short, aircraft_file, run):
     with live(run, aircraft_file, "--reliable", "--horizon", LONG) as process:
         with slowed(process):
@@ -130,6 +131,7 @@ def test_further_signals_tear_nothing_apart_and_are_told_what_is_left(short, air
     check_full(json.loads(output), sent, run)
 
 
+@pytest.mark.long
 def test_best_effort_says_how_much_was_lost(short, aircraft_file, run, listener):
     """Each time the process stands still twice as much comes as its queue holds."""
     with live(run, aircraft_file, "--horizon", LONG) as process, ThreadPoolExecutor() as beside:

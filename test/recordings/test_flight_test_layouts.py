@@ -247,6 +247,7 @@ def test_semicolons_decimal_commas_and_a_zone_need_no_correction(flown, tmp_path
     assert np.sum(recording.samples.kind == Kind.GPS_VELOCITY) == pytest.approx(5.0 * flown.end, rel=0.02)
 
 
+@pytest.mark.long
 def test_sheets_with_clocks_of_their_own_are_told_apart_and_put_together_by_their_offsets(flown, tmp_path, capsys):
     source = sheets(flown, tmp_path, 40.0)
     said, out = guessed(source, tmp_path, capsys)

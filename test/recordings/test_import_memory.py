@@ -36,6 +36,7 @@ def write_table(path, rows):
         file.writelines(f"{0.01 * k:.2f},{lines[k % len(lines)]}\n" for k in range(rows))
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss in kB")
 def test_the_peak_does_not_grow_with_the_table(tmp_path):
     mapped = [f"      {s}: {{column: {c}, unit: {u}}}\n" for s, c, u in zip(SIGNALS, COLUMNS, UNITS, strict=True)]

@@ -32,6 +32,7 @@ def gusty(gusty_run):
     return refine(gusty_run, FILTER_ERROR, OPTIONS)
 
 
+@pytest.mark.long
 def test_output_error_in_still_air(still, still_flight):
     """Main derivatives within 3.5 standard errors (11 of them), 85 % of all within 2; residuals are the noise."""
     z = scores(still, still_flight.aircraft)

@@ -54,7 +54,7 @@ def fly(name):
     return simulate_jsbsim_samples(name, seed=3, duration=120.0)
 
 
-@pytest.fixture(scope="module", params=["c172p", "J3Cub"])
+@pytest.fixture(scope="module", params=["c172p", pytest.param("J3Cub", marks=pytest.mark.long)])
 def found(request):
     """A flight, the parameters that the chain finds from its sensors, and the truth."""
     flight = fly(request.param)
