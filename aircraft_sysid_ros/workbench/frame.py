@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
+from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Theme
 
@@ -88,6 +89,9 @@ class Frame:
                 with ui.tabs().props("no-caps inline-label aria-label=Views") as self.tabs:
                     for name in self.panels:
                         ui.tab(name).props(f"data-testid=tab-{name.lower()}")
+                ui.button(icon="help_outline", on_click=self.show_help).props(
+                    'flat round dense color=grey-7 aria-label="Help" data-testid=help'
+                )
                 ui.button(icon="contrast", on_click=self._toggle_theme).props(
                     'flat round dense color=grey-7 aria-label="Light or dark" data-testid=theme'
                 )
@@ -95,6 +99,24 @@ class Frame:
                 self._notice_box = box
                 self._notice_text = ui.label("").classes("text")
                 self.notice_extras()
+
+    def help(self) -> dict[str, str]:
+        """What can be done on the page, and how."""
+        return {
+            "Drag in a time plot": "zooms; a double click shows everything again",
+            "Camera over a figure": "saves it as SVG",
+            "◐": "light or dark",
+            "?": "this help",
+        }
+
+    def show_help(self) -> None:
+        """Keys, and what is not written on a button."""
+        with ui.dialog() as dialog, ui.card().classes("help").props("data-testid=help-text"):
+            Html(self.name + ": help", "h2")
+            Html(markup.help_list(self.help()))
+            ui.button("Close", on_click=dialog.close).props("unelevated")
+        dialog.on_value_change(lambda event: None if event.value else dialog.delete())
+        dialog.open()
 
     def notice_extras(self) -> None:
         """More elements of the notice."""

@@ -18,8 +18,9 @@ from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow
 from aircraft_sysid_ros.workbench.views.history import VersionRow
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL, ParameterRow
+from aircraft_sysid_ros.workbench.views.residuals import ResidualRow
 from aircraft_sysid_ros.workbench.views.states import Consistency
-from aircraft_sysid_ros.workbench.views.words import percent, symbol
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, rounded, symbol
 
 #: Parts of the content of one AircraftState: title, field, and where its standard deviations begin.
 _OF_STATE = (
@@ -49,6 +50,7 @@ def _environment() -> Environment:
     )
     made.filters |= {
         "number": number,
+        "rounded": rounded,
         "percent": percent,
         "thousands": thousands,
         "symbol": symbol,
@@ -88,6 +90,16 @@ def axis_head(row: AxisRow) -> Markup:
     return _part("axis_head", row)
 
 
+def axis_title(name: str) -> Markup:
+    """Symbol and words of an axis."""
+    return _part("axis_title", name, AXIS_WORDS[name])
+
+
+def residual_numbers(rows: Sequence[ResidualRow]) -> Markup:
+    """Residuals of all axes in numbers."""
+    return _part("residual_numbers", rows)
+
+
 def errors_scale(errors: Iterable[float | None]) -> float:
     """The error that fills a bar: 0.1, 0.2, 0.5, 1, ... of the spread, the least that none of these errors exceeds."""
     top = max((e for e in errors if e is not None and math.isfinite(e)), default=0.0)
@@ -103,7 +115,7 @@ def scale_head(top: float) -> Markup:
 
 
 def state_words(row: AxisRow) -> Markup:
-    """What is left over of an axis, in words."""
+    """The residual of an axis, in words."""
     return _part("state_words", row)
 
 
@@ -125,6 +137,11 @@ def card_facts(card: Card, noise: float | None) -> Markup:
 def term_help(signals: Sequence[str]) -> Markup:
     """What a term of one's own may hold."""
     return _part("term_help", signals)
+
+
+def help_list(items: Mapping[str, str]) -> Markup:
+    """What can be done on a page, and how."""
+    return _part("help_list", items)
 
 
 def model_facts(begin: Sequence[str], model: str, changes: Sequence[str]) -> Markup:
@@ -171,7 +188,7 @@ def consistency_table(rows: Sequence[Consistency]) -> Markup:
 
 
 def state_table(state: Mapping[str, Any]) -> Markup:
-    """Wind and biases of the content of one AircraftState with half of their 95 % intervals."""
+    """Wind and biases of the content of one AircraftState with their standard errors."""
     std = state["standard_deviations"]
     rows = [(title, [(value, std[at + k]) for k, value in enumerate(state[name])]) for title, name, at in _OF_STATE]
     return _part("state_table", state["status_text"], rows)

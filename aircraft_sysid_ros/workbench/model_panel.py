@@ -80,7 +80,7 @@ class ModelPanel(Panel):
         with card() as box:
             self._heads[name] = (box, Html())
             figure = self._figure(name)
-            self._plots[name] = plot(figure, f"{name} measured and predicted over time, and what is left over")
+            self._plots[name] = plot(figure, f"{name} measured and predicted over time, and the residual")
             self._plots[name].props(f"data-testid=plot-{name}")
             self._plots[name].on("plotly_relayout", self._zoomed)
 

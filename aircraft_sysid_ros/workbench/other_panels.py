@@ -11,6 +11,7 @@ from aircraft_sysid_ros.workbench.panel import Html, Panel, card, picked, plot
 from aircraft_sysid_ros.workbench.views import states
 from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
+from aircraft_sysid_ros.workbench.views.numbers import parameters_csv
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, history_figure, parameter_rows
 
 #: Where there is nothing to compare with.
@@ -100,6 +101,8 @@ class ParametersPanel(Panel):
                 self._words = ui.label("").classes("soft small")
                 self._table = Html().props("data-testid=parameters")
                 picked(self._table, self._choose)
+                button = ui.button("Parameters as CSV", icon="download", on_click=self._download)
+                button.props("flat dense data-testid=save-parameters").style("margin-top:8px")
         self.update()
 
     def update(self) -> None:
@@ -118,6 +121,11 @@ class ParametersPanel(Panel):
         self._plot.set_visibility(bool(record and self._name))
         self._plot.update_figure(self._figure())
 
+    def _download(self) -> None:
+        view = self.page.view
+        rows = parameter_rows(view.parameters[view.current], self.page.session.truth.parameters)
+        ui.download.content(parameters_csv(rows), f"parameters_{view.current}.csv", "text/csv")
+
     def _choose(self, name: str) -> None:
         record = self.page.session.record
         if record is None or name not in record.parameters.names:
@@ -130,8 +138,10 @@ class ParametersPanel(Panel):
         record, theme = self.page.session.record, self.page.look.theme
         if record is None or not self._name:
             return {"data": [], "layout": {"height": 300}}
-        truth = self.page.session.truth.parameters.get(self._name)
-        return history_figure(record.parameters, self._name, theme, truth)
+        truth, view = self.page.session.truth.parameters.get(self._name), self.page.view
+        listed = view.parameters[view.current] if view.current != view.versions[0].identifier else []
+        fitted = next((p["value"] for p in listed if p["name"] == self._name), None)
+        return history_figure(record.parameters, self._name, theme, truth, fitted)
 
 
 class StatePanel(Panel):

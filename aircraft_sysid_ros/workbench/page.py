@@ -1,4 +1,4 @@
-"""The page of a run: four views. It shows what a session holds and calls it; it computes nothing itself."""
+"""The page of a run: five views. It shows what a session holds and calls it; it computes nothing itself."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from aircraft_sysid_ros.workbench.frame import Frame
 from aircraft_sysid_ros.workbench.model_panel import ModelPanel
 from aircraft_sysid_ros.workbench.other_panels import ParametersPanel, StatePanel, VersionsPanel
 from aircraft_sysid_ros.workbench.panel import Panel
+from aircraft_sysid_ros.workbench.residuals_panel import ResidualsPanel
 from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.session import READS, Session
 from aircraft_sysid_ros.workbench.views.history import effect_name
@@ -39,6 +40,7 @@ class Page(Frame):
         self._model = ModelPanel(self)
         found: dict[str, Panel] = {
             "Model": self._model,
+            "Residuals": ResidualsPanel(self),
             "Versions": VersionsPanel(self),
             "Parameters": ParametersPanel(self),
             "State": StatePanel(self),
@@ -60,6 +62,17 @@ class Page(Frame):
     def beside(self) -> Comparison | None:
         """The comparison of the other version that is drawn."""
         return self.view.comparisons.get(self.look.beside) if self.look.beside else None
+
+    def help(self) -> dict[str, str]:
+        """Keys of the time plots, and the way from a failing model to a better one."""
+        return {
+            "Where, Why, Add": "where the model fails, which effect it lacks, and the effect in the model; "
+            "Undo takes the last change back",
+            "← →": "move the window of time",
+            "+ −": "zoom in and out",
+            "0": "the whole flight",
+            **super().help(),
+        }
 
     def notice_extras(self) -> None:
         """Progress of the work under way, and its end."""
@@ -134,5 +147,7 @@ class Page(Frame):
         """Arrows move the window of time, plus and minus change it, 0 shows all."""
         if not event.action.keydown or event.modifiers.ctrl or event.modifiers.alt or event.modifiers.meta:
             return
-        if self.tabs.value == "Model":
+        if event.key.name == "?":
+            self.show_help()
+        elif self.tabs.value == "Model":
             self._model.key(event.key.name or "")

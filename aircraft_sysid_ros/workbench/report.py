@@ -13,7 +13,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView
-from aircraft_sysid_ros.workbench.views import calibration, candidates, coefficients, places, states
+from aircraft_sysid_ros.workbench.views import calibration, candidates, coefficients, places, residuals, states
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
 from aircraft_sysid_ros.workbench.views.history import effect_name, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
@@ -22,6 +22,11 @@ STYLE = Path(__file__).with_name("style.css")
 #: Maps that a file shows: of the axes that fail, over the flow angles and over speed and height.
 _MAPS = (("alpha", "beta"), ("V", "height"))
 _MOST_MAPS = 4
+#: Parts of the file of a run, by the name of their place.
+_PARTS = {
+    "model": "Model", "residuals": "Residuals", "where": "Where it fails", "why": "Why", "versions": "Versions",
+    "parameters": "Parameters", "state": "State", "calibration": "Calibration",
+}  # fmt: skip
 
 
 def _tokens() -> Theme:
@@ -69,7 +74,13 @@ def report_html(
 ) -> str:
     """The whole file of a run."""
     figures = _Figures()
-    run = _model(figures, view) | _where(figures, view) | _why(figures, view) | _parameters(view, truth)
+    run = (
+        _model(figures, view)
+        | _residuals(figures, view)
+        | _where(figures, view)
+        | _why(figures, view)
+        | _parameters(view, truth)
+    )
     state = _state(figures, record, truth) if record is not None else None
     facts = markup.model_facts((view.name, view.lengths), view.current, [effect_name(label) for label in view.changes])
     return _whole(figures, view.aircraft, view.name, facts, run=run, state=state, calibrated=calibrated)
@@ -94,12 +105,14 @@ def _whole(
     from plotly.offline import get_plotlyjs
 
     found = _calibration(figures, calibrated) if calibrated is not None else None
+    there = {"why": bool(run and run["diagnosis"]), "state": state is not None, "calibration": found is not None}
     return markup.page(
         "report.html",
         aircraft=aircraft,
         title=title,
         facts=facts,
         run=run,
+        contents=[(name, words) for name, words in _PARTS.items() if there.get(name, True)],
         state=state,
         calibration=found,
         style=Markup(STYLE.read_text(encoding="utf8")),
@@ -120,10 +133,18 @@ def _model(figures: _Figures, view: RunView) -> dict[str, Any]:
     axes = []
     for name in coefficients.ORDER:
         made = coefficients.coefficient_figure(view.comparison, name, figures.theme)
-        words = f"{name} measured and predicted over time, and what is left over"
+        words = f"{name} measured and predicted over time, and the residual"
         axes.append((ordered[name], figures.add(made, words, linked=True)))
     scale = markup.errors_scale(row.held_out for row in rows)
     return {"errors": rows, "scale": scale, "notes": view.notes, "axes": axes}
+
+
+def _residuals(figures: _Figures, view: RunView) -> dict[str, Any]:
+    drawn = []
+    for name in (name for name in coefficients.ORDER if name in view.comparison.axes):
+        made = residuals.residual_figure(view.comparison, name, figures.theme)
+        drawn.append((name, figures.add(made, f"residual of {name}: histogram and autocorrelation")))
+    return {"residuals": drawn, "residual_rows": residuals.residual_rows(view.comparison)}
 
 
 def _where(figures: _Figures, view: RunView) -> dict[str, Any]:
@@ -149,7 +170,7 @@ def _why(figures: _Figures, view: RunView) -> dict[str, Any]:
         drawn = None
         if card.evidence is not None:
             made = candidates.evidence_figure(card.evidence, figures.theme)
-            drawn = figures.add(made, f"what is left over against the signal of {card.title}")
+            drawn = figures.add(made, f"the residual against the signal of {card.title}")
         listed.append((card, noise, drawn))
     verdict = candidates.VERDICTS.get(found["verdict"], "").lower()
     return {"diagnosis": found, "verdict": verdict, "candidates": listed}

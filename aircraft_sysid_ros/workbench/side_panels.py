@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import re
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
@@ -66,7 +67,7 @@ class WherePanel(SidePanel):
         }
         ui.label("Where it fails, worst first").classes("heading")
         self._list = ui.element("div").classes("list").props("data-testid=places")
-        ui.label("What is left over, by two signals").classes("heading").style("margin-top:12px")
+        ui.label("Residual by two signals").classes("heading").style("margin-top:12px")
         ui.label("Press a cell to see in the time plots when it was flown.").classes("soft small")
         options = {name: quantity_of(name).words for name in signals}
         axes = {name: f"C_{name[1]}" for name in AXES if name in comparison.axes}
@@ -74,7 +75,7 @@ class WherePanel(SidePanel):
             for key, label, choices in (("axis", "axis", axes), ("x", "across", options), ("y", "upwards", options)):
                 picker = ui.select(choices, value=self._choice[key], label=label, on_change=self._choose(key))
                 picker.props("dense options-dense outlined")
-        self._map = plot(self._figure(), "map of what is left over on two signals").props("data-testid=map")
+        self._map = plot(self._figure(), "map of the residual on two signals").props("data-testid=map")
         self._map.on("plotly_click", self._cell, args=["points"])
         self._fill()
 
@@ -189,7 +190,7 @@ class WhyPanel(SidePanel):
             return
         with where:
             figure = evidence_figure(card.evidence, self.page.look.theme)
-            self._drawn.append((plot(figure, f"what is left over against the signal of {card.title}"), card))
+            self._drawn.append((plot(figure, f"the residual against the signal of {card.title}"), card))
 
 
 class AddPanel(SidePanel):
@@ -216,8 +217,9 @@ class AddPanel(SidePanel):
         ui.label("An effect of the library").classes("heading")
         options = {effect.identifier: f"{effect.name} ({effect.identifier})" for effect in self.library}
         self._effect = ui.select(options, with_input=True, label="effect").props("outlined dense options-dense")
-        self._effect.style("width:100%")
-        self.changing(ui.button("Add the effect", on_click=self._add_effect).props("flat"))
+        self._effect.props("popup-content-class=effect-menu data-testid=effect").style("width:100%")
+        self._effect.add_slot("option", _grouped([effect.kind for effect in self.library]))
+        self.changing(ui.button("Add the effect", on_click=self._add_effect).props("outline data-testid=add-effect"))
         ui.label("What was added").classes("heading").style("margin-top:12px")
         self._added = ui.element("div").classes("list").props("data-testid=added")
         self.update()
@@ -292,6 +294,21 @@ def complaint(text: str, inputs: tuple[str, ...] = ()) -> str:
         hint = f"; or did you mean the effect {close[0]}?" if close else ""
         return f"Write a term with its axis, such as CZ: alpha**3; '{text.strip()[:40]}' alone is no effect{hint}"
     return ""
+
+
+#: Kinds of effects as headings of the menu.
+_KINDS = {"measurement": "Sensors", "aerodynamic": "Aerodynamics", "change in flight": "Changes in flight"}
+
+
+def _grouped(kinds: Sequence[str]) -> str:
+    """The row of a menu whose options come by kinds: above the first of each kind stands what kind it is."""
+    first = {str(kinds.index(kind)): _KINDS[kind] for kind in _KINDS if kind in kinds}
+    heads = json.dumps(first).replace('"', "'")
+    return f"""
+      <q-item-label header class="effect-kind" v-if="({heads})[props.opt.value]">
+        {{{{ ({heads})[props.opt.value] }}}}</q-item-label>
+      <q-item v-bind="props.itemProps"><q-item-section>
+        <q-item-label>{{{{ props.opt.label }}}}</q-item-label></q-item-section></q-item>"""
 
 
 def _first(signals: list[str], wanted: str) -> str:

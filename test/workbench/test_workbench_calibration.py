@@ -208,7 +208,7 @@ def test_the_page_of_a_calibration(folder, served, open_page) -> None:
         assert page.inner_text(marked("calibration-verdict")) == "One clear minimum"
         table = page.inner_text(marked("calibration"))
         view = load_calibration_view(folder)
-        assert all(p.name in table for p in view.parameters) and f"{view.parameters[0].std:.3g}" in table
+        assert all(p.name in table for p in view.parameters) and f"\t{view.parameters[0].std:.2g}\t" in table
         assert page.evaluate("document.documentElement.scrollWidth") <= 820
         dots = page.evaluate("document.querySelector('[data-testid=trace-0]').calcdata[0].length")
         assert dots == len(view.trace)

@@ -112,7 +112,7 @@ def test_a_hidden_effect_is_seen_named_added_and_taken_back(server, open_page, c
 
 def bars_agree_with_their_numbers(page) -> None:
     """A bar is as long as its number, on the scale that stands above it."""
-    full = float(re.search(r"(\d+) % of spread", page.inner_text(marked("scale")))[1])
+    full = float(re.search(r"(\d+) %", page.inner_text(marked("scale")))[1])
     for axis in AXES:
         share = page.locator(marked(f"bar-{axis}")).evaluate(
             "(e) => e.getBoundingClientRect().width / e.parentElement.getBoundingClientRect().width"
@@ -132,15 +132,15 @@ def another_version_is_drawn_beside(page, first: str) -> None:
     """The first version in the time plots, in another colour, and its name in the legend."""
     page.click(marked("tab-versions"))
     assert "dihedral_alpha" in page.inner_text(marked("history"))
-    assert "half of its 95 % interval" in page.inner_text(".view.wide")
+    assert "Estimate ± standard error" in page.inner_text(".view.wide")
     assert not page.locator(marked("one-version")).is_visible()
     page.click("text=draw the first one")
     page.click(marked("tab-model"))
     lines = "document.querySelector('[data-testid=plot-Cl]')?.calcdata?.length"  # none while it is drawn anew
-    page.wait_for_function(f"{lines} === 7")  # measured, noise twice, predicted and left over of both
+    page.wait_for_function(f"{lines} === 7")  # measured, noise twice, predicted and residual of both
     assert f"version {first}" in page.inner_text(".legend-row")
     left = page.evaluate(
-        "document.querySelector('[data-testid=plot-Cl]').calcdata.filter((c) => c[0].trace.name.startsWith('left'))"
+        "document.querySelector('[data-testid=plot-Cl]').calcdata.filter((c) => c[0].trace.name.startsWith('residual'))"
         ".map((c) => Math.max(...c.map((p) => Math.abs(p.y)).filter(isFinite)))"
     )
     assert len(left) == 2 and max(left) > 2.0 * min(left)  # the first one lacks the effect
@@ -181,7 +181,7 @@ def test_a_zoom_moves_all_plots_and_shows_every_point(server, open_page) -> None
 #: Spans of time that are marked in the plot of C_l, as pairs.
 MARKS = """(document.querySelector('[data-testid=plot-Cl]').layout.shapes.find((s) => s.fillcolor.includes('230,159'))
   ?.path.match(/[MH][0-9.]+/g) ?? []).map((p) => parseFloat(p.slice(1)))"""
-#: Middle of the cell of the map with the most left over: where it is on the screen and in the units of its axes.
+#: Middle of the cell of the map with the largest residual: where it is on the screen and in the units of its axes.
 WORST_CELL = """() => {
   const plot = document.querySelector('[data-testid=map]'), {xaxis, yaxis} = plot._fullLayout;
   const {x, y, z} = plot.calcdata[0][0], box = plot.querySelector('.nsewdrag').getBoundingClientRect();
@@ -293,11 +293,25 @@ def test_the_other_views_and_the_dark_page(server, open_page) -> None:
     page.click(marked("tab-calibration"))
     wait_for_text(page, "calibration-verdict", "One clear minimum")
     page.wait_for_selector(marked("residual-2") + " .main-svg")
-    page.set_viewport_size({"width": 820, "height": 1180})
-    page.wait_for_function("document.documentElement.scrollWidth <= 820")
-    page.click(marked("tab-model"))
-    page.wait_for_selector(marked("plot-Cn") + " .main-svg")
-    page.wait_for_function("document.documentElement.scrollWidth <= 820")
+    page.click(marked("tab-residuals"))
+    wait_for_text(page, "residual-numbers", "within 2 sigma")
+    with page.expect_download() as download:
+        page.click(marked("save-coefficients"))
+    assert download.value.path().read_text(encoding="utf8").startswith("time,CX_measured,")
+    page.keyboard.press("?")
+    wait_for_text(page, "help-text", "the whole flight")
+    page.click("text=Close")
+    for width in (820, 390):
+        page.set_viewport_size({"width": width, "height": 1180})
+        for view in ("residuals", "model"):
+            page.click(marked(f"tab-{view}"))
+            page.wait_for_selector(f"{marked('plot-Cn' if view == 'model' else 'distribution-Cn')} .main-svg")
+            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}")
+    page.click(marked("side-add"))
+    page.locator(marked("effect")).click()
+    page.wait_for_function("document.querySelectorAll('.effect-menu .effect-kind').length >= 1")
+    widths = "(s) => document.querySelector(s).closest('.q-field, .effect-menu').getBoundingClientRect().width"
+    assert page.evaluate(widths, ".effect-menu") <= page.evaluate(widths, marked("effect")) + 1.0
 
 
 def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_page, capsys) -> None:

@@ -23,7 +23,19 @@ from aircraft_sysid_ros.workbench.guard import SameOrigin
 from aircraft_sysid_ros.workbench.report import report_html
 from aircraft_sysid_ros.workbench.run_view import load_flight_record, load_run_view, load_truth_view
 from aircraft_sysid_ros.workbench.side_panels import complaint
-from aircraft_sysid_ros.workbench.views import candidates, coefficients, figure, parameters, places, states, words
+from aircraft_sysid_ros.workbench.views import (
+    candidates,
+    coefficients,
+    figure,
+    parameters,
+    places,
+    residuals,
+    states,
+    words,
+)
+from aircraft_sysid_ros.workbench.views import (
+    numbers as tables_of_numbers,
+)
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +118,44 @@ def test_the_curve_is_the_regression_of_what_is_left_over(view) -> None:
     assert one.quantity is words.SIGNAL_WORDS["alpha"] and np.all(np.diff(one.x) >= 0.0)
 
 
+def test_residuals_of_noise_alone_look_like_noise_and_others_do_not(view) -> None:
+    """White noise of the stated sigma in place of the residuals: as many within two sigma as of a normal law."""
+    axis = view.comparison.axes["CZ"]
+    noise = np.random.default_rng(3).normal(size=len(axis.floor.std)) * axis.floor.std
+    shown = replace(view.comparison, axes={"CZ": replace(axis, fit=replace(axis.fit, held_out=noise))})
+    (row,) = residuals.residual_rows(shown)
+    assert row.rms == pytest.approx(1.0, abs=0.1)
+    assert row.within_two == pytest.approx(0.954, abs=0.03) and row.beyond_three < 0.02
+    bars, normal = residuals.residual_figure(shown, "CZ", figure.LIGHT)["data"][:2]
+    assert np.sum(numbers(bars["y"])) * 0.25 == pytest.approx(1.0, abs=1e-5)  # a density
+    expected = np.interp(numbers(bars["x"]), numbers(normal["x"]), numbers(normal["y"]))
+    assert np.max(np.abs(numbers(bars["y"]) - expected)) < 0.12
+    of_flight = {row.axis: row for row in residuals.residual_rows(view.comparison)}
+    assert of_flight["Cl"].rms > 3.0 > 1.5 > of_flight["CZ"].rms  # what is hidden is in the roll axis
+
+
+def test_every_axis_of_a_figure_has_a_unit(view, hidden_effect) -> None:
+    record = load_flight_record(hidden_effect, view.zero)
+    made = [residuals.residual_figure(view.comparison, name, figure.LIGHT) for name in view.comparison.axes]
+    made += [coefficients.coefficient_figure(view.comparison, name, figure.LIGHT) for name in AXES]
+    made += [found for _, found in states.all_figures(record.state, figure.LIGHT, {})]
+    for found in made:
+        for name, axis in found["layout"].items():
+            if name[1:5] == "axis":
+                assert re.search(r"\[.+\]$", axis["title"]["text"]), axis["title"]["text"]
+
+
+def test_files_of_numbers_hold_what_the_page_shows(view) -> None:
+    header, *rows = tables_of_numbers.coefficients_csv(view.comparison).splitlines()
+    column = header.split(",").index("Cl_held_out_residual")
+    held_out = view.comparison.axes["Cl"].fit.held_out
+    read = np.array([float(row.split(",")[column] or "nan") for row in rows])
+    assert read == pytest.approx(held_out, rel=1e-6, nan_ok=True)
+    rows = parameters.parameter_rows(view.parameters[view.current], {"CZ_alpha": -4.6})
+    listed = tables_of_numbers.parameters_csv(rows).splitlines()
+    assert len(listed) == len(rows) + 1 and next(t for t in listed if t.startswith("CZ_alpha,")).endswith(",-4.6")
+
+
 @pytest.mark.parametrize(("p", "said"), [(0.0, "less than 1 in 1 000 000"), (0.003, "1 in 300"), (0.04, "1 in 20")])
 def test_chances_in_words(p, said) -> None:
     assert words.chance(p) == said
@@ -135,7 +185,7 @@ def test_history_and_truth_of_parameters(view, hidden_effect) -> None:
 )
 def test_the_scale_of_the_bars_holds_every_error_and_is_said(errors, top) -> None:
     assert markup.errors_scale(errors) == pytest.approx(top)
-    assert f"{100 * top:.0f} % of spread" in markup.scale_head(top)
+    assert f">{100 * top:.0f} %<" in markup.scale_head(top)
 
 
 def test_a_curve_that_leaves_its_plot_is_marked_where_it_does() -> None:
@@ -164,18 +214,36 @@ def test_no_curve_of_the_state_or_of_a_parameter_is_cut_off_silently(view, hidde
     assert cut > 3  # estimates begin far away
 
 
-def test_intervals_are_the_same_in_all_views() -> None:
-    """Half of an interval of 95 %, 1.96 standard errors, and labelled so."""
+@pytest.mark.parametrize(
+    ("value", "std", "said"),
+    [
+        (0.036123, 0.01392, ("0.036", "0.014")),
+        (-0.70021, 0.00474, ("−0.7002", "0.0047")),
+        (12.34, 0.0996, ("12.34", "0.10")),
+        (1234.5, 37.2, ("1234", "37")),
+        (98_765.0, 1234.0, ("98800", "1200")),
+        (0.0, 0.5, ("0.00", "0.50")),
+        (1.23456e-9, 4.2e-11, ("1.235e−09", "4.2e-11")),
+        (0.5, 0.0, ("0.5", "–")),
+        (2.0, np.nan, ("2", "–")),
+    ],
+)
+def test_digits_end_where_the_standard_error_does(value, std, said) -> None:
+    assert words.rounded(value, std) == said
+
+
+def test_a_table_has_values_with_standard_errors_and_intervals_of_95_percent() -> None:
     listed = [{"name": "Cl_beta", "value": -0.1, "std": 0.01, "reason": ""}]
     beside = markup.parameters_beside(listed, listed, ("one", "other"))
-    assert "± 0.02<" in beside and "half of its 95 % interval" in beside
+    assert "−0.100 <" in beside and "± 0.010<" in beside and "standard error" in beside
     state = {
         "status_text": "fine", "wind_ned": [1.0, 2.0, 3.0], "accelerometer_bias": [0.0] * 3, "gyro_bias": [0.0] * 3,
         "standard_deviations": [0.5] * 18,
     }  # fmt: skip
-    assert "± 0.98<" in markup.state_table(state) and "half of the 95 % interval" in markup.state_table(state)
-    (row,) = parameters.parameter_rows([{**listed[0], "status": "USE"}], {})
-    assert row.interval == pytest.approx((-0.1196, -0.0804))
+    assert "± 0.50<" in markup.state_table(state) and "the standard error" in markup.state_table(state)
+    rows = parameters.parameter_rows([{**listed[0], "status": "USE"}], {})
+    assert rows[0].interval == pytest.approx((-0.1196, -0.0804))
+    assert "± 0.010<" in markup.parameter_table(rows) and "−0.120 to −0.080" in markup.parameter_table(rows)
 
 
 @pytest.mark.parametrize(
@@ -199,6 +267,9 @@ def test_a_file_needs_nothing_else(view, hidden_effect) -> None:
     assert len(text.encode()) < 10e6
     own = text[: text.index("<script>")] + text[text.index('id="figures"') :]
     assert "http://" not in own and "https://" not in own and "src=" not in own
+    contents = re.findall(r'<a href="#(\w+)">', own)
+    assert contents == ["model", "residuals", "where", "versions", "parameters", "state"]
+    assert all(f'id="{name}"' in own for name in contents)
     begin = text.index('id="figures">') + len('id="figures">')
     figures = json.loads(text[begin : text.index("</script>", begin)])
     drawn = figures["figure-0"]["data"][0]

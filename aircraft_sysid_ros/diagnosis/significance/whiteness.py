@@ -36,6 +36,7 @@ class Whiteness:
     statistic: float
     p_value: float
     correlation: Array  # (LAGS,) of what is left, at multiples of the spacing of the points
+    count: int = 0  # points that it rests on
 
     @property
     def white(self) -> bool | None:
@@ -76,7 +77,7 @@ def whiteness_of(residual: Array, std: Array, correlation: Array) -> Whiteness:
     # the variance of r_k about -1/n, which the mean that was taken away leaves, is (n - k) / (n (n + 2)) for n points
     count = float(known.sum())
     statistic = float(np.sum(pairs * (1.0 + 2.0 / count) * (r + 1.0 / count) ** 2))
-    return Whiteness(statistic, float(gammaincc(0.5 * LAGS, 0.5 * statistic)), r)
+    return Whiteness(statistic, float(gammaincc(0.5 * LAGS, 0.5 * statistic)), r, int(count))
 
 
 def on_grid(time: Array, values: Array, step: float, every: int) -> Array:

@@ -1,4 +1,4 @@
-"""Why it fails: each candidate of ``diagnose`` in plain words, and what is left over against its own signal."""
+"""Why it fails: each candidate of ``diagnose`` in plain words, and the residual against its own signal."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def evidence_figure(found: Evidence, theme: Theme, height: int = 280) -> Figure:
     return figure(
         theme, [dots, curve, means], height,
         xaxis=axis(theme, found.quantity.title, fixedrange=True),
-        yaxis=axis(theme, "left over in " + symbol(found.axis) + " [-]", fixedrange=True),
+        yaxis=axis(theme, "residual of " + symbol(found.axis) + " [-]", fixedrange=True),
         margin={"l": 66, "r": 8, "t": 8, "b": 42},
     )  # fmt: skip
 

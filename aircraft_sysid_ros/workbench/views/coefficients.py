@@ -1,4 +1,4 @@
-"""Six axes: measured and predicted coefficient over time, what is left over, and the errors as numbers."""
+"""Six axes: measured and predicted coefficient over time, the residual, and the errors as numbers."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def coefficient_figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
         yaxis=axis(theme, symbol(name) + " [-]", domain=[split + 0.05, 1.0], fixedrange=True, nticks=5),
-        yaxis2=axis(theme, "left over", domain=[0.0, split], fixedrange=True, nticks=5),
+        yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, nticks=5),
         shapes=[*bands(held_out, window, theme.shade), *bands(marks, window, theme.mark)],
     )  # fmt: skip
 
@@ -117,7 +117,7 @@ def _model(
 ) -> list[dict[str, Any]]:
     return [
         line(*thinned(time, found.predicted, window), colour, words, width=1.1),
-        line(*thinned(time, found.fit.held_out, window), of_residual, f"left over, {words}", yaxis="y2", width=1.0),
+        line(*thinned(time, found.fit.held_out, window), of_residual, f"residual, {words}", yaxis="y2", width=1.0),
     ]
 
 

@@ -19,7 +19,25 @@ FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, s
 MOST_POINTS = 1000
 #: What a curve that leaves the range of its plot is called, and most marks of it at one edge.
 BEYOND, _MOST_MARKS = "beyond the plot", 40
-CONFIG = {"displayModeBar": False, "responsive": True, "doubleClick": "autosize", "showTips": False}
+#: A figure can be saved: the one button that plotly.js shows over it. No list in a list: plotly.js would take the
+#: configuration for a new one, and begin the figure anew, each time that it is drawn.
+CONFIG = {
+    "modeBarButtonsToRemove": [
+        "zoom2d",
+        "pan2d",
+        "select2d",
+        "lasso2d",
+        "zoomIn2d",
+        "zoomOut2d",
+        "autoScale2d",
+        "resetScale2d",
+    ],
+    "toImageButtonOptions": {"format": "svg", "filename": "figure"},
+    "displaylogo": False,
+    "responsive": True,
+    "doubleClick": "autosize",
+    "showTips": False,
+}
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 #: Flight [s] that the time plots show.
 WINDOW = 120.0
 TIME_TITLE = "time since first heard [s]"
-#: Share of the power of what is left over from which it is called noise.
+#: Share of the power of the residual from which it is called noise.
 _ONLY_NOISE = 0.75
 #: Silence [s] of the node from which the page says so.
 SILENCE = 5.0
@@ -72,7 +72,7 @@ def failing_axes(missing: Mapping[str, Any] | None, model: str) -> set[str]:
 
 
 def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[float] = (), height: int = 226) -> Figure:
-    """One axis over the newest WINDOW seconds: measured, predicted, what is left over, ``changes`` of the model."""
+    """One axis over the newest WINDOW seconds: measured, predicted, the residual, ``changes`` of the model."""
     end = float(rows[-1]["time"]) if rows else WINDOW
     window = [max(end, WINDOW) - WINDOW, max(end, WINDOW)]
     shown = [row for row in rows if row["time"] >= window[0] and name in row["axes"]]
@@ -82,7 +82,7 @@ def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[fl
     data = [
         line(time, measured, theme.ink, "measured", width=2.0, **style),
         line(time, predicted, theme.predicted, "predicted", width=1.1, **style),
-        line(time, measured - predicted, theme.residual, "left over", yaxis="y2", width=1.0, **style),
+        line(time, measured - predicted, theme.residual, "residual", yaxis="y2", width=1.0, **style),
     ]
     shapes = [
         {
@@ -95,7 +95,7 @@ def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[fl
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=window, anchor="y2", nticks=9, fixedrange=True),
         yaxis=axis(theme, symbol(name) + " [-]", domain=[_RESIDUAL + 0.05, 1.0], fixedrange=True, nticks=5),
-        yaxis2=axis(theme, "left over", domain=[0.0, _RESIDUAL], fixedrange=True, nticks=5),
+        yaxis2=axis(theme, "residual [-]", domain=[0.0, _RESIDUAL], fixedrange=True, nticks=5),
         shapes=shapes,
     )  # fmt: skip
 

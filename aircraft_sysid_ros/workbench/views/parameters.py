@@ -65,9 +65,17 @@ def _known(value: float | None) -> float | None:
 
 
 def history_figure(
-    found: ParameterHistory, name: str, theme: Theme, truth: float | None = None, height: int = 300
+    found: ParameterHistory,
+    name: str,
+    theme: Theme,
+    truth: float | None = None,
+    fitted: float | None = None,
+    height: int = 300,
 ) -> Figure:
-    """One parameter over the flight with its interval; where its status is not USE the line is dotted."""
+    """One parameter over the flight with its interval; where its status is not USE the line is dotted.
+
+    ``fitted`` is its value in the version that the table shows, where that is not the one that was learnt in flight.
+    """
     column = found.names.index(name)
     value, std, status = found.value[:, column], found.std[:, column], found.status[:, column]
     used = status == int(Trust.USE)
@@ -82,6 +90,8 @@ def history_figure(
     data = [band, line(found.time, value, theme.residual, "not for use", dash="dot")]
     data.append(line(found.time, np.where(used, value, np.nan), theme.residual, "estimate, status USE", width=2.2))
     ends = found.time[[0, -1]]
+    if fitted is not None:
+        data.append(line(ends, np.full(2, fitted), theme.second, "this version, fitted to all", width=1.6))
     if truth is not None:
         data.append(line(ends, np.full(2, truth), theme.predicted, "truth", dash="dash", width=1.6))
     settled = known & (found.time >= 0.5 * (found.time[0] + found.time[-1]))

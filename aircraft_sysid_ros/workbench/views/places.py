@@ -1,4 +1,4 @@
-"""Where a model fails: a list of places, and a map of what is left over on two signals."""
+"""Where a model fails: a list of places, and a map of the residual on two signals."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TOP = 0.97
 
 @dataclass(frozen=True)
 class ResidualMap:
-    """Rms of what is left over, in times the noise, by cells of two signals; NaN where too little was flown."""
+    """Rms of the residual, in times the noise, by cells of two signals; NaN where too little was flown."""
 
     name: str
     signals: tuple[str, str]

@@ -65,6 +65,26 @@ def symbol(axis: str) -> Markup:
     return Markup("C<sub>{}</sub>").format(axis[1])
 
 
+def rounded(value: float, std: float) -> tuple[str, str]:
+    """A value and its standard error to the last place that the standard error says something of: its second digit.
+
+    0.036123 with 0.01392 is 0.036 and 0.014; where nothing is known of the error, four digits.
+    """
+    if not np.isfinite(std) or std <= 0.0:
+        return _with_minus(f"{value:.4g}"), "–"
+    place = int(np.floor(np.log10(std)))
+    places = 1 - place
+    if round(std, places) >= 10.0 ** (place + 1):  # 0.0996 is 0.10
+        places -= 1
+    if places > 7:
+        return _with_minus(f"{value:.{max(int(np.floor(np.log10(abs(value) or std))) + places, 0)}e}"), f"{std:.1e}"
+    return _with_minus(f"{round(value, places):.{max(places, 0)}f}"), f"{round(std, places):.{max(places, 0)}f}"
+
+
+def _with_minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
 def percent(share: float) -> str:
     """A share as a number of %, as the command line prints it."""
     return f"{100.0 * share:.1f}"

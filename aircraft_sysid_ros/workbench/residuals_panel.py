@@ -1,0 +1,49 @@
+"""The view of the residuals: how they are distributed against the noise, and how they go on in time."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot
+from aircraft_sysid_ros.workbench.views.coefficients import ORDER
+from aircraft_sysid_ros.workbench.views.numbers import coefficients_csv
+from aircraft_sysid_ros.workbench.views.residuals import residual_figure, residual_rows
+
+WORDS = (
+    "On flight that was not fitted, over the noise that the sensors of the aircraft file make. A perfect model leaves "
+    "95 % within two sigma, 0.3 % beyond three, and no correlation."
+)
+
+
+class ResidualsPanel(Panel):
+    """A table, and a figure for each axis."""
+
+    def build(self) -> None:
+        """Make everything."""
+        with ui.element("div").classes("view wide"):
+            with card("Residuals against the noise of the sensors"):
+                ui.label(WORDS).classes("soft small")
+                self._table = Html().props("data-testid=residual-numbers")
+                button = ui.button("Coefficients as CSV", icon="download", on_click=self._download)
+                button.props("flat dense data-testid=save-coefficients").style("margin-top:8px")
+            self._place = ui.element("div").classes("grid2")
+        self.update()
+
+    def update(self) -> None:
+        """After a change of the run or the theme."""
+        comparison = self.page.view.comparison
+        self._table.show(markup.residual_numbers(residual_rows(comparison)))
+        self._place.clear()
+        with self._place:
+            for name in (name for name in ORDER if name in comparison.axes):
+                with card():
+                    Html(markup.axis_title(name))
+                    made = residual_figure(comparison, name, self.page.look.theme)
+                    plot(made, f"residual of {name}: histogram and autocorrelation").props(
+                        f"data-testid=distribution-{name}"
+                    )
+
+    def _download(self) -> None:
+        view = self.page.view
+        ui.download.content(coefficients_csv(view.comparison), f"coefficients_{view.current}.csv", "text/csv")
