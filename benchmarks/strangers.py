@@ -1,17 +1,18 @@
 """Flights of strangers: what does the diagnosis say with an aircraft file that holds mass and shape only?
 
-    python benchmarks/strangers.py [--clean 40] [--hidden 24] [--jobs 2] [--first 9100000]
+    python benchmarks/strangers.py [--clean 40] [--hidden 24] [--jobs 2] [--first 9100000] [--figure]
 
 Flights of 150 s whose sensors, rates, air and manoeuvres are drawn from the seed and written nowhere: the noise of each
 sensor, IMU at 50, 100 or 200 Hz, air data at 20 or 50 Hz, an attitude or none, wind that is steady, walks slowly, or
 gusts lightly. No lever arms, no delays. The diagnosis gets the samples and an aircraft file with mass and shape. Each
 flight is a line in results/strangers.jsonl; a run that is stopped goes on where it was. Seeds are drawn before and
-looked at once.
+looked at once. ``--figure`` draws the p-values that were stated of the clean flights into docs/figures.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # flights share the cores; before numpy is loaded
@@ -34,6 +35,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import HIDDEN_RATE, simulate
 from aircraft_sysid_ros.simulation.varied_plan import PLANS
 
 RESULTS = Path(__file__).parent / "results" / "strangers.jsonl"
+FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "clean_p_values.png"
 AEROPLANES = ("ultra_stick_25e", "ultra_stick_120")
 SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia")
 DURATION = 150.0
@@ -99,7 +101,8 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
         return {**result, "failed": str(error)}
     names = [c["label"] for c in said["candidates"] if c["found"]]
     first = next((c for c in said["candidates"] if c["found"]), None)
-    return {**result, "verdict": said["verdict"], "found": names, "first": first and first["effect"]}
+    stated = {"verdict": said["verdict"], "p_value": said["p_value"]}
+    return {**result, **stated, "found": names, "first": first and first["effect"]}
 
 
 def jobs(clean: int, hidden: int, first: int) -> list[dict[str, Any]]:
@@ -127,6 +130,31 @@ def summary(results: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def draw(results: list[dict[str, Any]], path: Path) -> None:
+    """Stated p-values of clean flights, in order, beside those of an even distribution with its 95 % band."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from scipy.stats import beta
+
+    stated = np.sort([r["p_value"] for r in results if "failed" not in r and not r["effect"]])
+    rank = np.arange(1, len(stated) + 1)
+    low, high = (beta.ppf(q, rank, len(stated) - rank + 1) for q in (0.025, 0.975))
+    figure, plot = plt.subplots(figsize=(6, 5), layout="constrained")
+    expected = rank / (len(stated) + 1)
+    plot.fill_between(expected, low, high, color="0.88", label="95 % of even samples")
+    plot.plot(expected, expected, "k--", lw=0.8, label="even")
+    plot.plot(expected, stated, "o", ms=4, color="#0072B2", label=f"{len(stated)} clean flights")
+    plot.set_xscale("log")
+    plot.set_yscale("log")
+    plot.set_xlabel("p-value of an even distribution")
+    plot.set_ylabel("p-value that was stated, whole search")
+    plot.legend(fontsize=9)
+    figure.savefig(path, dpi=100, metadata={"Software": None})
+    plt.close(figure)
+
+
 def main() -> None:
     """Fly what is not flown yet, and count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -135,7 +163,11 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--figure", action="store_true", help="draw the p-values of the flights that are there")
     args = parser.parse_args()
+    if args.figure:
+        draw([json.loads(line) for line in args.results.read_text().splitlines()], FIGURE)
+        return
     wanted = jobs(args.clean, args.hidden, args.first)
     results = []
     for result in resumed.flown(fly, wanted, args.results, args.jobs):

@@ -55,6 +55,9 @@ def render(result: dict[str, Any]) -> str:
         lines += _about(candidate)
     lines += [result["advice"], ""]
     lines += note_lines(result["notes"])
+    if result.get("cannot_show"):
+        unseen = "; ".join(f"{each['effect']} ({each['why']})" for each in result["cannot_show"])
+        lines.append(f"this flight could not show: {unseen}")
     if result["replicas"]:
         lines.append(
             f"{result['tried']} effects tried, {result['replicas']} replicas; a flight with nothing missing is "

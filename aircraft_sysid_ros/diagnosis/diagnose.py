@@ -1,7 +1,7 @@
 """Which effect is missing: candidates ranked by what they explain on held-out flight, and a verdict.
 
-A candidate is significant when it explains more than it does in replicas of the flight in which nothing is missing
-(``replica``), by a t-test over the replicas that allows for the number of candidates tried. A verdict needs size as
+A candidate is significant when it explains more than the same search finds in replicas of the flight in which nothing
+is missing (``maximum_statistic``). A verdict needs size as
 well: a share of the held-out error of an axis must go, so that what is true but tiny is listed and not called missing.
 The effects are found one after another, each with those before it in the model, until none is left. What is found
 later must explain that share of the error that there was at first, and more than another shape of what was found
@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtr
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
@@ -26,6 +25,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import (
     CandidateEvaluator,
     Score,
+    best_by_axis,
     expressions,
     log_ratio,
     new_terms,
@@ -34,6 +34,7 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import (
 )
 from aircraft_sysid_ros.diagnosis.search.fit import Gain
 from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
+from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
@@ -56,6 +57,7 @@ class Finding:
     evidence: float  # the same in standard deviations over replicas
     p_value: float  # allowing for the number of candidates
     size: float  # share of the held-out rms error of its main axis, before anything was found, that goes
+    above_floor: float  # error of its main axis without it, over that of the replicas
     confounded_with: tuple[str, ...] = ()
     blocks: tuple[int, ...] = ()  # numbers of the blocks of time that hold most of the evidence
     #: By axis the term that explains most of what the effect leaves since it has another shape, if that has size.
@@ -66,7 +68,8 @@ class Finding:
         """It has size, moves the coefficient, and explains more than its numbers cost."""
         gain = self.trial.gains[self.trial.main_axis]
         moved = np.sqrt(max(gain.nrmse_before**2 - gain.nrmse_after**2, 0.0))
-        return bool(self.size >= THRESHOLDS.size and moved >= THRESHOLDS.least_moved and self.excess > self.trial.price)
+        sizeable = self.size >= THRESHOLDS.size and moved >= THRESHOLDS.least_moved
+        return bool(sizeable and self.above_floor >= THRESHOLDS.above_floor and self.excess > self.trial.price)
 
 
 @dataclass(frozen=True)
@@ -80,32 +83,10 @@ class Diagnosis:
     tried: int
     replicas: int
     bench: CandidateEvaluator = field(repr=False)  # the flight with what was found in the model
+    #: How probable it is that a flight in which nothing is missing shows as much as this one, in whatever candidate.
+    p_value: float
     #: By axis in which inferred angles allow no name: the error, over that of replicas.
     unknown: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Null:
-    """Scores of each family of candidates in the replicas, (families, replicas)."""
-
-    scores: Mapping[str, Array]
-
-    def test(self, family: str, score: float, tried: int) -> tuple[float, float, float]:
-        """Excess, evidence and p-value of a score."""
-        own = self.scores.get(family)
-        if own is None or not len(own):
-            return score, 0.0, 1.0
-        repeated = [np.var(s, ddof=1) for s in self.scores.values() if len(s) > 1]
-        spread = float(np.sqrt(np.mean(repeated))) if repeated else 0.05
-        freedom = len(own) - 1 + THRESHOLDS.shrinkage
-        variance = (np.sum((own - own.mean()) ** 2) + THRESHOLDS.shrinkage * spread**2) / freedom
-        usual = float(max(own.mean(), 0.0))
-        deviation = np.sqrt(
-            (variance + THRESHOLDS.least_spread**2) * (1.0 + 1.0 / len(own)) + (THRESHOLDS.doubt * usual) ** 2
-        )
-        excess = float(score - own.mean())
-        evidence = float(excess / deviation)
-        return excess, evidence, float(min(1.0, tried * stdtr(freedom, -evidence)))
 
 
 def diagnose(
@@ -120,17 +101,15 @@ def diagnose(
         axis: float(np.mean([other.fits[axis].nrmse_held_out for other in empty if axis in other.fits]))
         for axis in bench.fits
     }
-    scores = {
-        effect.identifier: np.array([r.scores[effect.identifier] for r in replicas if effect.identifier in r.scores])
-        for effect in library
-    }
+    null = _null_of(replicas, library, tuple(bench.fits))
     found: list[Finding] = []
     listed: list[Finding] = []
-    resting, tried = _resting_on(bench.data.inferred), 0
+    resting, tried, p_value = resting_on(bench.data.inferred), 0, 1.0
     one: _Round | None = None
     first = {axis: fit.nrmse_held_out for axis, fit in bench.fits.items()}
     for number in range(THRESHOLDS.most_effects):
-        one = _Round(bench, empty, Null(scores), library, _part(progress, number), one, first)
+        one = _Round(bench, empty, null, library, _part(progress, number), one, first, floor)
+        p_value = one.p_value if number == 0 else p_value
         tried = max(tried, len(one.trials))
         significant = one.findings(found)
         known = {f.trial.candidate.family for f in listed}
@@ -153,7 +132,19 @@ def diagnose(
     unknown = _unknown(bench, floor, resting, listed)
     names = {f.trial.candidate.family for f in found}
     order = found + [f for f in listed if f.trial.candidate.family not in names]
-    return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench, unknown)
+    return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench, p_value, unknown)
+
+
+def _null_of(replicas: Sequence[Replica], library: Sequence[Effect], axes: Collection[str]) -> Null:
+    """What the same search finds in the replicas: each effect, and the best expression of each axis."""
+    effects = {e.identifier: np.array([r.scores.get(e.identifier, np.nan) for r in replicas]) for e in library}
+    outside = {_outside_in(axis): np.array([r.outside.get(axis, np.nan) for r in replicas]) for axis in axes}
+    return Null({**effects, **outside})
+
+
+def _outside_in(axis: str) -> str:
+    """Family of the expressions of an axis, of which the best one counts."""
+    return f"outside the library in {axis}"
 
 
 def _sizeable(
@@ -181,7 +172,7 @@ def _unknown(
     return {axis: bench.fits[axis].nrmse_held_out / floor[axis] for axis in sorted(axes, key=AXES.index)}
 
 
-def _resting_on(inferred: Collection[str]) -> set[str]:
+def resting_on(inferred: Collection[str]) -> set[str]:
     """Axes that rest on signals of the air data that no sensor measures."""
     return {axis for name in inferred for axis in _RESTING[name]}
 
@@ -209,9 +200,10 @@ class _Round:
         progress: Callable[[float], None],
         last: _Round | None,
         first: Mapping[str, float],
+        floor: Mapping[str, float],
     ) -> None:
-        """``first``: held-out errors by axis before anything was found."""
-        self.bench, self.empty, self.null, self.first = bench, empty, null, first
+        """``first``: held-out errors by axis before anything was found; ``floor``: those of the replicas."""
+        self.bench, self.empty, self.null, self.first, self.floor = bench, empty, null, first, floor
         changed = {axis for axis, fit in bench.fits.items() if last is None or fit is not last.bench.fits[axis]}
         tried = {} if last is None else {t.candidate.family: t for t in (*last.trials, *last.outside)}
         self.trials: list[Score] = []
@@ -245,13 +237,26 @@ class _Round:
             significant.insert(0, outside)
         return [self._with_company(f, significant) for f in significant]
 
+    @property
+    def p_value(self) -> float:
+        """The smallest of all candidates, the changes at one moment apart."""
+        families = [(t.candidate.family, t.score) for t in self.trials]
+        families += [(_outside_in(axis), trial.score) for axis, trial in best_by_axis(self.outside).items()]
+        return min((self.null.test(family, score)[2] for family, score in families), default=1.0)
+
     def _test(self, trial: Score) -> Finding:
-        excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score, len(self.trials))
+        excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score)
         return self._finding(trial, excess, evidence, p_value)
 
     def _finding(self, trial: Score, excess: float, evidence: float, p_value: float) -> Finding:
         data = self.bench.judging(trial.candidate).data
-        return Finding(trial, data, excess, evidence, p_value, self._size(trial), blocks=_blocks(trial))
+        over = self._above_floor(trial)
+        return Finding(trial, data, excess, evidence, p_value, self._size(trial), over, blocks=_blocks(trial))
+
+    def _above_floor(self, trial: Score) -> float:
+        """Error of the main axis of a candidate without it, over what it is in replicas of the flight."""
+        floor = self.floor.get(trial.main_axis, 0.0)
+        return self.bench.fits[trial.main_axis].nrmse_held_out / floor if floor > 0.0 else np.inf
 
     def _size(self, trial: Score) -> float:
         axis = trial.main_axis
@@ -269,19 +274,19 @@ class _Round:
 
     def _rivals(self, best: Finding | None, first: bool) -> Iterator[Score]:
         """The best expression of each axis and, where an effect would be named first, the best change at one moment."""
-        for axis in self.bench.fits:
-            trials = [t for t in self.outside if axis in t.gains]
-            if trials:
-                yield max(trials, key=lambda t: t.score)
+        yield from best_by_axis(self.outside).values()
         if first and best is not None and best.size >= THRESHOLDS.size:
             change = sudden_change(self.bench)
             if change is not None:
                 yield change
 
     def _test_outside(self, trial: Score) -> Finding:
-        others = [t for t in (other.trial(trial.candidate) for other in self.empty) if t is not None]
-        null = Null({**self.null.scores, trial.candidate.family: np.array([t.score for t in others])})
-        excess, evidence, p_value = null.test(trial.candidate.family, trial.score, len(self.outside))
+        null, family = self.null, _outside_in(trial.main_axis)
+        if trial.candidate.happens:  # the same search in every replica, which takes its time
+            changes = [sudden_change(other) for other in self.empty]
+            family = trial.candidate.family
+            null = null.with_family(family, np.array([0.0 if change is None else change.score for change in changes]))
+        excess, evidence, p_value = null.test(family, trial.score)
         return self._finding(trial, excess, evidence, p_value)
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:

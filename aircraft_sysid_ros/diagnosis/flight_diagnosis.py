@@ -14,6 +14,7 @@ from scipy.special import chdtrc, chdtri
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
@@ -63,7 +64,8 @@ def diagnose_flight(
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
     result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
     data = replace(data, names=tuple(names), runs=tuple(runs))
-    return FlightDiagnosis(data, tuple(settings), result, repeated, calm)
+    unseen = out_of_reach(bench, library, samples, calm)
+    return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen))
 
 
 def with_best_setting(

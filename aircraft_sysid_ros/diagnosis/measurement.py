@@ -98,16 +98,18 @@ def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:
     return float(getattr(aircraft.sensors[name], setting[2]))
 
 
+#: By moment the held-out error and that of the fit to all points.
+Errors = dict[str, tuple[float, float]]
 #: A flight and the stretch of it that is run again, a setting and its range, the likelihood of the sensors and the
-#: score of the controls without it, and whether it is calm.
-Job = tuple[Reconstruction, Samples, Effect, Variant, ShapeParameter, Likelihood, float, bool]
+#: errors of the moments without it, and whether it is calm.
+Job = tuple[Reconstruction, Samples, Effect, Variant, ShapeParameter, Likelihood, Errors, bool]
 
 
 def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> Iterator[Job]:
     """One per setting that the flight has samples for; scales of the air data only in calm air."""
     samples = stretch_of(flight)
     kinds = set(np.unique(samples.kind).tolist())
-    sensors, controls = log_likelihood(flight.aircraft, samples), control_score(flight, flight.aircraft)
+    sensors, controls = log_likelihood(flight.aircraft, samples), control_errors(flight, flight.aircraft)
     for effect in library:
         for variant in effect.variants:
             if not variant.setting or variant.setting[0] == "process_noise":
@@ -134,7 +136,8 @@ def try_setting(job: Job) -> Setting:
     start = nominal(flight.aircraft, variant.setting)
     of_controls = CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
-    total = calm or variant.setting[-1] == "drift"
+    of_imu = "imu" in variant.setting  # gusts do not touch it: sensors of the motion tell it, without the air data too
+    total = calm or of_imu or variant.setting[-1] == "drift"
     of_sensors = THRESHOLDS.setting_total if total else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
     needed = THRESHOLDS.control_gain if of_controls else of_sensors
 
@@ -146,12 +149,14 @@ def try_setting(job: Job) -> Setting:
         except InputError:
             return -np.inf
         if of_controls:
-            return control_score(flight, changed) - controls
-        return log_likelihood(changed, samples).over(sensors)
+            return control_gain(controls, control_errors(flight, changed))
+        tried = log_likelihood(changed, samples)
+        gained = tried.over(sensors)
+        return min(gained, tried.over(sensors, tuple(AIR_DATA.values()))) if of_imu else gained
 
     value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
-    if variant.setting[-1] == "delay" and not of_controls:
+    if variant.setting[-1] == "delay" and not of_controls and not of_imu:
         needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
     return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std)
 
@@ -199,8 +204,8 @@ def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float, flo
     return float(x[1] - 0.5 * b / a), float(c - 0.25 * b * b / a), float(-2.0 * a)
 
 
-def control_score(flight: Reconstruction, aircraft: Aircraft) -> float:
-    """Minus the sum over moments of ln(held-out sum of squares) of the second step with another delay of the controls.
+def control_errors(flight: Reconstruction, aircraft: Aircraft) -> Errors:
+    """Errors of the moments in the second step with another delay of the controls.
 
     A surface turns the aeroplane at once, which the gyros show. What it does to the forces is small beside the angles
     of flow, and where those are inferred a delay of the controls stands for their errors: C_Z of flights without vanes
@@ -209,10 +214,21 @@ def control_score(flight: Reconstruction, aircraft: Aircraft) -> float:
     parameters = Identifier(aircraft, OF_FILTER)
     parameters.push_samples(flight.samples, flight.epoch)
     points = np.vstack([parameters.push_states(flight.rows, flight.epoch), parameters.flush()])
-    data, total = flight_data_of(aircraft, points), 0.0
+    data, errors = flight_data_of(aircraft, points), {}
     for axis in MOMENTS:
         try:
-            total -= 2.0 * float(np.log(fit_axis(data, axis).nrmse_held_out))
+            fit = fit_axis(data, axis)
         except InputError:
             continue
-    return total
+        errors[axis] = fit.nrmse_held_out, fit.nrmse_fit
+    return errors
+
+
+def control_gain(before: Errors, after: Errors) -> float:
+    """Sum over the moments of ln(error variance before / after), held out, but no more than of the fit to all points.
+
+    Where an autopilot moves the surfaces with the motion, a fit hardly knows the one from the other, and is held out
+    as badly as chance will have it: a delay that only steadies it has explained nothing.
+    """
+    axes = before.keys() & after.keys()
+    return sum(2.0 * min(float(np.log(b / a)) for b, a in zip(before[x], after[x], strict=True)) for x in axes)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.cannot_show import OutOfReach
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, Diagnosis, Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
@@ -46,6 +47,7 @@ class FlightDiagnosis:
     diagnosis: Diagnosis
     replicas: Sequence[Replica] = field(repr=False)
     is_calm: bool  # scales of the air data could be told
+    unseen: tuple[OutOfReach, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -60,10 +62,15 @@ class FlightDiagnosis:
             "verdict": self.verdict,
             "candidates": [*map(self._of_setting, self.settings), *map(self._of_finding, self.diagnosis.candidates)],
             "advice": " ".join(self._advice()),
+            "p_value": self.diagnosis.p_value,
             "false_alarm_rate": THRESHOLDS.false_alarm,
             "least_size": THRESHOLDS.size,
             "noise_floor": dict(self.diagnosis.floor),
             "unknown": dict(self.diagnosis.unknown),
+            "cannot_show": [
+                {"effect": e.effect.identifier, "name": e.effect.name, "why": e.why, "manoeuvre": e.effect.manoeuvre}
+                for e in self.unseen
+            ],
             "tried": self.diagnosis.tried,
             "replicas": self.diagnosis.replicas,
         }

@@ -144,6 +144,20 @@ EFFECTS: tuple[Effect, ...] = (
         (ShapeParameter("shift", "span", -0.3, 0.3, 9),),
     ),
     Effect(
+        "imu_lag",
+        "IMU later than recorded",
+        MEASUREMENT,
+        "Filters in an IMU, or in what records it, smooth rates and accelerations and make them late, while attitude "
+        "and velocity of an onboard filter are on time. Controls and angles of flow then seem to come early, as if the "
+        "flow or the surfaces had a memory.",
+        "R. Jategaonkar, Flight Vehicle System Identification (data compatibility, time shifts)",
+        "ω and A measured at t show t - τ",
+        (Variant(setting=("sensors", "imu", "delay")),),
+        "Innovations of attitude and GPS velocity in phase with rates and accelerations.",
+        "Quick doublets of all surfaces, steep turns.",
+        (ShapeParameter("delay", "s", 0.0, 0.2, 11),),
+    ),
+    Effect(
         "actuator_lag",
         "Surfaces later than recorded",
         MEASUREMENT,

@@ -208,6 +208,11 @@ def _air_data_lag(d: _Draw) -> Hidden:
     return Hidden(d.name, "all air data", d.strength, {"delay": lag}, settings=(setting,), air_data_lag=lag)
 
 
+def _imu_lag(d: _Draw) -> Hidden:
+    lag = 0.1 * d.strength
+    return Hidden(d.name, "", d.strength, {"delay": lag}, settings=((("sensors", "imu", "delay"), lag),))
+
+
 def _actuator_lag(d: _Draw) -> Hidden:
     lag, dead_time = 0.05 * d.strength, 0.06 * d.strength
     delay = -(dead_time + np.log(2.0) * lag)  # when half of a step is done
@@ -239,7 +244,7 @@ _OTHER: dict[str, Callable[[_Draw], Hidden]] = {
     "mass_change": _mass_change, "cg_shift": _cg_shift, "alpha_scale": _scale, "beta_scale": _scale,
     "airspeed_scale": _scale,
     "alpha_drift": _drift, "beta_drift": _drift, "airspeed_drift": _drift,
-    "air_data_lag": _air_data_lag, "actuator_lag": _actuator_lag,
+    "air_data_lag": _air_data_lag, "imu_lag": _imu_lag, "actuator_lag": _actuator_lag,
     "probe_offset": _offset, "imu_offset": _offset, "wind_change": _wind_change,
 }  # fmt: skip
 #: Ids that a simulated flight can hide.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -188,15 +188,17 @@ class Likelihood:
     independent: Array
     walk: float  # random walk of the wind [m/s per sqrt(s)] at the end
 
-    def over(self, other: Likelihood) -> float:
+    def over(self, other: Likelihood, without: Sequence[Kind] = ()) -> float:
         """Logarithm by which this is likelier than another: a sensor counts as white as the whiter of both has it.
 
         As of a composite likelihood, which counts correlated terms as often as they are independent (Varin, Reid and
-        Firth 2011).
+        Firth 2011). ``without``: sensors that do not count.
         """
         if not np.all(np.isfinite(self.parts)) or not np.all(np.isfinite(other.parts)):
             return -np.inf
-        return float(np.sum(np.maximum(self.independent, other.independent) * (self.parts - other.parts)))
+        terms = np.maximum(self.independent, other.independent) * (self.parts - other.parts)
+        terms[list(without)] = 0.0
+        return float(np.sum(terms))
 
 
 def log_likelihood(aircraft: Aircraft, samples: Samples) -> Likelihood:

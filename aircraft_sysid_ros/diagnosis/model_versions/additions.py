@@ -228,7 +228,7 @@ def _gust_jobs(aircraft: Aircraft, samples: Samples, effect: Effect) -> Iterator
             flight = reconstruct(fit_sensor_noise(aircraft, samples), samples, with_covariance=False)
             stretch = stretch_of(flight)
             without = log_likelihood(flight.aircraft, stretch)
-            yield flight, stretch, effect, variant, effect.inner[0], without, 0.0, True
+            yield flight, stretch, effect, variant, effect.inner[0], without, {}, True
 
 
 # -- bookkeeping of changes ----------------------------------------------------------------------------------

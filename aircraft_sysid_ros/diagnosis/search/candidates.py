@@ -102,6 +102,17 @@ def can_act(effect: Effect, data: FlightData) -> bool:
     return bool(np.any((values >= domain.low) & (values <= domain.high)))
 
 
+def where_it_acts(effect: Effect, data: FlightData) -> str:
+    """Of an effect that cannot act in a flight: where it does, and how near the flight gets."""
+    domain = effect.domain
+    assert domain is not None
+    values = data.signal(domain.signal) / (data.aircraft.span if domain.in_spans else 1.0)
+    name, unit = {"mach": "Mach number"}.get(domain.signal, domain.signal), " spans" if domain.in_spans else ""
+    if np.nanmax(values) < domain.low:
+        return f"it acts from a {name} of {domain.low:g}{unit} on, and the flight stays below {np.nanmax(values):.2g}"
+    return f"it acts below a {name} of {domain.high:g}{unit}, and the flight stays above {np.nanmin(values):.2g}"
+
+
 def candidates_of(effect: Effect, data: FlightData, base: Mapping[str, str]) -> Iterator[Candidate]:
     """All variants of an effect on the grid of its inner numbers; none where a signal that it reads is missing."""
     for variant in effect.variants:
@@ -152,14 +163,20 @@ def lasts(values: Mapping[str, float]) -> bool:
 
 
 def is_measured(variant: Variant, data: FlightData, base: Mapping[str, str]) -> bool:
-    """Every signal that the variant reads has numbers in this flight; no term is too long to be written."""
-    for terms in variant.terms.values():
-        for term in terms:
-            neutral = {name: base.get(name, 0.5) for name in placeholders(term)}
-            try:
-                (program,) = data.parsed([fill(term, neutral)])
-            except InputError:
-                return False
-            if data.lacks(program.signals):
-                return False
-    return True
+    """In some axis of the variant every signal that it reads has numbers in this flight; no term is too long to write.
+
+    Where sideslip is not measured a wrong mass still shows in C_X and C_Z.
+    """
+    try:
+        read = [
+            {signal for program in data.parsed(_neutral(terms, base)) for signal in program.signals}
+            for terms in variant.terms.values()
+        ]
+    except InputError:
+        return False
+    return any(not data.lacks(signals) for signals in read)
+
+
+def _neutral(terms: Sequence[str], base: Mapping[str, str]) -> list[str]:
+    """Terms with any number in the place of an inner one."""
+    return [fill(term, {name: base.get(name, 0.5) for name in placeholders(term)}) for term in terms]

@@ -8,7 +8,7 @@ explains nothing counts as nothing.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -387,6 +387,15 @@ def expressions(data: FlightData) -> Iterator[Candidate]:
         for program in data.parsed(texts):
             if program.text not in known:
                 yield Candidate(None, "", (), {axis: (program.text,)})
+
+
+def best_by_axis(trials: Iterable[Score]) -> dict[str, Score]:
+    """Of expressions, each in one axis, that which explains most by axis."""
+    best: dict[str, Score] = {}
+    for trial in trials:
+        for axis in trial.gains:
+            best[axis] = max(best.get(axis, trial), trial, key=lambda t: t.score)
+    return best
 
 
 def moves(column: Array) -> bool:

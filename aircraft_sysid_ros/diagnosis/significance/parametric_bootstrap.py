@@ -1,4 +1,4 @@
-"""Several replicas of a flight through the whole chain and over the library, on all cores."""
+"""Several replicas of a flight through the whole chain, each searched as the flight is, on all cores."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     repeated_rows,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, best_by_axis, expressions
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import FlightConditions, world_of
 from aircraft_sysid_ros.diagnosis.significance.noise_floor import HALF_WIDTH
@@ -31,7 +31,7 @@ from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 Array = npt.NDArray[np.float64]
 
 #: Replicas of a flight, and how much [s] of it they repeat.
-COUNT, LONGEST = 5, 300.0
+COUNT, LONGEST = 10, 300.0
 
 
 def fitted_parameters(data: FlightData) -> Array:
@@ -48,10 +48,11 @@ def fitted_parameters(data: FlightData) -> Array:
 
 @dataclass(frozen=True)
 class Replica:
-    """A flight in which nothing is missing, and what each effect of the library seems to explain in it."""
+    """A flight in which nothing is missing, and what the search seems to explain in it."""
 
     data: FlightData
     scores: Mapping[str, float]  # by id of the effect
+    outside: Mapping[str, float]  # by axis, of the best expression outside the library
 
 
 def replicas_of(
@@ -100,7 +101,9 @@ def _replica(arguments: tuple[Reconstruction, list[Array], Array, Sequence[Effec
     except InputError as error:
         return str(error)
     trials = {effect.identifier: bench.best_of(effect) for effect in library}
-    return Replica(bench.data, {name: trial.score for name, trial in trials.items() if trial is not None})
+    scores = {name: trial.score for name, trial in trials.items() if trial is not None}
+    outside = (trial for trial in map(bench.trial, expressions(bench.data)) if trial is not None)
+    return Replica(bench.data, scores, {axis: best.score for axis, best in best_by_axis(outside).items()})
 
 
 def without_excess(world: FlightConditions, again: Reconstruction) -> FlightData:

@@ -1,0 +1,81 @@
+"""What a flight could not show if it were there: silence about such an effect says nothing.
+
+An effect is out of reach of a flight that does not get to where it acts, in which a signal that it reads is not
+measured or stands still, whose model moves with it, or, of the scales of the air data, in gusts. That is known from the
+flight alone, before anything is tried. An effect that could be seen and is small is none of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aircraft_sysid_ros.diagnosis.diagnose import resting_on
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
+from aircraft_sysid_ros.diagnosis.search.candidates import can_act, candidates_of, where_it_acts
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
+from aircraft_sysid_ros.samples import Samples
+
+
+@dataclass(frozen=True)
+class OutOfReach:
+    """An effect that a flight cannot show, and why."""
+
+    effect: Effect
+    why: str
+
+
+def out_of_reach(
+    bench: CandidateEvaluator, library: Sequence[Effect], samples: Samples, is_calm: bool
+) -> list[OutOfReach]:
+    """Effects of a library that a flight cannot show."""
+    kinds = set(samples.kind[np.isfinite(samples.values[:, 0])].tolist())
+    reasons = (
+        (effect, _of_sensor(effect, kinds, is_calm) if effect.kind == MEASUREMENT else _of_force(effect, bench))
+        for effect in library
+    )
+    return [OutOfReach(effect, why) for effect, why in reasons if why]
+
+
+def _of_sensor(effect: Effect, kinds: Collection[int], is_calm: bool) -> str:
+    settings = [variant.setting for variant in effect.variants if variant.setting]
+    sensors = {setting[1] for setting in settings if setting[0] == "sensors"}
+    lacking = [name for name in sorted(sensors & set(AIR_DATA)) if int(AIR_DATA[name]) not in kinds]
+    if lacking and len(lacking) == len(sensors):
+        return f"{_listed(lacking)} is not measured"
+    if not is_calm and settings and all(setting[-1] == "scale" for setting in settings):
+        return "gusts may be stronger in one direction than in another"
+    return ""
+
+
+def _of_force(effect: Effect, bench: CandidateEvaluator) -> str:
+    data, needed = bench.data, sorted(effect.signals | ({effect.domain.signal} if effect.domain else set()))
+    lacking = data.lacks(needed)
+    if lacking:
+        return f"{_listed(lacking)} is not measured"
+    if not can_act(effect, data):
+        return where_it_acts(effect, data)
+    still = [name for name in needed if np.nanmax(data.signal(name)) == np.nanmin(data.signal(name))]
+    if still:
+        return f"{_listed(still)} does not move"
+    if effect.axes and set(effect.axes) <= resting_on(data.inferred):
+        return f"{_listed(data.inferred)} is not measured"
+    if not any(_is_told(bench, effect)):
+        return "it moves with what the model has"
+    return ""
+
+
+def _is_told(bench: CandidateEvaluator, effect: Effect) -> Iterator[bool]:
+    """Of each candidate, whether the flight determines a number of it."""
+    for candidate in candidates_of(effect, bench.data, bench.base):
+        trial = bench.trial(candidate)
+        yield trial is not None and any(np.isfinite(gain.parameters).any() for gain in trial.gains.values())
+
+
+def _listed(names: Sequence[str]) -> str:
+    words = {"V": "airspeed", "alpha": "the angle of attack", "beta": "sideslip", "Tc": "thrust", "dr": "the rudder"}
+    words |= {"de": "the elevator", "da": "the aileron", "angle_of_attack": "the angle of attack"}
+    return " and ".join(words.get(name, name.replace("_", " ")) for name in names)

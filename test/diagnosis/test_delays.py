@@ -1,0 +1,33 @@
+"""An IMU that is late is told by what measures the same motion; a delay of the controls by fit and held out alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown
+from aircraft_sysid_ros.diagnosis.measurement import control_gain, measurement_faults
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+
+@pytest.mark.parametrize("late", [0.0, 0.08])
+def test_a_late_imu_is_told_in_gusts_too(aircraft, late):
+    samples = simulate_samples(aircraft, 31, 45.0, turbulence="light", manoeuvres="standard").samples
+    others = np.where(samples.kind == Kind.IMU, 0, round(late * 1e9))  # all else comes earlier than the IMU
+    order = np.argsort(samples.stamp - others, kind="stable")
+    shifted = replace(samples, stamp=samples.stamp - others)[order]
+    flight, calm = reconstruct_as_flown(aircraft, shifted, with_covariance=False)
+    found = measurement_faults(flight, [BY_ID["imu_lag"]], calm)
+    assert [setting.value for setting in found] == ([pytest.approx(late, abs=0.01)] if late else [])
+
+
+def test_a_delay_of_the_controls_must_explain_what_it_was_fitted_to():
+    """A held-out error beyond the spread is chance: that it falls says nothing if the fit stays as it was."""
+    before = {"Cl": (1.1, 0.7), "Cm": (0.5, 0.5)}
+    assert control_gain(before, {"Cl": (0.7, 0.69), "Cm": (0.5, 0.5)}) == pytest.approx(2.0 * np.log(0.7 / 0.69))
+    assert control_gain(before, {"Cl": (0.55, 0.35), "Cm": (0.5, 0.5)}) == pytest.approx(2.0 * np.log(2.0))
+    assert control_gain(before, {"Cl": (1.1, 0.7), "Cm": (0.5, 0.6)}) < 0.0
