@@ -32,7 +32,7 @@ from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
 from aircraft_sysid_ros.processes import cores, worker_pool
 from aircraft_sysid_ros.samples import Kind, Samples, fewer_manoeuvres
 
@@ -211,9 +211,7 @@ def control_errors(flight: Reconstruction, aircraft: Aircraft) -> Errors:
     of flow, and where those are inferred a delay of the controls stands for their errors: C_Z of flights without vanes
     gained by it what C_l lost.
     """
-    parameters = Identifier(aircraft, OF_FILTER)
-    parameters.push_samples(flight.samples, flight.epoch)
-    points = np.vstack([parameters.push_states(flight.rows, flight.epoch), parameters.flush()])
+    points = coefficient_samples(aircraft, OF_FILTER, flight.samples, flight.rows, flight.epoch)
     data, errors = flight_data_of(aircraft, points), {}
     for axis in MOMENTS:
         try:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream
+from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream, one_clock
 from aircraft_sysid_ros.identification.estimators.contract import Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
 from aircraft_sysid_ros.identification.learning import Learning
@@ -121,11 +121,11 @@ class Identifier:
         if epoch is not None:
             for early in self.stream.early_samples():
                 self.push_samples(early, epoch)
-        times = rows[:, StateField.TIME]
-        falls = np.flatnonzero(times[1:] <= times[:-1]) + 1
-        if len(falls):
-            return np.vstack([self.push_states(part, epoch) for part in np.split(rows, falls)])
-        before = self.restart_clock() if self.stream.has_passed(times[0]) else self._no_samples()
+        parts = one_clock(rows)
+        if len(parts) > 1:
+            return np.vstack([self.push_states(part, epoch) for part in parts])
+        passed = self.stream.has_passed(float(rows[0, StateField.TIME]))
+        before = self.restart_clock() if passed else self._no_samples()
         self.learning.constants.note(rows)
         samples = self._process_until(self.stream.add_states(rows))
         return np.vstack([before, samples]) if len(before) else samples

@@ -24,7 +24,7 @@ from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.coefficients.pace import interval_of, sparse_interval
-from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_GAP
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed, options_after_flight
@@ -112,20 +112,19 @@ class Reconstruction:
 def reconstruct(
     aircraft: Aircraft, samples: Samples, with_covariance: bool = True, options: StateOptions | None = None
 ) -> Reconstruction:
-    """Both steps over all samples; InputError when the filter does not start on them.
+    """States and measured coefficients of all samples; InputError when the filter does not start on them.
 
     Without the covariance of the smoother it is faster, and standard deviations are those of the filter.
     """
-    state, parameters = StateEstimator(aircraft, options), Identifier(aircraft, OF_FILTER)
+    state = StateEstimator(aircraft, options)
     with SmootherHistory() as tape:
         filtered = [rows[:, StateField.AIR_VELOCITY_STD].copy() for rows in _filtered_rows(state, samples, tape)]
         if state.epoch is None or not state.has_been_aligned:
             raise InputError("the filter does not start on the samples of this flight: replay says why")
         rows = np.array(state.smooth(with_covariance))
-    parameters.push_samples(samples, state.epoch)
-    points = [parameters.push_states(rows, state.epoch), parameters.flush()]
+    points = coefficient_samples(aircraft, OF_FILTER, samples, rows, state.epoch)
     gusts = float(state.memory.wind_walk[0])
-    return Reconstruction(aircraft, samples, rows, state.epoch, np.vstack(points), gusts, np.concatenate(filtered))
+    return Reconstruction(aircraft, samples, rows, state.epoch, points, gusts, np.concatenate(filtered))
 
 
 def _filtered_rows(state: StateEstimator, samples: Samples, tape: SmootherHistory) -> Iterator[Array]:

@@ -190,3 +190,32 @@ class CoefficientStream:
         return CoefficientBatch(
             rows, history, body, samples[:count], noise[:count], vane_noise[:count], weights[:count]
         )
+
+
+def one_clock(rows: Array) -> list[Array]:
+    """States (n, StateField.WIDTH) in parts, each in order of time: between them the clock began anew."""
+    times = rows[:, StateField.TIME]
+    return np.split(rows, np.flatnonzero(times[1:] <= times[:-1]) + 1)
+
+
+def coefficient_samples(
+    aircraft: Aircraft, options: ParameterOptions, samples: Samples, rows: Array, epoch: int
+) -> Array:
+    """The coefficient samples (m, …) of a whole flight, from its states (n, StateField.WIDTH) and its samples.
+
+    They are those of an ``Identifier``, but none is predicted, judged valid or learnt from.
+    """
+    stream = CoefficientStream(aircraft, options)
+    stream.controls.add(samples, epoch)
+    found = [np.empty((0, CoefficientSample.TERMS + len(aircraft.model.parameter_names)))]
+
+    def use(limit: float) -> None:
+        found.extend(stream.batch(*part).samples for part in stream.history_until(limit))
+
+    for part in one_clock(rows) if len(rows) else []:
+        if stream.has_passed(float(part[0, StateField.TIME])):
+            use(np.inf)
+            stream.restart_clock()
+        use(stream.add_states(part))
+    use(np.inf)
+    return np.vstack(found)
