@@ -19,11 +19,15 @@ from typing import Any
 import numpy as np
 from numba.core import caching
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
 from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.calibration.kinematics import integrated_outputs
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains
 from aircraft_sysid_ros.flight_model.bank import filter_bank, simulation_bank
 from aircraft_sysid_ros.flight_model.layout import make_theta
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory
@@ -54,6 +58,16 @@ def least_squares() -> None:
     _identifier("rls").warm_up()
     _identifier("fourier").warm_up()
     Correction(Calibration()).warm_up()
+
+
+def search() -> None:
+    """The fits on which a diagnosis tries its candidates."""
+    aircraft, draws, count = load_aircraft(config_path(DEFAULT_AIRCRAFT)), np.random.default_rng(0), 1000
+    signals = draws.uniform(0.1, 0.2, (count, SIGNAL_COUNT))
+    time = np.linspace(0.0, 100.0, count)
+    fits, _ = fits_of(FlightData(aircraft, time, draws.standard_normal((count, len(AXES))), signals, 0.1))
+    fits["CZ"].gain(signals[:, :2])
+    tied_gains(fits, {"CZ": signals[:, :1]}, {"CZ": np.ones((1, 1))})
 
 
 def whole_way() -> None:
@@ -98,7 +112,7 @@ def _calibrate() -> None:
 
 
 #: Longest first, so that two processes end at about the same time.
-PARTS: tuple[Callable[[], None], ...] = (maximum_likelihood, filters, least_squares)
+PARTS: tuple[Callable[[], None], ...] = (maximum_likelihood, filters, least_squares, search)
 
 
 def main() -> None:

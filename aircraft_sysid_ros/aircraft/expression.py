@@ -49,6 +49,8 @@ _OPERATORS: dict[type[ast.operator], int] = {
     ast.Add: _ADD, ast.Sub: _SUBTRACT, ast.Mult: _MULTIPLY, ast.Div: _DIVIDE,
 }  # fmt: skip
 STACK_SIZE = 16
+#: Rows that an operation is done on before the next one: their signals stay in the nearest cache.
+_SIDE_BY_SIDE = 64
 MAXIMUM_POWER = 9
 MAXIMUM_LENGTH = 4000  # what a whole axis says can stand within one term: mass_change has {CX}
 
@@ -323,6 +325,84 @@ def reads_signal(code: npt.NDArray[np.float64], first: int, last: int, signal: i
 
 
 @njit(cache=True)
+def _evaluate_side_by_side(  # noqa: C901  as evaluate_program
+    code: npt.NDArray[np.float64],
+    first: int,
+    last: int,
+    rows: npt.NDArray[np.float64],
+    stack: npt.NDArray[np.float64],
+) -> None:
+    """``evaluate_program`` on some rows at a time, operation by operation, into the first row of the stack.
+
+    ``stack`` (STACK_SIZE, at least len(rows)). The same bits: each row meets the same operations.
+    """
+    count, top = len(rows), -1
+    for i in range(first, last):
+        operation = int(code[i, 0])
+        if operation == _CONSTANT:
+            top += 1
+            stack[top, :count] = code[i, 1]
+            continue
+        if operation == _SIGNAL:
+            top += 1
+            signal = int(code[i, 1])
+            for n in range(count):
+                stack[top, n] = rows[n, signal]
+            continue
+        if operation in (_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MAX, _MIN):
+            top -= 1
+        a, b = stack[top], stack[top + 1 if top + 1 < len(stack) else top]
+        if operation == _ADD:
+            for n in range(count):
+                a[n] += b[n]
+        elif operation == _SUBTRACT:
+            for n in range(count):
+                a[n] -= b[n]
+        elif operation == _MULTIPLY:
+            for n in range(count):
+                a[n] *= b[n]
+        elif operation == _DIVIDE:
+            for n in range(count):
+                a[n] = a[n] / b[n] if b[n] != 0.0 else np.nan
+        elif operation == _NEGATE:
+            for n in range(count):
+                a[n] = -a[n]
+        elif operation == _POWER:
+            for n in range(count):
+                base, value = a[n], a[n]
+                for _ in range(int(code[i, 1]) - 1):
+                    value *= base
+                a[n] = value
+        elif operation == _ABS:
+            for n in range(count):
+                a[n] = abs(a[n])
+        elif operation == _SIN:
+            for n in range(count):
+                a[n] = np.sin(a[n])
+        elif operation == _COS:
+            for n in range(count):
+                a[n] = np.cos(a[n])
+        elif operation == _EXP:
+            for n in range(count):
+                a[n] = np.exp(a[n])
+        elif operation == _SQRT:
+            for n in range(count):
+                a[n] = np.sqrt(a[n]) if a[n] >= 0.0 else np.nan
+        elif operation == _TANH:
+            for n in range(count):
+                a[n] = np.tanh(a[n])
+        elif operation == _SIGN:
+            for n in range(count):
+                a[n] = np.sign(a[n])
+        elif operation == _MAX:
+            for n in range(count):
+                a[n] = np.maximum(a[n], b[n])  # NaN of either
+        else:
+            for n in range(count):
+                a[n] = np.minimum(a[n], b[n])
+
+
+@njit(cache=True)
 def evaluate_rows(
     code: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.int64],
@@ -330,8 +410,13 @@ def evaluate_rows(
     out: npt.NDArray[np.float64],
 ) -> None:
     """``evaluate_programs`` on signal rows, shape (n, SIGNAL_COUNT), into ``out`` (n, len(offsets) - 1)."""
-    for i in range(len(rows)):
-        evaluate_programs(code, offsets, rows[i], out[i])
+    stack = np.empty((STACK_SIZE, min(_SIDE_BY_SIDE, len(rows))))
+    for begin in range(0, len(rows), _SIDE_BY_SIDE):
+        part = rows[begin : begin + _SIDE_BY_SIDE]
+        for k in range(len(offsets) - 1):
+            _evaluate_side_by_side(code, offsets[k], offsets[k + 1], part, stack)
+            for n in range(len(part)):
+                out[begin + n, k] = stack[0, n]
 
 
 @njit(cache=True)

@@ -198,15 +198,15 @@ class FlightData:
         return f"it {needs(lacking)}" if lacking else f"{listed(sorted(parameters))} never have a value in this flight"
 
     def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
-        """Terms (n, len(programs)) on the signals, ``within`` flights."""
+        """Terms (n, len(programs)) on the signals, ``within`` flights; the points of each stand side by side."""
         made, new = self._made, [p for p in programs if p.text not in self._made]
         if new:
             out = evaluate_signals(new, self.time, self.signals, 1.5 * self.step)
             made.update(zip((p.text for p in new), self.within(out).T.copy(), strict=True))
-        columns = np.column_stack([made[p.text] for p in programs]) if len(programs) else np.empty((len(self.time), 0))
+        rows = np.array([made[p.text] for p in programs]).reshape(len(programs), len(self.time))
         while len(made) > _KEPT:
             del made[next(iter(made))]
-        return columns
+        return rows.T
 
 
 def load_flight_data(run: str | Path) -> FlightData:

@@ -26,6 +26,19 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.block_sums import (
+    Base,
+    beside,
+    held_out,
+    information,
+    lengths,
+    orthonormal,
+    products,
+    solved,
+    training,
+    with_columns,
+    with_numbers,
+)
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
 
@@ -33,10 +46,6 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-#: A direction of the scaled regressors that is this small against the largest is not in the data.
-SINGULAR = 1e-6
-#: Nor is a direction of which the training blocks hold no more than this share: it is predicted without.
-UNTRAINED = 1e-6
 #: Time [s] over which residuals may be correlated.
 LAG_TIME = 2.0
 #: Points per parameter below which nothing is fitted.
@@ -84,7 +93,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Shape:
-    """What k shared numbers do to one axis beyond its model: columns z (N, k) orthogonal to its basis.
+    """What k shared numbers do to one axis beyond its model: columns z (k, N) orthogonal to its basis.
 
     By block (B, …): products of the basis with z, of z with z, and of z with the residual of the model.
     """
@@ -120,11 +129,12 @@ class AxisFit:
         self._places = np.flatnonzero(self.rows)
         self.y = self.measured[self._places]
         numbers = flight.block[self._places]
-        self._starts = np.flatnonzero(np.diff(numbers, prepend=-1))
-        self.blocks: Integers = numbers[self._starts]
-        self.count: Integers = np.diff(np.append(self._starts, len(numbers)))
+        starts = np.flatnonzero(np.diff(numbers, prepend=-1))
+        self.blocks: Integers = numbers[starts]
+        self._edges: Integers = np.append(starts, len(numbers))
+        self.count: Integers = np.diff(self._edges)
         self._row_fold: Integers = flight.fold[self._places]
-        self.fold: Integers = self._row_fold[self._starts]
+        self.fold: Integers = self._row_fold[starts]
         self.spread = float(np.std(self.y))
         self._factor()
 
@@ -150,57 +160,28 @@ class AxisFit:
 
     def _factor(self) -> None:
         """Basis of the columns, and the sums over blocks on which all else rests."""
-        x = self.columns[self._places]
-        size = np.sqrt(np.sum(x**2, axis=0))
-        self.basis, self._transform, self.determined = _orthonormal(x, size)
-        self._scaled = size[:, None] * self._transform
-        self._projected = self.basis.T @ self.y
-        self._residual = self.y - self.basis @ self._projected
-        self._square = np.add.reduceat(self._residual**2, self._starts)
-        self._fitted = float(np.sum(self._residual**2))
-        self._rows_of_basis = self.basis.T.copy()
-        self._gram = self._sums(self._rows_of_basis, self._rows_of_basis)
-        self._moment = self._sums(self._rows_of_basis, self._residual[None])[:, :, 0]
-
-    def _sums(self, a: Array, b: Array) -> Array:
-        """Sums of products of rows (k, N) and (m, N) by block, (B, k, m)."""
-        sums = np.add.reduceat(a[:, None] * b, self._starts, axis=2)
-        return np.ascontiguousarray(np.moveaxis(sums, 2, 0))
-
-    def _by_fold(self, sums: Array) -> Array:
-        out = np.zeros((self.flight.folds, *sums.shape[1:]))
-        for fold, of_block in zip(self.fold.tolist(), sums, strict=True):
-            out[fold] += of_block
-        return out
+        rows = np.take(self.columns.T, self._places, axis=1)
+        size = lengths(rows)
+        basis, self._transform, self.determined = orthonormal(rows, size)
+        self.basis = basis.T
+        projected = basis @ self.y
+        residual = self.y - projected @ basis
+        of_residual = residual[None]
+        gram = products(basis, basis, self._edges)
+        moment = products(basis, of_residual, self._edges)[:, :, 0].copy()
+        square = products(of_residual, of_residual, self._edges)[:, 0, 0].copy()
+        self._base = Base(
+            basis, size[:, None] * self._transform, projected, residual, gram, moment, square, self._edges,
+            self.fold, training(gram, self.fold, self.flight.folds),
+        )  # fmt: skip
+        self._fitted = float(np.sum(residual**2))
 
     # -- judgement -------------------------------------------------------------------------------------------
 
-    def _held_out(
-        self, gram: Array, moment: Array, square: Array, full: Array, transform: Array
-    ) -> tuple[Array, Array]:
-        """Held-out sums of squares (B,), and the parameters (folds, r) that predicted minus those from all points.
-
-        gram (B, r, r), moment (B, r) and square (B,) are sums of products of an orthonormal basis and of the
-        residuals from all points, whose moments sum to zero; full (r,) are the parameters from all points, and
-        transform (k, r) makes those of the scaled columns of them. Of a direction that the training blocks do not hold
-        nothing is predicted: the parameters of the columns have no component along it.
-        """
-        training = np.eye(gram.shape[1]) - self._by_fold(gram)
-        right = -self._by_fold(moment)
-        values, vectors = np.linalg.eigh(training)
-        inverse = np.where(values > UNTRAINED, 1.0 / np.maximum(values, UNTRAINED), 0.0)
-        theta = (vectors @ (inverse[:, :, None] * (np.swapaxes(vectors, 1, 2) @ right[:, :, None])))[:, :, 0]
-        for fold in np.flatnonzero((values <= UNTRAINED).any(axis=1)):
-            unknown = vectors[fold][:, values[fold] <= UNTRAINED]
-            along = transform @ unknown
-            theta[fold] -= unknown @ np.linalg.lstsq(along, transform @ (full + theta[fold]), rcond=None)[0]
-        t = theta[self.fold]
-        error = square - 2.0 * np.einsum("bi,bi->b", t, moment) + np.einsum("bi,bij,bj->b", t, gram, t)
-        return np.maximum(error, 0.0), theta
-
     @cached_property
     def _judged(self) -> tuple[Array, Array]:
-        return self._held_out(self._gram, self._moment, self._square, self._projected, self._scaled)
+        base = self._base
+        return held_out(base.gram, base.moment, base.square, base.projected, base.scaled, base.normal, base.fold)
 
     @property
     def held_out_sse(self) -> Array:
@@ -215,7 +196,7 @@ class AxisFit:
     @property
     def nrmse_fit(self) -> float:
         """The same of the residuals of the fit to all points."""
-        return self._nrmse(self._residual**2)
+        return self._nrmse(self._base.residual**2)
 
     def _nrmse(self, squares: Array) -> float:
         return float(np.sqrt(np.sum(squares) / len(self.y)) / self.spread) if self.spread > 0.0 else np.nan
@@ -223,7 +204,7 @@ class AxisFit:
     @property
     def parameters(self) -> Array:
         """Parameters (k,) that fit best, the smallest of them where the data do not determine all."""
-        return np.asarray(self._transform @ self._projected)
+        return np.asarray(self._transform @ self._base.projected)
 
     # -- results ---------------------------------------------------------------------------------------------
 
@@ -231,12 +212,12 @@ class AxisFit:
     def fit(self) -> Fit:
         """The whole result."""
         theta = np.where(self.determined, self.parameters, np.nan)
-        held_out = self._residual - np.sum(self.basis * self._judged[1][self._row_fold], axis=1)
+        held_out = self._base.residual - np.sum(self.basis * self._judged[1][self._row_fold], axis=1)
         return Fit(
             names=self.names,
             parameters=theta,
             covariance=self._covariance(),
-            residual=self._spread_out(self._residual),
+            residual=self._spread_out(self._base.residual),
             held_out=self._spread_out(held_out),
             nrmse_fit=self.nrmse_fit,
             nrmse_held_out=self.nrmse_held_out,
@@ -258,7 +239,7 @@ class AxisFit:
         table[slot] = np.column_stack([self.basis, self.y, np.ones(len(slot))])
         lags = max(min(round(LAG_TIME / step), len(table) - 1), 1)
         sums = np.stack([table[lag:].T @ table[: len(table) - lag] for lag in range(lags)])
-        coloured, white, _ = coloured_covariance(sums, self._projected)
+        coloured, white, _ = coloured_covariance(sums, self._base.projected)
         values, vectors = np.linalg.eigh(0.5 * (coloured + coloured.T))
         least = 1e-3 * float(np.max(np.diag(white)))  # the lag window alone does not keep it positive
         root = self._transform @ vectors * np.sqrt(np.maximum(values, least))
@@ -270,59 +251,33 @@ class AxisFit:
 
     def gain(self, extra: Array) -> Gain:
         """What columns ``extra`` (n, m) add, over points where they have values. Raises InputError as above."""
-        z = extra[self._places]
-        if not np.isfinite(z).all():
+        z = np.take(extra.T, self._places, axis=1)
+        if not np.isfinite(z.sum()):
             return self.on(np.all(np.isfinite(extra), axis=1)).gain(extra)
-        size = np.sqrt(np.sum(z**2, axis=0))
-        shared = self.basis.T @ z
-        z = z - self.basis @ shared
-        z = z - self.basis @ (self.basis.T @ z)  # twice is enough, Parlett (1980)
-        new, transform, determined = _orthonormal(z, size)
-        move = new.T @ self._residual
-        residual = self._residual - new @ move
-        squares = residual**2
-        gram, moment = self._bordered(new.T.copy(), residual, move)
-        base, more = self._scaled.shape[1], transform.shape[1]
-        scaled = np.zeros((len(self._scaled) + len(size), base + more))
-        scaled[: len(self._scaled), :base] = self._scaled
-        scaled[: len(self._scaled), base:] = -self._scaled @ shared @ transform
-        scaled[len(self._scaled) :, base:] = size[:, None] * transform
-        full = np.concatenate([self._projected, move])
-        after, _ = self._held_out(gram, moment, np.add.reduceat(squares, self._starts), full, scaled)
+        after, fitted, parameters = with_columns(self._base, z)
+        return self._gain(after, fitted, parameters)
+
+    def _gain(self, after: Array, fitted: float, parameters: Array) -> Gain:
         return Gain(
             before=self.held_out_sse,
             after=after,
             count=self.count,
             fitted_before=self._fitted,
-            fitted_after=float(np.sum(squares)),
-            parameters=np.where(determined, transform @ move, np.nan),
+            fitted_after=fitted,
+            parameters=parameters,
             fit=self,
             nrmse_before=self.nrmse_held_out,
             nrmse_after=self._nrmse(after),
         )
 
-    def _bordered(self, new: Array, residual: Array, move: Array) -> tuple[Array, Array]:
-        """Gram matrices and moments by block of the basis with more rows ``new`` (m, N)."""
-        cross, r = self._sums(self._rows_of_basis, new), len(self._rows_of_basis)
-        gram = np.empty((len(cross), r + len(new), r + len(new)))
-        gram[:, :r, :r], gram[:, :r, r:], gram[:, r:, :r] = self._gram, cross, np.swapaxes(cross, 1, 2)
-        gram[:, r:, r:] = self._sums(new, new)
-        of_base = self._moment - np.einsum("bij,j->bi", cross, move)
-        of_new = self._sums(new, residual[None])[:, :, 0]
-        return gram, np.concatenate([of_base, of_new], axis=1)
-
     # -- numbers that several axes share -----------------------------------------------------------------------
 
     def shape(self, extra: Array) -> Shape:
         """What columns ``extra`` (n, k) do to the axis, each with a number of its own. Raises InputError as above."""
-        z = extra[self._places]
-        if not np.isfinite(z).all():
+        z = np.take(extra.T, self._places, axis=1)
+        if not np.isfinite(z.sum()):
             return self.on(np.all(np.isfinite(extra), axis=1)).shape(extra)
-        for _ in range(2):
-            z = z - self.basis @ (self.basis.T @ z)
-        rows = z.T.copy()
-        moment = self._sums(rows, self._residual[None])[:, :, 0]
-        return Shape(self, z, self._sums(self._rows_of_basis, rows), self._sums(rows, rows), moment)
+        return Shape(self, *beside(self._base, z))
 
     def information(self, shape: Shape) -> tuple[Array, Array, float]:
         """Normal matrices (folds + 1, k, k) and right sides (folds + 1, k) of the numbers of a shape.
@@ -330,36 +285,16 @@ class AxisFit:
         From the training blocks of each fold and, last, from all points: the model's own parameters are eliminated.
         With them the variance of the residual under the numbers that suit this axis best.
         """
-        whole, right = shape.own.sum(axis=0), shape.moment.sum(axis=0)
-        cross, own = self._by_fold(shape.cross), self._by_fold(shape.own)
-        solved = -_known_part(np.eye(len(self._rows_of_basis)) - self._by_fold(self._gram)) @ cross
-        matrices = whole - own + np.swapaxes(cross, 1, 2) @ solved
-        rights = right - self._by_fold(shape.moment) + np.einsum("frk,fr->fk", solved, self._by_fold(self._moment))
-        best = np.linalg.pinv(whole, rcond=SINGULAR**2, hermitian=True) @ right
-        variance = (self._fitted - float(best @ right)) / len(self.y)
-        return np.concatenate([matrices, whole[None]]), np.concatenate([rights, right[None]]), variance
+        matrices, rights, explained = information(self._base, shape.cross, shape.own, shape.moment)
+        return matrices, rights, (self._fitted - explained) / len(self.y)
 
     def gain_of(self, shape: Shape, numbers: Array, parameters: Array) -> Gain:
         """What a shape explains with given numbers (folds + 1, k): of each fold, and last of all points.
 
         ``parameters`` are those of the terms, from all points. The model's own follow from the training blocks.
         """
-        known, whole = numbers[self.fold], numbers[-1]
-        moment = self._moment - np.einsum("brk,bk->br", shape.cross, known)
-        square = self._square - 2.0 * np.einsum("bk,bk->b", known, shape.moment)
-        square = square + np.einsum("bk,bkl,bl->b", known, shape.own, known)
-        after, _ = self._held_out(self._gram, moment, square, self._projected, self._scaled)
-        return Gain(
-            before=self.held_out_sse,
-            after=after,
-            count=self.count,
-            fitted_before=self._fitted,
-            fitted_after=float(np.sum((self._residual - shape.z @ whole) ** 2)),
-            parameters=parameters,
-            fit=self,
-            nrmse_before=self.nrmse_held_out,
-            nrmse_after=self._nrmse(after),
-        )
+        after, fitted = with_numbers(self._base, shape.z, shape.cross, shape.own, shape.moment, numbers)
+        return self._gain(after, fitted, parameters)
 
     def on(self, keep: Mask) -> AxisFit:
         """The same fit on the points of a mask (n,) only. Raises InputError where none are left."""
@@ -391,28 +326,10 @@ def tied_gains(fits: Mapping[str, AxisFit], columns: Mapping[str, Array], ties: 
     right = np.sum([of / max(variance, 1e-300) for _, of, variance in known], axis=0)
     scale = np.sqrt(np.diagonal(matrix[-1]))
     scale = np.where(scale > 0.0, scale, 1.0)
-    numbers = (_known_part(matrix / (scale[:, None] * scale)) @ (right / scale)[:, :, None])[:, :, 0] / scale
+    rights = (right / scale)[:, :, None]
+    found = [solved(*each)[0][:, 0] for each in zip(matrix / (scale[:, None] * scale), rights, strict=True)]
+    numbers = np.array(found) / scale
     return {axis: shape.fit.gain_of(shape, numbers, ties[axis] @ numbers[-1]) for axis, shape in shapes.items()}
-
-
-def _known_part(matrices: Array) -> Array:
-    """Inverses of normal matrices (n, k, k) whose whole is 1, without the directions that are not trained."""
-    values, vectors = np.linalg.eigh(matrices)
-    inverse = np.where(values > UNTRAINED, 1.0 / np.maximum(values, UNTRAINED), 0.0)
-    return (vectors * inverse[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-
-
-def _orthonormal(z: Array, size: Array) -> tuple[Array, Array, Mask]:
-    """Orthonormal basis W (N, r) of columns z (N, m) of a size (m,), T (m, r) with parameters T (W'y), and which of
-    the parameters are determined.
-    """
-    scale = np.where(size > 0.0, size, 1.0)
-    q, r = np.linalg.qr(z / scale)
-    u, s, vt = np.linalg.svd(r)
-    rank = int(np.sum(s > SINGULAR * max(s[0], 1.0)))
-    transform = vt[:rank].T / s[:rank] / scale[:, None]
-    determined = 1.0 - np.sum(vt[:rank] ** 2, axis=0) < SINGULAR
-    return q @ u[:, :rank], transform, determined
 
 
 def held_out_error(flight: FlightData, axis: str) -> float:
