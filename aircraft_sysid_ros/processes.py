@@ -7,7 +7,12 @@ import ctypes
 import multiprocessing
 import os
 import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 _PR_SET_PDEATHSIG = 1
 #: Environment variable with the number of processes at a time, where it is not that of the cores.
@@ -24,6 +29,34 @@ def worker_pool(workers: int) -> ProcessPoolExecutor:
     """Processes that share what is in memory now, and that end with this one, however it ends."""
     context = multiprocessing.get_context("fork")
     return ProcessPoolExecutor(workers, mp_context=context, initializer=end_with, initargs=(os.getpid(),))
+
+
+def in_parallel(function: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
+    """``function`` of each item, in order, on all cores.
+
+    Processes inherit both as they are in memory now; only results are sent. On one core this one does it.
+    """
+    workers = min(len(items), cores())
+    if workers < 2:
+        yield from map(function, items)
+        return
+    context, work = multiprocessing.get_context("fork"), (os.getpid(), function, items)
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=work) as pool:
+        yield from pool.map(_of_number, range(len(items)))
+
+
+#: What a process of ``in_parallel`` does: the function and all items.
+_WORK: list[Any] = []
+
+
+def _begin(parent: int, function: Callable[[T], R], items: Sequence[T]) -> None:
+    end_with(parent)
+    _WORK[:] = function, items
+
+
+def _of_number(number: int) -> Any:
+    function, items = _WORK
+    return function(items[number])
 
 
 def end_with(parent: int) -> None:

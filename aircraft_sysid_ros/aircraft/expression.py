@@ -97,7 +97,7 @@ def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
     rows: list[tuple[float, float]] = []
     lags: list[Lag] = []
     try:
-        _compile(tree, rows, echo(text), inputs, lags)
+        _compile(tree, rows, text, inputs, lags)
         canonical = ast.unparse(tree).replace(" ", "")
     except RecursionError:
         raise InputError(f"'{echo(text)}' is nested too deeply: simplify it") from None
@@ -127,7 +127,7 @@ def _compile(
     elif isinstance(node, ast.Name):
         names = (*SIGNALS, *inputs)
         if node.id not in names:
-            raise InputError(f"'{echo(node.id)}' in '{text}' is no signal: use one of {' '.join(names)}")
+            raise InputError(f"'{echo(node.id)}' in '{echo(text)}' is no signal: use one of {' '.join(names)}")
         rows.append((_SIGNAL, names.index(node.id)))
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
         _compile(node.operand, rows, text, inputs, lags)
@@ -144,20 +144,20 @@ def _compile(
         _compile_call(node, rows, text, inputs, lags)
     else:
         raise InputError(
-            f"'{text}' has '{echo(ast.unparse(node))}', which is not allowed: "
+            f"'{echo(text)}' has '{echo(ast.unparse(node))}', which is not allowed: "
             f"use signals, numbers, + - * / ** and {' '.join(_NAMES)}"
         )
 
 
 def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text: str) -> None:
     if isinstance(node.value, bool) or not isinstance(node.value, (int, float)):
-        raise InputError(f"'{echo(repr(node.value))}' in '{text}' is not a number")
+        raise InputError(f"'{echo(repr(node.value))}' in '{echo(text)}' is not a number")
     try:
         value = float(node.value)
     except OverflowError:
         value = float("inf")
     if not np.isfinite(value):
-        raise InputError(f"a number in '{text}' is not finite")
+        raise InputError(f"a number in '{echo(text)}' is not finite")
     rows.append((_CONSTANT, value))
 
 
@@ -166,7 +166,7 @@ def _compile_call(
 ) -> None:
     name = node.func.id if isinstance(node.func, ast.Name) else echo(ast.unparse(node.func))
     if name not in _NAMES or node.keywords:
-        raise InputError(f"'{echo(name)}(…)' in '{text}' is not allowed: the functions are {' '.join(_NAMES)}")
+        raise InputError(f"'{echo(name)}(…)' in '{echo(text)}' is not allowed: the functions are {' '.join(_NAMES)}")
     if name == _LAG_NAME:
         lag = _lag_of(node, text, inputs)
         if lag.text not in [other.text for other in lags]:
@@ -175,7 +175,7 @@ def _compile_call(
         return
     operation, count = _FUNCTIONS[name]
     if len(node.args) != count:
-        raise InputError(f"{name} in '{text}' takes {count} argument{'s' * (count > 1)}")
+        raise InputError(f"{name} in '{echo(text)}' takes {count} argument{'s' * (count > 1)}")
     for argument in node.args:
         _compile(argument, rows, text, inputs, lags)
     rows.append((operation, 0.0))
@@ -184,21 +184,23 @@ def _compile_call(
 def _lag_of(node: ast.Call, text: str, inputs: tuple[str, ...]) -> Lag:
     """``lag(x, tau)``, whose time constant is a number and whose x has no memory itself."""
     if len(node.args) != 2:
-        raise InputError(f"lag in '{text}' takes an expression and a time constant in s: write it like lag(alpha, 0.2)")
+        raise InputError(
+            f"lag in '{echo(text)}' takes an expression and a time constant in s: write it like lag(alpha, 0.2)"
+        )
     inner = _parsed(ast.unparse(node.args[0]), inputs)
     if inner.lags:
-        raise InputError(f"'{text}' has a lag within a lag: write two terms instead")
+        raise InputError(f"'{echo(text)}' has a lag within a lag: write two terms instead")
     tau = _parsed(ast.unparse(node.args[1]), inputs)
     value = float(evaluate_program(tau.code, 0, len(tau.code), np.empty(0), np.empty(STACK_SIZE)))
     if tau.signals or tau.lags or not 0.0 <= value <= LONGEST_LAG:
-        raise InputError(f"the time constant of lag in '{text}' must be a number from 0 to {LONGEST_LAG:g} s")
+        raise InputError(f"the time constant of lag in '{echo(text)}' must be a number from 0 to {LONGEST_LAG:g} s")
     return Lag(ast.unparse(node).replace(" ", ""), inner, value)
 
 
 def _integer_power(node: ast.expr, text: str) -> float:
     value = node.value if isinstance(node, ast.Constant) else None
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAXIMUM_POWER:
-        raise InputError(f"a power in '{text}' must be a whole number from 1 to {MAXIMUM_POWER}")
+        raise InputError(f"a power in '{echo(text)}' must be a whole number from 1 to {MAXIMUM_POWER}")
     return float(value)
 
 

@@ -38,6 +38,7 @@ from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
+from aircraft_sysid_ros.processes import in_parallel
 
 Array = npt.NDArray[np.float64]
 
@@ -205,20 +206,20 @@ class _Round:
         """``first``: held-out errors by axis before anything was found; ``floor``: those of the replicas."""
         self.bench, self.empty, self.null, self.first, self.floor = bench, empty, null, first, floor
         changed = {axis for axis, fit in bench.fits.items() if last is None or fit is not last.bench.fits[axis]}
-        tried = {} if last is None else {t.candidate.family: t for t in (*last.trials, *last.outside)}
-        self.trials: list[Score] = []
-        for i, effect in enumerate(library):
-            progress(0.7 * i / len(library))
-            if not can_act(effect, bench.data):  # replicas have scored it all the same: that is chance, too
-                continue
-            again = changed & {*effect.axes, *effect.reads} or effect.identifier not in tried
-            trial = bench.best_of(effect) if again else tried[effect.identifier]
-            if trial is not None:
-                self.trials.append(trial)
+        tried: dict[str, Score | None] = {}
+        if last is not None:
+            tried |= {t.candidate.family: t for t in (*last.trials, *last.outside)}
+        acting = [e for e in library if can_act(e, bench.data)]  # replicas have scored all: that is chance, too
+        again = [e for e in acting if changed & {*e.axes, *e.reads} or e.identifier not in tried]
+        for i, (effect, candidate) in enumerate(zip(again, bench.best_candidates(again), strict=True)):
+            progress(0.7 * i / len(again))
+            trial = None if candidate is None else bench.trial(candidate)
+            tried |= {effect.identifier: trial}
+        self.trials: list[Score] = [trial for e in acting if (trial := tried.get(e.identifier)) is not None]
         self.outside: list[Score] = []
         for candidate in expressions(bench.data):
-            again = changed & set(candidate.terms) or candidate.family not in tried
-            trial = bench.trial(candidate) if again else tried[candidate.family]
+            new = changed & set(candidate.terms) or candidate.family not in tried
+            trial = bench.trial(candidate) if new else tried[candidate.family]
             if trial is not None:
                 self.outside.append(trial)
 
@@ -283,9 +284,8 @@ class _Round:
     def _test_outside(self, trial: Score) -> Finding:
         null, family = self.null, _outside_in(trial.main_axis)
         if trial.candidate.happens:  # the same search in every replica, which takes its time
-            changes = [sudden_change(other) for other in self.empty]
             family = trial.candidate.family
-            null = null.with_family(family, np.array([0.0 if change is None else change.score for change in changes]))
+            null = null.with_family(family, np.array([*in_parallel(_change_in, self.empty)]))
         excess, evidence, p_value = null.test(family, trial.score)
         return self._finding(trial, excess, evidence, p_value)
 
@@ -302,6 +302,12 @@ class _Round:
             if alike >= THRESHOLDS.alike and other.excess >= THRESHOLDS.as_good * finding.excess:
                 names.append(candidate.family)
         return replace(finding, confounded_with=tuple(names))
+
+
+def _change_in(bench: CandidateEvaluator) -> float:
+    """What the best change at one moment scores."""
+    change = sudden_change(bench)
+    return 0.0 if change is None else change.score
 
 
 def explains_more(outside: Score, inside: Score) -> bool:

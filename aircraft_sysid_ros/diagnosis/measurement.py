@@ -33,7 +33,7 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
-from aircraft_sysid_ros.processes import cores, worker_pool
+from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.samples import Kind, Samples, fewer_manoeuvres
 
 Array = npt.NDArray[np.float64]
@@ -78,13 +78,11 @@ def measurement_faults(
     jobs = list(jobs_of(flight, library, calm))
     if not jobs:
         return []
-    workers = min(len(jobs), cores())
     found: list[Setting] = []
-    with worker_pool(workers) as pool:
-        for number, setting in enumerate(pool.map(try_setting, jobs), 1):
-            progress(number / len(jobs))
-            if setting.evidence > 1.0:
-                found.append(setting)
+    for number, setting in enumerate(in_parallel(try_setting, jobs), 1):
+        progress(number / len(jobs))
+        if setting.evidence > 1.0:
+            found.append(setting)
     return sorted(found, key=lambda s: -s.evidence)
 
 

@@ -27,6 +27,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import interval_of, spa
 from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_GAP
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed, options_after_flight
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
@@ -261,14 +262,20 @@ def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool
             best, likeliest, least = likelihood, other, 0.0
         return likeliest
 
-    gustier = _in_steps(max(of_file.walk, given), WALK_STEP)
-    likeliest = climbed(itertools.takewhile(lambda walk: walk <= LARGEST_WALK, gustier), None, 0.0)
-    if likeliest.process_noise["wind"] > max(THRESHOLDS.calm, 1.01 * given):
-        return likeliest, False
-    calmer = _in_steps(CALMER_STEP * given, CALMER_STEP)
-    return climbed(
-        itertools.takewhile(lambda walk: walk >= SMALLEST_WALK, calmer), of_file, THRESHOLDS.setting_total
-    ), True
+    def gustier() -> Aircraft:
+        walks = _in_steps(max(of_file.walk, given), WALK_STEP)
+        return climbed(itertools.takewhile(lambda walk: walk <= LARGEST_WALK, walks), None, 0.0)
+
+    def calmer() -> Aircraft:
+        walks = _in_steps(CALMER_STEP * given, CALMER_STEP)
+        return climbed(
+            itertools.takewhile(lambda walk: walk >= SMALLEST_WALK, walks), of_file, THRESHOLDS.setting_total
+        )
+
+    found = in_parallel(lambda side: side(), (gustier, calmer))  # where one core does it, one after another
+    likeliest = next(found)
+    is_calm = likeliest.process_noise["wind"] <= max(THRESHOLDS.calm, 1.01 * given)
+    return (next(found) if is_calm else likeliest), is_calm
 
 
 def _in_steps(first: float, factor: float) -> Iterator[float]:

@@ -45,7 +45,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError, one_line
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
-from aircraft_sysid_ros.processes import cores, worker_pool
+from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -198,10 +198,9 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
     jobs = list(_gust_jobs(run.current.aircraft, samples, effect))
     jobs = jobs or list(jobs_of(reconstruct(flown, samples, with_covariance=False), [effect], calm))
     tried: list[Setting] = []
-    with worker_pool(min(max(len(jobs), 1), cores())) as pool:
-        for setting in pool.map(try_setting, jobs):
-            tried.append(setting)
-            progress(0.2 + 0.7 * len(tried) / len(jobs))
+    for setting in in_parallel(try_setting, jobs):
+        tried.append(setting)
+        progress(0.2 + 0.7 * len(tried) / len(jobs))
     best = max(tried, key=lambda setting: setting.evidence, default=None)
     if best is None:
         raise InputError(f"'{effect.identifier}' cannot be tried on this flight: it has no samples of that sensor")

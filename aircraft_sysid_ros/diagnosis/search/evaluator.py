@@ -32,6 +32,7 @@ from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fit
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, END, Effect, ShapeParameter
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.processes import in_parallel
 
 Array = npt.NDArray[np.float64]
 
@@ -195,6 +196,14 @@ class CandidateEvaluator:
         passing = max(self._passing(effect, known), key=lambda t: t.score, default=None)
         found = [self._refined(t) for t in (best, passing) if t is not None]
         return max(found, key=lambda t: t.score - t.price)
+
+    def best_candidates(self, effects: Sequence[Effect]) -> Iterator[Candidate | None]:
+        """The candidate of ``best_of`` each of some effects, on all cores."""
+        return in_parallel(self._best_candidate, effects)
+
+    def _best_candidate(self, effect: Effect) -> Candidate | None:
+        best = self.best_of(effect)
+        return None if best is None else best.candidate
 
     def _passing(self, effect: Effect, trials: Sequence[Score]) -> Iterator[Score]:
         """Changes that are undone: of each variant the best step is the one edge, any other moment the other one."""

@@ -24,7 +24,7 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.processes import cores, worker_pool
+from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 
@@ -78,14 +78,12 @@ def replicas_of(
     arguments = [(flight, stretches, parameters, library, seed) for seed in range(count)]
     import scipy.signal  # noqa: F401, once and not in each of the processes
 
-    workers = min(count, cores())
-    with worker_pool(workers) as pool:
-        for number, replica in enumerate(pool.map(_replica, arguments), 1):
-            progress(number / count)
-            if isinstance(replica, Replica):
-                results.append(replica)
-            else:
-                failures.append(replica)
+    for number, replica in enumerate(in_parallel(_replica, arguments), 1):
+        progress(number / count)
+        if isinstance(replica, Replica):
+            results.append(replica)
+        else:
+            failures.append(replica)
     if len(results) < 2:
         raise InputError(f"the flight cannot be diagnosed: flown again by its own model, {failures[0]}")
     return results
