@@ -150,6 +150,8 @@ setup(
             "state_estimator = aircraft_sysid_ros.nodes.state_estimator:main",
             "parameter_estimator = aircraft_sysid_ros.nodes.parameter_estimator:main",
             "mavlink_bridge = aircraft_sysid_ros.nodes.mavlink_bridge:main",
+            "overview = aircraft_sysid_ros.nodes.overview:main",
+            "px4_bridge = aircraft_sysid_ros.nodes.px4_bridge:main",
         ],
     },
 )

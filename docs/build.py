@@ -28,10 +28,13 @@ import gusts_tables
 import mavlink_tables
 import node_tables
 import paper_tables
+import topic_tables
 import trust_tables
+from params_file import params_file
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
+PARAMS = ROOT / "config" / "params.yaml"
 MARKER = re.compile(r"(<!-- table (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -655,6 +658,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **{f"check_{name}": checked(name) for name in check_tables.TABLES},
     **{f"export_{name}": exported(name) for name in export_tables.TABLES},
     **{f"nodes_{name}": nodes(name) for name in node_tables.TABLES},
+    **{f"topics_{name}": made for name, made in topic_tables.TABLES.items()},
     "aircraft_keys": lambda: table(*node_tables.aircraft_keys()),
     **{f"trust_{name}": trust(name) for name in trust_tables.TABLES},
     **{f"gusts_{name}": gusts(name) for name in gusts_tables.TABLES},
@@ -734,6 +738,10 @@ def main() -> int:
             stale.append(page.name)
             if not arguments.check:
                 page.write_text(new, encoding="utf8")
+    if (new := params_file()) != PARAMS.read_text(encoding="utf8"):
+        stale.append(PARAMS.name)
+        if not arguments.check:
+            PARAMS.write_text(new, encoding="utf8")
     verb = "out of date: " if arguments.check else "written: "
     print(verb + ", ".join(stale) if stale else "every table is up to date")
     return int(bool(stale) and arguments.check)

@@ -6,7 +6,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from aircraft_sysid_ros.aircraft.configuration import KEYS
-from aircraft_sysid_ros.nodes import estimator_node, mavlink_bridge, parameter_estimator, state_estimator
+from aircraft_sysid_ros.nodes import (
+    estimator_node,
+    mavlink_bridge,
+    overview,
+    parameter_estimator,
+    px4_bridge,
+    state_estimator,
+)
 from aircraft_sysid_ros.nodes.options import NodeOption, When
 
 Table = tuple[list[str], list[list[str]]]
@@ -63,4 +70,6 @@ TABLES: dict[str, Callable[[], Table]] = {
     "state": lambda: parameters(state_estimator.OPTIONS),
     "parameters": lambda: parameters(parameter_estimator.OPTIONS),
     "bridge": lambda: parameters(mavlink_bridge.OPTIONS),
+    "px4": lambda: parameters(px4_bridge.OPTIONS),
+    "overview": lambda: parameters(overview.OPTIONS),
 }

@@ -1,16 +1,31 @@
-"""Both nodes on the topics of one aircraft.
+"""The estimators on the topics of one aircraft, and with `overview:=true` the node that sums them up.
 
 ros2 launch aircraft_sysid_ros live.launch.py aircraft_file:=/path/to/aircraft.yaml namespace:=uav1
+ros2 launch aircraft_sysid_ros live.launch.py params_file:=/path/to/params.yaml
+
+What is given on the line goes before what the file of parameters says.
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
-from launch_ros.parameter_descriptions import ParameterValue
 
 PACKAGE = "aircraft_sysid_ros"
 NODES = ("state_estimator", "parameter_estimator")
+#: Arguments that are parameters of the nodes; empty: what params_file says, or the default.
+PARAMETERS = {
+    "aircraft_file": "path of the aircraft file (YAML)",
+    "calibration_file": "path of a calibration file of `aircraft-sysid calibrate` (YAML)",
+    "input_reliability": "best_effort, or reliable: asks publishers for every sample, as of a playback",
+    "autostart": "false: a lifecycle manager configures and activates the nodes",
+    "use_sim_time": "true: the clock is that of /clock, as of a playback",
+    "frame_prefix": "put before every frame that is named, such as uav1/",
+    "publish_tf": "true: /tf too",
+}
+TRUTH = {"true": True, "false": False}
+#: Only these nodes have it; the others have all.
+OF = {"publish_tf": ("state_estimator",)}
 #: How long [s] a node may use what has come by Ctrl-C, before it is asked to end once more, and then killed.
 PATIENCE = "60"
 
@@ -18,36 +33,39 @@ PATIENCE = "60"
 def generate_launch_description() -> LaunchDescription:
     """Arguments, then the nodes; with autostart they configure and activate themselves."""
     arguments = [
-        DeclareLaunchArgument("aircraft_file", description="path of the aircraft file (YAML)"),
+        DeclareLaunchArgument("params_file", default_value="", description="parameters (YAML): config/params.yaml"),
         DeclareLaunchArgument("namespace", default_value="", description="of the nodes and their topics"),
-        DeclareLaunchArgument(
-            "autostart",
-            default_value="true",
-            description="false: a lifecycle manager configures and activates the nodes",
-        ),
-        DeclareLaunchArgument(
-            "input_reliability",
-            default_value="best_effort",
-            description="reliable asks publishers for every sample, as of a playback",
-        ),
+        DeclareLaunchArgument("overview", default_value="false", description="true: sums up for rqt and Foxglove"),
+        *(DeclareLaunchArgument(name, default_value="", description=text) for name, text in PARAMETERS.items()),
     ]
-    parameters = {
-        "aircraft_file": ParameterValue(LaunchConfiguration("aircraft_file"), value_type=str),
-        "autostart": ParameterValue(LaunchConfiguration("autostart"), value_type=bool),
-        "input_reliability": ParameterValue(LaunchConfiguration("input_reliability"), value_type=str),
-    }
-    nodes = [
-        LifecycleNode(
-            package=PACKAGE,
-            executable=name,
-            name=name,
-            namespace=LaunchConfiguration("namespace"),
-            parameters=[parameters],
-            output="screen",
-            emulate_tty=True,
-            sigterm_timeout=PATIENCE,
-            sigkill_timeout=PATIENCE,
+    return LaunchDescription([*arguments, OpaqueFunction(function=nodes)])
+
+
+def nodes(context: LaunchContext) -> list[LifecycleNode]:
+    """The nodes, with the parameters that were given."""
+    file, namespace, overview = (
+        LaunchConfiguration(name).perform(context) for name in ("params_file", "namespace", "overview")
+    )
+    given = {name: LaunchConfiguration(name).perform(context) for name in PARAMETERS}
+    started = []
+    for name in (*NODES, *(["overview"] if overview == "true" else [])):
+        known = ("autostart", "use_sim_time") if name == "overview" else PARAMETERS
+        values = {
+            key: TRUTH.get(text, text)
+            for key, text in given.items()
+            if text and key in known and name in OF.get(key, (name,))
+        }
+        started.append(
+            LifecycleNode(
+                package=PACKAGE,
+                executable=name,
+                name=name,
+                namespace=namespace,
+                parameters=[*([file] if file else []), *([values] if values else [])],
+                output="screen",
+                emulate_tty=True,
+                sigterm_timeout=PATIENCE,
+                sigkill_timeout=PATIENCE,
+            )
         )
-        for name in NODES
-    ]
-    return LaunchDescription([*arguments, *nodes])
+    return started

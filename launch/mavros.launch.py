@@ -7,11 +7,10 @@ bridge hears the same MAVLink on the port that MAVROS forwards to, its parameter
 gcs_url:=udp://@127.0.0.1:14555.
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
-from launch_ros.parameter_descriptions import ParameterValue
 
 PACKAGE = "aircraft_sysid_ros"
 NODES = ("state_estimator", "parameter_estimator")
@@ -25,40 +24,49 @@ REMAPPED = {
     "gps/vel": "local_position/velocity_local",
 }
 BRIDGED = ["air_data", "control_surfaces"]
+#: Arguments: default and description. Those that are parameters go before params_file where they are not empty.
+ARGUMENTS = {
+    "params_file": ("", "parameters (YAML): config/params.yaml"),
+    "aircraft_file": ("", "path of the aircraft file (YAML)"),
+    "calibration_file": ("", "path of the calibration file of the outputs (YAML)"),
+    "namespace": ("", "of the nodes and their topics"),
+    "mavros": ("/mavros", "namespace of MAVROS"),
+    "connection": ("udp:127.0.0.1:14555", "where MAVROS forwards MAVLink to: its gcs_url"),
+    "autostart": ("", "false: a lifecycle manager configures and activates the nodes"),
+}
+ESTIMATOR, BRIDGE = ("aircraft_file", "autostart"), ("connection", "calibration_file", "autostart")
+TRUTH = {"true": True, "false": False}
 
 
 def generate_launch_description() -> LaunchDescription:
     """Arguments, the bridge, then the nodes; with autostart they configure and activate themselves."""
-    namespace, mavros = LaunchConfiguration("namespace"), LaunchConfiguration("mavros")
     arguments = [
-        DeclareLaunchArgument("aircraft_file", description="path of the aircraft file (YAML)"),
-        DeclareLaunchArgument("calibration_file", default_value="", description="path of the calibration file (YAML)"),
-        DeclareLaunchArgument("namespace", default_value="", description="of the nodes and their topics"),
-        DeclareLaunchArgument("mavros", default_value="/mavros", description="namespace of MAVROS"),
-        DeclareLaunchArgument(
-            "connection",
-            default_value="udp:127.0.0.1:14555",
-            description="where MAVROS forwards MAVLink to: its gcs_url",
-        ),
-        DeclareLaunchArgument("autostart", default_value="true", description="false: a lifecycle manager does"),
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
     ]
-    autostart = ParameterValue(LaunchConfiguration("autostart"), value_type=bool)
-    estimator = {
-        "aircraft_file": ParameterValue(LaunchConfiguration("aircraft_file"), value_type=str),
-        "autostart": autostart,
-    }
-    bridge = {
-        "connection": ParameterValue(LaunchConfiguration("connection"), value_type=str),
-        "calibration_file": ParameterValue(LaunchConfiguration("calibration_file"), value_type=str),
-        "topics": BRIDGED,
-        "autostart": autostart,
-    }
-    remappings = [(ours, [mavros, "/", theirs]) for ours, theirs in REMAPPED.items()]
-    common = {"package": PACKAGE, "namespace": namespace, "output": "screen", "emulate_tty": True}
+    return LaunchDescription([*arguments, OpaqueFunction(function=nodes)])
+
+
+def nodes(context: LaunchContext) -> list[LifecycleNode]:
+    """The bridge and the estimators, with the parameters that were given."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    file = [given["params_file"]] if given["params_file"] else []
+
+    def parameters(names: tuple[str, ...]) -> list[object]:
+        values = {name: TRUTH.get(given[name], given[name]) for name in names if given[name]}
+        return [*file, *([values] if values else [])]
+
+    remappings = [(ours, f"{given['mavros']}/{theirs}") for ours, theirs in REMAPPED.items()]
+    common = {"package": PACKAGE, "namespace": given["namespace"], "output": "screen", "emulate_tty": True}
     common |= {"sigterm_timeout": PATIENCE, "sigkill_timeout": PATIENCE}
-    nodes = [
-        LifecycleNode(executable=name, name=name, parameters=[estimator], remappings=remappings, **common)
+    link = LifecycleNode(
+        executable="mavlink_bridge",
+        name="mavlink_bridge",
+        parameters=[*parameters(BRIDGE), {"topics": BRIDGED}],
+        **common,
+    )
+    estimators = [
+        LifecycleNode(executable=name, name=name, parameters=parameters(ESTIMATOR), remappings=remappings, **common)
         for name in NODES
     ]
-    link = LifecycleNode(executable="mavlink_bridge", name="mavlink_bridge", parameters=[bridge], **common)
-    return LaunchDescription([*arguments, link, *nodes])
+    return [link, *estimators]

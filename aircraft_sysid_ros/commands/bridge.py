@@ -1,14 +1,19 @@
-"""``bridge``: an autopilot's MAVLink onto our input topics, wind and parameters back to it, until Ctrl-C."""
+"""``bridge``: an autopilot's MAVLink onto our input topics, wind and parameters back to it, until Ctrl-C.
+
+``bridge dds:`` hears the topics of PX4's uXRCE-DDS agent (px4_msgs) in place of MAVLink.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from aircraft_sysid_ros.commands.options import add_option
+from aircraft_sysid_ros.commands import bridge_px4
+from aircraft_sysid_ros.commands.options import absolute_namespace, add_option
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra, missing_ros, stay_local
@@ -21,11 +26,12 @@ DEFAULT_CONNECTION = "udp:0.0.0.0:14550"
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "bridge", help="the MAVLink side: an autopilot onto our topics", description=__doc__
+        "bridge", help="an autopilot onto our topics: MAVLink, or PX4's uXRCE-DDS", description=__doc__
     )
     add = parser.add_argument
     add("connection", nargs="?", default=DEFAULT_CONNECTION, metavar="CONNECTION",
-        help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD "
+        help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD; "
+        "dds:[PREFIX] for topics of px4_msgs, by default under fmu/out "
         f"(default: {DEFAULT_CONNECTION})")  # fmt: skip
     add("--calibration", metavar="FILE", help="what outputs and airspeed mean (YAML); without it no control surfaces")
     add("--peer", default="", metavar="HOST",
@@ -48,13 +54,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run the node until Ctrl-C or the duration; returns what came and went. Raises InputError."""
     if args.duration is not None and not 0.0 < args.duration < 1e9:
         raise InputError(f"--duration must be a positive time in s, not {args.duration:g}")
-    _check(args)
+    is_px4 = bridge_px4.is_meant(args)
+    bridge_px4.check(args) if is_px4 else _check(args)
     try:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
 
         from aircraft_sysid_ros.nodes.common import make_executor, spare_the_collector, spin_until, start, stop_signals
-        from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
+
+        make = bridge_px4.node if is_px4 else _node
+        make_node = make(args)
     except ImportError as error:
         raise missing_ros(error) from None
     _check_namespace(args.namespace)
@@ -62,7 +71,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node: Any = None
     try:
-        node = MavlinkBridgeNode(**_node_arguments(args))
+        node = make_node()
         if not start(node):
             raise node.failure or InputError("the bridge did not start: see the message above")
         ends = None if args.duration is None else time.monotonic() + args.duration
@@ -71,15 +80,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             task = progress.add_task("waiting", total=None)
 
             def finished() -> bool:
-                progress.update(task, description=_state(node.bridge.session))
+                progress.update(task, description=_state(node.link))
                 return stop.is_set() or node.failure is not None or (ends is not None and time.monotonic() >= ends)
 
             spare_the_collector()
             spin_until(make_executor([node]), finished)
         if node.failure is not None:
             raise node.failure
-        counts = {"foreign": node.bridge.transport.foreign, "sent_back": node.bridge.back.sent}
-        return {"connection": args.connection, **node.bridge.session.summary(), **counts}
+        counts = {} if is_px4 else {"foreign": node.bridge.transport.foreign, "sent_back": node.bridge.back.sent}
+        return {"connection": args.connection, **node.link.summary(), **counts}
     finally:
         if node is not None:
             node.destroy_node()
@@ -96,6 +105,8 @@ def _say_listening(args: argparse.Namespace, said: str) -> None:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
+    if bridge_px4.is_result(result):
+        return bridge_px4.render(result)
     clock = result["clock"]
     heard = f"{result['vehicle']} on {result['connection']}"
     lines = [heard if result["vehicle"] else f"no autopilot was heard on {result['connection']}: does it send there?"]
@@ -160,15 +171,17 @@ def _check_namespace(namespace: str) -> None:
     from rclpy.validate_namespace import validate_namespace
 
     try:
-        validate_namespace(_absolute(namespace) or "/")
+        validate_namespace(absolute_namespace(namespace) or "/")
     except NameValidationException as error:
         reason = str(error).splitlines()[0].removeprefix("Invalid namespace: ")
         raise InputError(f"--namespace {namespace} is no namespace: {reason}") from None
 
 
-def _absolute(namespace: str) -> str | None:
-    name = namespace.strip("/")
-    return f"/{name}" if name else None
+def _node(args: argparse.Namespace) -> Callable[[], Any]:
+    """What makes the node; raises ImportError where there is no ROS."""
+    from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
+
+    return lambda: MavlinkBridgeNode(**_node_arguments(args))
 
 
 def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
@@ -187,7 +200,7 @@ def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
         "back_parameter_rate": float(args.back_rate),
     }
     overrides = [Parameter(name, value=value) for name, value in values.items()]
-    return {"parameter_overrides": overrides, "namespace": _absolute(args.namespace)}
+    return {"parameter_overrides": overrides, "namespace": absolute_namespace(args.namespace)}
 
 
 def _state(session: Any) -> str:

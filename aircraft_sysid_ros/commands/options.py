@@ -127,3 +127,9 @@ def state_table(state: dict[str, Any], truth: dict[str, Any] | None = None) -> s
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4f}"
+
+
+def absolute_namespace(namespace: str) -> str | None:
+    """A namespace from the root; None for the root itself."""
+    name = namespace.strip("/")
+    return f"/{name}" if name else None

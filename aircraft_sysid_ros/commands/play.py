@@ -5,6 +5,8 @@ Publishers are reliable by default, since a reliable publisher matches every sub
 one is deaf to those who ask for every sample; --best-effort plays as a sensor driver would. A reliable playback
 waits for subscribers that are behind, and ends when they have everything. One that keeps every sample, as
 `live --reliable` does, loses none at any rate; another loses what its own queue does not hold.
+
+With --clock the time of the recording goes to /clock, for nodes whose use_sim_time is true.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ LONG_WAIT = 10.0
 #: Without --wait: as long as this [s], and when some topics have listeners and no more appear for the shorter
 #: time [s], the rest is taken to have none. A busy machine can take longer to find them all.
 LONGEST_WAIT, DISCOVERY_SETTLED = 5.0, 1.5
+CLOCK_RATE = 40.0  # [Hz] of --clock, as of `ros2 bag play`
 LAST_MESSAGES = 0.2  # [s] for the middleware to send what best-effort publishers still hold
 
 
@@ -51,6 +54,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="times real time; 0: unpaced, which only fast subscribers can follow (default: 1)",
     )
     add("--topic-prefix", default="", metavar="NS", help="namespace to put before every topic")
+    add("--clock", nargs="?", type=float, const=CLOCK_RATE, metavar="HZ",
+        help=f"the time of the recording onto /clock, so often (default: {CLOCK_RATE:g} a second)")  # fmt: skip
     add("--topics", nargs="+", metavar="TOPIC", help="play only these, named as recorded (default: all)")
     add(
         "--wait",
@@ -72,6 +77,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"--rate must be 0 or more, not {args.rate:g}")
     if args.wait is not None and not 0.0 <= args.wait < np.inf:
         raise InputError(f"--wait must be 0 or more, not {args.wait:g}")
+    if args.clock is not None and not 0.0 < args.clock <= 1e4:
+        raise InputError(f"--clock must be a rate in Hz from above 0 to 10000, not {args.clock:g}")
     raw = read_raw(args.recording)
     selected = _selected(raw, args)
     try:
@@ -88,7 +95,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if not publishers:
             raise InputError(f"no message type of {args.recording} is installed: {', '.join(unknown.values())}")
         _wait_for_subscribers(publishers, args.wait)
-        played = _play(raw, publishers, args)
+        played = _play(raw, publishers, args, _Clock(node, args) if args.clock else None)
         return {"recording": str(args.recording), **played, "not_played": unknown, "notes": list(raw.notes)}
     finally:
         rclpy.try_shutdown()
@@ -161,7 +168,9 @@ def _wait_for_subscribers(publishers: dict[int, Any], asked: float | None) -> No
         time.sleep(0.02)
 
 
-def _play(raw: RawMessages, publishers: dict[int, Any], args: argparse.Namespace) -> dict[str, Any]:
+def _play(
+    raw: RawMessages, publishers: dict[int, Any], args: argparse.Namespace, clock: _Clock | None
+) -> dict[str, Any]:
     """Send everything; returns counts by topic and times [s]."""
     rows = np.flatnonzero(np.isin(raw.channel, list(publishers)))
     channels, log_times = raw.channel[rows].tolist(), raw.log_time[rows].tolist()
@@ -173,6 +182,8 @@ def _play(raw: RawMessages, publishers: dict[int, Any], args: argparse.Namespace
         task = progress.add_task("playing", total=duration)
         for row, key, log_time in zip(rows.tolist(), channels, log_times, strict=True):
             schedule.wait(log_time)
+            if clock is not None:
+                clock.tell(log_time)
             _publish(publishers[key], raw[row])
             counts[key] += 1
             if next(show):
@@ -187,6 +198,27 @@ def _play(raw: RawMessages, publishers: dict[int, Any], args: argparse.Namespace
         messages[topic] = messages.get(topic, 0) + count
     timing = {"rate": args.rate, "duration": duration, "elapsed": elapsed, "delay": schedule.delay}
     return {**timing, "messages": messages, "subscribers": subscribers}
+
+
+class _Clock:
+    """The time of the recording on /clock, with its messages and at most so often."""
+
+    def __init__(self, node: Any, args: argparse.Namespace) -> None:
+        from rclpy.qos import QoSProfile
+        from rosgraph_msgs.msg import Clock
+
+        self._kind = Clock
+        self._publisher = node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+        self._period = int(NANOSECONDS * (args.rate or 1.0) / args.clock)
+        self._due: int | None = None
+
+    def tell(self, now: int) -> None:
+        """Publish a log time [ns] where it is due."""
+        if self._due is None or not self._due - 2 * self._period <= now < self._due:
+            self._due = now + self._period
+            message = self._kind()
+            message.clock.sec, message.clock.nanosec = divmod(now, NANOSECONDS)
+            self._publisher.publish(message)
 
 
 def _publish(publisher: Any, message: bytes) -> None:

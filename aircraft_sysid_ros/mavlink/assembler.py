@@ -20,13 +20,14 @@ from aircraft_sysid_ros.mavlink.airspeed import (
     true_of_impact_pressure,
 )
 from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Array, Quantity, Reading, Stamps, Table, rank
-from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+from aircraft_sysid_ros.mavlink.servo_mapping import MOTORS, ServoMapping
 from aircraft_sysid_ros.ros_messages.conversion import (
     INPUTS_TOPIC,
     INPUTS_TYPE,
     NANOSECONDS,
     NO_FIX,
     TOPICS,
+    UNKNOWN_VARIANCE,
     enu_from_ned,
     flu_from_frd,
     gps_fix_fields,
@@ -58,6 +59,7 @@ _TOLD_AS_ASKED = ("HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "VFR_HUD", "AIRSPEED",
 SILENCE = 2.0  # [s] after which the next best source takes over
 # How old [s] a value may be that another quantity needs.
 _PRESSURE_AGE, _DESCENT_AGE, _PROPELLER_AGE, _NAMED_AGE, _ATTITUDE_AGE, _SENSOR_AGE = 5.0, 0.5, 1.0, 1.0, 0.1, 30.0
+_MOTOR_AGE = 1.0
 _KEPT = 64  # values that a live mapping remembers per quantity
 _MILLISECOND = 1_000_000
 
@@ -342,7 +344,7 @@ class Assembler:
         mapping = self.mapping
         if not self._tells_outputs(reading) or all(not output.surface for output in mapping.outputs.values()):
             return None
-        fields: dict[str, Any] = dict(mapping.controls(reading.values))
+        fields: dict[str, Any] = dict(mapping.controls(self._values_of_outputs(reading)))
         rpm = self._held[Quantity.PROPELLER].at(reading.stamp, _PROPELLER_AGE, mapping.engine - 1)
         fields["propeller_speed"] = rpm * (2.0 * np.pi / 60.0) / mapping.gear
         for target, held in self._named.items():
@@ -351,6 +353,17 @@ class Assembler:
         rows = np.any(np.isfinite(np.stack(list(fields.values()))), axis=0)
         fields = {name: value[rows] for name, value in fields.items()}
         return Output("control_surfaces", reading.stamp[rows], fields, reading.source)
+
+    def _values_of_outputs(self, reading: Reading) -> Array:
+        """Outputs (n, k) by their number, with the motors where the calibration file names one."""
+        if not any(number in MOTORS for number in self.mapping.outputs):
+            return reading.values
+        values = _wide(reading.values, MOTORS[-1])
+        held = self._held[Quantity.MOTORS]
+        values[:, MOTORS[0] - 1 :] = np.stack(
+            [held.at(reading.stamp, _MOTOR_AGE, column) for column in range(len(MOTORS))], axis=1
+        )
+        return values
 
     def _tells_outputs(self, reading: Reading) -> bool:
         """Whether a reading is in what the calibration file gives its points in."""
@@ -361,7 +374,7 @@ class Assembler:
         names = self.mapping.inputs
         if not names or not self._tells_outputs(reading):
             return None
-        values = self.mapping.input_values(reading.values)
+        values = self.mapping.input_values(self._values_of_outputs(reading))
         rows = np.isfinite(values).any(axis=1)
         return Output(INPUTS_TOPIC, reading.stamp[rows], dict(input_fields(names, values[rows])), reading.source)
 
@@ -373,8 +386,9 @@ class Assembler:
 
     def _wind(self, reading: Reading) -> Output:
         covariance = np.zeros((len(reading.values), 36))
-        covariance[:, [0, 7, 14]] = np.nan_to_num(reading.values[:, [4, 3, 5]])
-        covariance[:, [21, 28, 35]] = -1.0  # the rotation of the air is not estimated
+        variance = reading.values[:, [4, 3, 5]]
+        covariance[:, [0, 7, 14]] = np.where(variance > 0.0, variance, UNKNOWN_VARIANCE)
+        covariance[:, [21, 28, 35]] = UNKNOWN_VARIANCE  # the rotation of the air is not estimated
         fields = {"twist.twist.linear": enu_from_ned(reading.values[:, :3]), "twist.covariance": covariance}
         return Output(WIND_TOPIC, reading.stamp, fields, reading.source)
 

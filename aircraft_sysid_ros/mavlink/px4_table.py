@@ -1,4 +1,4 @@
-"""PX4's uORB topics to quantities: one table for ULog files and for bags of px4_msgs, whose fields have the same names.
+"""PX4's uORB topics to quantities: one table for ULog files, and for px4_msgs in bags and live, with the same fields.
 
 SI, FRD and NED; older versions have GPS positions as integers (1e-7 degrees, mm), newer ones in degrees and m.
 """
@@ -11,6 +11,7 @@ from aircraft_sysid_ros.mavlink.quantities import (
     Array,
     Fields,
     Quantity,
+    Stamps,
     Table,
     columns,
     entry,
@@ -20,8 +21,35 @@ from aircraft_sysid_ros.mavlink.quantities import (
 _TESLA_PER_GAUSS = 1e-4
 _KELVIN = 273.15
 _FIX_2D = 2
+_INVALID = 2**31 - 1  # of a relative time: the values that it belongs to are none
+_SENSORS = (1, 2, 3)  # of airspeed_source: what is not one of them is an estimate without an airspeed sensor
+_LONGEST_DELAY = 1_000_000  # [us] from sample to message: a sample that is older was not filled in
 #: Fields that say when a sample was taken, best first.
 TIMES = ("timestamp_sample", "timestamp")
+#: Fields that count where a message has them.
+OPTIONAL = (*TIMES, "airspeed_source", "accelerometer_timestamp_relative")
+
+
+def sample_time(fields: Fields) -> Stamps:
+    """Time [ns] (n,) when samples were taken: that of the sample where it is just before that of the message."""
+    published = np.asarray(fields[TIMES[1]]).astype(np.int64)
+    taken = np.asarray(fields.get(TIMES[0], published)).astype(np.int64)
+    delay = published - taken
+    return np.asarray(np.where((delay >= 0) & (delay < _LONGEST_DELAY), taken, published) * 1000)
+
+
+def _sensor_combined(fields: Fields) -> Array:
+    values = columns(fields, _FORCE_AND_RATE)
+    values[np.asarray(fields.get("accelerometer_timestamp_relative", 0)) == _INVALID, :3] = np.nan
+    return values
+
+
+def _validated(fields: Fields) -> Array:
+    """Calibrated airspeed, where a sensor is behind it: it may be ground speed less wind, or made of the throttle."""
+    speed = columns(fields, "calibrated_airspeed_m_s")
+    if "airspeed_source" in fields:
+        speed[~np.isin(fields["airspeed_source"], _SENSORS)] = np.nan
+    return speed
 
 
 def _vehicle_imu(fields: Fields) -> Array:
@@ -89,7 +117,7 @@ _GPS = (
 _FORCE_AND_RATE = "accelerometer_m_s2 gyro_rad"
 _WIND = (entry(Quantity.WIND, _wind, "windspeed_north windspeed_east variance_north variance_east"),)
 PX4: Table = {
-    "sensor_combined": (entry(Quantity.IMU, lambda f: columns(f, _FORCE_AND_RATE), _FORCE_AND_RATE),),
+    "sensor_combined": (entry(Quantity.IMU, _sensor_combined, _FORCE_AND_RATE),),
     "vehicle_imu": (entry(Quantity.IMU, _vehicle_imu, "delta_angle delta_velocity delta_angle_dt delta_velocity_dt"),),
     "vehicle_magnetometer": (
         entry(Quantity.MAGNETIC_FIELD, lambda f: columns(f, "magnetometer_ga", _TESLA_PER_GAUSS), "magnetometer_ga"),
@@ -97,9 +125,7 @@ PX4: Table = {
     "sensor_gps": _GPS,
     "vehicle_gps_position": _GPS,
     "airspeed": (entry(Quantity.AIRSPEED, lambda f: columns(f, "indicated_airspeed_m_s"), "indicated_airspeed_m_s"),),
-    "airspeed_validated": (
-        entry(Quantity.AIRSPEED, lambda f: columns(f, "calibrated_airspeed_m_s"), "calibrated_airspeed_m_s"),
-    ),
+    "airspeed_validated": (entry(Quantity.AIRSPEED, _validated, "calibrated_airspeed_m_s"),),
     "differential_pressure": (
         entry(Quantity.IMPACT_PRESSURE, lambda f: columns(f, "differential_pressure_pa"), "differential_pressure_pa"),
     ),
@@ -111,6 +137,7 @@ PX4: Table = {
     "airflow_slip": (entry(Quantity.SIDESLIP, lambda f: columns(f, "slip_rad"), "slip_rad"),),
     "actuator_outputs": (entry(Quantity.PULSES, _outputs, "output noutputs"),),
     "actuator_servos": (entry(Quantity.COMMANDS, lambda f: columns(f, "control"), "control"),),
+    "actuator_motors": (entry(Quantity.MOTORS, lambda f: columns(f, "control"), "control"),),
     "esc_status": (entry(Quantity.PROPELLER, _esc, "esc[0].esc_rpm"),),
     "rpm": (entry(Quantity.PROPELLER, lambda f: columns(f, "rpm_estimate"), "rpm_estimate"),),
     "vehicle_attitude": (entry(Quantity.ATTITUDE, lambda f: columns(f, "q"), "q"),),

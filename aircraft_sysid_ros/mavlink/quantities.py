@@ -37,6 +37,7 @@ class Quantity(Enum):
     SIDESLIP = "[rad], wind from the right positive"
     PULSES = "servo outputs [us], output 1 first"
     COMMANDS = "normalised outputs -1..1, output 1 first"
+    MOTORS = "normalised thrust of motors -1..1, motor 1 first"
     PROPELLER = "revolutions per minute of engine 1, 2, …"
     ATTITUDE = "quaternion w, x, y, z of FRD to NED"
     WIND = "NED (3) [m/s], the direction the air moves to; variances (3) [m^2/s^2]"
@@ -80,6 +81,11 @@ class Entry:
     quantity: Quantity
     values: Callable[[Fields], Array]
     needs: tuple[str, ...]
+
+
+def is_sound(reading: Reading) -> bool:
+    """Whether there is a number wherever one is needed."""
+    return bool(np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)])))
 
 
 _NO_RECEIVER, _FIX_3D, _DIFFERENTIAL_FIX, _RTK_FLOAT, _RTK_FIXED = 0, 3, 4, 5, 6

@@ -66,6 +66,8 @@ _KEYS = (
     "rates",
 )  # fmt: skip
 _MOST_OUTPUTS = 32
+#: Numbers of motors among the outputs that are commands: PX4's own for Motor 1 to Motor 12.
+MOTORS = range(101, 113)
 
 
 @dataclass(frozen=True)
@@ -176,9 +178,12 @@ def servo_mapping_from_dict(content: Any) -> ServoMapping:
 def _outputs(data: Any) -> dict[int, Output]:
     outputs: dict[int, Output] = {}
     for key, value in _mapping(data, "outputs").items():
-        if isinstance(key, bool) or not isinstance(key, int) or not 1 <= key <= _MOST_OUTPUTS:
-            raise InputError(f"outputs are numbered 1 to {_MOST_OUTPUTS}, not '{key}'")
+        if isinstance(key, bool) or not isinstance(key, int) or not (1 <= key <= _MOST_OUTPUTS or key in MOTORS):
+            motors = f"the motors of PX4 {MOTORS[0]} to {MOTORS[-1]}"
+            raise InputError(f"outputs are numbered 1 to {_MOST_OUTPUTS}, {motors}, not '{key}'")
         outputs[key] = _output(key, value)
+        if key in MOTORS and not outputs[key].normalised:
+            raise InputError(f"output {key}: motors of PX4 are commands: give its points as command, not as us")
     _check_surfaces({number: output.surface for number, output in outputs.items() if output.surface})
     names = [output.input for output in outputs.values() if output.input]
     if len(set(names)) < len(names):

@@ -18,7 +18,7 @@ from aircraft_sysid_ros.mavlink.assembler import Assembler, Output
 from aircraft_sysid_ros.mavlink.clock import AutopilotClock, BootTime
 from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
-from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, NEEDED, Reading, readings_of
+from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, is_sound, readings_of
 from aircraft_sysid_ros.mavlink.requests import Requests
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 
@@ -42,11 +42,6 @@ class Vehicle:
     system: int
     component: int
     autopilot: str
-
-
-def _is_sound(reading: Reading) -> bool:
-    """Whether there is a number wherever one is needed."""
-    return bool(np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)])))
 
 
 def _are_finite(name: str, fields: dict[str, Any]) -> bool:
@@ -128,7 +123,7 @@ class Session:
         if (name not in MAVLINK and name != NAMED_VALUES) or self.boot_time.is_repeated(name, boot):
             return []
         readings = readings_of(MAVLINK, batch_of(name, stamp, fields))
-        sound = [reading for reading in readings if _is_sound(reading)]
+        sound = [reading for reading in readings if is_sound(reading)]
         quantities = {entry.quantity for entry in MAVLINK.get(name, ())}
         self.not_finite += len(sound) < len(quantities) and not _are_finite(name, fields)
         return self.assembler.take(sound)

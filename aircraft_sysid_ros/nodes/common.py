@@ -197,6 +197,8 @@ def run_node(kind: Callable[[], Any], arguments: Sequence[str] | None = None) ->
     except KeyboardInterrupt:
         return 0
     try:
+        for sentence in getattr(node, "unknown_parameters", list)():
+            node.get_logger().warning(sentence)
         if node.get_parameter("autostart").value and not start(node):
             return 2
         spare_the_collector()

@@ -23,6 +23,13 @@ from aircraft_sysid_ros.ros_messages.conversion import topics_of
 #: Topic that a calibrated probe is heard on.
 PROBE_TOPIC = "five_hole_probe"
 _MADE = "subscriptions are made when the node is activated"
+
+
+def _check_frame(prefix: str) -> None:
+    if prefix.startswith("/") or any(character.isspace() for character in prefix):
+        raise InputError(f"frame_prefix begins a frame, without / before it and without spaces, unlike {prefix!r}")
+
+
 #: Parameters that both nodes have.
 COMMON: dict[str, NodeOption] = {
     "aircraft_file": NodeOption(
@@ -38,6 +45,13 @@ COMMON: dict[str, NodeOption] = {
         fixed="samples that were corrected by it are in what was estimated",
         when=When.CONFIGURED,
         check=lambda path: load_calibration(path) if path else None,
+    ),
+    "frame_prefix": NodeOption(
+        "",
+        "Put before every frame that is named, such as uav1/: for several aeroplanes in one tree of transforms.",
+        fixed="what was published names them",
+        when=When.CONFIGURED,
+        check=_check_frame,
     ),
     "autostart": AUTOSTART,
     "input_reliability": NodeOption(
@@ -125,6 +139,8 @@ class EstimatorNode(ConfigurableNode):
             self.hear(common.message_class(topics[topic]), topic, partial(self._receive, topic), quality)
         diagnose = partial(self._survive, self._publish_diagnostics)
         self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, diagnose)
+        names = sorted(heard.subscription.topic_name for heard in self.inputs)
+        self.get_logger().info(f"active, and hears {', '.join(names)}")
 
     def deactivate(self, left: Callable[[int], None]) -> None:
         """Receive what has come, use what was held back, and stop listening."""
@@ -186,6 +202,10 @@ class EstimatorNode(ConfigurableNode):
     def publishers_that_matter(self) -> Sequence[Any]:
         """All."""
         return self._offered_publishers
+
+    def frame(self, name: str) -> str:
+        """A frame by its whole name."""
+        return f"{self.get_parameter('frame_prefix').value}{name}"
 
     def _input_quality(self) -> QoSProfile:
         """Best effort with a deep queue by default: a reliable subscription does not match MAVROS."""

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from aircraft_sysid_msgs.msg import AirData, ControlSurfaces, Parameter, Parameters
+from aircraft_sysid_msgs.msg import Parameter, Parameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.qos import QoSProfile
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, KNOWN_TOPICS, Output
 from aircraft_sysid_ros.mavlink.back_channel import BackChannel, Known, Wind
 from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.mavlink.bridge import STEP, Bridge
@@ -26,24 +24,13 @@ from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.signing import load_key
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes.bridge_topics import BridgeTopics, check_topics, listed
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When, node_options
 from aircraft_sysid_ros.option import options_of
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, ned_from_enu
+from aircraft_sysid_ros.ros_messages.conversion import ned_from_enu
 
 #: Topics that the node hears for the way back.
 WIND, PARAMETERS = "state_estimator/wind", "parameter_estimator/parameters"
-_VECTORS = {3: ("x", "y", "z"), 4: ("x", "y", "z", "w")}
-_DEPTH = 100
-
-
-def _listed(values: Sequence[str]) -> list[str]:
-    """Strings of a ROS array, which has one that is empty where there are none."""
-    return [value for value in values if value]
-
-
-def _check_topics(topics: Sequence[str]) -> None:
-    for topic in set(_listed(topics)) - KNOWN_TOPICS.keys():
-        raise InputError(f"the parameter topics names {topic}: known are {', '.join(KNOWN_TOPICS)}")
 
 
 #: Options of what goes back begin with it.
@@ -67,7 +54,7 @@ OPTIONS: dict[str, NodeOption] = {
         check=lambda path: load_key(path) if path else None,
     ),
     "system": _of_link(0, "System id of the vehicle; 0 is the first that is heard.", low=0, high=255),
-    "topics": _of_link([""], "Publish these topics only, such as air_data; empty: all.", check=_check_topics),
+    "topics": _of_link([""], "Publish these topics only, such as air_data; empty: all.", check=check_topics),
     **{_BACK + name: each for name, each in node_options(BackOptions).items()},
     "autostart": AUTOSTART,
 }
@@ -83,9 +70,13 @@ class MavlinkBridgeNode(ConfigurableNode):
         self.failure: BaseException | None = None
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self._topics: set[str] = set()
-        self._made: dict[str, Any] = {}
+        self._topics: BridgeTopics | None = None
         self._heard: dict[str, Any] = {}
+
+    @property
+    def link(self) -> Session | None:
+        """The session with the autopilot, while configured."""
+        return None if self.bridge is None else self.bridge.session
 
     # -- lifecycle -------------------------------------------------------------------------------------------
 
@@ -103,10 +94,7 @@ class MavlinkBridgeNode(ConfigurableNode):
             self.failure = error  # for who started the node in this process
             raise
         self.bridge = Bridge(transport, session, back, lambda: self.get_clock().now().nanoseconds)
-        self._topics = set(_listed(values["topics"])) or {*ALL_TOPICS, *([INPUTS_TOPIC] if mapping.inputs else [])}
-        for topic in sorted(self._topics):
-            kind = common.message_class(KNOWN_TOPICS[topic])
-            self._made[topic] = self.create_lifecycle_publisher(kind, topic, QoSProfile(depth=_DEPTH))
+        self._topics = BridgeTopics(self, values["topics"], mapping)
         self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
 
     def check_together(self, values: Mapping[str, Any]) -> None:
@@ -129,6 +117,7 @@ class MavlinkBridgeNode(ConfigurableNode):
         self._stop.clear()
         self._thread = threading.Thread(target=self._read, name="mavlink", daemon=True)
         self._thread.start()
+        self.get_logger().info(f"active, and reads {self.get_parameter('connection').value}")
 
     def deactivate(self, left: Callable[[int], None]) -> None:
         """Stop reading."""
@@ -153,9 +142,9 @@ class MavlinkBridgeNode(ConfigurableNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the connection."""
-        for publisher in (*self._made.values(), self._diagnostics):
-            self.destroy_lifecycle_publisher(publisher)
-        self._made.clear()
+        if self._topics is not None:
+            self._topics.close()
+        self.destroy_lifecycle_publisher(self._diagnostics)
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
@@ -185,28 +174,17 @@ class MavlinkBridgeNode(ConfigurableNode):
     # -- the link --------------------------------------------------------------------------------------------
 
     def _read(self) -> None:
-        assert self.bridge is not None
-        bridge = self.bridge
+        assert self.bridge is not None and self._topics is not None
+        bridge, topics = self.bridge, self._topics
         try:
             while not self._stop.is_set():
                 for output in bridge.step(STEP):
-                    if output.topic in self._topics:
-                        self._publish(output)
+                    topics.publish(output)
                 for note in bridge.session.take_notes():
                     self.get_logger().info(note)
         except Exception as error:  # a thread that dies in silence would look like a silent vehicle
             self.failure = error
             self.get_logger().fatal(f"the link failed: {' '.join(str(error).split())}")
-
-    def _publish(self, output: Output) -> None:
-        for i, stamp in enumerate(output.stamp):
-            message = common.message_class(output.type_name)()
-            if isinstance(message, (AirData, ControlSurfaces)):
-                _forget_numbers(message)
-            for name, column in output.fields.items():
-                _set(message, name, column[i])
-            message.header.frame_id = output.frame_id
-            self._made[output.topic].publish(common.stamp_of(message, int(stamp)))
 
     # -- back ------------------------------------------------------------------------------------------------
 
@@ -243,29 +221,7 @@ class MavlinkBridgeNode(ConfigurableNode):
 
 def _back_options(values: Mapping[str, Any]) -> BackOptions:
     found = {name: values[_BACK + name] for name in options_of(BackOptions)}
-    return BackOptions(**found | {"parameters": tuple(_listed(found["parameters"]))})
-
-
-def _forget_numbers(message: Any) -> None:
-    """In our own messages what is not measured is NaN, and ROS begins with 0."""
-    for name, kind in message.get_fields_and_field_types().items():
-        if kind == "double":
-            setattr(message, name, float("nan"))
-
-
-def _set(message: Any, name: str, value: Any) -> None:
-    """Set a field by its dotted name; a row of 3 or 4 goes into a vector or quaternion."""
-    *path, last = name.split(".")
-    for part in path:
-        message = getattr(message, part)
-    target = getattr(message, last)
-    if np.ndim(value) == 1 and hasattr(target, "x"):
-        for axis, component in zip(_VECTORS[len(value)], value, strict=True):
-            setattr(target, axis, float(component))
-    elif np.ndim(value) and not isinstance(target, np.ndarray):  # of any length: a list
-        setattr(message, last, value.tolist())
-    else:
-        setattr(message, last, value if np.ndim(value) else value.item())
+    return BackOptions(**found | {"parameters": tuple(listed(found["parameters"]))})
 
 
 def main() -> None:

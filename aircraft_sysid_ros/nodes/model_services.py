@@ -29,6 +29,7 @@ from aircraft_sysid_ros.identification.model_change import change_model, with_te
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.option import option, options
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
+from aircraft_sysid_ros.ros_messages.output_messages import BASE_FRD
 
 Array = npt.NDArray[np.float64]
 
@@ -138,7 +139,8 @@ class ModelServices:
         elif answer.content["model"] == self._node.estimator.model.identifier:
             candidates = [EffectCandidate(**candidate) for candidate in answer.content["candidates"]]
             content = {**answer.content, "candidates": candidates}
-            self._publisher.publish(common.stamp_of(common.fill(MissingEffects(), content), self._stamp))
+            message = common.fill(MissingEffects(), content)
+            self._publisher.publish(common.stamp_of(message, self._stamp, self._node.frame(BASE_FRD)))
 
     # -- services ------------------------------------------------------------------------------------------------
 

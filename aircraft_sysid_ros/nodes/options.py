@@ -7,6 +7,7 @@ with the reason; set while the node is inactive it takes effect when the node is
 from __future__ import annotations
 
 import dataclasses
+import difflib
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from typing import Any, TypeVar
@@ -119,6 +120,15 @@ class ConfigurableNode(LifecycleNode):
     def publishers_that_matter(self) -> Sequence[Any]:
         """Publishers whose last messages must arrive before the process ends."""
         return ()
+
+    def unknown_parameters(self) -> list[str]:
+        """A sentence for each parameter that the process was given for this node and that it does not have."""
+        sentences = []
+        for name in sorted(set(self._parameter_overrides) - set(self._described) - {"use_sim_time"}):
+            close = difflib.get_close_matches(name, self._described, 1)
+            hint = f": did you mean {close[0]}?" if close else ""
+            sentences.append(f"the parameter {name} is not one of this node{hint}")
+        return sentences
 
     # -- lifecycle -----------------------------------------------------------------------------------------------
 

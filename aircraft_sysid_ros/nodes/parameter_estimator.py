@@ -223,14 +223,14 @@ class ParameterEstimatorNode(EstimatorNode):
     def _publish_parameters(self, now: float, estimates: ParameterSet) -> None:
         content = parameters_content(estimates)
         content["parameters"] = [Parameter(**p) for p in content["parameters"]]
-        message = common.stamp_of(common.fill(Parameters(), content), self._stamp(now), BASE_FRD)
+        message = common.stamp_of(common.fill(Parameters(), content), self._stamp(now), self.frame(BASE_FRD))
         self._parameters_publisher.publish(message)
 
     def _publish_model_error(self, now: float, errors: list[modelling.AxisError]) -> None:
         estimator = self.estimator
         content = model_error_content(estimator.model.identifier, estimator.options.error_window, errors)
         content["axes"] = [AxisError(**axis) for axis in content["axes"]]
-        message = common.stamp_of(common.fill(ModelError(), content), self._stamp(now), BASE_FRD)
+        message = common.stamp_of(common.fill(ModelError(), content), self._stamp(now), self.frame(BASE_FRD))
         self._model_error_publisher.publish(message)
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:

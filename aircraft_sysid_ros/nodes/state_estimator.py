@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 from aircraft_sysid_msgs.msg import AircraftState
 from aircraft_sysid_msgs.srv import Reset
-from geometry_msgs.msg import TwistWithCovarianceStamped
+from geometry_msgs.msg import TransformStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check import in_flight
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
-from aircraft_sysid_ros.nodes.options import node_options, options_from
+from aircraft_sysid_ros.nodes.options import NodeOption, When, node_options, options_from
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, found_wind_walk
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField, status_text
@@ -36,7 +37,31 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 INPUTS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data")
-OPTIONS = node_options(StateOptions)
+#: Type of /tf; its package is no requirement.
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+
+def _check_transforms(wanted: bool) -> None:
+    if wanted:
+        try:
+            common.message_class(TRANSFORMS)
+        except ImportError:
+            raise InputError(
+                "publish_tf needs tf2_msgs, which is not in this environment: install ros-jazzy-tf2-msgs, "
+                "or leave publish_tf false; `~/odometry` holds the same"
+            ) from None
+
+
+OPTIONS = {
+    **node_options(StateOptions),
+    "publish_tf": NodeOption(
+        False,
+        "Send the pose of `~/odometry` to /tf too, map to base_link; needs tf2_msgs.",
+        fixed="who hears /tf would lose the frame",
+        when=When.CONFIGURED,
+        check=_check_transforms,
+    ),
+}
 #: Samples are pushed together that came within this part of the horizon, by which states are late anyway: one push
 #: costs nearly the same for one sample as for ten. The numbers do not depend on it.
 TOGETHER = 0.02
@@ -83,6 +108,9 @@ class StateEstimatorNode(EstimatorNode):
         self._state_publisher = self.publisher(AircraftState, "~/state", common.state_quality())
         self._wind_publisher = self.publisher(TwistWithCovarianceStamped, "~/wind", 10)
         self._odometry_publisher = self.publisher(Odometry, "~/odometry", 10)
+        self._transforms = None
+        if self.get_parameter("publish_tf").value:
+            self._transforms = self.publisher(common.message_class(TRANSFORMS), "/tf", 100)
         self.service(Reset, "~/reset", self._on_reset)
 
     def take(self, topic: str, message: Any) -> None:
@@ -146,11 +174,12 @@ class StateEstimatorNode(EstimatorNode):
         stamps = nanoseconds(rows[:, StateField.TIME], self.estimator.epoch)
         fields = state_fields(rows)
         said = rows[:, [StateField.STATUS, StateField.CONTRADICTION]].astype(int)
+        map_ned = self.frame(MAP_NED)
         for i, stamp in enumerate(stamps):
             content = {name: _plain(values[i]) for name, values in fields.items()}
             message = common.fill(AircraftState(), content)
             message.status_text = status_text(*said[i].tolist())
-            self._state_publisher.publish(common.stamp_of(message, int(stamp), MAP_NED))
+            self._state_publisher.publish(common.stamp_of(message, int(stamp), map_ned))
         self._publish_newest(rows[-1:], int(stamps[-1]))
         if self.on_states is not None:
             self.on_states(rows, stamps)
@@ -162,21 +191,32 @@ class StateEstimatorNode(EstimatorNode):
             for part in ("linear", "angular"):
                 _set(getattr(wind.twist.twist, part), fields[f"twist.twist.{part}"][0])
             wind.twist.covariance = fields["twist.covariance"][0]
-            self._wind_publisher.publish(common.stamp_of(wind, stamp, MAP))
+            self._wind_publisher.publish(common.stamp_of(wind, stamp, self.frame(MAP)))
         if not np.isfinite(rows[0, StateField.POSITION.start : StateField.VELOCITY.stop]).all():
             return
-        content, odometry = odometry_content(rows[0]), Odometry(child_frame_id=BASE)
+        content, odometry = odometry_content(rows[0]), Odometry(child_frame_id=self.frame(BASE))
         _set(odometry.pose.pose.position, content["position"])
         _set(odometry.pose.pose.orientation, content["orientation"])
         _set(odometry.twist.twist.linear, content["linear"])
         _set(odometry.twist.twist.angular, content["angular"])
         odometry.pose.covariance, odometry.twist.covariance = content["pose_covariance"], content["twist_covariance"]
-        self._odometry_publisher.publish(common.stamp_of(odometry, stamp, MAP))
+        self._odometry_publisher.publish(common.stamp_of(odometry, stamp, self.frame(MAP)))
+        if self._transforms is not None:
+            self._transforms.publish(_transform(odometry, common.message_class(TRANSFORMS)))
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self.begin_anew()
         response.success, response.message = True, "the state starts anew"
         return response
+
+
+def _transform(odometry: Odometry, kind: Any) -> Any:
+    """The pose of an Odometry as a message of /tf."""
+    sent = TransformStamped(header=odometry.header, child_frame_id=odometry.child_frame_id)
+    place = odometry.pose.pose.position
+    _set(sent.transform.translation, (place.x, place.y, place.z))
+    sent.transform.rotation = odometry.pose.pose.orientation
+    return kind(transforms=[sent])
 
 
 def _set(vector: Any, values: Any) -> None:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.mavros_table import MAVROS
-from aircraft_sysid_ros.mavlink.px4_table import PX4
+from aircraft_sysid_ros.mavlink.px4_table import PX4, sample_time
 from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import LogContent, import_content
@@ -21,7 +21,6 @@ from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import Table as Columns
 from aircraft_sysid_ros.recordings.tables import table_of
-from aircraft_sysid_ros.recordings.ulog_import import sample_time
 
 _PX4 = "px4_msgs/"
 _UNIX = 10**18  # [ns] 2001: more is Unix time, which uXRCE-DDS makes of the autopilot's when it synchronises
@@ -107,7 +106,7 @@ def _with_sample_times(batches: list[Batch]) -> list[Batch]:
 
     px4_msgs have no header: the stamps so far are the times of recording.
     """
-    own = [sample_time(dict(batch.fields)) for batch in batches]
+    own = [sample_time(batch.fields) for batch in batches]
     delays = [int(np.min(b.stamp - t)) for b, t in zip(batches, own, strict=True) if len(t) and t[0] < _UNIX]
     offset = min(delays, default=0)
     return [Batch(b.name, t + (offset if t[0] < _UNIX else 0), b.fields) for b, t in zip(batches, own, strict=True)]

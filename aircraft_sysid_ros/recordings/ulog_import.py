@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
-from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES
+from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES, sample_time
 from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
@@ -76,10 +76,3 @@ def _batch(name: str, columns: dict[str, npt.NDArray[Any]], start: int) -> Batch
     for key, parts in elements.items():
         fields[key] = np.stack([parts[i] for i in sorted(parts)], axis=1)
     return Batch(name, start + sample_time(fields), fields)
-
-
-def sample_time(fields: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.int64]:
-    """Time [ns] (n,) when samples were taken: that of the sample where it is there and not 0."""
-    published = np.asarray(fields[TIMES[1]], dtype=np.int64)
-    taken = np.asarray(fields.get(TIMES[0], published), dtype=np.int64)
-    return np.where(taken > 0, taken, published) * 1000

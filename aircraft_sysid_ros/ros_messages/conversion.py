@@ -74,6 +74,8 @@ USED_FIELDS: dict[str, dict[str, str]] = {
 }
 #: Status of a fix in sensor_msgs/NavSatStatus; UNKNOWN is what a driver leaves that does not set it.
 UNKNOWN_FIX, NO_FIX, FIX, SATELLITE_AUGMENTED_FIX, GROUND_AUGMENTED_FIX = -2, -1, 0, 1, 2
+#: Variance of what is not known, for messages that have no other way to say so.
+UNKNOWN_VARIANCE = 1e6
 RADIANS_PER_DEGREE = np.pi / 180.0
 NANOSECONDS = 1_000_000_000
 _SQRT_HALF = np.sqrt(0.5)

@@ -11,7 +11,12 @@ from aircraft_sysid_ros.aircraft.frames import euler_angles, rotation_matrix
 from aircraft_sysid_ros.identification.monitoring.error_window import AxisError
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.ros_messages.conversion import enu_from_ned, flu_from_frd, quaternion_enu_flu
+from aircraft_sysid_ros.ros_messages.conversion import (
+    UNKNOWN_VARIANCE,
+    enu_from_ned,
+    flu_from_frd,
+    quaternion_enu_flu,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -26,8 +31,6 @@ MODEL_ERROR_TYPE = "aircraft_sysid_msgs/msg/ModelError"
 
 #: Frames of REP 103 and REP 105, whose origin is that of the state: ENU and FLU, NED and FRD.
 MAP, BASE, MAP_NED, BASE_FRD = "map", "base_link", "map_ned", "base_link_frd"
-#: Variance of what is not estimated, for messages that have no other way to say so.
-UNKNOWN = 1e6
 
 #: Fields of AircraftState that are columns of a row of reconstructed states.
 _STATE_COLUMNS: dict[str, slice | int] = {
@@ -90,7 +93,7 @@ def wind_fields(rows: Array) -> dict[str, npt.NDArray[Any]]:
     covariance = np.zeros((n, 6, 6))
     for i, source in enumerate((1, 0, 2)):
         covariance[:, i, i] = np.square(rows[:, _WIND_STD])[:, source]
-        covariance[:, 3 + i, 3 + i] = UNKNOWN
+        covariance[:, 3 + i, 3 + i] = UNKNOWN_VARIANCE
     return {
         "twist.twist.linear": enu_from_ned(rows[:, StateField.WIND]),
         "twist.twist.angular": np.zeros((n, 3)),

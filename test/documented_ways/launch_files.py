@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import runpy
 import sys
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 from unittest.mock import patch
+
+import yaml
 
 
 @dataclass(frozen=True)
@@ -31,28 +34,78 @@ class Configuration:
 
     name: str
 
+    def perform(self, context: Context) -> str:
+        """Its value."""
+        return context.values[self.name]
+
+
+@dataclass
+class Context:
+    """LaunchContext: values of arguments, which an included file shares with the one that includes it."""
+
+    values: dict[str, str]
+    namespace: str = ""
+
 
 @dataclass(frozen=True)
-class Value:
-    """ParameterValue."""
+class Function:
+    """OpaqueFunction."""
 
-    value: Any
-    value_type: type = str
+    function: Callable[[Context], list[Any]]
+
+
+@dataclass(frozen=True)
+class Source:
+    """PythonLaunchDescriptionSource."""
+
+    path: str
+
+
+@dataclass(frozen=True)
+class Include:
+    """IncludeLaunchDescription."""
+
+    source: Source
+    launch_arguments: Iterable[tuple[str, str]] = ()
+
+
+@dataclass(frozen=True)
+class Group:
+    """GroupAction: what is pushed in it ends with it."""
+
+    actions: list[Any]
+
+
+@dataclass(frozen=True)
+class Push:
+    """PushRosNamespace."""
+
+    namespace: str
 
 
 class Node(SimpleNamespace):
     """LifecycleNode."""
 
 
+def share_of(package: str) -> str:
+    """Folder of a package: where its launch and config are."""
+    return str(Path(__file__).resolve().parents[2])
+
+
 def _modules() -> dict[str, ModuleType]:
     contents: dict[str, dict[str, Any]] = {
-        "launch": {"LaunchDescription": list},
-        "launch.actions": {"DeclareLaunchArgument": Argument},
+        "launch": {"LaunchDescription": list, "LaunchContext": Context},
+        "launch.actions": {
+            "DeclareLaunchArgument": Argument, "OpaqueFunction": Function, "IncludeLaunchDescription": Include,
+            "GroupAction": Group,
+        },
+        "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Source},
         "launch.substitutions": {"LaunchConfiguration": Configuration},
         "launch_ros": {},
-        "launch_ros.actions": {"LifecycleNode": Node},
-        "launch_ros.parameter_descriptions": {"ParameterValue": Value},
-    }
+        "ament_index_python": {},
+        "ament_index_python.packages": {"get_package_share_directory": share_of},
+        "launch_ros.actions": {"LifecycleNode": Node, "PushRosNamespace": Push},
+    }  # fmt: skip
     made = {name: ModuleType(name) for name in contents}
     for name, content in contents.items():
         vars(made[name]).update(content)
@@ -60,37 +113,66 @@ def _modules() -> dict[str, ModuleType]:
 
 
 def _entities(file: Path) -> list[Any]:
-    with patch.dict(sys.modules, _modules()):
-        return list(runpy.run_path(str(file))["generate_launch_description"]())
+    return list(runpy.run_path(str(file))["generate_launch_description"]())
 
 
 def launch_arguments(file: Path) -> dict[str, str | None]:
-    """Arguments of a launch file with their defaults; None: it must be given."""
-    return {entity.name: entity.default_value for entity in _entities(file) if isinstance(entity, Argument)}
+    """Arguments of a launch file with their defaults, of those that it includes too; None: it must be given."""
+    with patch.dict(sys.modules, _modules()):
+        entities = _entities(file)
+        included = [Path(entity.source.path) for entity in entities if isinstance(entity, Include)]
+    own = {entity.name: entity.default_value for entity in entities if isinstance(entity, Argument)}
+    for path in included:
+        own = {**launch_arguments(path), **own}
+    return own
 
 
 def launched(file: Path, **given: str) -> dict[str, list[str]]:
     """Executable and its arguments, of each node that the launch file starts with the arguments given."""
-    entities = _entities(file)
-    values = {e.name: given.get(e.name, e.default_value) for e in entities if isinstance(e, Argument)}
-    assert set(given) <= set(values) and None not in values.values()
-    return {e.executable: _node_arguments(e, values) for e in entities if isinstance(e, Node)}
+    assert set(given) <= set(launch_arguments(file))
+    found = started(file, **given)
+    assert len({executable for executable, _ in found}) == len(found)
+    return dict(found)
 
 
-def _node_arguments(node: Node, values: Mapping[str, str | None]) -> list[str]:
-    rules = {"__node": node.name, "__ns": "/" + _resolved(node.namespace, values).strip("/")}
-    rules |= {ours: _resolved(theirs, values) for ours, theirs in getattr(node, "remappings", [])}
-    parameters = {name: _resolved(value, values) for each in node.parameters for name, value in each.items()}
-    listed = [("-r", f"{name}:={value}") for name, value in rules.items()]
-    listed += [("-p", f"{name}:={value}") for name, value in parameters.items() if value != ""]
-    return ["--ros-args", *(word for pair in listed for word in pair)]
+def started(file: Path, **given: str) -> list[tuple[str, list[str]]]:
+    """As launched, of a file that may start one executable several times."""
+    with patch.dict(sys.modules, _modules()):
+        return list(_visited(_entities(file), Context(dict(given))))
 
 
-def _resolved(value: Any, values: Mapping[str, str | None]) -> str:
-    if isinstance(value, Configuration):
-        return str(values[value.name])
-    if isinstance(value, Value):
-        return _resolved(value.value, values)
-    if isinstance(value, list):
-        return "".join(_resolved(part, values) for part in value)
-    return str(value)
+def _visited(entities: Iterable[Any], context: Context) -> Iterator[tuple[str, list[str]]]:
+    for entity in entities:
+        if isinstance(entity, Argument):
+            value = context.values.setdefault(entity.name, entity.default_value)  # type: ignore[arg-type]
+            assert value is not None, f"{entity.name} must be given"
+        elif isinstance(entity, Function):
+            yield from _visited(entity.function(context), context)
+        elif isinstance(entity, Include):
+            context.values.update(entity.launch_arguments)
+            yield from _visited(_entities(Path(entity.source.path)), context)
+        elif isinstance(entity, Group):
+            yield from _visited(entity.actions, Context(dict(context.values), context.namespace))
+        elif isinstance(entity, Push):
+            context.namespace = f"{context.namespace}/{entity.namespace.strip('/')}"
+        else:
+            yield entity.executable, _node_arguments(entity, context)
+
+
+def _node_arguments(node: Node, context: Context) -> list[str]:
+    namespace = "/" + f"{context.namespace}/{node.namespace}".strip("/")
+    rules = {"__node": node.name, "__ns": namespace, **dict(getattr(node, "remappings", []))}
+    words = [word for name, value in rules.items() for word in ("-r", f"{name}:={value}")]
+    for each in node.parameters:  # in their order: later ones go before earlier ones
+        words += [
+            "--params-file",
+            each if isinstance(each, str) else _file(f"{namespace.rstrip('/')}/{node.name}", each),
+        ]
+    return ["--ros-args", *words]
+
+
+def _file(node: str, values: dict[str, Any]) -> str:
+    """Parameters of a node by its whole name, as launch_ros writes them."""
+    path = Path(tempfile.mkdtemp(prefix="launch_params_")) / "params.yaml"
+    path.write_text(yaml.safe_dump({node: {"ros__parameters": values}}), encoding="utf8")
+    return str(path)

@@ -60,6 +60,12 @@ NOT_RUN = {
     "examples/adaptive_controller/fly.py --rate": "a way flies another case with more options",
     "aircraft_sysid_ros.simulation.mavlink_simulator.process --reboot": "its own test, in test/mavlink",
     "ros2 bag record": "of ROS 2 itself, which is not on PyPI; a way records as it does",
+    "px4.launch.py": "test/nodes/test_launch.py makes it; PX4 is not here, and test/nodes/test_px4_live.py stands in",
+    "live.launch.py overview": "test/nodes/test_launch.py",
+    "live.launch.py params_file": "test/nodes/test_launch.py, and test/nodes/test_parameter_files.py with a process",
+    "ros2 run overview": "test/nodes/test_two_aeroplanes.py runs two of it",
+    "ros2 run state_estimator": "test/nodes/test_parameter_files.py, with a file of parameters and with a remapping",
+    "aircraft-sysid play --clock": "test/recordings/test_playback.py hears it",
     "mavros.launch.py": "test/mavlink/test_mavros_launch.py; MAVROS is not here",
 }
 

@@ -5,12 +5,14 @@ import pytest
 from aircraft_sysid_msgs.msg import AircraftState, ModelError, Parameter, Parameters
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from aircraft_sysid_ros.nodes.common import newest_quality, start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
+from aircraft_sysid_ros.ros_messages.topics import DIAGNOSTICS, OUTPUTS, SERVICES
 
 NAMES = (
     "CX_0 CX_alpha CX_alpha2 CX_q CX_de CX_Tc", "CY_0 CY_beta CY_p CY_r CY_da CY_dr",
@@ -47,8 +49,36 @@ def flown(bench, raw):
     return state, parameters, heard, np.array(rows), sets
 
 
-def test_messages_say_what_the_estimators_say(flown):
+def check_topics(bench):
+    """The page's tables of topics and services are those of the nodes, with their durability, and no others."""
+    for node in ("state_estimator", "parameter_estimator"):
+        listed = (*OUTPUTS[node], DIAGNOSTICS)
+        offered = {
+            f"/{topic.name.lstrip('/')}": info
+            for topic in listed
+            for info in bench.helper.get_publishers_info_by_topic(f"/{topic.name.lstrip('/')}")
+            if info.node_name == node
+        }
+        found = bench.helper.get_publisher_names_and_types_by_node(node, "/")
+        own = {name: kinds for name, kinds in found if name.startswith((f"/{node}/", "/diagnostics"))}
+        own = {name: kinds for name, kinds in own.items() if not name.endswith("transition_event")}
+        assert own == {name: [info.topic_type] for name, info in offered.items()}
+        for topic in listed:
+            info = offered[f"/{topic.name.lstrip('/')}"]
+            durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.is_latched else DurabilityPolicy.VOLATILE
+            assert (info.topic_type, info.qos_profile.durability) == (topic.type, durability), topic
+            assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        services = {
+            name: kinds[0]
+            for name, kinds in bench.helper.get_service_names_and_types_by_node(node, "/")
+            if kinds[0].startswith("aircraft_sysid_msgs")
+        }
+        assert services == {f"/{service.name}": service.type for service in SERVICES[node]}
+
+
+def test_messages_say_what_the_estimators_say(flown, bench):
     state, parameters, heard, rows, sets = flown
+    check_topics(bench)
     check_states(state, heard["state"], rows)
     check_wind(state, heard["wind"], rows)
     check_odometry(state, heard["odometry"], rows)

@@ -130,14 +130,16 @@ def ros(domain):
 def test_a_subscriber_gets_every_message_with_its_stamp_in_order(ros, flight, reliability):
     from aircraft_sysid_msgs.msg import AirData
     from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import Imu
 
     node, executor = ros
     quality = QoSProfile(depth=1000, reliability=ReliabilityPolicy[reliability.upper()])
-    imu, air = [], []
+    imu, air, clocks = [], [], []
+    node.create_subscription(Clock, "/clock", clocks.append, 1000)
     node.create_subscription(Imu, "/uav1/imu/data", imu.append, quality)
     node.create_subscription(AirData, "/uav1/air_data", air.append, quality)
-    arguments = [flight, "--rate", 2, "--topic-prefix", "uav1", "--json", "--wait", 60]
+    arguments = [flight, "--rate", 2, "--topic-prefix", "uav1", "--json", "--wait", 60, "--clock", 20]
     command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "play", *map(str, arguments)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 300.0
@@ -154,6 +156,8 @@ def test_a_subscriber_gets_every_message_with_its_stamp_in_order(ros, flight, re
     assert imu[0].header.frame_id == "base_link"
     stamps = [m.header.stamp.sec * SECOND + m.header.stamp.nanosec for m in imu]
     assert stamps == [START + i * SECOND // 100 for i in range(200)]
+    times = np.array([m.clock.sec * SECOND + m.clock.nanosec for m in clocks])  # at twice the speed: each 0.1 s
+    assert len(times) == 20 and np.array_equal(times, START + np.arange(20) * SECOND // 10)
 
 
 def test_without_subscribers_it_plays_after_the_wait(domain, flight):
@@ -172,6 +176,7 @@ def test_without_subscribers_it_plays_after_the_wait(domain, flight):
         (("FLIGHT", "--rate", "-1"), "--rate"),
         (("FLIGHT", "--rate", "nan"), "--rate"),
         (("FLIGHT", "--topics", "gps/fix"), "/gps/fix"),
+        (("FLIGHT", "--clock", "0"), "--clock"),
         (("FLIGHT", "--topic-prefix", "a b"), "topic name"),
     ],
 )

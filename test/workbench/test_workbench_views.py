@@ -8,8 +8,6 @@ import re
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
-from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -17,7 +15,6 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.guard import SameOrigin
 from aircraft_sysid_ros.workbench.report import report_html
@@ -374,27 +371,6 @@ def test_who_may_write(kind, method, host, origin, allowed) -> None:
     headers = [(b"host", host.encode()), *([(b"origin", origin.encode())] if origin is not None else [])]
     guard = SameOrigin(lambda *_: None, "127.0.0.1")
     assert guard.allows({"type": kind, "method": method, "headers": headers}) is allowed
-
-
-def names_in(layout: str) -> list[tuple[str, str]]:
-    """Topic and field of everything that a layout file draws."""
-    pattern = r"(/\w+/\w+)[./](\w+(?:\[[:\d]*\](?:\{axis==\W*\w+\W*\})?[./]\w+)?)"
-    return [(topic, re.sub(r"\[.*[./]", ".", field)) for topic, field in re.findall(pattern, layout)]
-
-
-@pytest.mark.parametrize("name", ["foxglove_layout.json", "plotjuggler_layout.xml"])
-def test_layouts_of_other_tools_draw_what_a_run_holds(name, hidden_effect) -> None:
-    text = (Path(__file__).parents[2] / "config" / name).read_text(encoding="utf8")
-    json.loads(text) if name.endswith("json") else ElementTree.fromstring(text)
-    drawn = names_in(text)
-    assert len(drawn) > 25
-    for topic in {topic for topic, _ in drawn}:
-        fields = read_table(hidden_effect / "estimates.mcap", topic).fields
-        inner = {
-            f"{key}.{part}" for key, column in fields.items() if column.dtype == object for part in dir(column[0][0])
-        }
-        wanted = {field.split("[")[0] for t, field in drawn if t == topic}
-        assert wanted <= set(fields) | inner, wanted - set(fields) - inner
 
 
 @pytest.mark.parametrize(

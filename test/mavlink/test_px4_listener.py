@@ -1,0 +1,128 @@
+"""PX4's topics live, without ROS: numbers as PX4 means them, as `import` has them, and stamps of either clock."""
+
+import numpy as np
+import pytest
+import yaml
+from px4_agent import SERVOS, px4_messages
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.px4_listener import Px4Listener, named, wanted_fields
+from aircraft_sysid_ros.mavlink.px4_table import PX4, sample_time
+from aircraft_sysid_ros.mavlink.servo_mapping import servo_mapping_from_dict
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, USED_FIELDS, to_samples
+from aircraft_sysid_ros.samples import Kind, concatenate
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+MAPPING = servo_mapping_from_dict(yaml.safe_load(SERVOS))
+
+
+@pytest.fixture(scope="module")
+def samples(aircraft):
+    return simulate_samples(aircraft, seed=3, duration=20.0).samples
+
+
+def heard(listener, messages, delay=0):
+    """Outputs of messages that arrive so long [ns] after they were sent."""
+    outputs = []
+    for stamp, topic, _, fields in messages:
+        listener._now = lambda stamp=stamp: stamp + delay
+        wanted = wanted_fields(named(topic)[0])
+        given = {name: np.array([value]) for name, value in fields.items() if name in wanted}
+        outputs += listener.receive(named(topic)[0], given)
+    return outputs
+
+
+def as_samples(outputs):
+    return concatenate([s for o in outputs if o.topic in TOPICS for s in to_samples(o.topic, o.stamp, whole(o))])
+
+
+def whole(output):
+    """Fields with NaN for what is not measured, as the node publishes them."""
+    used = USED_FIELDS[output.topic] if output.topic == "control_surfaces" else output.fields
+    return {name: output.fields.get(name, np.full(len(output.stamp), np.nan)) for name in used}
+
+
+def test_what_was_flown_comes_back(samples):
+    listener = Px4Listener(MAPPING)
+    found = as_samples(heard(listener, px4_messages(samples)))
+    for kind, columns, tolerance in (
+        (Kind.IMU, slice(0, 6), 1e-6), (Kind.GPS_POSITION, slice(0, 3), 1e-9), (Kind.GPS_VELOCITY, slice(0, 3), 1e-6),
+        (Kind.AIRSPEED, slice(0, 1), 3e-4), (Kind.CONTROLS, slice(0, 3), 1e-6), (Kind.CONTROLS, slice(4, 5), 1e-6),
+    ):  # fmt: skip
+        sent, came = samples.kind == kind, found.kind == kind
+        late = came.sum() - sent.sum()
+        assert -2 <= late <= 0, kind  # an airspeed before the first pressure, or a servo before its motor
+        stamps = samples.stamp[sent][-late or None :]
+        assert np.array_equal(found.stamp[came], stamps // 1000 * 1000), kind
+        np.testing.assert_allclose(
+            found.values[came, columns], samples.values[sent, columns][-late or None :], rtol=tolerance, atol=tolerance
+        )
+    assert listener.condition == "" and listener.summary()["clock"] == "of this computer"
+
+
+def test_stamps_since_the_start_are_late_by_the_least_delay(samples):
+    listener = Px4Listener(MAPPING)
+    outputs = heard(listener, px4_messages(samples, start=7_000_000), delay=2_000_000)
+    stamps = np.concatenate([output.stamp for output in outputs if output.topic == "imu/data"])
+    sent = samples.stamp[samples.kind == Kind.IMU][-len(stamps) :]
+    assert np.abs(stamps - sent - 2_000_000).max() < 200_000  # [ns]
+    assert 0 < listener.unstamped < 0.2 * len(samples.stamp)
+    assert "least delay" in listener.summary()["clock"]
+    heard(listener, px4_messages(samples, start=1_000_000)[:100], delay=2_000_000)
+    assert listener.restarts == 1 and "started anew" in " ".join(listener.take_notes())
+
+
+def airspeed(source):
+    fields = {"calibrated_airspeed_m_s": np.array([20.0]), "airspeed_source": np.array([source], np.int8)}
+    return PX4["airspeed_validated"][0].values(fields)[0, 0]
+
+
+@pytest.mark.parametrize(("source", "counts"), [(-1, False), (0, False), (1, True), (3, True), (4, False)])
+def test_an_airspeed_that_no_sensor_measured_is_none(source, counts):
+    assert np.isfinite(airspeed(source)) == counts
+
+
+def test_an_accelerometer_that_px4_calls_invalid_is_none():
+    fields = {"accelerometer_m_s2": np.ones((2, 3)), "gyro_rad": np.ones((2, 3))}
+    fields["accelerometer_timestamp_relative"] = np.array([0, 2**31 - 1])
+    values = PX4["sensor_combined"][0].values(fields)
+    assert np.isfinite(values).sum(axis=1).tolist() == [6, 3]
+
+
+@pytest.mark.parametrize(
+    ("published", "taken", "expected"), [(5_000_000, 4_999_000, 4_999_000), (5_000_000, 0, 5_000_000), (5, 9, 5)]
+)
+def test_a_time_of_the_sample_counts_where_it_is_filled_in(published, taken, expected):
+    fields = {"timestamp": np.array([published], np.uint64), "timestamp_sample": np.array([taken], np.uint64)}
+    assert sample_time(fields) == expected * 1000
+
+
+@pytest.mark.parametrize(
+    ("topic", "expected"),
+    [
+        ("/fmu/out/sensor_combined", ("sensor_combined", 0)),
+        ("/px4_1/fmu/out/airspeed_validated_v1", ("airspeed_validated", 1)),
+        ("vehicle_attitude_v12", ("vehicle_attitude", 12)),
+    ],
+)
+def test_versions_stand_at_the_end_of_a_topic(topic, expected):
+    assert named(topic) == expected
+
+
+def test_nothing_heard_is_said():
+    listener = Px4Listener()
+    assert "no topic of PX4 has come" in listener.condition
+    listener.receive("vehicle_air_data", {"timestamp": np.array([10**15]), "baro_pressure_pa": np.array([1e5])})
+    assert "sensor_combined" in listener.condition
+
+
+@pytest.mark.parametrize(
+    ("outputs", "text"),
+    [
+        ({101: {"surface": "throttle", "us": [1000, 2000], "fraction": [0, 1]}}, "as command, not as us"),
+        ({40: {"surface": "throttle", "command": [0, 1], "fraction": [0, 1]}}, "the motors of PX4 101 to 112"),
+    ],
+)
+def test_motors_have_px4_s_numbers_and_are_commands(outputs, text):
+    with pytest.raises(InputError, match=text):
+        servo_mapping_from_dict({"outputs": outputs})
