@@ -145,7 +145,7 @@ def test_topics_can_be_left_to_others(bench, flying):
     flying[0].thread.start()
     node = bench.node(MavlinkBridgeNode, connection=f"udp:127.0.0.1:{port}", topics=["air_data"])
     assert common.start(node)
-    assert set(node._made) == {"air_data"}
+    assert node._topics.names == {"air_data"}
 
 
 @pytest.mark.parametrize(
