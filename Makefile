@@ -112,7 +112,7 @@ $(COLCON_WS)/complete: $(COLCON_SOURCES) $(STAMPS)/messages
 	tools/release_tree.sh $(BIN)/python $(COLCON_WS)/src
 	cd $(COLCON_WS) && PATH="$(abspath $(BIN)):$$PATH" VIRTUAL_ENV="$(abspath $(VENV))" CMAKE_GENERATOR=Ninja \
 	    AMENT_PREFIX_PATH="$(abspath $(VENV))" CMAKE_PREFIX_PATH="$(abspath $(VENV))" colcon build
-	test -x $(NODES)/state_estimator -a -x $(NODES)/parameter_estimator -a -x $(NODES)/mavlink_bridge -a -x $(NODES)/aircraft-sysid
+	test -x $(NODES)/state_estimator -a -x $(NODES)/parameter_estimator -a -x $(NODES)/mavlink_bridge -a -x $(NODES)/px4_bridge -a -x $(NODES)/overview -a -x $(NODES)/aircraft-sysid
 	touch $@
 
 release-tree: ## both packages side by side in DIR=..., for a workspace, rosdep and bloom

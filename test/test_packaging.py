@@ -23,7 +23,7 @@ from aircraft_sysid_ros.recordings import message_definitions as definitions
 ROOT = Path(__file__).resolve().parents[1]
 MESSAGES = sorted(file.stem for file in (ROOT / "msg_defs/msg").glob("*.msg"))
 SERVICES = sorted(file.stem for file in (ROOT / "msg_defs/srv").glob("*.srv"))
-EXECUTABLES = {"aircraft-sysid", "state_estimator", "parameter_estimator", "mavlink_bridge"}
+EXECUTABLES = {"aircraft-sysid", "state_estimator", "parameter_estimator", "mavlink_bridge", "px4_bridge", "overview"}
 
 # The topics and services that other programs rely on: type, fields, in this order.
 INTERFACE = {

@@ -100,7 +100,7 @@ def test_the_file_of_the_simulator_is_one(mapping):
     ("content", "text"),
     [
         ({"outputs": {1: {"surface": "elevatr", **POINTS}}}, "did you mean elevator"),
-        ({"outputs": {0: {"surface": "elevator", **POINTS}}}, "numbered 1 to 32, the motors of PX4 101 to 112, not '0'"),
+        ({"outputs": {0: {"surface": "elevator", **POINTS}}}, "1 to 32, the motors of PX4 101 to 112, not '0'"),
         ({"outputs": {1: {"surface": "left_elevon", **POINTS}}}, "left_elevon needs right_elevon"),
         ({"outputs": {1: {"surface": "elevator", "us": [2000, 1000], "deg": [0, 1]}}}, "us rising"),
         ({"outputs": {1: {"surface": "elevator", "us": [1000, 2000], "deg": [0, 1, 2]}}}, "equally many"),
