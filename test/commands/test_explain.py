@@ -280,9 +280,7 @@ def refused(capsys):
     return call
 
 
-def test_bad_input_is_one_sentence_and_leaves_nothing(
-    refused, run_with_hidden_effect, aircraft_file, tmp_path, explained
-):
+def test_bad_input_is_one_sentence_and_leaves_nothing(refused, run_with_hidden_effect, aircraft_file, tmp_path):
     bag, out, stranger, full = (tmp_path / name for name in ("flight", "out", "log.xyz", "full"))
     bag.mkdir()
     full.mkdir()

@@ -1,0 +1,43 @@
+"""Work on all cores: in order, on what cannot be sent, and with the sentence of what is refused."""
+
+import os
+
+import pytest
+
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.processes import CORES, in_parallel
+
+
+class Unsendable:
+    """Work that no process could be sent."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def __reduce__(self):
+        raise AssertionError("it was sent")
+
+
+@pytest.mark.parametrize("cores", ["1", "2", "3"])
+def test_results_come_in_order_from_work_that_is_not_sent(monkeypatch, cores):
+    monkeypatch.setenv(CORES, cores)
+    factor = 3
+    found = list(in_parallel(lambda item: (factor * item.number, os.getpid()), [Unsendable(n) for n in range(7)]))
+    assert [number for number, _ in found] == [0, 3, 6, 9, 12, 15, 18]
+    assert (os.getpid() in {process for _, process in found}) == (cores == "1")
+    assert list(in_parallel(lambda item: item, [])) == []
+
+
+def test_one_core_does_only_what_is_asked_for(monkeypatch):
+    monkeypatch.setenv(CORES, "1")
+    done = []
+    assert next(in_parallel(done.append, ["first", "second"])) is None
+    assert done == ["first"]
+
+
+def test_a_refusal_is_the_callers():
+    def refuse(number):
+        raise InputError(f"{number} is no good: take another")
+
+    with pytest.raises(InputError, match="4 is no good: take another"):
+        list(in_parallel(refuse, [4, 5]))
