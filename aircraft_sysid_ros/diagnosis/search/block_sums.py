@@ -66,27 +66,25 @@ def products(a: Array, b: Array, edges: Integers) -> Array:
 
 
 @njit(cache=True)
-def in_total(sums: Array) -> Array:
-    """Sums over the blocks of (B, k, m)."""
-    total = np.zeros(sums.shape[1:])
-    for block in range(len(sums)):
-        total += sums[block]
-    return total
-
-
-@njit(cache=True)
 def by_fold(sums: Array, fold: Integers, folds: int) -> Array:
     """Sums over the blocks (B, k, m) of each fold, (F, k, m)."""
     out = np.zeros((folds, sums.shape[1], sums.shape[2]))
     for block in range(len(sums)):
-        out[fold[block]] += sums[block]
+        for i in range(sums.shape[1]):
+            for j in range(sums.shape[2]):
+                out[fold[block], i, j] += sums[block, i, j]
     return out
 
 
 @njit(cache=True)
 def training(gram: Array, fold: Integers, folds: int) -> Array:
     """Normal matrices (F, r, r) of the training blocks of an orthonormal basis; ``gram`` (B, r, r) are its sums."""
-    return np.eye(gram.shape[1]) - by_fold(gram, fold, folds)
+    normal = by_fold(gram, fold, folds)
+    for f in range(folds):
+        for i in range(normal.shape[1]):
+            for j in range(normal.shape[1]):
+                normal[f, i, j] = (1.0 if i == j else 0.0) - normal[f, i, j]
+    return normal
 
 
 @njit(cache=True)
@@ -147,6 +145,21 @@ def _times(a: Array, b: Array) -> Array:
 
 
 @njit(cache=True)
+def _least(columns: Array, values: Array) -> Array:
+    """Parameters (c, 1) with which columns (k, c) come next to values (k, 1), the smallest of them."""
+    u, s, vt = np.linalg.svd(columns)
+    parameters = np.zeros((columns.shape[1], 1))
+    for i in range(len(s)):
+        if s[i] > np.finfo(np.float64).eps * max(columns.shape) * s[0]:
+            along = 0.0
+            for j in range(len(u)):
+                along += u[j, i] * values[j, 0] / s[i]
+            for j in range(len(parameters)):
+                parameters[j, 0] += along * vt[i, j]
+    return parameters
+
+
+@njit(cache=True)
 def held_out(
     gram: Array, moment: Array, square: Array, full: Array, transform: Array, normal: Array, fold: Integers
 ) -> tuple[Array, Array]:
@@ -160,14 +173,14 @@ def held_out(
     folds, r = normal.shape[:2]
     right, theta = np.zeros((folds, r, 1)), np.empty((folds, r))
     for block in range(len(gram)):
-        right[fold[block], :, 0] -= moment[block]
+        for i in range(r):
+            right[fold[block], i, 0] -= moment[block, i]
     for f in range(folds):
         solution, lost = solved(normal[f], right[f])
         theta[f] = solution[:, 0]
         if lost.shape[1]:
-            along = transform @ lost
-            least = np.finfo(np.float64).eps * max(along.shape)
-            theta[f] -= lost @ np.linalg.lstsq(along, transform @ (full + theta[f]), least)[0]
+            whole = _times(transform, (full + theta[f]).reshape((-1, 1)))
+            theta[f] -= _times(lost, _least(_times(transform, lost), whole))[:, 0]
     error = np.empty(len(gram))
     for block in range(len(gram)):
         t, total = theta[fold[block]], square[block]
@@ -210,7 +223,10 @@ def freed(z: Array, basis: Array) -> tuple[Array, Array]:
     """z (m, N) made orthogonal to a basis (r, N), and what it had along it (r, m)."""
     z, before, shared = z.copy(), lengths(z), projected_on(basis, z)
     taken_off(z, basis, shared)
-    if np.any(lengths(z) < _HARDLY * before):
+    after, hardly = lengths(z), False
+    for j in range(len(z)):
+        hardly = hardly or after[j] < _HARDLY * before[j]
+    if hardly:
         taken_off(z, basis, projected_on(basis, z))  # twice is enough, Parlett (1980)
     return z, shared
 
@@ -220,11 +236,11 @@ def _triangular(z: Array) -> tuple[Array, Array]:
     """Q (m, N) with orthonormal rows, or rows of 0, and R (m, m) with z = R'Q, by Gram and Schmidt, twice."""
     q, r = z.copy(), np.zeros((len(z), len(z)))
     for j in range(len(q)):
-        before, along = q[:j], np.zeros((j, 1))
         for _ in range(2):
-            along = projected_on(before, q[j : j + 1])
-            taken_off(q[j : j + 1], before, along)
-            r[:j, j] += along[:, 0]
+            along = projected_on(q[:j], q[j : j + 1])
+            taken_off(q[j : j + 1], q[:j], along)
+            for i in range(j):
+                r[i, j] += along[i, 0]
         size = np.sqrt(_dot(q[j], q[j]))
         r[j, j] = size if size > _NOTHING else 0.0
         for n in range(q.shape[1]):
@@ -237,10 +253,16 @@ def orthonormal(z: Array, size: Array) -> tuple[Array, Array, Mask]:
     """Orthonormal basis W (r, N) of z (m, N) of a size (m,), T (m, r) with parameters T (W y), and which of the
     parameters are determined.
     """
-    scale = np.where(size > 0.0, size, 1.0)
-    q, r = _triangular(z / scale.reshape((-1, 1)))
+    scale, scaled = size.copy(), z.copy()
+    for j in range(len(size)):
+        scale[j] = size[j] if size[j] > 0.0 else 1.0
+        for n in range(z.shape[1]):
+            scaled[j, n] /= scale[j]
+    q, r = _triangular(scaled)
     u, s, vt = np.linalg.svd(r)
-    rank = int(np.sum(s > SINGULAR * max(s[0], 1.0)))
+    rank = 0
+    while rank < len(s) and s[rank] > SINGULAR * max(s[0], 1.0):
+        rank += 1
     transform, determined = np.empty((len(size), rank)), np.ones(len(size), np.bool_)
     for j in range(len(size)):
         known = 0.0
@@ -248,9 +270,30 @@ def orthonormal(z: Array, size: Array) -> tuple[Array, Array, Mask]:
             transform[j, i] = vt[i, j] / s[i] / scale[j]
             known += vt[i, j] ** 2
         determined[j] = 1.0 - known < SINGULAR
-    basis = np.zeros((rank, z.shape[1]))
-    taken_off(basis, q, -u[:, :rank])
+    basis, turned = np.zeros((rank, z.shape[1])), np.empty((len(size), rank))
+    for j in range(len(size)):
+        for i in range(rank):
+            turned[j, i] = -u[j, i]
+    taken_off(basis, q, turned)
     return basis, transform, determined
+
+
+@njit(cache=True)
+def _border(base: Base, cross: Array, own: Array, move: Array, of_residual: Array, gram: Array, moment: Array) -> None:
+    """Write sums by block of the basis with more rows: of products, and with the residual that they leave."""
+    r, more = cross.shape[1], cross.shape[2]
+    for b in range(len(cross)):
+        for i in range(r):
+            moment[b, i] = base.moment[b, i]
+            for j in range(r):
+                gram[b, i, j] = base.gram[b, i, j]
+            for j in range(more):
+                gram[b, i, r + j] = gram[b, r + j, i] = cross[b, i, j]
+                moment[b, i] -= cross[b, i, j] * move[j, 0]
+        for i in range(more):
+            moment[b, r + i] = of_residual[b, i, 0]
+            for j in range(more):
+                gram[b, r + i, r + j] = own[b, i, j]
 
 
 @njit(cache=True)
@@ -264,29 +307,30 @@ def with_columns(base: Base, z: Array) -> tuple[Array, float, Array]:
     move = projected_on(new, residual)
     taken_off(residual, new, move)
 
-    cross, squares = products(base.basis, new, base.edges), products(residual, residual, base.edges)[:, 0, 0].copy()
-    gram = np.empty((len(cross), r + more, r + more))
-    gram[:, :r, :r], gram[:, r:, r:] = base.gram, products(new, new, base.edges)
-    moment = np.empty((len(cross), r + more))
-    moment[:, r:] = products(new, residual, base.edges)[:, :, 0]
-    for b in range(len(cross)):
-        gram[b, :r, r:], gram[b, r:, :r] = cross[b], cross[b].T
-        for i in range(r):
-            moment[b, i] = base.moment[b, i]
-            for j in range(more):
-                moment[b, i] -= cross[b, i, j] * move[j, 0]
-    scaled = np.zeros((k + m, r + more))
-    scaled[:k, :r] = base.scaled
-    scaled[:k, r:] = -(base.scaled @ (shared @ transform))
-    parameters = np.full(m, np.nan)
-    for j in range(m):
-        scaled[k + j, r:] = size[j] * transform[j]
-        if determined[j]:
-            parameters[j] = np.sum(transform[j] * move[:, 0])
-    full = np.concatenate((base.projected, move[:, 0]))
+    cross, own = products(base.basis, new, base.edges), products(new, new, base.edges)
+    of_residual = products(new, residual, base.edges)
+    gram, moment = np.empty((len(cross), r + more, r + more)), np.empty((len(cross), r + more))
+    _border(base, cross, own, move, of_residual, gram, moment)
+    of_shared = _times(base.scaled, _times(shared, transform))
+    scaled, parameters, full = np.zeros((k + m, r + more)), np.full(m, np.nan), np.empty(r + more)
+    for i in range(k):
+        for j in range(r):
+            scaled[i, j] = base.scaled[i, j]
+        for j in range(more):
+            scaled[i, r + j] = -of_shared[i, j]
+    found = _times(transform, move)
+    for i in range(m):
+        parameters[i] = found[i, 0] if determined[i] else np.nan
+        for j in range(more):
+            scaled[k + i, r + j] = size[i] * transform[i, j]
+    for i in range(r):
+        full[i] = base.projected[i]
+    for i in range(more):
+        full[r + i] = move[i, 0]
+    squares = products(residual, residual, base.edges)[:, 0, 0].copy()
     normal = training(gram, base.fold, len(base.normal))
     after, _ = held_out(gram, moment, squares, full, scaled, normal, base.fold)
-    return after, float(np.sum(squares)), parameters
+    return after, _dot(residual[0], residual[0]), parameters
 
 
 @njit(cache=True)
@@ -307,24 +351,28 @@ def information(base: Base, cross: Array, own: Array, moment: Array) -> tuple[Ar
     From the training blocks of each fold and, last, from all points: the parameters of the base are eliminated.
     ``cross``, ``own`` and ``moment`` are those of ``beside``.
     """
-    folds, k = len(base.normal), own.shape[1]
-    r = cross.shape[1]
-    whole, right = in_total(own), in_total(moment.reshape((-1, k, 1)))[:, 0].copy()
+    folds, k, r = len(base.normal), own.shape[1], cross.shape[1]
+    of_all = np.zeros(len(own), np.int64)
+    whole, right = by_fold(own, of_all, 1)[0], by_fold(moment.reshape((-1, k, 1)), of_all, 1)[0]
     of_cross, of_own = by_fold(cross, base.fold, folds), by_fold(own, base.fold, folds)
     of_moment = by_fold(moment.reshape((-1, k, 1)), base.fold, folds)
     of_base = by_fold(base.moment.reshape((-1, r, 1)), base.fold, folds)
     matrices, rights = np.empty((folds + 1, k, k)), np.empty((folds + 1, k))
-    matrices[folds], rights[folds] = whole, right
     for f in range(folds):
         of_fold, _ = solved(base.normal[f], of_cross[f])
-        across = of_cross[f].T.copy()
-        matrices[f] = whole - of_own[f] - _times(across, of_fold)
-        rights[f] = right - of_moment[f, :, 0] - _times(of_fold.T.copy(), of_base[f])[:, 0]
+        matrix, side = _times(of_cross[f].T.copy(), of_fold), _times(of_fold.T.copy(), of_base[f])
+        for i in range(k):
+            rights[f, i] = right[i, 0] - of_moment[f, i, 0] - side[i, 0]
+            for j in range(k):
+                matrices[f, i, j] = whole[i, j] - of_own[f, i, j] - matrix[i, j]
     values, vectors = np.linalg.eigh(whole)
-    explained, largest = 0.0, np.max(np.abs(values))
+    along, explained, largest = _times(vectors.T.copy(), right), 0.0, max(abs(values[0]), abs(values[-1]))
     for i in range(k):
+        rights[folds, i] = right[i, 0]
+        for j in range(k):
+            matrices[folds, i, j] = whole[i, j]
         if abs(values[i]) > SINGULAR**2 * largest:
-            explained += np.sum(vectors[:, i] * right) ** 2 / values[i]
+            explained += along[i, 0] ** 2 / values[i]
     return matrices, rights, explained
 
 
