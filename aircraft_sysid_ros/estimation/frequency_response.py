@@ -73,7 +73,7 @@ def frequency_response(
     response[still], coherence[still] = np.nan, np.nan
     with np.errstate(divide="ignore", invalid="ignore"):
         std = np.sqrt((1.0 - coherence) / (coherence * 2.0 * (len(whole) / OVERLAP - width)))
-    return FrequencyResponse(frequency[inside], response, coherence, std, len(whole))
+    return FrequencyResponse(np.asarray(frequency[inside], np.float64), response, coherence, std, len(whole))
 
 
 def _windows(record: Array, size: int) -> list[Complex]:
@@ -92,7 +92,7 @@ def _solved(power: Complex, width: int) -> tuple[Complex, Array]:
         left = _without(power, [i, width], others)
         scale = left[0, 0].real * left[1, 1].real
         coherence[i] = min(abs(left[0, 1]) ** 2 / scale, 1.0) if scale > 0.0 else np.nan
-    return response, coherence
+    return np.asarray(response, np.complex128), coherence
 
 
 def _without(power: Complex, kept: list[int], others: list[int]) -> Complex:
