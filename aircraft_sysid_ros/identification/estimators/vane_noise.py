@@ -33,17 +33,24 @@ class Compensation(NamedTuple):
     def freed(self, theta: Array) -> Array:
         """Parameters (n,) without the pull; NaN stays NaN."""
         known, out = np.isfinite(theta), theta.copy()
+        if known.all():
+            return np.asarray(self.matrix @ theta)
         out[known] = self.matrix[np.ix_(known, known)] @ theta[known]
         return out
 
     def widened(self, covariance: Array, theta: Array) -> Array:
         """Covariance (n, n) of ``freed`` from that of theta (n,), with the error of the correction; NaN stays NaN."""
-        known = np.isfinite(np.diag(covariance)) & np.isfinite(theta)
+        known, correction = np.isfinite(covariance.diagonal()) & np.isfinite(theta), self.freed(theta) - theta
+        if known.all():
+            return self._widened(self.matrix, covariance, correction)
         block, out = np.ix_(known, known), covariance.copy()
-        matrix, correction = self.matrix[block], (self.freed(theta) - theta)[known]
-        error = CORRECTION_ERROR**2 * np.outer(correction, correction)
-        out[block] = matrix @ covariance[block] @ matrix.T + error
+        out[block] = self._widened(self.matrix[block], covariance[block], correction[known])
         return out
+
+    @staticmethod
+    def _widened(matrix: Array, covariance: Array, correction: Array) -> Array:
+        error = CORRECTION_ERROR**2 * np.outer(correction, correction)
+        return np.asarray(matrix @ covariance @ matrix.T + error)
 
 
 def compensation(inverse: Array, amount: float, covariance: Array) -> Compensation:
