@@ -1,22 +1,14 @@
-"""The picture beside an answer: the answer is worth more than its picture."""
+"""What a command says of its picture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from aircraft_sysid_ros.commands.notes import note_lines
-from aircraft_sysid_ros.installation import MissingExtra
+from aircraft_sysid_ros.report.picture import picture
 
-
-def picture(draw: Callable[[], Any]) -> tuple[str | None, list[str]]:
-    """The file that ``draw`` wrote and no note, or None and a note that says why there is no picture."""
-    try:
-        return str(draw()), []
-    except MissingExtra as error:
-        return None, [f"no picture: {error}"]
-    except OSError as error:
-        return None, [f"no picture: {error.filename} cannot be written: {error.strerror}"]
+__all__ = ["picture", "picture_lines"]
 
 
 def picture_lines(result: Mapping[str, Any]) -> list[str]:

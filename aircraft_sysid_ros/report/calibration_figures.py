@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from aircraft_sysid_ros.calibration.report import Report
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR
+from aircraft_sysid_ros.report.picture import picture
 from aircraft_sysid_ros.report.pyplot import pyplot
+
+
+def draw_calibration(what: str, report: Report, folder: Path) -> tuple[list[str], list[str]]:
+    """Write both pictures into a folder: names of those that are there, and why one is not."""
+    drawn = {
+        name: picture(partial(draw, report, folder / name))
+        for name, draw in ((f"{what}-trace.png", trace_figure), (f"{what}-residuals.png", before_after_figure))
+    }
+    notes = [note for _, said in drawn.values() for note in said]
+    return [name for name, (file, _) in drawn.items() if file], list(dict.fromkeys(notes))
 
 
 def trace_figure(report: Report, path: str | Path) -> Path:

@@ -128,7 +128,7 @@ def _usage(capsys, *arguments):
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize("place", ["main.build_parser", "calibrate._report"])
+@pytest.mark.parametrize("place", ["main.build_parser", "calibrate.calibrate"])
 def test_ctrl_c_leaves_nothing(bag, tmp_path, capsys, monkeypatch, place):
     """While modules are imported, and in the middle of the work."""
 

@@ -1,0 +1,74 @@
+"""Maximum likelihood on a version of a run, kept beside its aircraft file."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from aircraft_sysid_ros.after_flight.progress import Tell, nobody
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Version, folder_of, open_run, run_data, version_named
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, Refinement, RefineOptions, refine, with_options
+from aircraft_sysid_ros.run_writer import write_json
+
+#: Draws a refinement into a file under a title; returns the file and no note, or None and why there is none.
+Draw = Callable[[Path, Refinement, str], tuple[str | None, list[str]]]
+
+
+def refine_run(
+    path: str | Path, draw: Draw, method: str = FILTER_ERROR, model: str | None = None, segment: float | None = None,
+    tell: Tell = nobody,
+) -> dict[str, Any]:  # fmt: skip
+    """Refine and write; returns the content of the file with its path.
+
+    ``model``: id or name of a version, by default the current one; ``segment``: seconds in one piece. Raises
+    InputError.
+    """
+    options = with_options(RefineOptions(), segment)
+    opened = open_run(path)
+    version = opened.current if model is None else version_named(opened, model)
+    tell(method, 0.0)
+    data, folder = run_data(opened, version), folder_of(opened, version)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"cannot write to {folder}: change its permissions")
+    started = time.perf_counter()
+    result = refine(
+        data, method, options,
+        lambda iteration, cost: tell(f"{method}, cost {cost:.1f}", iteration / options.maximum_iterations),
+    )  # fmt: skip
+    content = {**_about(version, opened.current), **result.content, "elapsed": time.perf_counter() - started}
+    file = folder / refined_name(method)
+    title = f"{method}: {data.aircraft.name}, model {version.identifier}"
+    figure, notes = draw(file.with_suffix(".png"), result, title)
+    write_json(file, content)
+    return {**content, "file": str(file), "figure": figure, "notes": [*opened.notes, *notes]}
+
+
+def refined_name(method: str) -> str:
+    """The file of a method, beside the aircraft file of its version."""
+    return f"refined-{method}.json"
+
+
+def _about(version: Version, current: Version) -> dict[str, Any]:
+    """Which model is refined."""
+    is_current = version.identifier == current.identifier
+    return {"model": version.identifier, "changes": list(version.changes), "is_current": is_current}
+
+
+def refined_sentences(result: dict[str, Any]) -> list[str]:
+    """How the work ended, and whether its numbers are to be used."""
+    ending = "converged" if result["converged"] else f"NOT CONVERGED: {result['reason']}"
+    sentences = [
+        f"{ending} after {result['iterations']} iterations, {result['seconds_fitted']:.0f} s of flight fitted in "
+        f"{result['elapsed']:.0f} s"
+    ]
+    if result["worse"]:
+        axes = " ".join(f"C_{axis[1]}" for axis in result["worse"])
+        sentences.append(
+            f"WORSE THAN BEFORE: where nothing was fitted, {axes} predicted worse than by the parameters that it began "
+            "with. The model seems to lack something, see aircraft-sysid diagnose RUN: do not use what was refined"
+        )
+    return sentences
