@@ -18,11 +18,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import one_process
 from one_process import CASES, CONTROLLERS, LARGEST_SEED
 
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
@@ -33,6 +36,19 @@ from aircraft_sysid_ros.simulation.closed_loop import Reading
 #: The first start of the nodes compiles.
 PATIENCE = 180.0
 ESTIMATORS = ("state_estimator", "parameter_estimator")
+#: What happens in each case, which nobody tells the controller.
+EVENTS = {
+    "none": "nothing happened",
+    "elevator": "the elevator lost half of its effect",
+    "aileron": "the ailerons lost half of their effect",
+    "cg_aft": "the centre of gravity moved aft",
+    "airspeed_blocked": "the pitot tube was blocked",
+    "alpha_vane_stuck": "the vane of the angle of attack stuck",
+    "gps_lost": "GPS was lost",
+    "imu_bias_jump": "the biases of the IMU jumped",
+}
+#: Share of a tracking error by which another one must differ to be called better or worse.
+MATTERS = 0.05
 _LIBRARY = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1  # of prctl
 
@@ -122,7 +138,12 @@ def fly(case: str, parameters: str, seed: int, rate: float, seconds: float) -> d
                 progress.update(task, completed=aeroplane.aeroplane.time, description="flying")
 
             aeroplane.fly(fly_on)
-            return {**outcome(aeroplane, controller), "problems": problems(aeroplane, controller, processes)}
+            found = {**outcome(aeroplane, controller), "problems": problems(aeroplane, controller, processes)}
+            if parameters != "live" or found["tracking_error_deg_after"] is None or found["lost_at"] is not None:
+                return {**found, "seen": seen(found, parameters, None)}
+            progress.update(task, description="the same flight on fixed parameters, in one process")
+            fixed = on_fixed_parameters(case, seed, seconds)
+            return {**found, "tracking_error_deg_fixed": fixed, "seen": seen(found, parameters, fixed)}
     except Stopped:
         raise InputError("stopped before the end of the flight") from None
     finally:
@@ -155,6 +176,36 @@ def outcome(aeroplane: Any, controller: Any) -> dict[str, Any]:
         "age_of_newest_message": round(controller.age_of_parameters, 2) if source.newest is not None else None,
         "parameters_with_use": int(source.newest.usable.sum()) if source.newest is not None else 0,
     }
+
+
+def on_fixed_parameters(case: str, seed: int, seconds: float) -> float | None:
+    """Tracking error [deg] after the change, of the same flight on the aircraft file's parameters; None: it is lost."""
+    chosen = replace(CASES[case], duration=seconds)
+    flown = one_process.fly(load_aircraft(config_path(DEFAULT_AIRCRAFT)), chosen, "fixed", seed)
+    error = float(np.degrees(flown.tracking_error(chosen.time)))
+    return error if np.isfinite(error) and not np.isfinite(flown.lost_at) else None
+
+
+def seen(result: dict[str, Any], parameters: str, fixed: float | None) -> str:
+    """What was seen, and whether learning helped, in a sentence or two."""
+    case, after = CASES[result["case"]], result["tracking_error_deg_after"]
+    if result["lost_at"] is not None:
+        return f"The aeroplane was lost after {result['lost_at']:.1f} s."
+    if after is None:
+        return f"The flight ended before anything happened: fly for {case.time:g} s and more to see it."
+    told = (
+        f"After {case.time:g} s {EVENTS[case.name]}; the tracking error was {result['tracking_error_deg_before']:.2f} "
+        f"deg before and {after:.2f} deg after, on {parameters} parameters."
+    )
+    if parameters != "live":
+        return told
+    if fixed is None:
+        return f"{told} On fixed parameters the same flight loses the aeroplane: learning helped."
+    share = after / fixed - 1.0
+    verdict = (
+        "learning helped" if share < -MATTERS else "learning did harm" if share > MATTERS else "it made no difference"
+    )
+    return f"{told} On fixed parameters it is {fixed:.2f} deg in the same air: {verdict} ({100.0 * share:+.0f} %)."
 
 
 def problems(aeroplane: Any, controller: Any, processes: list[subprocess.Popen]) -> list[str]:
@@ -196,8 +247,9 @@ def main() -> int:
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
-    shown = {key: value for key, value in result.items() if key != "problems"}
-    print(json.dumps(result) if args.json else "\n".join(f"{key}: {value}" for key, value in shown.items()))
+    shown = {key: value for key, value in result.items() if key not in ("problems", "seen")}
+    lines = [*(f"{key}: {value}" for key, value in shown.items()), result.get("seen", "")]
+    print(json.dumps(result) if args.json else "\n".join(lines))
     for problem in result["problems"]:
         print(problem, file=sys.stderr)
     return 1 if result["problems"] else 0

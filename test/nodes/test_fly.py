@@ -77,6 +77,20 @@ def test_a_flight_with_a_problem_has_status_1(monkeypatch, capfd):
         assert json.loads(captured.out)["problems"] == problems and captured.err.splitlines() == problems
 
 
+def test_the_end_says_what_was_seen_and_whether_learning_helped():
+    import fly
+
+    flown = {"case": "elevator", "lost_at": None, "tracking_error_deg_before": 1.0, "tracking_error_deg_after": 2.0}
+    assert fly.seen(flown, "live", 4.0).endswith("learning helped (-50 %).")
+    assert fly.seen(flown, "live", 2.05).endswith("it made no difference (-2 %).")
+    assert fly.seen(flown, "live", 1.0).endswith("learning did harm (+100 %).")
+    assert "loses the aeroplane: learning helped" in fly.seen(flown, "live", None)
+    assert "the elevator lost half of its effect" in fly.seen(flown, "fixed", None)
+    assert fly.seen({**flown, "lost_at": 31.0}, "live", None) == "The aeroplane was lost after 31.0 s."
+    assert "before anything happened" in fly.seen({**flown, "tracking_error_deg_after": None}, "live", None)
+    assert fly.EVENTS.keys() == fly.CASES.keys()
+
+
 def is_running(pid):
     """Whether a process is there and no zombie."""
     try:
