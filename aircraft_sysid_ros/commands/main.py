@@ -31,6 +31,7 @@ COMMANDS = {
     "diagnose": ("diagnose", "which effect is missing"),
     "add": ("add", "an effect or a term added to the model, with the error before and after"),
     "remove": ("remove", "an effect or a term taken out again"),
+    "name": ("name", "a version of the model called something, with a note"),
     "export": ("export", "the model of a run as a file of another program"),
     "gains": ("gains", "first gains of an autopilot's rate loops"),
     "workbench": ("workbench", "the same on a web page on this machine, with a mouse"),

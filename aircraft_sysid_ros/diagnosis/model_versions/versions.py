@@ -32,8 +32,9 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_di
 from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT, FlightData, check_flight, load_flight_data
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_sparse_rates
+from aircraft_sysid_ros.diagnosis.model_versions.labels import named, newest, read_labels
 from aircraft_sysid_ros.effects.effect import with_setting
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -245,11 +246,17 @@ def changed_at(path: Path) -> int:
 
 
 def version_named(run: Run, identifier: str) -> Version:
-    """A version by its id. Raises InputError, which lists the ids, where the run has none of that id."""
+    """A version by its id or its name. Raises InputError, which lists them, where the run has none of that."""
     versions = {version.identifier: version for version in versions_of(run)[0]}
-    if identifier not in versions:
-        raise InputError(f"the run {run.path} has no model '{identifier[:60]}': it has {' '.join(versions)}")
-    return versions[identifier]
+    if identifier in versions:
+        return versions[identifier]
+    labels = read_labels(run.path)
+    found = named(labels, identifier)
+    if found not in versions:
+        known = newest(labels)
+        listed = (f"{v} ('{known[v].name}')" if v in known and known[v].name else v for v in versions)
+        raise InputError(f"the run {run.path} has no model '{echo(identifier)}': it has {' '.join(listed)}")
+    return versions[found]
 
 
 def folder_of(run: Run, version: Version) -> Path:
