@@ -84,21 +84,7 @@ def _beside(both: dict[str, Any]) -> list[str]:
     ]
     for axis, ((aa, ab), (ba, bb)) in both["errors"].items():
         lines.append(f"{axis:<6}" + "".join(f"{percent(x):>8}" for x in (aa, ab, ba, bb)))
-    lines += ["", *(f"note: {note}" for note in both["notes"])]
-    if not both["same_flight"]:
-        told = f"{len(both['differing'])} of {both['tried']} parameters differ beyond doubt"
-        lines.append(
-            f"{told}; of two flights with the same ones any is said to differ in at most {both['false_alarm_rate']:.0%}"
-        )
-    if both["doubtful"]:
-        named = [p for p in both["parameters"] if p["name"] in both["doubtful"]]
-        first = min(named, key=lambda p: p["p_value"])
-        run, reason = next((run, why) for run, why in zip("ab", first["held"], strict=True) if why)
-        lines.append(
-            f"{len(named)} more differ by their standard errors and are not to USE in one of the runs, so no "
-            f"difference is proven: {first['name']} in {run} is {reason}"
-        )
-    return lines
+    return [*lines, "", *(f"note: {note}" for note in both["notes"]), *both["told"]]
 
 
 def _verdict(p: dict[str, Any], is_doubtful: bool) -> str:

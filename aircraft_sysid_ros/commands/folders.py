@@ -20,3 +20,14 @@ def check_folder(path: str | Path) -> None:
             "--overwrite, or copy that file back"
         )
     raise not_a_run(path)
+
+
+def holds_runs(path: str | Path) -> bool:
+    """Whether a folder is none of a run but has some in it."""
+    folder = Path(path)
+    if not folder.is_dir() or (folder / AIRCRAFT).exists():
+        return False
+    try:
+        return any((each / AIRCRAFT).is_file() for each in folder.iterdir() if not each.name.startswith("."))
+    except OSError:
+        return False

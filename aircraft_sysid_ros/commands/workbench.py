@@ -1,6 +1,7 @@
 """``workbench``: a web page on this machine on which a run is compared, diagnosed and mended with a mouse.
 
-RUN may also be the folder of a calibration; with --calibration both are on one page. With --live it is the page of a
+RUN may also be the folder of a calibration; with --calibration both are on one page. Several runs, or a folder that
+holds runs, have a list to choose from, and any two are shown side by side. With --live it is the page of a
 parameter node that runs: what it learns and lacks, and effects added in flight.
 """
 
@@ -16,13 +17,14 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
-from aircraft_sysid_ros.commands.folders import check_folder
+from aircraft_sysid_ros.commands.folders import check_folder, holds_runs
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
+from aircraft_sysid_ros.run_reader import AIRCRAFT
 
 Tell = Callable[[str, float], None]
-Make = Callable[[str | None], object]
+Make = Callable[[str | None, str | None], object]
 
 #: Time [s] in which the run must have been read, and in which ROS must have started.
 _READ_TIMEOUT, _START_TIMEOUT = 600.0, 120.0
@@ -34,7 +36,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "workbench", help="a page on which the model is seen to fail, and mended", description=__doc__
     )
-    parser.add_argument("run", metavar="RUN", nargs="?", help="folder written by replay or live, or by calibrate")
+    parser.add_argument(
+        "run",
+        metavar="RUN",
+        nargs="*",
+        help="folder written by replay or live, or by calibrate, or one that holds runs",
+    )
     parser.add_argument("--calibration", metavar="FOLDER", help="folder written by calibrate, to show with the run")
     parser.add_argument("--truth", metavar="BAG", help="simulated recording of the run, to show the truth too")
     parser.add_argument("--live", action="store_true", help="show a running parameter node instead of a run")
@@ -59,7 +66,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     with ExitStack() as stack:
         with _telling() as tell:
-            tell(f"reading {args.run}" if args.run else "starting", 0.0)
+            tell(f"reading {_name(args)}" if args.run else "starting", 0.0)
             server = _server()
             listener = stack.enter_context(server.listen(args.host, args.port))  # before the work: it may be in use
             session, make, title = _live(args) if args.live else _of_folder(args)
@@ -71,7 +78,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _name(args: argparse.Namespace) -> str:
     """What the page is of: a folder, or the node that runs."""
-    return "/".join(filter(None, ("", args.namespace.strip("/"), "parameter_estimator"))) if args.live else args.run
+    return (
+        "/".join(filter(None, ("", args.namespace.strip("/"), "parameter_estimator")))
+        if args.live
+        else " ".join(args.run)
+    )
 
 
 def _server() -> ModuleType:
@@ -120,27 +131,46 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError("--live shows a running node: give no RUN, --truth or --calibration with it")
     if not args.live and not args.run:
         raise InputError("give the folder of a run, or --live for a running node")
-    if args.run and not os.path.exists(args.run):
-        raise InputError(f"{args.run} is not there: give the folder that replay, live or calibrate has written")
-    if args.run:
-        check_folder(args.run)
+    several = len(args.run) > 1
+    for path in args.run:
+        if not os.path.exists(path):
+            raise InputError(f"{path} is not there: give the folder that replay, live or calibrate has written")
+        if not holds_runs(path):
+            check_folder(path)
+        if several and not os.path.exists(os.path.join(path, AIRCRAFT)):
+            raise InputError(f"{path} is no run: with several folders each must be one that replay or live has written")
+    if len({os.path.realpath(path) for path in args.run}) < len(args.run):
+        raise InputError("a run is given twice: name each one once")
+    if (several or any(map(holds_runs, args.run))) and (args.truth or args.calibration):
+        raise InputError("--truth and --calibration are for one run")
     if args.namespace and not args.live:
         raise InputError("--namespace is for --live: a run has none")
 
 
 def _of_folder(args: argparse.Namespace) -> tuple[Any, Make, str]:
-    """Session, page and title of a run, or of a calibration alone."""
+    """Session, page and title of a run, of several, or of a calibration alone."""
     from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder, is_calibration
 
-    if is_calibration(args.run):
+    if len(args.run) > 1 or holds_runs(args.run[0]):
+        return _of_several(args)
+    path = args.run[0]
+    if is_calibration(path):
         return _of_calibration(args)
     from aircraft_sysid_ros.workbench.page import Page
     from aircraft_sysid_ros.workbench.run_view import load_truth_view
     from aircraft_sysid_ros.workbench.session import Session
 
     folder = CalibrationFolder(args.calibration) if args.calibration else None
-    session = Session(args.run, load_truth_view(args.truth), folder)
-    return session, partial(Page, session), session.path.name
+    session = Session(path, load_truth_view(args.truth), folder)
+    return session, lambda theme, name: Page(session, theme), session.path.name
+
+
+def _of_several(args: argparse.Namespace) -> tuple[Any, Make, str]:
+    from aircraft_sysid_ros.workbench.shelf import Shelf
+    from aircraft_sysid_ros.workbench.shelf_page import shelf_page
+
+    shelf = Shelf(args.run)
+    return shelf, partial(shelf_page, shelf), shelf.title
 
 
 def _of_calibration(args: argparse.Namespace) -> tuple[Any, Make, str]:
@@ -148,9 +178,9 @@ def _of_calibration(args: argparse.Namespace) -> tuple[Any, Make, str]:
     from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder
 
     if args.calibration or args.truth:
-        raise InputError(f"{args.run} is a calibration: --calibration and --truth are for a run")
-    session = CalibrationSession(CalibrationFolder(args.run))
-    return session, partial(CalibrationPage, session), session.folder.path.name
+        raise InputError(f"{args.run[0]} is a calibration: --calibration and --truth are for a run")
+    session = CalibrationSession(CalibrationFolder(args.run[0]))
+    return session, lambda theme, name: CalibrationPage(session, theme), session.folder.path.name
 
 
 def _live(args: argparse.Namespace) -> tuple[Any, Make, str]:
@@ -159,4 +189,4 @@ def _live(args: argparse.Namespace) -> tuple[Any, Make, str]:
     from aircraft_sysid_ros.workbench.live_session import LiveSession
 
     session = LiveSession(args.namespace)
-    return session, partial(LivePage, session), session.node.strip("/")
+    return session, lambda theme, name: LivePage(session, theme), session.node.strip("/")

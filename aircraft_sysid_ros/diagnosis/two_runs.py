@@ -104,6 +104,30 @@ class SideBySide:
         return tuple(sorted((d for d in self.parameters if d.differs), key=lambda d: d.p_value))
 
     @property
+    def tried(self) -> int:
+        """Parameters that were asked whether they differ."""
+        return int(sum(np.isfinite(d.p_value) for d in self.parameters))
+
+    @property
+    def told(self) -> list[str]:
+        """How many parameters differ and how sure that is, in sentences; nothing of two versions of one flight."""
+        if self.same_flight:
+            return []
+        sentences = [
+            f"{len(self.differing)} of {self.tried} parameters differ beyond doubt; of two flights with the same ones "
+            f"any is said to differ in at most {THRESHOLDS.false_alarm:.0%}"
+        ]
+        doubtful = [d for d in self.parameters if d.is_doubtful]
+        if doubtful:
+            first = min(doubtful, key=lambda d: d.p_value)
+            run, reason = next((run, why) for run, why in zip("ab", first.held, strict=True) if why)
+            sentences.append(
+                f"{len(doubtful)} more differ by their standard errors and are not to USE in one of the runs, so no "
+                f"difference is proven: {first.name} in {run} is {reason}"
+            )
+        return sentences
+
+    @property
     def json(self) -> dict[str, Any]:
         """For ``compare --json``."""
         return {
@@ -116,7 +140,8 @@ class SideBySide:
             "only_in": [list(names) for names in self.only_in],
             "errors": {axis: errors.tolist() for axis, errors in self.errors.items()},
             "false_alarm_rate": THRESHOLDS.false_alarm,
-            "tried": int(sum(np.isfinite(d.p_value) for d in self.parameters)),
+            "tried": self.tried,
+            "told": self.told,
             "notes": list(self.notes),
         }
 

@@ -7,11 +7,26 @@ from typing import Any
 
 from nicegui import events, ui
 
+from aircraft_sysid_ros.after_flight.calibrate import possible
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder, CalibrationView
 from aircraft_sysid_ros.workbench.frame import Frame
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot
 from aircraft_sysid_ros.workbench.views import calibration as views
+from aircraft_sysid_ros.workbench.worker import CALIBRATE, Job
+
+_SENSORS = {
+    "five-hole": "five-hole probe",
+    "magnetometer": "magnetometer",
+    "compatibility": "IMU and air data together",
+}
+_CALIBRATE = (
+    "Finds errors of sensors from the samples of this run by the two-stage estimator, as calibrate does; from a flight "
+    "without the manoeuvres that it needs it says so. It can be stopped."
+)
+_CANNOT = (
+    "This run holds no samples of sensors that can be calibrated: IMU, GPS, and a probe, a magnetometer or air data."
+)
 
 
 class CalibrationPanel(Panel):
@@ -100,6 +115,49 @@ class CalibrationPanel(Panel):
         found = Html(text)
         if name:
             found.props(f"data-testid={name}")
+
+
+class CalibratePanel(Panel):
+    """The view of a run: a calibration from its samples is begun, and the last one is shown."""
+
+    def __init__(self, page: Any) -> None:
+        super().__init__(page)
+        self._found: CalibrationPanel | None = None
+
+    def build(self) -> None:
+        """Make the choice, the button, and the place of what is found."""
+        with (
+            ui.element("div").classes("view wide").style("padding-bottom:0"),
+            card("Calibrate sensors from this flight"),
+        ):
+            self._words = ui.label("").classes("soft small").props("data-testid=calibrate-words")
+            with ui.row().style("align-items:center; gap:12px; margin-top:10px") as self._row:
+                self._what = ui.select([], label="sensors").props("outlined dense options-dense").style("width:250px")
+                button = ui.button("Calibrate", on_click=self._calibrate).props("unelevated data-testid=calibrate")
+                self.changing(button)
+        self._below = ui.element("div").style("width:100%")
+        self.update()
+
+    def update(self) -> None:
+        """After a change of the run, of the calibration or of the theme."""
+        samples, folder = self.page.view.run.samples, self.page.session.calibration
+        options = {what: _SENSORS[what] for what in (possible(samples) if samples is not None else ())}
+        self._words.text = _CALIBRATE if options else _CANNOT
+        self._row.set_visibility(bool(options))
+        self._what.set_options(
+            options, value=self._what.value if self._what.value in options else next(iter(options), None)
+        )
+        if folder is not None and (self._found is None or self._found.folder is not folder):
+            self._below.clear()
+            self._found = CalibrationPanel(self.page, folder)
+            self._found.place = self._below
+            self._found.show()
+        elif self._found is not None:
+            self._found.refresh()
+
+    def _calibrate(self) -> None:
+        if not self.page.session.start(Job(CALIBRATE, str(self._what.value))):
+            ui.notify("Something else is under way: wait for it to end")
 
 
 class CalibrationSession:

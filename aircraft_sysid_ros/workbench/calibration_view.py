@@ -100,6 +100,17 @@ def is_calibration(path: str | Path) -> bool:
     return (folder / RESULT).is_file() and not (folder / OF_RUN).exists()
 
 
+def of_run(path: str | Path, what: str) -> Path:
+    """Where a calibration from the samples of a run is kept."""
+    return Path(path) / f"calibration-{what}"
+
+
+def newest_of_run(path: str | Path) -> Path | None:
+    """The calibration of a run that was made last; None where there is none."""
+    made = [file for file in Path(path).glob(f"calibration-*/{RESULT}") if file.is_file()]
+    return max(made, key=lambda file: file.stat().st_mtime_ns).parent if made else None
+
+
 def _folder(path: str | Path) -> Path:
     return Path(path).parent if Path(path).is_file() else Path(path)
 

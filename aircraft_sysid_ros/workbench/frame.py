@@ -12,6 +12,7 @@ from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Theme
 
+CROSSHAIR = Path(__file__).with_name("crosshair.js")
 STYLE = Path(__file__).with_name("style.css")
 #: Time [s] between looks at the session.
 POLL = 0.25
@@ -42,6 +43,7 @@ class Frame:
         self.session, self.look = session, Look(DARK if theme == "dark" else LIGHT)
         ui.add_css(STYLE)
         ui.add_head_html(_QUIET)
+        ui.add_head_html(f"<script>{CROSSHAIR.read_text(encoding='utf8')}</script>")
         self._dark = ui.dark_mode(self.look.theme is DARK)
         self.panels = self.views()
         first = next(iter(self.panels))
@@ -85,7 +87,7 @@ class Frame:
                 with ui.element("div").classes("who"):
                     ui.label(self.name).classes("name")
                     self.facts = Html().classes("facts").props("data-testid=facts")
-                ui.element("div").classes("spring")
+                self.header_extras()
                 with ui.tabs().props("no-caps inline-label aria-label=Views") as self.tabs:
                     for name in self.panels:
                         ui.tab(name).props(f"data-testid=tab-{name.lower()}")
@@ -104,6 +106,7 @@ class Frame:
         """What can be done on the page, and how."""
         return {
             "Drag in a time plot": "zooms; a double click shows everything again",
+            "Point at a time plot": "draws a line through all of them, with the values there",
             "Camera over a figure": "saves it as SVG",
             "◐": "light or dark",
             "?": "this help",
@@ -117,6 +120,9 @@ class Frame:
             ui.button("Close", on_click=dialog.close).props("unelevated")
         dialog.on_value_change(lambda event: None if event.value else dialog.delete())
         dialog.open()
+
+    def header_extras(self) -> None:
+        """More elements of the header."""
 
     def notice_extras(self) -> None:
         """More elements of the notice."""

@@ -48,7 +48,7 @@ class LivePage(Frame):
     def _facts(self) -> None:
         flight = self.session.flight
         newest = flight.errors[-1]["time"] if flight.errors else 0.0
-        text = markup.model_facts([f"{newest:.0f} s heard"], flight.model or "–", added_names(flight))
+        text = markup.model_facts([f"{newest:.0f} s heard"], flight.model or "–", "", added_names(flight))
         if text != self.facts.content:
             self.facts.show(text)
 

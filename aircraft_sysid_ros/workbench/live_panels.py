@@ -15,7 +15,7 @@ from aircraft_sysid_ros.workbench.errors_panel import Errors
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE, LiveFlight
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, SidePanel
-from aircraft_sysid_ros.workbench.views import live, states
+from aircraft_sysid_ros.workbench.views import live, states, track
 from aircraft_sysid_ros.workbench.views.candidates import VERDICTS, Card
 from aircraft_sysid_ros.workbench.views.coefficients import ORDER
 from aircraft_sysid_ros.workbench.views.figure import Figure
@@ -221,7 +221,8 @@ class LiveStatePanel(LivePanel):
             self._numbers.show(markup.state_table(rows[-1]))
         if len(rows) < 2:
             return
-        made = states.all_figures(live.state_history(rows), self.page.look.theme, {})
+        state, theme = live.state_history(rows), self.page.look.theme
+        made = [*states.all_figures(state, theme, {}), ("Track from above", track.track_figure(state, None, theme))]
         if not self._plots:
             with self._place:
                 for title, figure in made:

@@ -13,14 +13,16 @@ from markupsafe import Markup
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
+from aircraft_sysid_ros.diagnosis.two_runs import SideBySide
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
+from aircraft_sysid_ros.workbench.shelf import ListedRun
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow
 from aircraft_sysid_ros.workbench.views.history import VersionRow
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL, ParameterRow
 from aircraft_sysid_ros.workbench.views.residuals import ResidualRow
 from aircraft_sysid_ros.workbench.views.states import Consistency
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, rounded, symbol
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, chance, percent, rounded, symbol
 
 #: Parts of the content of one AircraftState: title, field, and where its standard deviations begin.
 _OF_STATE = (
@@ -144,9 +146,9 @@ def help_list(items: Mapping[str, str]) -> Markup:
     return _part("help_list", items)
 
 
-def model_facts(begin: Sequence[str], model: str, changes: Sequence[str]) -> Markup:
-    """What a page shows, under the name of its aircraft."""
-    return _part("model_facts", begin, model, changes)
+def model_facts(begin: Sequence[str], model: str, name: str, changes: Sequence[str]) -> Markup:
+    """What a page shows, under the name of its aircraft; ``name`` is what the model is called."""
+    return _part("model_facts", begin, model, name, changes)
 
 
 def lengths(text: str, why: str) -> Markup:
@@ -166,6 +168,33 @@ def errors_beside(one: VersionRow, other: VersionRow) -> Markup:
     """Errors of two versions side by side."""
     right = {row.axis: row for row in other.axes}
     return _part("errors_beside", (one.identifier, other.identifier), [(row, right.get(row.axis)) for row in one.axes])
+
+
+def errors_of_flights(both: SideBySide) -> Markup:
+    """Errors of the models of two flights on either flight."""
+    rows = [(axis, AXIS_WORDS[axis], [_finite(share) for share in both.errors[axis].ravel()]) for axis in both.errors]
+    return _part("errors_of_flights", both.runs, rows)
+
+
+def differences(both: SideBySide) -> Markup:
+    """Parameters of two runs or versions with their differences, and how sure those are."""
+    rows = [(d, "" if d.p_value != d.p_value else chance(d.p_value)) for d in both.parameters]
+    return _part("differences", both, rows)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def refined_errors(errors: Mapping[str, Mapping[str, float]]) -> Markup:
+    """Errors of a refined model on the pieces that were not fitted, before and after."""
+    rows = [(axis, AXIS_WORDS[axis], _finite(e["nrmse_before"]), _finite(e["nrmse"])) for axis, e in errors.items()]
+    return _part("refined_errors", rows)
+
+
+def runs_table(rows: Sequence[ListedRun]) -> Markup:
+    """Runs that can be opened, or why not."""
+    return _part("runs_table", rows)
 
 
 def parameters_beside(

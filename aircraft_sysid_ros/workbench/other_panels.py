@@ -1,4 +1,4 @@
-"""The views of versions, parameters and state."""
+"""The views of parameters and state."""
 
 from __future__ import annotations
 
@@ -8,80 +8,14 @@ from nicegui import events, ui
 
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, picked, plot
-from aircraft_sysid_ros.workbench.views import states
+from aircraft_sysid_ros.workbench.refine_panel import RefinePanel
+from aircraft_sysid_ros.workbench.views import states, track
 from aircraft_sysid_ros.workbench.views.figure import Figure
-from aircraft_sysid_ros.workbench.views.history import VersionRow, history
 from aircraft_sysid_ros.workbench.views.numbers import parameters_csv
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, history_figure, parameter_rows
 
-#: Where there is nothing to compare with.
-ONE_VERSION = (
-    "There is one version only. Add an effect or a term in the view Model, under Why or Add (or in a terminal: "
-    "aircraft-sysid add {} dihedral_alpha), and the new version stands here beside this one."
-)
-
-
-class VersionsPanel(Panel):
-    """The history of the model, and two versions side by side."""
-
-    def build(self) -> None:
-        """Make the table, the two pickers and what stands beside each other."""
-        with ui.element("div").classes("view wide"):
-            with card("History of the model"):
-                ui.label("Errors in % of the spread, on flight that was not seen. ▲ fails somewhere.").classes(
-                    "soft small"
-                )
-                self._table = Html().props("data-testid=history")
-            with card("Two versions side by side"):
-                self._lonely = ui.label("").props("data-testid=one-version")
-                self._pair = ui.element("div").style("width:100%")
-            with self._pair:
-                with ui.row().style("gap:14px; margin:10px 0; align-items:center"):
-                    self._one = ui.select([], label="one", on_change=self._beside).props("outlined dense")
-                    self._other = ui.select([], label="the other", on_change=self._beside).props("outlined dense")
-                    self._draw = ui.switch("draw the first one in the time plots too", on_change=self._chosen)
-                with ui.element("div").classes("grid2"):
-                    self._errors = Html().props("data-testid=beside")
-                    self._parameters = Html()
-        self.update()
-
-    def update(self) -> None:
-        """After a change of the run."""
-        view = self.page.view
-        self._rows = {row.identifier: row for row in history(view.versions, view.current, view.comparisons)}
-        self._table.show(markup.history_table(list(self._rows.values())))
-        names = {row.identifier: f"{row.identifier}, {row.words}" for row in self._rows.values() if row.axes}
-        self._lonely.text = ONE_VERSION.format(view.name) if len(names) < 2 else ""
-        self._lonely.set_visibility(len(names) < 2)
-        self._pair.set_visibility(len(names) > 1)
-        current = self._rows[view.current]
-        first = next(
-            (name for name in (*current.parents, *names) if name in names and name != view.current), view.current
-        )
-        for picker, value in ((self._one, first), (self._other, view.current)):
-            picker.set_options(names, value=picker.value if picker is self._one and picker.value in names else value)
-        self._beside()
-
-    def _beside(self) -> None:
-        one, other = self._rows.get(self._one.value or ""), self._rows.get(self._other.value or "")
-        if one is None or other is None:
-            return
-        self._errors.show(markup.errors_beside(one, other))
-        listed = self.page.view.parameters
-        names = (one.identifier, other.identifier)
-        self._parameters.show(markup.parameters_beside(listed[names[0]], listed[names[1]], names))
-        self._set_beside(one)
-
-    def _chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        one = self._rows.get(self._one.value or "")
-        if one is not None:
-            self._set_beside(one)
-
-    def _set_beside(self, one: VersionRow) -> None:
-        wanted = one.identifier if self._draw.value and one.identifier != self.page.view.current else None
-        if wanted != self.page.look.beside:
-            self.page.look.beside = wanted
-            self.page.redraw_model()
+#: What the figures of the track show.
+TRACK_WORDS = ("track over the ground, coloured by model error", "height over time, coloured by model error")
 
 
 class ParametersPanel(Panel):
@@ -90,6 +24,7 @@ class ParametersPanel(Panel):
     def build(self) -> None:
         """Make the table and the figure."""
         self._name = ""
+        self._refine = RefinePanel(self.page)
         with ui.element("div").classes("view wide"):
             with card() as box:
                 self._title = ui.label("").classes("heading").props("data-testid=parameter-title")
@@ -103,11 +38,20 @@ class ParametersPanel(Panel):
                 picked(self._table, self._choose)
                 button = ui.button("Parameters as CSV", icon="download", on_click=self._download)
                 button.props("flat dense data-testid=save-parameters").style("margin-top:8px")
+            self._refine.place = ui.element("div").style("width:100%")
         self.update()
+        self._refine.show()
+
+    def allow(self, allowed: bool) -> None:
+        """Pass it on."""
+        super().allow(allowed)
+        if self._built:
+            self._refine.allow(allowed)
 
     def update(self) -> None:
         """After a change of the run or the theme."""
         view = self.page.view
+        self._refine.refresh()
         self._words.text = IN_FLIGHT if view.current == view.versions[0].identifier else OF_ALL
         rows = parameter_rows(view.parameters[view.current], self.page.session.truth.parameters)
         record = self.page.session.record
@@ -149,11 +93,12 @@ class StatePanel(Panel):
 
     def build(self) -> None:
         """Make all figures, or say why there are none."""
+        self._axis = track.WORST
         self._place = ui.element("div").classes("view wide")
         self.update()
 
     def update(self) -> None:
-        """After a change of the theme, or when the record has been read."""
+        """After a change of the run or the theme, or when the record has been read."""
         self._place.clear()
         record = self.page.session.record
         with self._place:
@@ -168,3 +113,26 @@ class StatePanel(Panel):
                         if title == states.INNOVATIONS:
                             table = markup.consistency_table(states.consistencies(record.summary))
                             Html(table).props("data-testid=consistency")
+            self._track(record.state)
+
+    def _track(self, state: states.StateHistory) -> None:
+        """Where the model fails, on the map and over the height."""
+        axes = {track.WORST: "worst of all", **{name: f"C_{name[1]}" for name in self.page.view.comparison.axes}}
+        self._axis = self._axis if self._axis in axes else track.WORST
+        with card("Where the model fails: residual over the noise, along the track"):
+            picker = ui.select(axes, value=self._axis, label="axis", on_change=self._choose)
+            picker.props("outlined dense options-dense data-testid=track-axis").style("width:150px; margin:8px 0")
+            with ui.element("div").classes("grid2"):
+                self._drawn = [
+                    plot(made, words).props(f"data-testid={name}")
+                    for name, words, made in zip(("track", "height"), TRACK_WORDS, self._figures(state), strict=True)
+                ]
+
+    def _figures(self, state: states.StateHistory) -> list[Figure]:
+        error, theme = track.flown_error(self.page.view.comparison, self._axis), self.page.look.theme
+        return [track.track_figure(state, error, theme), track.height_figure(state, error, theme)]
+
+    def _choose(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        self._axis = str(event.value)
+        for drawn, made in zip(self._drawn, self._figures(self.page.session.record.state), strict=True):
+            drawn.update_figure(made)

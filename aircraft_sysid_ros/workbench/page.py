@@ -6,16 +6,19 @@ from nicegui import events, ui
 
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.workbench import markup
-from aircraft_sysid_ros.workbench.calibration_panel import CalibrationPanel
+from aircraft_sysid_ros.workbench.calibration_panel import CalibratePanel
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder
 from aircraft_sysid_ros.workbench.frame import Frame
 from aircraft_sysid_ros.workbench.model_panel import ModelPanel
-from aircraft_sysid_ros.workbench.other_panels import ParametersPanel, StatePanel, VersionsPanel
+from aircraft_sysid_ros.workbench.other_panels import ParametersPanel, StatePanel
 from aircraft_sysid_ros.workbench.panel import Panel
 from aircraft_sysid_ros.workbench.residuals_panel import ResidualsPanel
+from aircraft_sysid_ros.workbench.run_picker import run_picker
 from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.session import READS, Session
-from aircraft_sysid_ros.workbench.views.history import effect_name
+from aircraft_sysid_ros.workbench.shelf import Shelf
+from aircraft_sysid_ros.workbench.versions_panel import VersionsPanel
+from aircraft_sysid_ros.workbench.views.history import effect_names
 from aircraft_sysid_ros.workbench.worker import DIAGNOSE, RECORD
 
 #: Why less is compared than was recorded.
@@ -25,8 +28,10 @@ COMPARED = "compared is the longest stretch in flight, from when the filter has 
 class Page(Frame):
     """One browser's page of a session."""
 
-    def __init__(self, session: Session, theme: str | None) -> None:
+    def __init__(self, session: Session, theme: str | None, shelf: Shelf | None = None, name: str = "") -> None:
+        self.shelf, self.run = shelf, name
         self._seen, self._view, self._record = -1, session.view, session.record
+        self._held: set[str] = set()
         super().__init__(session, theme)
         ui.keyboard(self._key, ignore=["input", "select", "textarea"])
 
@@ -37,18 +42,16 @@ class Page(Frame):
 
     def views(self) -> dict[str, Panel]:
         """All that is known of a run."""
-        self._model = ModelPanel(self)
+        self._model, self._versions = ModelPanel(self), VersionsPanel(self)
         found: dict[str, Panel] = {
             "Model": self._model,
             "Residuals": ResidualsPanel(self),
-            "Versions": VersionsPanel(self),
+            "Versions": self._versions,
             "Parameters": ParametersPanel(self),
             "State": StatePanel(self),
+            "Calibration": CalibratePanel(self),
         }
-        folder = self.session.calibration
-        if folder is not None:
-            self._calibrated = folder.revision
-            found["Calibration"] = CalibrationPanel(self, folder)
+        self._calibrated: tuple[CalibrationFolder | None, int] = (None, -1)
         return found
 
     @property
@@ -57,6 +60,21 @@ class Page(Frame):
         view: RunView | None = self.session.view
         assert view is not None
         return view
+
+    @property
+    def other_runs(self) -> list[str]:
+        """Names of the other runs of the same server."""
+        return [] if self.shelf is None else [name for name in self.shelf.names if name != self.run]
+
+    def other_session(self, name: str) -> Session:
+        """The session of another run, which stays open while this page is. Raises InputError."""
+        assert self.shelf is not None
+        if name not in self._held:
+            session = self.shelf.session(name)
+            self._held.add(name)
+            ui.context.client.on_delete(self.shelf.hold(name))
+            return session
+        return self.shelf.session(name)
 
     @property
     def beside(self) -> Comparison | None:
@@ -71,8 +89,15 @@ class Page(Frame):
             "← →": "move the window of time",
             "+ −": "zoom in and out",
             "0": "the whole flight",
+            "Versions": "what each is called, and two of them, or two flights, side by side",
+            "Parameters, Calibration": "refine by maximum likelihood, and calibrate sensors, from this run",
             **super().help(),
         }
+
+    def header_extras(self) -> None:
+        """The other runs of the same server."""
+        if self.shelf is not None:
+            run_picker(self.shelf, self.run)
 
     def notice_extras(self) -> None:
         """Progress of the work under way, and its end."""
@@ -88,6 +113,7 @@ class Page(Frame):
             self._follow_calibration(session.calibration)
         if session.busy:
             self._progress()
+        self._versions.follow()
         if session.revision == self._seen:
             return
         self._seen = session.revision
@@ -105,8 +131,8 @@ class Page(Frame):
 
     def _follow_calibration(self, folder: CalibrationFolder) -> None:
         folder.look()
-        if folder.revision != self._calibrated:
-            self._calibrated = folder.revision
+        if (folder, folder.revision) != self._calibrated:
+            self._calibrated = (folder, folder.revision)
             self.panels["Calibration"].refresh()
 
     def redraw_model(self) -> None:
@@ -122,7 +148,7 @@ class Page(Frame):
     def _facts_text(self) -> str:
         view = self.view
         begin = (view.name, markup.lengths(view.lengths, COMPARED))
-        return markup.model_facts(begin, view.current, [effect_name(label) for label in view.changes])
+        return markup.model_facts(begin, view.current, view.name_of(view.current), effect_names(view.changes))
 
     def _say(self) -> None:
         """One line under the header: work under way, what came of the last, or why the run cannot be read."""

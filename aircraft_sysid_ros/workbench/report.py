@@ -13,11 +13,12 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView
-from aircraft_sysid_ros.workbench.views import calibration, candidates, coefficients, places, residuals, states
+from aircraft_sysid_ros.workbench.views import calibration, candidates, coefficients, places, residuals, states, track
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
-from aircraft_sysid_ros.workbench.views.history import effect_name, history
+from aircraft_sysid_ros.workbench.views.history import effect_names, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
 
+CROSSHAIR = Path(__file__).with_name("crosshair.js")
 STYLE = Path(__file__).with_name("style.css")
 #: Maps that a file shows: of the axes that fail, over the flow angles and over speed and height.
 _MAPS = (("alpha", "beta"), ("V", "height"))
@@ -81,8 +82,10 @@ def report_html(
         | _why(figures, view)
         | _parameters(view, truth)
     )
-    state = _state(figures, record, truth) if record is not None else None
-    facts = markup.model_facts((view.name, view.lengths), view.current, [effect_name(label) for label in view.changes])
+    state = _state(figures, view, record, truth) if record is not None else None
+    facts = markup.model_facts(
+        (view.name, view.lengths), view.current, view.name_of(view.current), effect_names(view.changes)
+    )
     return _whole(figures, view.aircraft, view.name, facts, run=run, state=state, calibrated=calibrated)
 
 
@@ -116,6 +119,7 @@ def _whole(
         state=state,
         calibration=found,
         style=Markup(STYLE.read_text(encoding="utf8")),
+        crosshair=Markup(CROSSHAIR.read_text(encoding="utf8")),
         plotly=Markup(get_plotlyjs().replace("</script", "<\\/script")),
         figures=_script_json(figures.made),
         palettes=_script_json({theme.name: _palette(theme) for theme in (LIGHT, DARK)}),
@@ -178,14 +182,19 @@ def _why(figures: _Figures, view: RunView) -> dict[str, Any]:
 
 def _parameters(view: RunView, truth: TruthView) -> dict[str, Any]:
     return {
-        "versions": history(view.versions, view.current, view.comparisons),
+        "versions": history(view.versions, view.current, view.comparisons, view.labels),
         "of_parameters": IN_FLIGHT if view.current == view.versions[0].identifier else OF_ALL,
         "parameters": parameter_rows(view.parameters[view.current], truth.parameters),
     }
 
 
-def _state(figures: _Figures, record: FlightRecord, truth: TruthView) -> dict[str, Any]:
+def _state(figures: _Figures, view: RunView, record: FlightRecord, truth: TruthView) -> dict[str, Any]:
     made = states.all_figures(record.state, figures.theme, truth.content)
+    error = track.flown_error(view.comparison)
+    made.append(
+        ("Track from above, worst residual over the noise", track.track_figure(record.state, error, figures.theme))
+    )
+    made.append(("Height, worst residual over the noise", track.height_figure(record.state, error, figures.theme)))
     drawn = [(title, figures.add(figure, title)) for title, figure in made]
     return {"figures": drawn, "consistencies": states.consistencies(record.summary)}
 

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.after_flight.refine import refined_name
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
 from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT, POINTS, FlightData
+from aircraft_sysid_ros.diagnosis.model_versions.labels import NAMES, Labels, newest, read_labels
 from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     CURRENT,
+    MODELS,
     Run,
     Version,
     changed_at,
@@ -27,6 +30,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.recordings.tables import Table, read_table
+from aircraft_sysid_ros.refinement.refine import METHODS
 from aircraft_sysid_ros.run_reader import DIAGNOSIS, ESTIMATES, PARAMETERS, SAMPLES, STATE, UNREADABLE, not_a_run
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import true_values, truth_path
@@ -44,6 +48,9 @@ _OF_CANDIDATE = {
     "effect", "expression", "label", "name", "physics", "manoeuvre", "main_axis", "p_value", "error_before",
     "error_after", "confounded_with", "where", "inner", "parameters", "found",
 }  # fmt: skip
+#: What a refinement and its parameters must have to be shown.
+_OF_REFINED = {"parameters", "not_fitted", "converged", "reason", "iterations", "seconds_fitted", "elapsed", "worse"}
+_OF_PARAMETER = {"name", "value", "std", "status", "reason"}
 _AIR = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
 _BIASES = {"accelerometer_bias": slice(9, 12), "gyro_bias": slice(12, 15), "wind": slice(15, 18)}  # of 18 sigmas
 
@@ -64,6 +71,9 @@ class RunView:
     notes: tuple[str, ...]
     can_diagnose: bool
     signature: tuple[int, ...]
+    run: Run  # as it was read
+    labels: Labels = field(default_factory=dict)  # names and notes of versions, the newest last
+    refined: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of the current version, by method
     recorded: float | None = None  # [s] of the recording, of which only settled flight is compared
 
     @property
@@ -80,6 +90,11 @@ class RunView:
     def duration(self) -> float:
         """Flight [s] that is compared."""
         return float(self.flight.time[-1] - self.flight.time[0])
+
+    def name_of(self, version: str) -> str:
+        """What a version is called; empty where it has no name."""
+        label = newest(self.labels).get(version)
+        return "" if label is None else label.name
 
     @property
     def lengths(self) -> str:
@@ -112,8 +127,9 @@ NO_TRUTH = TruthView({}, {})
 def signature_of(path: str | Path) -> tuple[int, ...]:
     """Changes when a file of the run changes that the page shows."""
     folder = Path(path)
-    names = (AIRCRAFT, SAMPLES, POINTS, PARAMETERS, STATE, CURRENT, DIAGNOSIS)  # first those of the flight
-    return tuple(changed_at(folder / name) for name in names)
+    names = (AIRCRAFT, SAMPLES, POINTS, PARAMETERS, STATE, CURRENT, DIAGNOSIS, NAMES)  # first those of the flight
+    refined = [*folder.glob("refined-*.json"), *folder.glob(f"{MODELS}/*/refined-*.json")]
+    return (*(changed_at(folder / name) for name in names), max(map(changed_at, refined), default=0))
 
 
 def load_run_view(
@@ -154,6 +170,9 @@ def load_run_view(
         notes=(*unread, *current.notes, *notes),
         can_diagnose=run.samples is not None,
         signature=signature,
+        run=run,
+        labels=_labels(run.path, notes),
+        refined=_refined(folder_of(run, run.current)),
         recorded=recorded,
     )
 
@@ -199,6 +218,28 @@ def _diagnosis(folder: Path, notes: list[str]) -> Mapping[str, Any] | None:
     if not whole:
         notes.append(f"{DIAGNOSIS} of the run cannot be read: diagnose again")
     return content if whole else None
+
+
+def _refined(folder: Path) -> Mapping[str, Mapping[str, Any]]:
+    """What `refine` has written beside the aircraft file of a version, by method; what cannot be read is not there."""
+    found = {}
+    for method in METHODS:
+        try:
+            content = json.loads((folder / refined_name(method)).read_text(encoding="utf8"))
+            if content.keys() >= _OF_REFINED and all(p.keys() >= _OF_PARAMETER for p in content["parameters"]):
+                found[method] = content
+        except UNREADABLE:
+            continue
+    return found
+
+
+def _labels(folder: Path, notes: list[str]) -> Labels:
+    """Names and notes of versions; none where they cannot be read, which a note then says."""
+    try:
+        return read_labels(folder)
+    except InputError as error:
+        notes.append(str(error))
+        return {}
 
 
 def _parameters(run: Run, version: Version) -> list[dict[str, Any]]:

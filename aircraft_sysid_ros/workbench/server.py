@@ -14,9 +14,12 @@ from nicegui import ui
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.guard import SameOrigin
 
+#: In the address of a page, of which run it is.
+RUN = "run"
+
 
 def serve(
-    make: Callable[[str | None], object],
+    make: Callable[[str | None, str | None], object],
     title: str,
     host: str,
     listener: socket.socket,
@@ -24,13 +27,14 @@ def serve(
 ) -> None:
     """Serve a page until Ctrl-C on what ``listen`` gave; ``ready`` hears its addresses, that for this machine first.
 
-    ``make`` builds the page of one browser, which remembers "light", "dark" or nothing.
+    ``make`` builds the page of one browser, which remembers "light", "dark" or nothing, of the run that its address
+    names, if any.
     """
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
     @ui.page("/", title=f"{title} · workbench", response_timeout=30.0)
     def _page(request: Request) -> None:
-        make(request.cookies.get("theme"))
+        make(request.cookies.get("theme"), request.query_params.get(RUN))
 
     ui.run_with(
         app,

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder
+from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder, newest_of_run
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView, signature_of
 from aircraft_sysid_ros.workbench.worker import (
     ADD,
+    CALIBRATE,
     DIAGNOSE,
     LOAD,
+    NAME,
     RECORD,
+    REFINE,
     REMOVE,
+    UNNAME,
     Done,
     Failed,
     Job,
@@ -29,7 +34,8 @@ _LOOK = 1.0
 READS = (LOAD, RECORD)
 WORDS = {
     LOAD: "reading {}", RECORD: "reading what was estimated in flight", DIAGNOSE: "looking for what is missing",
-    ADD: "adding", REMOVE: "taking away",
+    ADD: "adding", REMOVE: "taking away", NAME: "naming", UNNAME: "taking the name back", REFINE: "refining",
+    CALIBRATE: "calibrating",
 }  # fmt: skip
 
 
@@ -61,6 +67,11 @@ class Session:
     def busy(self) -> bool:
         """Whether a job is under way that changes or reads the run."""
         return self.job is not None or self.waiting is not None
+
+    @property
+    def is_working(self) -> bool:
+        """Whether a job is under way that somebody has asked for."""
+        return any(job is not None and job.kind not in READS for job in (self.job, self.waiting))
 
     @property
     def elapsed(self) -> float:
@@ -127,7 +138,7 @@ class Session:
             try:
                 if self._pipe.poll(_LOOK):
                     self._hear(self._pipe.recv())
-                elif self.view is not None and not self.busy and signature_of(self.path) != self.view.signature:
+                elif not self.busy and (self.view is None or signature_of(self.path) != self.view.signature):
                     self._look_again()
             except (EOFError, OSError):
                 if not self._closed:
@@ -150,11 +161,20 @@ class Session:
     def _done(self, answer: Done) -> None:
         if answer.view is not None:
             self.view, self.damage = answer.view, ""
+        if answer.view is not None and (answer.job.kind == CALIBRATE or self.calibration is None):
+            self._find_calibration()
         if answer.record is not None:
             self.record, self.record_problem = answer.record, ""
         if answer.sentence:
             self.sentence, self.is_bad = answer.sentence, False
         self._go_on()
+
+    def _find_calibration(self) -> None:
+        """What was calibrated from the samples of this run, if anything."""
+        folder = newest_of_run(self.path)
+        if folder is not None:
+            with contextlib.suppress(InputError):  # damaged: calibrate again
+                self.calibration = CalibrationFolder(folder)
 
     def _go_on(self) -> None:
         """After a job: what waits, or the record of the flight where it was not read yet."""

@@ -17,14 +17,16 @@ from typing import Any
 from aircraft_sysid_ros.errors import InputError
 
 LOAD, RECORD, DIAGNOSE, ADD, REMOVE = "load", "record", "diagnose", "add", "remove"
+NAME, UNNAME, REFINE, CALIBRATE = "name", "unname", "refine", "calibrate"
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be done; ``text`` is what is added or taken away."""
+    """What is to be done; ``text`` is what is added, taken away or named, with ``more`` that belongs to it."""
 
     kind: str
     text: str = ""
+    more: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,11 @@ class Desk:
 
         if job.kind == RECORD:
             return Done(job, record=load_flight_record(self.path, self._view.zero))
-        sentence = {DIAGNOSE: self._diagnose, ADD: self._add, REMOVE: self._remove}.get(job.kind, self._nothing)(job)
+        work = {
+            DIAGNOSE: self._diagnose, ADD: self._add, REMOVE: self._remove, NAME: self._name, UNNAME: self._take_back,
+            REFINE: self._refine, CALIBRATE: self._calibrate,
+        }.get(job.kind, self._nothing)  # fmt: skip
+        sentence = work(job)
         return Done(job, view=self._read(), sentence=sentence)
 
     def _read(self) -> Any:
@@ -129,3 +135,40 @@ class Desk:
 
         self.progress(f"remove {job.text}", 0.2)
         return remove(self.path, job.text).verdict
+
+    def _name(self, job: Job) -> str:
+        from aircraft_sysid_ros.diagnosis.model_versions.naming import name_version
+
+        identifier, label = name_version(self.path, job.text, *job.more)
+        return f"version {identifier} is called '{label.name}'" if label.name else f"version {identifier} has no name"
+
+    def _take_back(self, job: Job) -> str:
+        from aircraft_sysid_ros.diagnosis.model_versions.naming import take_name_back
+
+        identifier, label = take_name_back(self.path, job.text)
+        return (
+            f"version {identifier} is called '{label.name}' again"
+            if label.name
+            else (f"version {identifier} has no name again")
+        )
+
+    def _refine(self, job: Job) -> str:
+        from aircraft_sysid_ros.after_flight.refine import refine_run, refined_sentences
+        from aircraft_sysid_ros.report.refined_figure import draw_refined
+
+        self.progress(f"refining by {job.text}", 0.0)
+        return ". ".join(refined_sentences(refine_run(self.path, draw_refined, job.text, tell=self.progress)))
+
+    def _calibrate(self, job: Job) -> str:
+        from aircraft_sysid_ros.after_flight.calibrate import CalibrationOptions, calibrate
+        from aircraft_sysid_ros.report.calibration_figures import draw_calibration
+        from aircraft_sysid_ros.workbench.calibration_view import of_run
+
+        out = str(of_run(self.path, job.text))
+        options = CalibrationOptions(job.text, self.path, out=out, overwrite=True)
+        result = calibrate(
+            options,
+            draw_calibration,
+            lambda stage, done, of: self.progress(f"calibrate {job.text}: {stage}", done / of if of else 0.05),
+        )
+        return f"stage 1: {result['decision']}; stage 2: {result['stage_2']}; kept in {out}"

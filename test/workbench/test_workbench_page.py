@@ -10,7 +10,7 @@ import urllib.parse
 
 import numpy as np
 import pytest
-from page_marks import marked
+from page_marks import marked, wait_for_text
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
@@ -41,17 +41,6 @@ def compared(run, capsys) -> dict:
 
 def shown(errors: dict, axis: str) -> str:
     return f"{100 * errors['axes'][axis]['nrmse_held_out']:.1f} %"
-
-
-def wait_for_text(page, name: str, text: str, timeout: float = 300_000) -> None:
-    from playwright.sync_api import TimeoutError as PlaywrightTimeout
-
-    try:
-        page.wait_for_function(
-            "([s, t]) => document.querySelector(s)?.innerText.includes(t)", arg=[marked(name), text], timeout=timeout
-        )
-    except PlaywrightTimeout:
-        raise AssertionError(f"no '{text}' in {name}: {page.inner_text('body')}") from None
 
 
 def window_of(page) -> list[list[float]]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import AxisComparison, Comparison
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, figure, line, span_of, thinned
+from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, figure, line, span_of, thinned
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
 
 Array = npt.NDArray[np.float64]
@@ -108,7 +108,7 @@ def coefficient_figure(
         xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
         yaxis=axis(theme, symbol(name) + " [-]", domain=[split + 0.05, 1.0], fixedrange=True, nticks=5),
         yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, nticks=5),
-        shapes=[*bands(held_out, window, theme.shade), *bands(marks, window, theme.mark)],
+        **TIMED, shapes=[*bands(held_out, window, theme.shade), *bands(marks, window, theme.mark)],
     )  # fmt: skip
 
 

@@ -62,12 +62,12 @@ class Theme:
 LIGHT = Theme(
     "light", ink="#1d2329", muted="#66707a", grid="#e4e8ec", shade="rgba(29,35,41,0.055)",
     mark="rgba(230,159,0,0.15)", predicted="#d55e00", second="#009e73", residual="#0072b2", noise="#8a949e",
-    pale="rgba(0,114,178,0.16)", surface="#ffffff", scale=("#eef3f8", "#c9d9ea", "#8fb0d3", "#3f78ae", "#0b3a67"),
+    pale="rgba(0,114,178,0.16)", surface="#ffffff", scale=("#dde8f2", "#c9d9ea", "#8fb0d3", "#3f78ae", "#0b3a67"),
 )  # fmt: skip
 DARK = Theme(
     "dark", ink="#e6eaee", muted="#98a3ad", grid="#2d353d", shade="rgba(230,234,238,0.06)",
     mark="rgba(230,159,0,0.17)", predicted="#f0843c", second="#2cc39a", residual="#56b4e9", noise="#7d8893",
-    pale="rgba(86,180,233,0.18)", surface="#1b2127", scale=("#222a32", "#2b4560", "#3a6d9c", "#68a5d8", "#cfe6fb"),
+    pale="rgba(86,180,233,0.18)", surface="#1b2127", scale=("#2d3a46", "#2b4560", "#3a6d9c", "#68a5d8", "#cfe6fb"),
 )  # fmt: skip
 
 
@@ -81,11 +81,15 @@ def figure(theme: Theme, data: list[dict[str, Any]], height: int, **layout: Any)
         "font": {"family": FONT, "size": 12, "color": theme.muted},
         "hoverlabel": {"bgcolor": theme.surface, "bordercolor": theme.grid, "font": {"color": theme.ink}},
         "showlegend": False,
-        "legend": {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "font": {"size": 12}},
+        "legend": {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "font": {"size": 12}, "entrywidth": 0},
         "hovermode": "closest",
         "dragmode": "zoom",
     }
     return {"data": data, "layout": {**base, **layout}, "config": CONFIG}
+
+
+#: A figure over time: the page draws one line through all of these, with the values there (crosshair.js).
+TIMED: dict[str, Any] = {"meta": "time", "hovermode": False}
 
 
 def axis(theme: Theme, title: str, **more: Any) -> dict[str, Any]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from aircraft_sysid_ros.diagnosis.compare import Comparison
+from aircraft_sysid_ros.diagnosis.model_versions.labels import Label, Labels, newest
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Change, Version
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow, axis_rows
@@ -20,10 +21,19 @@ class VersionRow:
     parents: tuple[str, ...]
     is_current: bool
     axes: tuple[AxisRow, ...]  # empty where the version cannot be compared
+    label: Label = field(default_factory=Label)
+
+    @property
+    def title(self) -> str:
+        """Its id with its name, or what it is."""
+        return f"{self.identifier}, {self.label.name or self.words}"
 
 
-def history(versions: Sequence[Version], current: str, comparisons: Mapping[str, Comparison]) -> list[VersionRow]:
-    """Versions in the order in which they were made."""
+def history(
+    versions: Sequence[Version], current: str, comparisons: Mapping[str, Comparison], labels: Labels
+) -> list[VersionRow]:
+    """Versions in the order in which they were made, with the newest of their labels."""
+    called = newest(labels)
     return [
         VersionRow(
             version.identifier,
@@ -31,6 +41,7 @@ def history(versions: Sequence[Version], current: str, comparisons: Mapping[str,
             version.parents,
             version.identifier == current,
             tuple(axis_rows(comparisons[version.identifier])) if version.identifier in comparisons else (),
+            called.get(version.identifier, Label()),
         )
         for version in versions
     ]
@@ -47,6 +58,11 @@ def change_words(label: str, change: Change) -> str:
     if change.without and not (change.terms or change.settings):
         return f"without {label}"
     return f"with {label}"
+
+
+def effect_names(labels: Sequence[str]) -> list[str]:
+    """What was added, in words."""
+    return [effect_name(label) for label in labels]
 
 
 def effect_name(label: str) -> str:

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import FAILS, MORE, NO_DATA, NOISE, AxisRow
-from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, figure, line
+from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, figure, line
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, symbol
 
@@ -96,7 +96,7 @@ def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[fl
         xaxis=axis(theme, TIME_TITLE, range=window, anchor="y2", nticks=9, fixedrange=True),
         yaxis=axis(theme, symbol(name) + " [-]", domain=[_RESIDUAL + 0.05, 1.0], fixedrange=True, nticks=5),
         yaxis2=axis(theme, "residual [-]", domain=[0.0, _RESIDUAL], fixedrange=True, nticks=5),
-        shapes=shapes,
+        **TIMED, shapes=shapes,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE
-from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, beyond, encoded, figure, line
+from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, beyond, encoded, figure, line
 
 Array = npt.NDArray[np.float64]
 
@@ -101,6 +101,7 @@ def history_figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=ends.tolist()),
         yaxis=axis(theme, name, fixedrange=True, **({"range": limits} if limits else {})),
+        **TIMED,
         showlegend=True,
         margin={"l": 70, "r": 12, "t": 34, "b": 42},
     )  # fmt: skip

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -45,11 +47,20 @@ def moving_signals(flight: FlightData) -> list[str]:
     return [name for name in there if np.nanstd(flight.signal(name)) > 0.0]
 
 
-def residual_map(comparison: Comparison, name: str, x: str, y: str) -> ResidualMap:
-    """The map of one axis over two signals; ``name`` must have data."""
+def shared_edges(flights: Sequence[FlightData], x: str, y: str) -> tuple[Array, Array]:
+    """Edges of cells that span what all of these flights have flown of two signals."""
+    joined = (np.concatenate([flight.signal(name) for flight in flights]) for name in (x, y))
+    across, upwards = (_edges(values) for values in joined)
+    return across, upwards
+
+
+def residual_map(
+    comparison: Comparison, name: str, x: str, y: str, edges: tuple[Array, Array] | None = None
+) -> ResidualMap:
+    """The map of one axis over two signals, between ``edges`` or those of its flight; ``name`` must have data."""
     found, flight = comparison.axes[name], comparison.flight
     z = found.fit.held_out / found.floor.std
-    edges = (_edges(flight.signal(x)), _edges(flight.signal(y)))
+    edges = shared_edges([flight], x, y) if edges is None else edges
     inside = np.isfinite(z)
     columns = [np.digitize(flight.signal(s), e) - 1 for s, e in zip((x, y), edges, strict=True)]
     for column in columns:
@@ -67,25 +78,37 @@ def _edges(values: Array) -> Array:
     return np.linspace(low, high if high > low else low + 1.0, CELLS + 1)
 
 
-def map_figure(found: ResidualMap, theme: Theme, height: int = 330) -> Figure:
-    """The map, with a scale that begins at the noise."""
+def top_of(times_noise: Array) -> float:
+    """The end of the colours [times the noise]: a few odd ones must not squeeze the rest."""
+    known = times_noise[np.isfinite(times_noise)]
+    return max(float(np.quantile(known, _TOP)), 2.0) if len(known) else 2.0
+
+
+def colour_bar(times_noise: Array, theme: Theme, top: float | None = None) -> tuple[dict[str, Any], float, float]:
+    """The scale of colours with its bar, from the noise to ``top``, by default the end of what is shown; both ends."""
+    top = top_of(times_noise) if top is None else top
+    ticks = np.linspace(1.0, top, 4)
+    words = [f"≤ {ticks[0]:.0f}", *(f"{tick:.1f}" for tick in ticks[1:-1]), f"≥ {top:.1f}"]
+    bar = {
+        "colorscale": [[i / (len(theme.scale) - 1), colour] for i, colour in enumerate(theme.scale)],
+        "title": {"text": "times the noise", "side": "right"}, "thickness": 10, "outlinewidth": 0, "len": 0.9,
+        "tickvals": ticks.tolist(), "ticktext": words, "tickfont": {"color": theme.muted},
+    }  # fmt: skip
+    return bar, 1.0, top
+
+
+def map_figure(found: ResidualMap, theme: Theme, height: int = 330, top: float | None = None) -> Figure:
+    """The map, with a scale that begins at the noise and ends at ``top``, by default its own."""
     words = [quantity_of(name) for name in found.signals]
     x, y = (0.5 * (e[1:] + e[:-1]) * w.factor for e, w in zip(found.edges, words, strict=True))
-    known = found.times_noise[np.isfinite(found.times_noise)]
-    scale = [[i / (len(theme.scale) - 1), colour] for i, colour in enumerate(theme.scale)]
-    top = max(float(np.quantile(known, _TOP)), 2.0) if len(known) else 2.0
-    ticks = np.linspace(1.0, top, 4)
-    words_of_ticks = [f"≤ {ticks[0]:.0f}", *(f"{tick:.1f}" for tick in ticks[1:-1]), f"≥ {top:.1f}"]
+    bar, low, high = colour_bar(found.times_noise, theme, top)
     heat = {
         "type": "heatmap", "x": encoded(x), "y": encoded(y), "z": encoded(found.times_noise),
-        "zmin": 1.0, "zmax": top, "colorscale": scale, "xgap": 1, "ygap": 1,
+        "zmin": low, "zmax": high, "colorscale": bar.pop("colorscale"), "xgap": 1, "ygap": 1,
         "hoverongaps": False,
-        "hovertemplate": f"{words[0].words} %{{x:.3g}}<br>{words[1].words} %{{y:.3g}}<br>%{{z:.1f}} times the noise"
-        "<extra></extra>",
-        "colorbar": {
-            "title": {"text": "times the noise", "side": "right"}, "thickness": 10, "outlinewidth": 0, "len": 0.9,
-            "tickvals": ticks.tolist(), "ticktext": words_of_ticks, "tickfont": {"color": theme.muted},
-        },
+        "hovertemplate": f"{words[0].words} %{{x:.3g}} {words[0].unit}<br>{words[1].words} %{{y:.3g}} {words[1].unit}"
+        "<br>%{z:.1f} times the noise<extra></extra>",
+        "colorbar": bar,
     }  # fmt: skip
     return figure(
         theme, [heat], height,

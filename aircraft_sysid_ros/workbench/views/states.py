@@ -1,4 +1,4 @@
-"""State: biases, wind, air data against reconstruction, consistency of the innovations, track."""
+"""State: biases, wind, air data against reconstruction, consistency of the innovations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE
-from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, beyond, encoded, figure, line, thinned
+from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, beyond, figure, line, thinned
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL
 
 Array = npt.NDArray[np.float64]
@@ -103,7 +103,7 @@ def bias_figure(
         theme, data, height,
         xaxis=axis(theme, state.time_title, range=_ends(state.time)),
         yaxis=axis(theme, words[0], fixedrange=True, range=limits),
-        showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
+        **TIMED, showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip
 
 
@@ -138,7 +138,7 @@ def air_figure(state: StateHistory, which: str, theme: Theme, height: int = 250)
     return figure(
         theme, data, height,
         xaxis=axis(theme, state.time_title), yaxis=axis(theme, title, fixedrange=True),
-        showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
+        **TIMED, showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip
 
 
@@ -154,26 +154,7 @@ def consistency_figure(state: StateHistory, theme: Theme, height: int = 250) -> 
         theme, data, height,
         xaxis=axis(theme, state.time_title, range=_ends(state.time)),
         yaxis=axis(theme, "innovations over expected [-]", fixedrange=True, range=limits),
-        showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
-    )  # fmt: skip
-
-
-def track_figure(state: StateHistory, theme: Theme, height: int = 460) -> Figure:
-    """The track over the ground seen from above, start and end marked."""
-    step = max(len(state.time) // 3000, 1)
-    north, east = state.position[::step, 0], state.position[::step, 1]
-    path = line(east, north, theme.residual, "track", width=1.6)
-    path |= {"customdata": encoded(state.time[::step]), "hovertemplate": "%{customdata:.0f} s<extra></extra>"}
-    ends = {
-        "type": "scatter", "mode": "markers+text", "x": encoded(east[[0, -1]]), "y": encoded(north[[0, -1]]),
-        "text": ["start", "end"], "textposition": "top center", "hoverinfo": "skip", "name": "ends",
-        "marker": {"size": 8, "color": theme.ink, "symbol": ["circle", "square"]}, "textfont": {"color": theme.ink},
-    }  # fmt: skip
-    return figure(
-        theme, [path, ends], height,
-        xaxis=axis(theme, "east [m]"),
-        yaxis=axis(theme, "north [m]", scaleanchor="x", scaleratio=1),
-        dragmode="pan",
+        **TIMED, showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip
 
 
@@ -190,4 +171,4 @@ def all_figures(state: StateHistory, theme: Theme, truth: Mapping[str, Any]) -> 
         for title, which in (("Airspeed", "airspeed"), ("Angle of attack", "angle_of_attack"), ("Sideslip", "sideslip"))
     ]
     pairs = [figure for both in zip(biases, air, strict=True) for figure in both]
-    return [*pairs, (INNOVATIONS, consistency_figure(state, theme)), ("Track from above", track_figure(state, theme))]
+    return [*pairs, (INNOVATIONS, consistency_figure(state, theme))]
