@@ -91,14 +91,14 @@ class Shelf:
 
     def session(self, name: str) -> Session:
         """The open session of a run. Raises InputError where there is no such run, or too many are open."""
-        folder = self.folders().get(name)
-        if folder is None:
-            raise InputError(f"there is no run {echo(name)} here any more: choose one of the list")
-        self._looked[name] = time.monotonic()
         if name not in self._open:
+            folder = self.folders().get(name)
+            if folder is None:
+                raise InputError(f"there is no run {echo(name)} here any more: choose one of the list")
             if len(self._open) >= MOST_OPEN:
                 self._close_one()
             self._open[name] = Session(folder)
+        self._looked[name] = time.monotonic()
         return self._open[name]
 
     def hold(self, name: str) -> Callable[[], None]:

@@ -15,6 +15,8 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import shelf
 from aircraft_sysid_ros.workbench.views.words import percent, rounded
 
+#: Name of the folder of a damaged run: text on the page, whatever it looks like.
+HOSTILE = "<script>alert(1)<img src=x onerror=alert(1)>"
 NOTE = "<img src=x onerror=alert(1)>\nsecond line"
 
 
@@ -28,9 +30,9 @@ def runs(hidden_effect, aircraft_file, tmp_path_factory):
     arguments = ["--aircraft", str(aircraft_file), "--out", str(made / "tuesday")]
     assert main(["replay", str(folder / "flight"), *arguments]) == 0
     shutil.copytree(hidden_effect, made / "monday")
-    for name in ("broken", "night.flying", "notes"):
+    for name in (HOSTILE, "night.flying", "notes"):
         (made / name).mkdir()
-    for name in ("broken", "night.flying"):
+    for name in (HOSTILE, "night.flying"):
         shutil.copy(hidden_effect / "aircraft.yaml", made / name)
     (made / "night.flying" / "flight.json").write_text("{}")
     return made
@@ -43,7 +45,7 @@ def test_two_flights_are_listed_compared_and_named(runs, served, open_page, caps
     with served(runs) as address:
         page = open_page(address, plots=0)
         listed = page.inner_text(marked("runs"))
-        assert "state.json is not there" in listed and "aircraft-sysid recover night" in listed
+        assert "state.json is not there" in listed and HOSTILE in listed and "aircraft-sysid recover night" in listed
         assert page.locator(marked("runs") + " button").count() == 2 and "notes" not in listed
         page.click("button[data-name=monday]")
         page.wait_for_selector(marked("plot-Cn") + " .main-svg")
@@ -95,11 +97,12 @@ def refused_by_address(address) -> None:
     """A run is one of the list, whatever an address says; and nobody else's page is served."""
     place = urllib.parse.urlparse(address)
     connection = http.client.HTTPConnection(place.hostname, place.port, timeout=60)
-    for name in ("../monday", "/etc", "nobody", "<script>alert(1)</script>", "notes"):
+    for name in (HOSTILE, "../monday", "/etc", "nobody", "<script>alert(1)</script>", "notes"):
         connection.request("GET", "/?" + urllib.parse.urlencode({"run": name}))
         answer = connection.getresponse()
         text = answer.read().decode()
-        assert answer.status == 200 and "<script>alert(1)" not in text and "choose one of the list" in text
+        assert answer.status == 200 and "<script>alert(1)" not in text
+        assert ("choose one of the list" in text) == (name != HOSTILE)
     connection.request("GET", "/?run=monday", headers={"Host": "evil.example"})
     assert connection.getresponse().status == 403
     connection.close()
