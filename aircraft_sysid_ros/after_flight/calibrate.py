@@ -29,7 +29,7 @@ from aircraft_sysid_ros.calibration.report import (
     calibrate_probe,
 )
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.refinement.run_data import load_run
@@ -120,6 +120,8 @@ def _flight(source: str, needed: tuple[str, ...]) -> tuple[Samples, list[str]]:
 
 
 def _check(options: CalibrationOptions) -> None:
+    if options.what not in SECTIONS:
+        raise InputError(f"{echo(options.what)} is no calibration: there are {', '.join(SECTIONS)}")
     if not 0.0 <= options.begin < np.inf:
         raise InputError(f"--from must be zero or more seconds, not {options.begin:g}")
     if not options.begin < options.end:

@@ -10,8 +10,8 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Version, folder_of, open_run, run_data, version_named
-from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, Refinement, RefineOptions, refine, with_options
+from aircraft_sysid_ros.errors import InputError, echo
+from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, Refinement, RefineOptions, refine, with_options
 from aircraft_sysid_ros.run_writer import write_json
 
 #: Draws a refinement into a file under a title; returns the file and no note, or None and why there is none.
@@ -27,6 +27,8 @@ def refine_run(
     ``model``: id or name of a version, by default the current one; ``segment``: seconds in one piece. Raises
     InputError.
     """
+    if method not in METHODS:
+        raise InputError(f"{echo(method)} is no method of refine: it has {' and '.join(METHODS)}")
     options = with_options(RefineOptions(), segment)
     opened = open_run(path)
     version = opened.current if model is None else version_named(opened, model)

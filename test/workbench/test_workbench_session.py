@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import time
 
 import pytest
@@ -12,7 +14,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import server
 from aircraft_sysid_ros.workbench.run_view import load_run_view
 from aircraft_sysid_ros.workbench.session import Session
-from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, LOAD, REMOVE, Job
+from aircraft_sysid_ros.workbench.worker import ADD, CALIBRATE, DIAGNOSE, LOAD, NAME, REFINE, REMOVE, UNNAME, Job
 
 
 @pytest.fixture
@@ -52,6 +54,49 @@ def test_jobs_one_at_a_time_and_the_folder_is_watched(session, run) -> None:
     assert session.view.current == open_run(run).current.identifier and not (run / "diagnosis.json").exists()
     assert main(["remove", str(run), "Cl: alpha*beta"]) == 0  # another program changes the run
     until(lambda: session.view.current == first)
+
+
+@pytest.mark.long
+def test_the_page_refines_and_calibrates_as_the_commands_do(session, run, tmp_path) -> None:
+    """The same numbers in the same files; what is stopped leaves nothing."""
+    other = tmp_path / "other"
+    shutil.copytree(run, other)
+    before = sorted(path.name for path in run.rglob("*"))
+    assert session.start(Job(REFINE, "output-error"))
+    until(lambda: session.told.share > 0.0)
+    session.stop()
+    until(lambda: session.sentence == "stopped: the run is as it was")
+    session.wait(120.0)
+    assert sorted(path.name for path in run.rglob("*")) == before
+    assert session.start(Job(REFINE, "output-error"))
+    session.wait(300.0)
+    assert session.sentence.startswith("converged after") and not session.is_bad
+    assert main(["refine", str(other), "--method", "output-error"]) == 0
+    content = json.loads((other / "refined-output-error.json").read_text())
+    assert session.view.refined["output-error"]["parameters"] == content["parameters"]
+    assert session.start(Job(CALIBRATE, "compatibility"))
+    session.wait(300.0)
+    assert not session.is_bad and session.calibration.view.what == "compatibility"
+    assert main(["calibrate", "compatibility", str(other), "--out", str(tmp_path / "out")]) == 0
+    made = [json.loads((f / "result.json").read_text()) for f in (run / "calibration-compatibility", tmp_path / "out")]
+    assert made[0]["parameters"] == made[1]["parameters"]
+
+
+def test_bad_work_is_one_sentence_and_writes_nothing(session, run) -> None:
+    """Another program's copy of the page may send anything."""
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
+    for job, said in (
+        (Job(CALIBRATE, "five-hole"), "holds no samples of /five_hole_probe"),
+        (Job(CALIBRATE, "../../x"), "is no calibration"),
+        (Job(REFINE, "../magic"), "is no method of refine"),
+        (Job(NAME, "nobody", ("name", "note")), "has no model 'nobody'"),
+        (Job(UNNAME, session.view.current), "nothing to undo"),
+        (Job(NAME, session.view.current, ("n", "x" * 1_000_000)), "2000 are the most"),
+    ):
+        assert session.start(job)
+        session.wait(60.0)
+        assert session.is_bad and said in session.sentence and len(session.sentence) < 1300
+    assert {path: path.stat().st_mtime_ns for path in run.rglob("*")} == before
 
 
 def test_what_is_asked_for_while_the_folder_is_read_is_done_then(run) -> None:
