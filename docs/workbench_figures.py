@@ -150,6 +150,27 @@ def pictures(run: Path, bag: Path) -> None:
         keep(open_page(found, address, 820, 1180), "tablet")
 
 
+def flights_picture(run: Path, folder: Path) -> None:
+    """Another flight of the same aeroplane beside the first one."""
+    bag = simulate(folder / "second", "--seed", 2)
+    aircraft = ("--aircraft", config_path(DEFAULT_AIRCRAFT))
+    arguments = command("replay", bag, *aircraft, "--out", run.with_name("second"))
+    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL)
+    listed = command("workbench", run.parent.name, "--port", 0, "--no-browser")
+    with browser() as found, serving(listed, run.parents[1]) as address:
+        page = open_page(found, f"{address}?run={run.name}")
+        page.click("[data-testid=tab-versions]")
+        page.wait_for_selector("[data-testid=beside-other]")
+        page.locator("[data-testid=beside-other]").click()
+        page.click(".q-menu >> text=flight second")
+        page.wait_for_selector("[data-testid=differences] td:has-text('±')")
+        page.wait_for_selector("[data-testid=beside-words]:has-text('beyond doubt')")
+        page.locator("[data-testid=beside-one]").evaluate(
+            "(e) => window.scrollTo(0, e.getBoundingClientRect().top - 170)"
+        )
+        keep(page, "flights")
+
+
 def calibrate(folder: Path) -> Path:
     """A calibration of a simulated five-hole probe."""
     bag, out = folder / "probe", folder / "calibration"
@@ -213,7 +234,9 @@ def main() -> None:
             shutil.copytree(arguments.run, run)
             pictures(run, arguments.truth)
         elif "run" in wanted:
-            pictures(*fly(place))
+            run, bag = fly(place)
+            pictures(run, bag)
+            flights_picture(run, place)
         if "calibration" in wanted:
             calibration_pictures(calibrate(place))
         if "live" in wanted:

@@ -107,7 +107,7 @@ def coefficient_figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
         yaxis=axis(theme, symbol(name) + " [-]", domain=[split + 0.05, 1.0], fixedrange=True, nticks=5),
-        yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, nticks=5),
+        yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, nticks=4),
         **TIMED, shapes=[*bands(held_out, window, theme.shade), *bands(marks, window, theme.mark)],
     )  # fmt: skip
 
