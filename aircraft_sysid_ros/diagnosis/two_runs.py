@@ -120,7 +120,7 @@ class SideBySide:
         doubtful = [d for d in self.parameters if d.is_doubtful]
         if doubtful:
             first = min(doubtful, key=lambda d: d.p_value)
-            run, reason = next((run, why) for run, why in zip("ab", first.held, strict=True) if why)
+            run, reason = next((run, why) for run, why in zip(self.runs, first.held, strict=True) if why)
             sentences.append(
                 f"{len(doubtful)} more differ by their standard errors and are not to USE in one of the runs, so no "
                 f"difference is proven: {first.name} in {run} is {reason}"

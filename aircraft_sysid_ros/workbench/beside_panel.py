@@ -39,6 +39,7 @@ class BesidePanel(Panel):
     def __init__(self, page: Any) -> None:
         super().__init__(page)
         self._shown: Any = None
+        self._refused = ""
 
     def build(self) -> None:
         """Make everything."""
@@ -95,7 +96,7 @@ class BesidePanel(Panel):
         every = {**versions, **others}
         self._one.set_options(versions, value=self._one.value if self._one.value in versions else first)
         self._other.set_options(every, value=self._other.value if self._other.value in every else last)
-        self._shown = None
+        self._shown, self._refused = None, ""
         self._compare()
 
     def follow(self) -> None:
@@ -123,8 +124,12 @@ class BesidePanel(Panel):
                 return
             both = side_by_side((one[0], other[0]), (one[1], other[1]))
         except InputError as error:
-            self._say([str(error)])
+            if str(error) != self._refused:  # asked again and again while it is so
+                self._refused = str(error)
+                self._say([self._refused])
+            self._shown = None
             return
+        self._refused = ""
         self._say([*both.told, *both.notes])
         self._show(both, one[1], other[1])
 
