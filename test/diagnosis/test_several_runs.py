@@ -159,7 +159,7 @@ def test_a_load_is_what_differs_between_two_flights(runs, folder, capsys):
     said = capsys.readouterr().out
     assert "0 of 32 parameters differ beyond doubt" in said and "but b on HOLD" in said
     assert f"{len(found['differing'] + found['doubtful'])} more differ by their standard errors" in said
-    assert "so no difference is proven" in said and "in b is HOLD: the model explains 12 % of it" in said
+    assert "so no difference is proven" in said and "in held is HOLD: the model explains 12 % of it" in said
 
 
 @pytest.mark.long
