@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody, part_of
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
+from aircraft_sysid_ros.diagnosis.frequency_responses import RateResponse, rate_responses
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, open_run, version_named
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide, side_by_side
 
@@ -18,6 +20,11 @@ class ComparedRun:
 
     run: Run
     comparison: Comparison
+
+    @cached_property
+    def responses(self) -> list[RateResponse]:
+        """Frequency responses of the rates, which need no model."""
+        return rate_responses(self.comparison.flight)
 
     @property
     def notes(self) -> list[str]:
@@ -31,7 +38,9 @@ class ComparedRun:
     @property
     def json(self) -> dict[str, Any]:
         """The JSON of INTERFACE.md, with the model."""
-        return {"model": self.run.current.identifier, **self.comparison.json, "notes": self.notes}
+        responses = [response.json for response in self.responses]
+        told = {**self.comparison.json, "frequency_responses": responses, "notes": self.notes}
+        return {"model": self.run.current.identifier, **told}
 
 
 def compare_run(path: str | Path, tell: Tell = nobody) -> ComparedRun:

@@ -62,8 +62,32 @@ def render(result: dict[str, Any]) -> str:
         lines += [f"  {w['text']}: {percent(w['nrmse'])} %, {w['times_noise']:.1f} times" for w in result["worst"]]
     else:
         lines.append("no stretch of time and no part of the flight envelope is worse than noise")
+    lines += _responses(result["frequency_responses"])
     lines += picture_lines(result)
     return "\n".join([*lines, "", *_beside(result["with"])] if "with" in result else lines)
+
+
+def _responses(responses: list[dict[str, Any]]) -> list[str]:
+    """Where the rates follow the deflections coherently, for people."""
+    lines = []
+    for each in responses:
+        if each["band"] is None:
+            continue
+        low, high = each["band"]
+        at = min(range(len(each["frequency"])), key=lambda i: each["std"][i] if _is_inside(each, i) else math.inf)
+        gain, error = each["magnitude"][at], each["magnitude"][at] * each["std"][at]
+        best = f"{gain:.2f} ± {error:.2f} rad/s per rad, phase {each['phase'][at]:.0f}°"
+        lines.append(
+            f"  {each['output']} to {each['input']}: {low:.1f} to {high:.1f} Hz; at {each['frequency'][at]:.1f} Hz "
+            f"{best}, coherence {each['coherence'][at]:.2f}"
+        )
+    if not lines:
+        return []
+    return ["", "frequency responses, where the coherence is 0.6 or more (all of them with --json):", *lines]
+
+
+def _is_inside(each: dict[str, Any], i: int) -> bool:
+    return bool(each["band"][0] <= each["frequency"][i] <= each["band"][1])
 
 
 def _beside(both: dict[str, Any]) -> list[str]:

@@ -64,7 +64,7 @@ def frequency_response(
         return None
     whole = np.array(spectra)  # (n, m, k + 1)
     power = np.einsum("nfa,nfb->fab", whole.conj(), whole) / len(whole)
-    frequency = np.fft.rfftfreq(size, step)
+    frequency = np.asarray(np.fft.rfftfreq(size, step), np.float64)
     inside = slice(2, None)  # what a window holds less than two periods of leaks from the trend
     found = [_solved(each, width) for each in power[inside]]
     response, coherence = (np.array(each) for each in zip(*found, strict=True))
@@ -85,7 +85,7 @@ def _windows(record: Array, size: int) -> list[Complex]:
 
 def _solved(power: Complex, width: int) -> tuple[Complex, Array]:
     """Responses (k,) and partial coherences (k,) at one frequency, of powers (k + 1, k + 1), the output last."""
-    response = np.linalg.lstsq(power[:width, :width], power[:width, width], rcond=None)[0]
+    response = np.asarray(np.linalg.lstsq(power[:width, :width], power[:width, width], rcond=None)[0], np.complex128)
     coherence = np.zeros(width)
     for i in range(width):
         others = [j for j in range(width) if j != i]

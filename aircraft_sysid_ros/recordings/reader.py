@@ -174,4 +174,8 @@ def _require_samples(path: str | Path, batches: list[Samples], raw: RawMessages,
     if any(skipped.values()):
         raise InputError(f"no message of the recording {path} could be decoded: it is damaged or of another version")
     needed = ", ".join("/" + topic for topic in TOPICS)
-    raise InputError(f"the recording {path} has none of the topics {needed}: it holds {raw.topic_names()}")
+    of_autopilot = any(c.type.startswith("px4_msgs/") or "mavros/" in c.topic for c in raw.channels.values())
+    remedy = (
+        f"; `aircraft-sysid import {path} --out BAG` makes a recording of an autopilot's topics" if of_autopilot else ""
+    )
+    raise InputError(f"the recording {path} has none of the topics {needed}: it holds {raw.topic_names()}{remedy}")

@@ -79,7 +79,7 @@ def test_without_px4_msgs_it_is_one_sentence():
     assert "Traceback" not in bridging.stderr
 
 
-def test_its_bag_is_read_by_import_to_the_same_samples(aircraft, tmp_path):
+def test_its_bag_is_read_by_import_to_the_same_samples(aircraft, aircraft_file, tmp_path):
     pytest.importorskip("rosbags")
     sys.path.append(str(Path(__file__).resolve().parents[1] / "recordings"))
     from autopilot_log_files import write_bag
@@ -89,6 +89,9 @@ def test_its_bag_is_read_by_import_to_the_same_samples(aircraft, tmp_path):
     definitions = {f"px4_msgs/msg/{f.stem}": f.read_text() for f in sorted((DEFINITIONS / "px4_msgs").iterdir())}
     bag = write_bag(tmp_path / "bag", definitions, px4_messages(flight.samples))
     (tmp_path / "servos.yaml").write_text(SERVOS)
+    command = ours("commands.main", "replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")
+    refused = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert refused.returncode == 2 and f"`aircraft-sysid import {bag} --out BAG` makes a recording" in refused.stderr
     words = ("import", bag, "--out", tmp_path / "flight", "--calibration", tmp_path / "servos.yaml")
     subprocess.run(ours("commands.main", *words), check=True, capture_output=True)
     found = read_recording(tmp_path / "flight").samples
