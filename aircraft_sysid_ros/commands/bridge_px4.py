@@ -43,10 +43,13 @@ def node(args: argparse.Namespace) -> Callable[[], Any]:
     """What makes the node; raises ImportError where there is no ROS."""
     from rclpy.parameter import Parameter
 
-    from aircraft_sysid_ros.nodes.px4_bridge import Px4BridgeNode
+    from aircraft_sysid_ros.nodes.px4_bridge import Px4BridgeNode, check_definitions, whole_prefix
 
+    prefix = str(args.connection).removeprefix(SCHEME) or FMU_OUT
+    whole_prefix("", prefix)  # what the node would only log, as one line before it starts
+    check_definitions()
     values = {
-        "prefix": str(args.connection).removeprefix(SCHEME) or FMU_OUT,
+        "prefix": prefix,
         "calibration_file": args.calibration or "",
         "topics": args.topics or [""],
     }

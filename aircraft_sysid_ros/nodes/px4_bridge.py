@@ -63,8 +63,8 @@ class Px4BridgeNode(ConfigurableNode):
     def configure(self, values: Mapping[str, Any]) -> None:
         """Find the messages, read the calibration, create publishers."""
         try:
-            self._prefix = self._resolved(values["prefix"])
-            _definitions()
+            self._prefix = whole_prefix(self.get_namespace(), values["prefix"])
+            check_definitions()
         except InputError as error:
             self.failure = error
             raise
@@ -105,17 +105,6 @@ class Px4BridgeNode(ConfigurableNode):
         """Stop, from whatever state."""
         self.end()
         return TransitionCallbackReturn.SUCCESS
-
-    def _resolved(self, prefix: str) -> str:
-        """The prefix from the root; raises InputError."""
-        name = prefix if prefix.startswith("/") else f"{self.get_namespace()}/{prefix}"
-        whole = "/" + "/".join(part for part in name.split("/") if part)
-        try:
-            validate_full_topic_name(f"{whole}/sensor_combined".replace("//", "/"))
-        except InvalidTopicNameException as error:
-            reason = str(error).splitlines()[0].removeprefix("Invalid topic name: ")
-            raise InputError(f"the parameter prefix is no beginning of a topic, {prefix}: {reason}") from None
-        return whole.rstrip("/")
 
     # -- topics ----------------------------------------------------------------------------------------------
 
@@ -176,7 +165,19 @@ class Px4BridgeNode(ConfigurableNode):
         self._diagnostics.publish(common.diagnostics(self, level, problem or "ok", values))
 
 
-def _definitions() -> None:
+def whole_prefix(namespace: str, prefix: str) -> str:
+    """The prefix from the root; raises InputError for what no topic begins with."""
+    name = prefix if prefix.startswith("/") else f"{namespace}/{prefix}"
+    whole = "/" + "/".join(part for part in name.split("/") if part)
+    try:
+        validate_full_topic_name(f"{whole}/sensor_combined".replace("//", "/"))
+    except InvalidTopicNameException as error:
+        reason = str(error).splitlines()[0].removeprefix("Invalid topic name: ").rstrip(":")
+        raise InputError(f"no topic begins with the prefix '{prefix}': {reason}") from None
+    return whole.rstrip("/")
+
+
+def check_definitions() -> None:
     """Raises InputError where there are no px4_msgs."""
     try:
         importlib.import_module(f"{PACKAGE}.msg")

@@ -13,6 +13,7 @@ from message_packages import environment
 from processes import live, ours
 from waiting import LONGEST, finish
 
+from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -20,7 +21,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 sys.path.append(str(Path(__file__).resolve().parents[1] / "mavlink"))
 from px4_agent import SERVOS, px4_messages
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("domain")]
+pytestmark = pytest.mark.usefixtures("domain")
 AGENT = Path(__file__).resolve().parents[1] / "mavlink" / "px4_agent.py"
 DURATION = 45.0
 
@@ -35,6 +36,7 @@ def bridge(px4, *words):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=px4)
 
 
+@pytest.mark.long
 def test_a_flight_beside_px4(px4, aircraft, aircraft_file, tmp_path):
     flight = simulate_samples(aircraft, seed=3, duration=DURATION)
     (tmp_path / "servos.yaml").write_text(SERVOS)
@@ -59,6 +61,7 @@ def test_a_flight_beside_px4(px4, aircraft, aircraft_file, tmp_path):
         assert abs(p["value"] - truth) < 5.0 * p["std"] + 0.1 * abs(truth), (name, p, truth)
 
 
+@pytest.mark.long
 def test_a_version_that_is_not_here_is_one_sentence(px4, aircraft, tmp_path):
     messages = px4_messages(simulate_samples(aircraft, seed=3, duration=20.0).samples)[:20]
     messages = [(s, t.replace("airspeed_validated_v1", "airspeed_validated_v7"), k, f) for s, t, k, f in messages]
@@ -75,10 +78,27 @@ def test_a_version_that_is_not_here_is_one_sentence(px4, aircraft, tmp_path):
 
 def test_without_px4_msgs_it_is_one_sentence():
     bridging = subprocess.run(ours("commands.main", "bridge", "dds:"), capture_output=True, text=True, check=False)
-    assert bridging.returncode == 2 and "px4_msgs is not in this environment" in bridging.stderr.splitlines()[-1]
-    assert "Traceback" not in bridging.stderr
+    (line,) = bridging.stderr.splitlines()
+    assert bridging.returncode == 2 and "px4_msgs is not in this environment" in line
 
 
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("dds:a b",), "no topic begins with the prefix 'a b'"),
+        (("dds:", "--peer", "10.0.0.1"), "--peer is for MAVLink"),
+        (("dds:", "--back", "CZ_alpha"), "--back sends MAVLink"),
+        (("dds:", "--topics", "imu"), "unknown topic imu"),
+        (("dds:", "--calibration", "nowhere.yaml"), "cannot read the calibration file"),
+    ],
+)
+def test_bad_input_is_one_sentence(words, text, capsys):
+    assert main(["bridge", *words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert text in line
+
+
+@pytest.mark.long
 def test_its_bag_is_read_by_import_to_the_same_samples(aircraft, aircraft_file, tmp_path):
     pytest.importorskip("rosbags")
     sys.path.append(str(Path(__file__).resolve().parents[1] / "recordings"))
