@@ -3,26 +3,42 @@
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.commands.compare import _responses
-from aircraft_sysid_ros.diagnosis.flight.flight_data import load_flight_data
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.frequency_responses import HIGHEST, rate_responses
 
+EVERY = 16  # of the truth, at 400 Hz
+#: Noise of the rates [rad/s], and of the deflections [rad].
+NOISE = 0.01, 0.002
+
 
 @pytest.fixture(scope="module")
-def flight(hidden_run):
-    return load_flight_data(hidden_run)
+def flown(aircraft, flight):
+    """What a run would hold of the rates and the deflections of a flight of 120 s."""
+    truth, random = flight.truth[::EVERY], np.random.default_rng(1)
+    signals = np.full((len(truth), SIGNAL_COUNT), np.nan)
+    lengths = np.array([aircraft.span / 2.0, aircraft.chord, aircraft.span / 2.0])
+    rates = truth.rates + NOISE[0] * random.normal(size=truth.rates.shape)
+    moved = truth.controls[:, :3] + NOISE[1] * random.normal(size=(len(truth), 3))
+    columns = {"V": truth.airspeed, "qbar": 0.5 * truth.density * truth.airspeed**2, "time": truth.time}
+    columns |= dict(zip("pqr", (rates * lengths / truth.airspeed[:, None]).T, strict=True))
+    columns |= dict(zip(("de", "da", "dr"), moved.T, strict=True))
+    for name, values in columns.items():
+        signals[:, SIGNAL_INDEX[name]] = values
+    return FlightData(aircraft, truth.time, truth.coefficients, signals, 0.04)
 
 
 @pytest.fixture(scope="module")
-def responses(flight):
-    return {(each.rate, each.control): each for each in rate_responses(flight)}
+def responses(flown):
+    return {(each.rate, each.control): each for each in rate_responses(flown)}
 
 
-def test_roll_rate_follows_the_aileron_as_the_roll_mode_does(flight, responses):
+def test_roll_rate_follows_the_aileron_as_the_roll_mode_does(flight, flown, responses):
     """p / da = L_da / (s - L_p), above the frequencies of the Dutch roll, from the coefficients that flew."""
-    aircraft, found = flight.aircraft, responses["p", "da"]
-    speed, pressure = np.nanmean(flight.signal("V")), np.nanmean(flight.signal("qbar"))
-    truth = aircraft.coefficients
+    aircraft, found = flown.aircraft, responses["p", "da"]
+    speed, pressure = np.mean(flown.signal("V")), np.mean(flown.signal("qbar"))
+    truth = flight.coefficients
     scale = pressure * aircraft.wing_area * aircraft.span / aircraft.inertia[0, 0]
     damping = scale * truth["Cl_p"] * aircraft.span / (2.0 * speed)
     inside = (found.frequency > 1.2) & (found.frequency < 2.5) & (found.coherence > 0.9)
