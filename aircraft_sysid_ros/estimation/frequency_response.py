@@ -53,12 +53,7 @@ def frequency_response(
     ``length`` [s] of the windows: the lowest frequency has two periods in it. None where there are too few windows.
     """
     size = round(length / step)
-    spectra = [
-        found
-        for x, y in zip(inputs, output, strict=True)
-        for found in _windows(np.column_stack([x, y]), size)
-        if np.isfinite(found).all()
-    ]
+    spectra = [found for x, y in zip(inputs, output, strict=True) for found in _windows(np.column_stack([x, y]), size)]
     width = inputs[0].shape[1] if len(inputs) else 0
     if len(spectra) < LEAST_WINDOWS * max(width, 1):
         return None
@@ -77,10 +72,10 @@ def frequency_response(
 
 
 def _windows(record: Array, size: int) -> list[Complex]:
-    """Spectra (m, k + 1) of windows of ``size`` samples that overlap by half."""
+    """Spectra (m, k + 1) of windows of ``size`` samples that overlap by half, where all of them are known."""
     shape = hann(size, sym=False)[:, None]
-    begins = range(0, len(record) - size + 1, size // 2)
-    return [np.fft.rfft(detrend(record[at : at + size], axis=0) * shape, axis=0) for at in begins]
+    cut = (record[at : at + size] for at in range(0, len(record) - size + 1, size // 2))
+    return [np.fft.rfft(detrend(each, axis=0) * shape, axis=0) for each in cut if np.isfinite(each).all()]
 
 
 def _solved(power: Complex, width: int) -> tuple[Complex, Array]:

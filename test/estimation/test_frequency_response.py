@@ -71,5 +71,7 @@ def test_pieces_are_not_joined_and_too_few_are_none():
     pieces = [slice(0, 1500), slice(1700, 1800), slice(2000, 4000)]
     found = frequency_response([x[p, None] for p in pieces], [y[p] for p in pieces], STEP, 8.0)
     assert found.windows == 14 + 0 + 19
+    x[1000] = np.nan
+    assert frequency_response([x[p, None] for p in pieces], [y[p] for p in pieces], STEP, 8.0).windows == 12 + 0 + 19
     assert frequency_response([x[:300, None]], [y[:300]], STEP, 8.0) is None
     assert frequency_response([], [], STEP, 8.0) is None
