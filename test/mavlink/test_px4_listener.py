@@ -18,7 +18,8 @@ MAPPING = servo_mapping_from_dict(yaml.safe_load(SERVOS))
 
 @pytest.fixture(scope="module")
 def samples(aircraft):
-    return simulate_samples(aircraft, seed=3, duration=20.0).samples
+    whole = simulate_samples(aircraft, seed=3, duration=20.0).samples
+    return whole[whole.stamp < whole.stamp.min() + 8_000_000_000]
 
 
 def heard(listener, messages, delay=0):
@@ -66,7 +67,7 @@ def test_stamps_since_the_start_are_late_by_the_least_delay(samples):
     stamps = np.concatenate([output.stamp for output in outputs if output.topic == "imu/data"])
     sent = samples.stamp[samples.kind == Kind.IMU][-len(stamps) :]
     assert np.abs(stamps - sent - 2_000_000).max() < 200_000  # [ns]
-    assert 0 < listener.unstamped < 0.2 * len(samples.stamp)
+    assert 0 < listener.unstamped < 0.3 * len(samples.stamp)
     assert "least delay" in listener.summary()["clock"]
     heard(listener, px4_messages(samples, start=1_000_000)[:100], delay=2_000_000)
     assert listener.restarts == 1 and "started anew" in " ".join(listener.take_notes())

@@ -10,14 +10,14 @@ from test_launch import ROOT
 from waiting import LONGEST
 
 WHOLE = yaml.safe_load((ROOT / "config" / "params.yaml").read_text())
-PATTERN = "/**/state_estimator"
+PATTERN = "/**/overview"
 
 
 def node(tmp_path, content, *more):
-    """Command of a state estimator with a file of parameters."""
+    """Command of a node, of the one that starts soonest, with a file of parameters."""
     file = tmp_path / "params.yaml"
     file.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
-    return [*ours("nodes.state_estimator"), "--ros-args", "--params-file", str(file), *more]
+    return [*ours("nodes.overview"), "--ros-args", "--params-file", str(file), *more]
 
 
 def ended(command):
@@ -27,19 +27,18 @@ def ended(command):
     return done.returncode, done.stderr
 
 
-@pytest.mark.parametrize("namespace", ["", "uav1"])
-def test_the_file_of_the_repository_with_changed_lines(bench, aircraft_file, tmp_path, namespace):
-    section = WHOLE[PATTERN]["ros__parameters"] | {"gate": 7.0, "horizn": 1.0, "autostart": False}
-    command = node(tmp_path, WHOLE | {PATTERN: {"ros__parameters": section}}, "-r", f"__ns:=/{namespace}")
+def test_the_file_of_the_repository_with_changed_lines(bench, tmp_path):
+    section = WHOLE[PATTERN]["ros__parameters"] | {"patience": 7.0, "patienc": 1.0, "autostart": False}
+    command = node(tmp_path, WHOLE | {PATTERN: {"ros__parameters": section}}, "-r", "__ns:=/uav1")
     running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     try:
-        service = f"{'/' if namespace else ''}{namespace}/state_estimator/get_parameters"
-        found = bench.call(GetParameters, service, names=["gate", "horizon", "calm_air"]).values
-        assert [found[0].double_value, found[1].double_value, found[2].bool_value] == [7.0, 0.5, False]
+        service = "/uav1/overview/get_parameters"
+        found = bench.call(GetParameters, service, names=["patience", "autostart", "name"]).values
+        assert (found[0].double_value, found[1].bool_value, found[2].string_value) == (7.0, False, "")
     finally:
         running.terminate()
         said = running.communicate(timeout=LONGEST)[1]
-    assert "active" not in said and "the parameter horizn is not one of this node: did you mean horizon?" in said
+    assert "active" not in said and "the parameter patienc is not one of this node: did you mean patience?" in said
 
 
 def test_a_namespace_moves_every_topic_and_a_remapping_one(bench):
@@ -57,20 +56,16 @@ def test_a_namespace_moves_every_topic_and_a_remapping_one(bench):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({PATTERN: {"ros__parameters": {"gate": 500.0}}}, "gate"),
-        ({PATTERN: {"ros__parameters": {"gate": "wide"}}}, "gate"),
-        ({PATTERN: {"ros__parameters": {"aircraft_file": "/nowhere.yaml"}}}, "nowhere.yaml"),
-        ({PATTERN: {"gate": 5.0}}, "params"),
-        ("{", "params"),
-        (None, "aircraft_file is empty"),
+        ({PATTERN: {"ros__parameters": {"patience": 500.0}}}, "patience out of range"),
+        ({PATTERN: {"ros__parameters": {"patience": "long"}}}, "'patience' to 'long'"),
+        ({PATTERN: {"patience": 5.0}}, "params.yaml"),
+        ("{", "params.yaml"),
+        (None, "params.yaml"),
     ],
 )
 def test_a_file_that_cannot_be_is_said(tmp_path, content, words):
-    command = node(tmp_path, content) if content is not None else ours("nodes.state_estimator")
+    command = node(tmp_path, content or "")
+    if content is None:
+        (tmp_path / "params.yaml").unlink()
     status, said = ended(command)
     assert status == 2 and words in said.strip().splitlines()[-1]
-
-
-def test_a_file_that_is_not_there_is_said(tmp_path):
-    status, said = ended([*ours("nodes.overview"), "--ros-args", "--params-file", str(tmp_path / "nowhere.yaml")])
-    assert status == 2 and "nowhere.yaml" in said
