@@ -190,13 +190,18 @@ def _parameters(view: RunView, truth: TruthView) -> dict[str, Any]:
 
 def _state(figures: _Figures, view: RunView, record: FlightRecord, truth: TruthView) -> dict[str, Any]:
     made = states.all_figures(record.state, figures.theme, truth.content)
-    error = track.flown_error(view.comparison)
-    made.append(
-        ("Track from above, worst residual over the noise", track.track_figure(record.state, error, figures.theme))
-    )
-    made.append(("Height, worst residual over the noise", track.height_figure(record.state, error, figures.theme)))
     drawn = [(title, figures.add(figure, title)) for title, figure in made]
-    return {"figures": drawn, "consistencies": states.consistencies(record.summary)}
+    error = track.flown_error(view.comparison)
+    tracks = {
+        "Track from above, coloured by the worst residual": track.track_figure(record.state, error, figures.theme),
+        "Height, coloured by the worst residual": track.height_figure(record.state, error, figures.theme),
+    }
+    return {
+        "figures": [each for each in drawn if each[0] != states.INNOVATIONS],
+        "innovations": next(each for each in drawn if each[0] == states.INNOVATIONS),
+        "tracks": [(title, figures.add(figure, title)) for title, figure in tracks.items()],
+        "consistencies": states.consistencies(record.summary),
+    }
 
 
 def _calibration(figures: _Figures, view: CalibrationView) -> dict[str, Any]:

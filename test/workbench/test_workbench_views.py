@@ -343,6 +343,8 @@ def test_the_command_writes_a_file_or_says_why_not(hidden_effect, tmp_path, caps
 def test_the_file_opens_in_a_browser_and_moves_together(hidden_effect, tmp_path, open_page) -> None:
     assert main(["report", str(hidden_effect), "--out", str(tmp_path / "a.html")]) == 0
     page = open_page((tmp_path / "a.html").as_uri())
+    offered = "[...document.querySelectorAll('.modebar-btn')].map((button) => button.dataset.title)"
+    assert set(page.evaluate(offered)) == {"Download plot"}  # plotly.js would like to upload the flight, too
     page.evaluate("Plotly.relayout(document.querySelector('.linked'), {'xaxis.range[0]': 20, 'xaxis.range[1]': 25})")
     page.wait_for_function(
         "[...document.querySelectorAll('.linked')].every((p) => Math.abs(p._fullLayout.xaxis.range[0] - 20) < 1e-6)"

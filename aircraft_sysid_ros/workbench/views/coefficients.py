@@ -24,6 +24,8 @@ ORDER = ("CX", "Cl", "CY", "Cm", "CZ", "Cn")
 TIME_TITLE = "time of the recording [s]"
 #: Of the folds, the one whose blocks are shaded.
 _SHOWN_FOLD = 0
+#: What the line of the model is called.
+_PREDICTED = "predicted"
 #: Share of the height of a plot that the residual takes.
 _RESIDUAL = 0.36
 
@@ -101,7 +103,7 @@ def coefficient_figure(
     if name in comparison.axes:
         found = comparison.axes[name]
         data += _noise_band(found, time, window, theme)
-        data += _model(found, time, window, theme.predicted, theme.residual, "predicted")
+        data += _model(found, time, window, theme.predicted, theme.residual, _PREDICTED)
     split, held_out = _RESIDUAL, _held_out(comparison.flight)
     return figure(
         theme, data, height,
@@ -115,9 +117,10 @@ def coefficient_figure(
 def _model(
     found: AxisComparison, time: Array, window: Span, colour: str, of_residual: str, words: str
 ) -> list[dict[str, Any]]:
+    residual = "residual" if words == _PREDICTED else f"residual, {words}"
     return [
         line(*thinned(time, found.predicted, window), colour, words, width=1.1),
-        line(*thinned(time, found.fit.held_out, window), of_residual, f"residual, {words}", yaxis="y2", width=1.0),
+        line(*thinned(time, found.fit.held_out, window), of_residual, residual, yaxis="y2", width=1.0),
     ]
 
 

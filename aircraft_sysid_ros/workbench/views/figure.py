@@ -31,8 +31,10 @@ CONFIG = {
         "zoomOut2d",
         "autoScale2d",
         "resetScale2d",
+        "sendChartToCloud",
     ],
     "toImageButtonOptions": {"format": "svg", "filename": "figure"},
+    "plotlyServerURL": "",  # nothing is uploaded: plotly.js offers it by itself from version 4 on
     "displaylogo": False,
     "responsive": True,
     "doubleClick": "autosize",
