@@ -34,6 +34,7 @@ class Sensor:
     noise_is_given: bool = False  # by the aircraft file: then it goes before the covariance of the messages
     scale: float = 1.0
     drift: float = 0.0  # [1/s] of the scale of an airspeed, [rad/s] of an angle, from when the filter starts
+    offset: float = 0.0  # [rad] of an angle of flow
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,8 @@ SENSOR_GROUPS: dict[str, tuple[str, ...]] = {
 SCALED_SENSORS = SENSOR_GROUPS["air_data"]
 #: Drifts [1/s or rad/s] beyond this are no slow fault.
 FASTEST_DRIFT = 0.01
+#: A vane that is further [rad] from where it should be is not rigged.
+LARGEST_OFFSET = 0.35
 SENSOR_ALIASES = {
     "gyroscope": "gyro", "alpha": "angle_of_attack", "beta": "sideslip", "true_airspeed": "airspeed",
     "orientation": "attitude", "controls": "control_surfaces",
@@ -130,7 +133,8 @@ KEYS = {
     "sensors": Key(
         "per sensor `noise` (one sigma per sample), `rate` [Hz], `delay` [s], of `airspeed`, `angle_of_attack` and "
         "`sideslip` also `scale` (measured = scale × true) and `drift` (of airspeed what it shows more per second as a "
-        "share, of an angle rad/s, from when the filter starts)",
+        "share, of an angle rad/s, from when the filter starts), of the angles also `offset` [rad] "
+        "(measured = scale × (true + offset + drift × time))",
         default="small UAV",
     ),
     "process_noise": Key(
@@ -407,7 +411,7 @@ def _sensors(data: Mapping[str, Any]) -> dict[str, Sensor]:
         value = {} if data[name] is None else data[name]
         if not isinstance(value, Mapping):
             _reject(f"sensor {name}", "a mapping with noise, rate and delay", value)
-        _check_keys(value, ("noise", "rate", "delay", "scale", "drift"), f"key of sensor {name}:")
+        _check_keys(value, ("noise", "rate", "delay", "scale", "drift", "offset"), f"key of sensor {name}:")
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
             sensors[member] = _sensor(sensors[member], value, name, i, members)
@@ -434,7 +438,10 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
     _between(rate, f"the rate of sensor {name}", _RATES, "Hz")
     scale = _of_air_data(base.scale, value, "scale", name, member, (0.2, 5.0))
     drift = _of_air_data(base.drift, value, "drift", name, member, (-FASTEST_DRIFT, FASTEST_DRIFT))
-    return Sensor(noise, rate, delay, given, scale, drift)
+    offset = _of_air_data(base.offset, value, "offset", name, member, (-LARGEST_OFFSET, LARGEST_OFFSET))
+    if offset and member == "airspeed":
+        raise InputError("sensors that may have an offset: angle_of_attack, sideslip, not airspeed")
+    return Sensor(noise, rate, delay, given, scale, drift, offset)
 
 
 def _of_air_data(

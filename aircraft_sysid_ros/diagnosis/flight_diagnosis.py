@@ -80,13 +80,17 @@ def with_best_setting(
     for number, fault in enumerate(faults):
         better = with_setting(aircraft, fault.variant.setting, fault.value)
         mended, calm_then = reconstruct_as_flown(better, flight.samples, with_covariance=False)
-        if fault.drifts and not calm_then:  # gusts do what it explains
+        if fault.feigns_wind and not calm_then:  # gusts do what it explains
             continue
         finding = _judged(faults[number:], settled_flight(flight), settled_flight(mended), tried)
         if CONTROLS in fault.variant.setting and flight.data.inferred and not _explains_moments(finding):
             continue
-        if calm or any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values()):
-            return better, mended, calm or fault.drifts, finding
+        if (
+            calm
+            or fault.feigns_wind
+            or any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values())
+        ):
+            return better, mended, calm or fault.feigns_wind, finding
     return None
 
 

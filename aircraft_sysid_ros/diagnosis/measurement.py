@@ -6,6 +6,10 @@ setting of the aircraft file that an effect names is moved to where the likeliho
 divided by a scale gives away ln(scale) per sample, the Jacobian of the density, or a larger scale would always win; so
 does an airspeed whose scale drifts.
 
+A scale, an offset or a drift of the air data feigns a wind that walks, and a wind that may walk hides it. Each value of
+it is therefore judged under the walk that is likeliest with it, as the flight without it is, and it is believed only
+where the air is calm once it is taken off: gusts stay gusts.
+
 The delay of the recorded controls does not touch the first step; it is judged by the held-out error of the second, in
 the moments.
 """
@@ -42,7 +46,16 @@ Array = npt.NDArray[np.float64]
 LONGEST = 120.0
 #: Steps towards the best value after the first look to both sides.
 _STEPS = 4
+#: A wind that walks this much less is tried with what feigns one, again and again down to that [m/s per sqrt(s)].
+_CALMER, _CALMEST = 0.5, 0.004
+#: Errors of the air data that feign a wind.
+_OF_WIND = ("scale", "offset", "drift")
 CONTROLS = "control_surfaces"
+
+
+def feigns_wind(setting: tuple[str, ...]) -> bool:
+    """Whether a setting is a scale, an offset or a drift of the air data."""
+    return setting[-1] in _OF_WIND and setting[1] in AIR_DATA
 
 
 @dataclass(frozen=True)
@@ -58,9 +71,9 @@ class Setting:
     std: float  # of the value, from the curvature of the likelihood
 
     @property
-    def drifts(self) -> bool:
-        """It is a drift, which feigns a wind that walks: the air must be calm once the drift is taken off."""
-        return self.variant.setting[-1] == "drift"
+    def feigns_wind(self) -> bool:
+        """It feigns a wind that walks: the air must be calm once it is taken off."""
+        return feigns_wind(self.variant.setting)
 
     @property
     def label(self) -> str:
@@ -113,8 +126,6 @@ def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> It
             if not variant.setting or variant.setting[0] == "process_noise":
                 continue
             kind = AIR_DATA.get(variant.setting[1])
-            if variant.setting[-1] == "scale" and not calm:
-                continue
             if kind is None or int(kind) in kinds:
                 yield flight, samples, effect, variant, effect.inner[0], sensors, controls, calm
 
@@ -135,15 +146,18 @@ def try_setting(job: Job) -> Setting:
     of_controls = CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
     of_imu = "imu" in variant.setting  # gusts do not touch it: sensors of the motion tell it, without the air data too
-    total = calm or of_imu or variant.setting[-1] == "drift"
+    feigns = feigns_wind(variant.setting)
+    total = calm or of_imu or feigns
     of_sensors = THRESHOLDS.setting_total if total else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
     needed = THRESHOLDS.control_gain if of_controls else of_sensors
 
-    def gain(value: float) -> float:
-        if value == start:
+    def gain(value: float, walk: float | None = None) -> float:
+        if value == start and walk is None:
             return 0.0
         try:
             changed = with_setting(flight.aircraft, variant.setting, value)
+            if walk is not None:
+                changed = with_setting(changed, ("process_noise", "wind"), walk)
         except InputError:
             return -np.inf
         if of_controls:
@@ -153,10 +167,49 @@ def try_setting(job: Job) -> Setting:
         return min(gained, tried.over(sensors, tuple(AIR_DATA.values()))) if of_imu else gained
 
     value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
+    if feigns:
+        value, best, curvature = _in_its_wind(gain, flight, (value, best, curvature), start, inner, needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if variant.setting[-1] == "delay" and not of_controls and not of_imu:
         needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
+    if feigns and _is_small(variant.setting, value, flight):
+        best = 0.0
     return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std)
+
+
+def _in_its_wind(
+    gain: Callable[[float, float | None], float],
+    flight: Reconstruction,
+    found: tuple[float, float, float],
+    start: float,
+    inner: ShapeParameter,
+    needed: float,
+) -> tuple[float, float, float]:
+    """Value, gain and curvature of a setting under the walk of the wind that is likeliest with it."""
+    walk = max(_CALMER**2 * flight.aircraft.process_noise["wind"], _CALMEST)
+    calmer = maximum(lambda value: gain(value, walk), start, inner.low, inner.high, 0.5 * needed)
+    best, at = (calmer, walk) if calmer[1] > found[1] else (found, None)
+    if at is None or best[1] < needed:
+        return best
+    first = at
+    while (less := max(_CALMER * at, _CALMEST)) < at and (gained := gain(best[0], less)) > best[1]:
+        best, at = (best[0], gained, best[2]), less
+    if at == first:
+        return best
+    width = (inner.high - inner.low) / 8.0
+    low, high = max(best[0] - width, inner.low), min(best[0] + width, inner.high)
+    return max(best, maximum(lambda value: gain(value, at), best[0], low, high, 0.5 * needed), key=lambda each: each[1])
+
+
+def _is_small(setting: tuple[str, ...], value: float, flight: Reconstruction) -> bool:
+    """Whether a scale, an offset or a drift is less than what matters to any coefficient."""
+    quantity, of_airspeed = setting[-1], setting[1] == "airspeed"
+    seconds = float(np.ptp(flight.points[:, 0])) if len(flight.points) else 0.0
+    if quantity == "drift":
+        value *= seconds
+    deviation = abs(value - 1.0) if quantity == "scale" else abs(value)
+    share = quantity == "scale" or of_airspeed
+    return deviation < (THRESHOLDS.least_scale if share else THRESHOLDS.least_offset)
 
 
 def maximum(

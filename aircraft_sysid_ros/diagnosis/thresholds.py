@@ -139,6 +139,16 @@ class Thresholds:
         "file: gusts are no random walk, and that leaves some tenths of this to gain.",
     )
     setting_total: float = _of(20.0, "And at least this in all, which is enough in calm air: far beyond chance.")
+    least_scale: float = _of(
+        0.03,
+        "A scale of the air data that is nearer to 1, or a drift of the airspeed that grows to less, changes no",
+        "coefficient by a tenth of itself. Attitudes that are some tenths of a degree wrong feign such.",
+    )
+    least_offset: float = _of(
+        0.012,
+        "Offset of an angle of flow [rad], or what a drift grows to in the flight, below which it is not named: an",
+        "attitude that is half a degree wrong feigns as much.",
+    )
     gust_lag: float = _of(
         0.05,
         "Lag of the air data [s] for which that holds: gusts of another spectrum feign short ones, which need more.",

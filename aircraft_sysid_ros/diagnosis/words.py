@@ -234,6 +234,9 @@ def _about(effect: Effect | None, label: str) -> dict[str, Any]:
 def _of_sensors(setting: Setting) -> str:
     """What fits the sensors better than the number of the file."""
     inner = setting.effect.inner[0]
+    if inner.name == "offset":
+        value, nominal = np.degrees((setting.value, setting.nominal))
+        return f"{value:.2g} deg too much fit the sensors better than {nominal:.2g}"
     if inner.name != "drift":
         return f"{setting.value:.3g} {inner.unit} fits the sensors better than {setting.nominal:.3g}"
     speed = setting.variant.setting[1] == "airspeed"

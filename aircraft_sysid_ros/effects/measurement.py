@@ -50,6 +50,32 @@ EFFECTS: tuple[Effect, ...] = (
         (ShapeParameter("scale", "", 0.85, 1.15, 9),),
     ),
     Effect(
+        "alpha_offset",
+        "Offset of the angle of attack",
+        MEASUREMENT,
+        "A vane or probe that is mounted or calibrated a few degrees wrong shows all angles of attack too large or too "
+        "small by the same angle. A vertical wind is then found that changes with speed and bank.",
+        "V. Klein and E. Morelli, Aircraft System Identification; (6.16)-(6.18) of docs/references.md",
+        "α_measured = α + b",
+        (Variant(setting=("sensors", "angle_of_attack", "offset")),),
+        "A vertical wind in proportion to the airspeed, which turns to the side in banked flight.",
+        "Steep turns and speed changes in calm air.",
+        (ShapeParameter("offset", "rad", -0.1, 0.1, 9),),
+    ),
+    Effect(
+        "beta_offset",
+        "Offset of sideslip",
+        MEASUREMENT,
+        "A vane for sideslip that is mounted a few degrees wrong shows all angles too large or too small by the same "
+        "angle. A wind from the side is then found that turns with the heading.",
+        "V. Klein and E. Morelli, Aircraft System Identification; (6.16)-(6.18) of docs/references.md",
+        "β_measured = β + b",
+        (Variant(setting=("sensors", "sideslip", "offset")),),
+        "A wind from the side in proportion to the airspeed, which turns with the heading.",
+        "Turns through all headings in calm air.",
+        (ShapeParameter("offset", "rad", -0.1, 0.1, 9),),
+    ),
+    Effect(
         "airspeed_drift",
         "Airspeed that drifts",
         MEASUREMENT,

@@ -1,6 +1,6 @@
-"""Slow drifts of air data sensors that the aircraft file knows of: a pitot tube that ices, a vane that is bending.
+"""Offsets and slow drifts of air data sensors that the aircraft file knows of: a pitot that ices, a vane that bends.
 
-    airspeed:  shown = scale V (1 + d t),        angles:  shown = scale (angle + d t),
+    airspeed:  shown = scale V (1 + d t),        angles:  shown = scale (angle + o + d t),
 
 with t from when the filter starts: from the first state, which the second step sees as well.
 """
@@ -20,10 +20,11 @@ SENSORS = {Kind.AIRSPEED: "airspeed", Kind.ANGLE_OF_ATTACK: "angle_of_attack", K
 
 
 class Drift:
-    """What the air data show too much since a flight began; nothing before its first state."""
+    """What the air data show too much: the offset always, the drift from the first state of a flight on."""
 
     def __init__(self, aircraft: Aircraft) -> None:
         self._rates = {kind: rate for kind, name in SENSORS.items() if (rate := aircraft.sensors[name].drift)}
+        self._offsets = {kind: offset for kind, name in SENSORS.items() if (offset := aircraft.sensors[name].offset)}
         self.since: float | None = None  # time [s] of the first state
         self._logarithms, self._count = 0.0, 0
 
@@ -37,11 +38,13 @@ class Drift:
             self.since = float(times[0])
 
     def without(self, times: Array, kinds: Kinds, values: Array) -> Array:
-        """Values (n, …) of samples at times [s] (n,), without their scale, as they would be without the drift."""
-        if not self._rates or self.since is None:
+        """Values (n, …) of samples at times [s] (n,), without their scale: without offset and drift, too."""
+        if not self._rates and not self._offsets:
             return values
         values = values.copy()
-        for kind, rate in self._rates.items():
+        for kind, offset in self._offsets.items():
+            values[kinds == kind, 0] -= offset
+        for kind, rate in self._rates.items() if self.since is not None else ():
             chosen = kinds == kind
             grown = rate * np.maximum(times[chosen] - self.since, 0.0)
             if kind == Kind.AIRSPEED:

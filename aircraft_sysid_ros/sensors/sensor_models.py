@@ -213,7 +213,9 @@ class _Suite:
         for column, (sensor, field_name) in enumerate(names.items()):
             shown = self.options.outputs.shown(AIR_DATA[column], self._flow(sensor, time, place)[:, column])
             grown = self.aircraft.sensors[sensor].drift * (time - self.begin)
-            shown = shown * (1.0 + grown) if sensor == "airspeed" else shown + grown
+            shown = (
+                shown * (1.0 + grown) if sensor == "airspeed" else shown + grown + self.aircraft.sensors[sensor].offset
+            )
             fields[field_name] = self.aircraft.sensors[sensor].scale * shown + self.noise(sensor, (n,))
         return self.stream("air_data", time, fields)
 

@@ -59,7 +59,7 @@ class Hidden:
     def sensors_of(self, aircraft: Aircraft) -> Aircraft:
         """The aircraft as its sensors really are: scales, drifts and places; lags are flown and not set."""
         for path, value in self.settings:
-            if path[-1] in ("scale", "drift") or path[0].endswith("_position"):
+            if path[-1] in ("scale", "drift", "offset") or path[0].endswith("_position"):
                 aircraft = with_setting(aircraft, path, value)
         return aircraft
 
@@ -202,6 +202,13 @@ def _drift(d: _Draw) -> Hidden:
     return Hidden(d.name, "", d.strength, {"drift": value}, settings=((("sensors", sensor, "drift"), value),))
 
 
+def _vane_offset(d: _Draw) -> Hidden:
+    """A vane that is mounted wrong: 2° at full strength."""
+    sensor = {"alpha_offset": "angle_of_attack", "beta_offset": "sideslip"}[d.name]
+    value = float(d.strength * d.sign * np.radians(2.0))
+    return Hidden(d.name, "", d.strength, {"offset": value}, settings=((("sensors", sensor, "offset"), value),))
+
+
 def _air_data_lag(d: _Draw) -> Hidden:
     lag = 0.12 * d.strength
     setting = (("sensors", "air_data", "delay"), lag)
@@ -243,6 +250,7 @@ def _wind_change(d: _Draw) -> Hidden:
 _OTHER: dict[str, Callable[[_Draw], Hidden]] = {
     "mass_change": _mass_change, "cg_shift": _cg_shift, "alpha_scale": _scale, "beta_scale": _scale,
     "airspeed_scale": _scale,
+    "alpha_offset": _vane_offset, "beta_offset": _vane_offset,
     "alpha_drift": _drift, "beta_drift": _drift, "airspeed_drift": _drift,
     "air_data_lag": _air_data_lag, "imu_lag": _imu_lag, "actuator_lag": _actuator_lag,
     "probe_offset": _offset, "imu_offset": _offset, "wind_change": _wind_change,

@@ -196,7 +196,7 @@ def test_gusts_are_no_drift(aircraft):
     flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
     assert not calm
     feigned = Setting(BY_ID["alpha_drift"], BY_ID["alpha_drift"].variants[0], 0.0, 1e-4, 100.0, 5.0, 1e-5)
-    assert feigned.drifts and with_best_setting([feigned], aircraft, flight, calm, 1) is None
+    assert feigned.feigns_wind and with_best_setting([feigned], aircraft, flight, calm, 1) is None
 
 
 def test_faults_of_transmission_do_not_count_as_noise(aircraft):

@@ -208,7 +208,10 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
         raise InputError(
             f"'{effect.identifier}' is not missing: the sensors of this flight fit best with the aircraft file as it is"
         )
-    if best.drifts and not as_flown(with_setting(run.current.aircraft, best.variant.setting, best.value), samples)[1]:
+    if (
+        best.feigns_wind
+        and not as_flown(with_setting(run.current.aircraft, best.variant.setting, best.value), samples)[1]
+    ):
         raise _only_gusts(effect)
     return Change(settings=((best.variant.setting, best.value),)), best
 
