@@ -61,7 +61,11 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
             result = {**job, **make(job["seed"], job["effect"], folder / "log")}
         except ValueError as error:
             return {**job, "failed": str(error)}
-        return {**result, **said_of(folder), "seconds": round(time.time() - begun)}
+        result |= {**said_of(folder), "seconds": round(time.time() - begun)}
+    if "failed" in result:
+        return result
+    outcome, besides = judged(result)
+    return {**result, "outcome": outcome, "besides": besides}
 
 
 def said_of(folder: Path) -> dict[str, Any]:

@@ -434,6 +434,12 @@ def strangers() -> str:
     return table(*diagnosis_tables.strangers([json.loads(line) for line in lines]))
 
 
+def third_maker() -> str:
+    """The diagnosis on flights of the maker from strip theory."""
+    lines = (RESULTS / "third_maker.jsonl").read_text(encoding="utf8").splitlines()
+    return table(*diagnosis_tables.third_maker([json.loads(line) for line in lines]))
+
+
 def further_effects() -> str:
     """Flights with one hidden effect, and with two."""
     lines = (RESULTS / "further_effects.jsonl").read_text(encoding="utf8").splitlines()
@@ -671,6 +677,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "diagnosis_thresholds": lambda: table(*diagnosis_tables.thresholds()),
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
+    "third_maker": third_maker,
     "faults": faults,
     "isolation_limits": lambda: table(*trust_tables.isolation_limits()),
     "jet": jet,

@@ -132,6 +132,31 @@ def strangers(flown: list[dict[str, Any]]) -> Rows:
     return ["air", "clean flights", "given a verdict", "flights with an effect", "named first"], rows
 
 
+def third_maker(flown: list[dict[str, Any]]) -> Rows:
+    """What was said of flights from strip theory, by the pace of the log."""
+    rows = []
+    outcomes = ("first", "in its set", "later", "unexplained", "none", "wrong")
+    paces = {"10 Hz": (10.0,), "20 Hz": (20.0,), "50 and 100 Hz": (50.0, 100.0)}
+    for words, rates in {**paces, "all": sum(paces.values(), ())}.items():
+        of_pace = [flight for flight in flown if "failed" not in flight and flight["rate"] in rates]
+        clean = [flight for flight in of_pace if flight["effect"] is None]
+        hidden = [flight for flight in of_pace if flight["effect"] is not None]
+        false = sum(flight["outcome"] != "none" for flight in clean)
+        counts = [str(sum(flight["outcome"] == outcome for flight in hidden)) for outcome in outcomes]
+        others = sum(bool(flight["besides"]) for flight in hidden if flight["outcome"] != "wrong")
+        rows.append([words, f"{false} of {len(clean)}", str(len(hidden)), *counts, str(others)])
+    heads = [
+        "named first",
+        "in its stated set",
+        "named later",
+        "unexplained",
+        "none",
+        "another name",
+        "and a name more",
+    ]
+    return ["log", "clean, given what is not true", "with an effect", *heads], rows
+
+
 def further_effects(flown: list[dict[str, Any]]) -> Rows:
     """What is named in flights with one effect and with two."""
 

@@ -1,8 +1,8 @@
 """What a flight could not show if it were there: silence about such an effect says nothing.
 
 An effect is out of reach of a flight that does not get to where it acts, in which a signal that it reads is not
-measured or stands still, whose model moves with it, or, of the scales of the air data, in gusts. That is known from the
-flight alone, before anything is tried. An effect that could be seen and is small is none of these.
+measured or stands still, whose model moves with it, or, of errors of the air data that feign a wind, in gusts. That is
+known from the flight alone, before anything is tried. An effect that could be seen and is small is none of these.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from aircraft_sysid_ros.diagnosis.diagnose import resting_on
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
+from aircraft_sysid_ros.diagnosis.measurement import feigns_wind
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act, candidates_of, where_it_acts
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
@@ -46,7 +47,7 @@ def _of_sensor(effect: Effect, kinds: Collection[int], is_calm: bool) -> str:
     lacking = [name for name in sorted(sensors & set(AIR_DATA)) if int(AIR_DATA[name]) not in kinds]
     if lacking and len(lacking) == len(sensors):
         return f"{_listed(lacking)} is not measured"
-    if not is_calm and settings and all(setting[-1] == "scale" for setting in settings):
+    if not is_calm and settings and all(feigns_wind(setting) for setting in settings):
         return "gusts may be stronger in one direction than in another"
     return ""
 

@@ -53,7 +53,10 @@ def diagnose_flight(
     settings: list[MeasurementFinding] = []
     for _ in range(THRESHOLDS.most_settings):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
-        faults = [f for f in faults if all(f.effect is not s.setting.effect for s in settings)]
+        done = {
+            s.setting.effect.identifier for s in settings
+        }  # an effect that comes out of a process is another object
+        faults = [f for f in faults if f.effect.identifier not in done]
         mended = with_best_setting(faults, aircraft, flight, calm, len(measuring))
         if mended is None:
             break

@@ -185,7 +185,10 @@ def _in_its_wind(
     inner: ShapeParameter,
     needed: float,
 ) -> tuple[float, float, float]:
-    """Value, gain and curvature of a setting under the walk of the wind that is likeliest with it."""
+    """Value, gain and curvature of a setting under the walk of the wind that is likeliest with it.
+
+    Over the flight without it under the better of its own walk and that one: a walk alone proves nothing.
+    """
     walk = max(_CALMER**2 * flight.aircraft.process_noise["wind"], _CALMEST)
     calmer = maximum(lambda value: gain(value, walk), start, inner.low, inner.high, 0.5 * needed)
     best, at = (calmer, walk) if calmer[1] > found[1] else (found, None)
@@ -194,11 +197,12 @@ def _in_its_wind(
     first = at
     while (less := max(_CALMER * at, _CALMEST)) < at and (gained := gain(best[0], less)) > best[1]:
         best, at = (best[0], gained, best[2]), less
-    if at == first:
-        return best
-    width = (inner.high - inner.low) / 8.0
-    low, high = max(best[0] - width, inner.low), min(best[0] + width, inner.high)
-    return max(best, maximum(lambda value: gain(value, at), best[0], low, high, 0.5 * needed), key=lambda each: each[1])
+    if at != first:
+        width = (inner.high - inner.low) / 8.0
+        low, high = max(best[0] - width, inner.low), min(best[0] + width, inner.high)
+        again = maximum(lambda value: gain(value, at), best[0], low, high, 0.5 * needed)
+        best = max(best, again, key=lambda each: each[1])
+    return best[0], best[1] - max(gain(start, first), gain(start, at), 0.0), best[2]
 
 
 def _is_small(setting: tuple[str, ...], value: float, flight: Reconstruction) -> bool:

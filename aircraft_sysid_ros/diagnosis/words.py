@@ -196,7 +196,8 @@ class FlightDiagnosis:
             if self.flight.runs:
                 yield "Nothing that they could show changed between the flights."
         if not self.is_calm:
-            yield "In these gusts a wrong scale or drift of the air data could not be seen: fly in calm air for that."
+            yield "In these gusts a wrong scale, offset or drift of the air data could not be seen:"
+            yield "fly in calm air for that."
         for mended in self.settings:
             fault = mended.setting.effect
             yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."

@@ -119,6 +119,15 @@ def test_a_drift_grows_from_nothing(clean, name, field):
         np.testing.assert_allclose(more, rate * time, atol=1e-4)
 
 
+@pytest.mark.parametrize(("name", "field"), [("alpha_offset", "angle_of_attack"), ("beta_offset", "sideslip")])
+def test_a_vane_that_is_mounted_wrong_shows_the_same_too_much_always(clean, name, field):
+    flight = hidden_flight(effect=name, seed=4, duration=40.0, manoeuvres=clean.manoeuvres)
+    ((key, offset),) = flight.hidden[0].settings
+    assert key[-1] == "offset" and abs(offset) == pytest.approx(np.radians(2.0))
+    shown, without = (next(s for s in f.streams if s.topic == "air_data") for f in (flight, clean))
+    np.testing.assert_allclose(shown.fields[field] - without.fields[field], offset, atol=1e-9)
+
+
 def test_wind_changes_by_a_gust():
     calm, gusty = (hidden_flight(effect=e, seed=6, duration=40.0, manoeuvres="varied") for e in (None, "wind_change"))
     difference = gusty.truth.wind - calm.truth.wind
