@@ -61,7 +61,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
             result = {**job, **make(job["seed"], job["effect"], folder / "log")}
         except ValueError as error:
             return {**job, "failed": str(error)}
-        result |= {**said_of(folder), "seconds": round(time.time() - begun)}
+        result |= {**said_of(folder), "took": round(time.time() - begun)}
     if "failed" in result:
         return result
     outcome, besides = judged(result)

@@ -136,7 +136,7 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
     """What was said of flights from strip theory, by the pace of the log."""
     rows = []
     outcomes = ("first", "in its set", "later", "unexplained", "none", "wrong")
-    paces = {"10 Hz": (10.0,), "20 Hz": (20.0,), "50 and 100 Hz": (50.0, 100.0)}
+    paces = {"10 Hz": (10.0,), "20 Hz": (20.0,), "50 Hz": (50.0,)}
     for words, rates in {**paces, "all": sum(paces.values(), ())}.items():
         of_pace = [flight for flight in flown if "failed" not in flight and flight["rate"] in rates]
         clean = [flight for flight in of_pace if flight["effect"] is None]

@@ -92,7 +92,7 @@ def drawn_aeroplane(rng: np.random.Generator, family: str) -> Aeroplane:
     volume, margin = tail_area * arm / (area * chord), rng.uniform(0.08, 0.18)
     strips[:WING, _X] = chord * (lift_of_tail * volume / lift_of_wing - margin)  # where the lift of the wing acts
     radii = rng.uniform(0.9, 1.1, 3) * np.array([0.125 * span, 0.36 * arm, 0.0])
-    radii[2] = float(np.hypot(radii[0], radii[1])) * rng.uniform(0.96, 1.02)
+    radii[2] = float(np.hypot(radii[0], radii[1])) * rng.uniform(0.95, 0.99)
     inertia = np.diag(mass * radii**2)
     inertia[0, 2] = inertia[2, 0] = -0.02 * inertia[2, 2] * rng.uniform(-1.0, 1.0)
     density = density_at(altitude)

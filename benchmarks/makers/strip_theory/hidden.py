@@ -15,7 +15,7 @@ from .log import recorded
 
 Array = npt.NDArray[np.float64]
 
-SECONDS = 150.0
+SECONDS = 120.0
 #: What may be wrong with sensors and file, and what they are when nothing is.
 SENSORS = {
     "airspeed_scale": 1.0, "alpha_scale": 1.0, "alpha_offset": 0.0, "beta_offset": 0.0, "alpha_drift": 0.0,
@@ -53,7 +53,7 @@ def setting_of(rng: np.random.Generator) -> dict[str, Any]:
         "style": str(rng.choice(["level", "speeds", "speeds", "mission"])),
         "air": {0.0: "calm", 0.02: "light", 0.05: "moderate"}[gusts],
         "gust_share": gusts,
-        "rate": float(rng.choice([10.0, 20.0, 50.0, 100.0])),
+        "rate": float(rng.choice([10.0, 10.0, 20.0, 50.0])),
         "beta": bool(rng.random() < 0.6),
         "attitude": bool(rng.random() < 0.7),
         "wind_share": rng.uniform(-0.15, 0.15, 2).tolist(),
