@@ -8,7 +8,8 @@ does an airspeed whose scale drifts.
 
 A scale, an offset or a drift of the air data feigns a wind that walks, and a wind that may walk hides it. Each value of
 it is therefore judged under the walk that is likeliest with it, as the flight without it is, and it is believed only
-where the air is calm once it is taken off: gusts stay gusts.
+where the air is calm once it is taken off: gusts stay gusts. And no half of the flight may speak against it: what is
+wrong with a sensor is wrong always, and what happens once is another matter.
 
 The delay of the recorded controls does not touch the first step; it is judged by the held-out error of the second, in
 the moments.
@@ -166,35 +167,38 @@ def try_setting(job: Job) -> Setting:
         gained = tried.over(sensors)
         return min(gained, tried.over(sensors, tuple(AIR_DATA.values()))) if of_imu else gained
 
-    value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
-    if feigns:
-        value, best, curvature = _in_its_wind(gain, flight, (value, best, curvature), start, inner, needed)
+    walk, found = flight.aircraft.process_noise["wind"], (start, 0.0, 0.0)
+    if calm or not feigns:
+        found = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
+    value, best, curvature, walk = _in_its_wind(gain, walk, found, start, inner, needed) if feigns else (*found, walk)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if variant.setting[-1] == "delay" and not of_controls and not of_imu:
         needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
-    if feigns and _is_small(variant.setting, value, flight):
+    if feigns and (_is_small(variant.setting, value, flight) or not (calm or walk <= THRESHOLDS.calm)):
         best = 0.0
+    elif best > needed and not of_controls and variant.setting[-1] != "drift":  # which begins anew with each half
+        without = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
+        best = best if _in_both_halves(with_setting(without, variant.setting, value), without, samples) else 0.0
     return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std)
 
 
 def _in_its_wind(
     gain: Callable[[float, float | None], float],
-    flight: Reconstruction,
+    given: float,
     found: tuple[float, float, float],
     start: float,
     inner: ShapeParameter,
     needed: float,
-) -> tuple[float, float, float]:
-    """Value, gain and curvature of a setting under the walk of the wind that is likeliest with it.
+) -> tuple[float, float, float, float]:
+    """Value, gain and curvature of a setting under the walk of the wind that is likeliest with it, and that walk.
 
     Over the flight without it under the better of its own walk and that one: a walk alone proves nothing.
     """
-    walk = max(_CALMER**2 * flight.aircraft.process_noise["wind"], _CALMEST)
+    walk = max(_CALMER**2 * given, _CALMEST)
     calmer = maximum(lambda value: gain(value, walk), start, inner.low, inner.high, 0.5 * needed)
-    best, at = (calmer, walk) if calmer[1] > found[1] else (found, None)
-    if at is None or best[1] < needed:
-        return best
-    first = at
+    if calmer[1] <= max(found[1], needed):
+        return *found, given
+    best, at, first = calmer, walk, walk
     while (less := max(_CALMER * at, _CALMEST)) < at and (gained := gain(best[0], less)) > best[1]:
         best, at = (best[0], gained, best[2]), less
     if at != first:
@@ -202,7 +206,17 @@ def _in_its_wind(
         low, high = max(best[0] - width, inner.low), min(best[0] + width, inner.high)
         again = maximum(lambda value: gain(value, at), best[0], low, high, 0.5 * needed)
         best = max(best, again, key=lambda each: each[1])
-    return best[0], best[1] - max(gain(start, first), gain(start, at), 0.0), best[2]
+    return best[0], best[1] - max(gain(start, first), gain(start, at), 0.0), best[2], at
+
+
+def _in_both_halves(better: Aircraft, file: Aircraft, samples: Samples) -> bool:
+    """Whether no half of the samples speaks against a setting, as far as a half can be flown by itself."""
+    if np.any(samples.kind == Kind.SEAM):
+        return True
+    middle = (samples.stamp[0] + samples.stamp[-1]) // 2
+    halves = (samples[samples.stamp < middle], samples[samples.stamp >= middle])
+    gains = [log_likelihood(better, half).over(log_likelihood(file, half)) for half in halves]
+    return all(gained > -THRESHOLDS.half_against or not np.isfinite(gained) for gained in gains)
 
 
 def _is_small(setting: tuple[str, ...], value: float, flight: Reconstruction) -> bool:

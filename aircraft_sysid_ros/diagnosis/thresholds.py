@@ -149,6 +149,11 @@ class Thresholds:
         "Offset of an angle of flow [rad], or what a drift grows to in the flight, below which it is not named: an",
         "attitude that is half a degree wrong feigns as much.",
     )
+    half_against: float = _of(
+        3.0,
+        "ln by which half of the flight may be likelier without a setting that the whole prefers: a half in which it",
+        "hardly shows says nothing, one in which it is not there speaks against it. A judgement.",
+    )
     gust_lag: float = _of(
         0.05,
         "Lag of the air data [s] for which that holds: gusts of another spectrum feign short ones, which need more.",
