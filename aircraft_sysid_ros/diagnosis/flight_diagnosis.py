@@ -18,7 +18,7 @@ from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.measurement import CONTROLS, Setting, measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement import CONTROLS, Setting, is_a_fault, measurement_faults
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, replicas_of
@@ -51,6 +51,7 @@ def diagnose_flight(
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]
     others = [effect for effect in library if effect.kind != MEASUREMENT]
     settings: list[MeasurementFinding] = []
+    given = aircraft
     for _ in range(THRESHOLDS.most_settings):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
         done = {
@@ -62,7 +63,7 @@ def diagnose_flight(
             break
         aircraft, flight, calm, finding = mended
         data = settled_flight(flight)
-        settings.append(finding)
+        settings.append(replace(finding, matters=is_a_fault(finding.setting, given, samples)))
     bench = CandidateEvaluator(data)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
     result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
@@ -77,8 +78,8 @@ def with_best_setting(
     """The aircraft and the flight with the best of some settings, whether it is calm then, and what that says; None
     where there is none.
 
-    In gusts a setting may make likelier what is only a gust: there it must lower the error of an axis by
-    ``Thresholds.size``, too.
+    None may make the model fit worse: what is right of the sensors serves the coefficients, too. In gusts a setting may
+    make likelier what is only a gust: there it must lower the error of an axis by ``Thresholds.size``, too.
     """
     for number, fault in enumerate(faults):
         better = with_setting(aircraft, fault.variant.setting, fault.value)
@@ -86,6 +87,8 @@ def with_best_setting(
         if fault.feigns_wind and not calm_then:  # gusts do what it explains
             continue
         finding = _judged(faults[number:], settled_flight(flight), settled_flight(mended), tried)
+        if _is_worse(finding):
+            continue
         if CONTROLS in fault.variant.setting and flight.data.inferred and not _explains_moments(finding):
             continue
         if (
@@ -95,6 +98,12 @@ def with_best_setting(
         ):
             return better, mended, calm or fault.feigns_wind, finding
     return None
+
+
+def _is_worse(finding: MeasurementFinding) -> bool:
+    """Whether the model fits the flight worse with what the sensors prefer: then they are not mended by it."""
+    ratios = [np.log(after / before) for before, after in finding.errors.values() if min(before, after) > 0.0]
+    return bool(ratios) and float(np.mean(ratios)) > THRESHOLDS.worse
 
 
 def _explains_moments(finding: MeasurementFinding) -> bool:

@@ -37,6 +37,7 @@ from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.pace import interval_of
 from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
 from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.samples import Kind, Samples, fewer_manoeuvres
@@ -98,6 +99,22 @@ def measurement_faults(
         if setting.evidence > 1.0:
             found.append(setting)
     return sorted(found, key=lambda s: -s.evidence)
+
+
+def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:
+    """Whether a setting contradicts what is known, and does not only say what the aircraft file leaves out.
+
+    A place that the file does not state, and a delay of about half the time from sample to sample, as averaging makes
+    it, are taken into account and are no fault.
+    """
+    key, size = setting.variant.setting, abs(setting.value - setting.nominal)
+    if key[0].endswith("_position"):
+        return key[0] in file.source
+    if key[-1] == "delay":
+        kinds = {"imu": Kind.IMU, CONTROLS: Kind.CONTROLS, **AIR_DATA}
+        interval = interval_of(samples, kinds.get(key[1], Kind.AIRSPEED))
+        return size >= max(THRESHOLDS.least_delay, THRESHOLDS.least_delay_share * interval)
+    return True
 
 
 def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:

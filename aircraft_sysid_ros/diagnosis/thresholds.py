@@ -154,6 +154,19 @@ class Thresholds:
         "ln by which half of the flight may be likelier without a setting that the whole prefers: a half in which it",
         "hardly shows says nothing, one in which it is not there speaks against it. A judgement.",
     )
+    worse: float = _of(
+        0.02,
+        "Mean ln of the held-out errors with a setting over those without, above which it is none. What noise makes of",
+        "this mean is some thousandths.",
+    )
+    least_delay: float = _of(
+        0.02,
+        "A delay of a sensor [s] below which it is taken into account and is no fault. A judgement.",
+    )
+    least_delay_share: float = _of(
+        0.6,
+        "Or this share of the time from sample to sample: a sensor that averages over it is half of it late.",
+    )
     gust_lag: float = _of(
         0.05,
         "Lag of the air data [s] for which that holds: gusts of another spectrum feign short ones, which need more.",

@@ -10,7 +10,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.cannot_show import OutOfReach
-from aircraft_sysid_ros.diagnosis.diagnose import MISSING, Diagnosis, Finding
+from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, Diagnosis, Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
@@ -31,6 +31,7 @@ class MeasurementFinding:
     p_value: float
     confounded_with: tuple[str, ...]
     errors: dict[str, tuple[float, float]]
+    matters: bool = True  # it is a fault, and not only what the aircraft file leaves out
 
     @property
     def main_axis(self) -> str:
@@ -52,7 +53,7 @@ class FlightDiagnosis:
     @property
     def verdict(self) -> str:
         """none, missing or unexplained."""
-        return MISSING if self.settings else self.diagnosis.verdict
+        return MISSING if any(mended.matters for mended in self.settings) else self.diagnosis.verdict
 
     @property
     def json(self) -> dict[str, Any]:
@@ -91,7 +92,7 @@ class FlightDiagnosis:
             "where": f"{setting.label}: {_of_sensors(setting)}",
             "inner": {setting.effect.inner[0].name: setting.value},
             "parameters": [],
-            "found": True,
+            "found": finding.matters,
         }
 
     def _of_finding(self, finding: Finding) -> dict[str, Any]:
@@ -183,6 +184,15 @@ class FlightDiagnosis:
         ((axis, terms),) = candidate.terms.items()
         return f"{axis[0]}_{axis[1]} depends on {' and '.join(terms)}"
 
+    def _of_measurement(self) -> Iterator[str]:
+        """What to do about the sensors."""
+        for mended in self.settings:
+            fault = mended.setting.effect
+            if not mended.matters:
+                yield f"The aircraft file leaves out what is counted with here: {fault.name} (add {fault.identifier})."
+                continue
+            yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
+
     def _advice(self) -> Iterator[str]:
         found = self.diagnosis.found
         for axis, times in self.diagnosis.unknown.items():
@@ -190,7 +200,7 @@ class FlightDiagnosis:
                 f"The error of {axis[0]}_{axis[1]} is {times:.1f} times what the noise makes of it, and no name is "
                 "given: it rests on angles of flow that no vane measures, and may be their error. Measure them."
             )
-        if not self.settings and not found and not self.diagnosis.unknown:
+        if self.verdict == NONE and not self.diagnosis.unknown:
             yield "Nothing is missing that this flight could show:"
             yield f"no effect explains {THRESHOLDS.size:.0%} of the error of an axis on flight that was held out."
             if self.flight.runs:
@@ -198,9 +208,7 @@ class FlightDiagnosis:
         if not self.is_calm:
             yield "In these gusts a wrong scale, offset or drift of the air data could not be seen:"
             yield "fly in calm air for that."
-        for mended in self.settings:
-            fault = mended.setting.effect
-            yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
+        yield from self._of_measurement()
         for finding in found:
             effect = finding.trial.candidate.effect
             if effect is None:

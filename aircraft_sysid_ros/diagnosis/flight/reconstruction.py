@@ -56,7 +56,7 @@ _LEAST_FOR_NOISE = 200
 #: A state is given up where so many measurements [1] were rejected within some time [s] before a gap.
 _MOST_REJECTED, _REJECTING = 20.0, 5.0
 #: Factor between the random walks of the wind that are tried, and the largest [m/s per sqrt(s)].
-WALK_STEP, LARGEST_WALK = 1.25, 3.0
+WALK_STEP, LARGEST_WALK = 1.25, 8.0
 #: The same below that of the aircraft file, where a walk matters less, and the smallest.
 CALMER_STEP, SMALLEST_WALK = 0.5, 0.002
 AIR_DATA = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
@@ -263,7 +263,7 @@ def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool
         return likeliest
 
     def gustier() -> Aircraft:
-        walks = _in_steps(max(of_file.walk, given), WALK_STEP)
+        walks = _in_steps(min(max(of_file.walk, given), LARGEST_WALK), WALK_STEP)
         return climbed(itertools.takewhile(lambda walk: walk <= LARGEST_WALK, walks), None, 0.0)
 
     def calmer() -> Aircraft:
