@@ -1,0 +1,92 @@
+"""Rules by which a sensor is said to be wrong: in its own wind, in both halves, and not where the file says nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.diagnosis import measurement
+from aircraft_sysid_ros.diagnosis.flight import reconstruction
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import Likelihood, fit_wind_noise, reconstruct_as_flown
+from aircraft_sysid_ros.diagnosis.measurement import Setting, is_a_fault, jobs_of, try_setting
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import Effect, with_setting
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+
+def likelihood(value: float, walk: float = 0.2) -> Likelihood:
+    return Likelihood(np.array([value]), np.ones(1), walk)
+
+
+def setting_of(effect: Effect, value: float, which: int = 0) -> Setting:
+    return Setting(effect, effect.variants[which], 0.0, value, 100.0, 5.0, 0.001)
+
+
+def imu_at(rate: float) -> Samples:
+    stamps = (np.arange(100) / rate * 1e9).astype(np.int64)
+    return samples_of(Kind.IMU, stamps, *np.zeros((6, 100)))
+
+
+@pytest.fixture(scope="module")
+def calm_flight(aircraft):
+    """A flight in calm air, and its file."""
+    return aircraft, simulate_samples(aircraft, 31, 60.0, hidden=[("alpha_offset", 1.0)])
+
+
+def test_a_vane_that_is_mounted_wrong_is_told_from_one_that_bends(calm_flight):
+    aircraft, flown = calm_flight
+    ((_, offset),) = flown.hidden[0].settings
+    flight, calm = reconstruct_as_flown(aircraft, flown.samples, with_covariance=False)
+    found = {
+        name: try_setting(job)
+        for name in ("alpha_offset", "alpha_drift")
+        for job in jobs_of(flight, [BY_ID[name]], calm)
+    }
+    assert found["alpha_offset"].evidence > max(1.0, found["alpha_drift"].evidence)
+    assert found["alpha_offset"].value == pytest.approx(offset, abs=0.005)
+
+
+def test_with_its_offset_in_the_file_a_vane_is_a_sound_one(aircraft):
+    """The first step sees the same angles, whatever offset is put on them and taken off again."""
+    samples = simulate_samples(aircraft, 5, 20.0).samples
+    values = samples.values.copy()
+    values[samples.kind == Kind.ANGLE_OF_ATTACK, 0] += 0.03
+    knowing = with_setting(aircraft, ("sensors", "angle_of_attack", "offset"), 0.03)
+    sound = reconstruction.reconstruct(aircraft, samples, with_covariance=False).rows
+    same = reconstruction.reconstruct(knowing, replace(samples, values=values), with_covariance=False).rows
+    np.testing.assert_allclose(same, sound, rtol=1e-6, atol=1e-6)
+
+
+def test_an_offset_is_one_of_angles_and_has_limits(aircraft):
+    for name, value in (("airspeed", 0.1), ("angle_of_attack", 0.5), ("gyro", 0.1)):
+        with pytest.raises(InputError, match="offset"):
+            with_setting(aircraft, ("sensors", name, "offset"), value)
+
+
+def test_gusts_beyond_the_largest_walk_are_no_calm_air(aircraft, monkeypatch):
+    monkeypatch.setattr(reconstruction, "log_likelihood", lambda aircraft, samples: likelihood(0.0, walk=50.0))
+    flown, calm = fit_wind_noise(aircraft, None)
+    assert not calm and flown.process_noise["wind"] == reconstruction.LARGEST_WALK
+
+
+def test_a_place_that_the_file_does_not_state_is_no_fault(aircraft):
+    without = {k: v for k, v in aircraft.source.items() if k != "imu_position"}
+    stated = aircraft_from_dict({**without, "imu_position": [0.0, 0.0, 0.0]})
+    found = setting_of(BY_ID["imu_offset"], 0.1)
+    assert is_a_fault(found, stated, imu_at(100.0))
+    assert not is_a_fault(found, aircraft_from_dict(without), imu_at(100.0))
+
+
+@pytest.mark.parametrize(("rate", "delay", "fault"), [(10, 0.05, False), (10, 0.08, True), (100, 0.05, True)])
+def test_half_a_sample_late_is_no_fault(aircraft, rate, delay, fault):
+    assert is_a_fault(setting_of(BY_ID["imu_lag"], delay), aircraft, imu_at(rate)) is fault
+
+
+@pytest.mark.parametrize(("gains", "kept"), [((40.0, 40.0), True), ((80.0, -1.0), True), ((90.0, -10.0), False)])
+def test_no_half_of_a_flight_may_speak_against_a_setting(aircraft, monkeypatch, gains, kept):
+    halves = iter([gains[0], 0.0, gains[1], 0.0])
+    monkeypatch.setattr(measurement, "log_likelihood", lambda aircraft, samples: likelihood(next(halves)))
+    assert measurement._in_both_halves(aircraft, aircraft, imu_at(100.0)) is kept
