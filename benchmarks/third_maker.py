@@ -97,6 +97,7 @@ def true_besides(result: dict[str, Any]) -> set[str]:
     true = {"alpha_dot", "thrust_offset"}
     true |= {"imu_offset"} if any(result["imu_place"]) else set()
     true |= {"probe_offset"} if result["boom"] else set()
+    true |= {"gps_lag"} if result["gps_delay"] else set()
     return true | ({"imu_lag", "air_data_lag"} if result["smoothing"] + 0.3 / result["rate"] > 0.02 else set())
 
 

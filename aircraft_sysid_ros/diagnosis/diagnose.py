@@ -70,7 +70,15 @@ class Finding:
         gain = self.trial.gains[self.trial.main_axis]
         moved = np.sqrt(max(gain.nrmse_before**2 - gain.nrmse_after**2, 0.0))
         sizeable = self.size >= THRESHOLDS.size and moved >= THRESHOLDS.least_moved
+        if not self._shows_where_it_must():
+            return False
         return bool(sizeable and self.above_floor >= THRESHOLDS.above_floor and self.excess > self.trial.price)
+
+    def _shows_where_it_must(self) -> bool:
+        """Half of the least size, in an axis in which it cannot be absent."""
+        effect = self.trial.candidate.effect
+        known = [self.trial.gains[axis] for axis in (effect.shows_in if effect else ()) if axis in self.trial.gains]
+        return not known or any(size_of(gain) >= 0.5 * THRESHOLDS.size for gain in known)
 
 
 @dataclass(frozen=True)

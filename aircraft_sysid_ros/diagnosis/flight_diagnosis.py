@@ -54,16 +54,14 @@ def diagnose_flight(
     given = aircraft
     for _ in range(THRESHOLDS.most_settings):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
-        done = {
-            s.setting.effect.identifier for s in settings
-        }  # an effect that comes out of a process is another object
+        done = {s.setting.effect.identifier for s in settings}  # out of a process an effect is another object
         faults = [f for f in faults if f.effect.identifier not in done]
         mended = with_best_setting(faults, aircraft, flight, calm, len(measuring))
         if mended is None:
             break
         aircraft, flight, calm, finding = mended
         data = settled_flight(flight)
-        settings.append(replace(finding, matters=is_a_fault(finding.setting, given, samples)))
+        settings.append(replace(finding, matters=finding.matters and is_a_fault(finding.setting, given, samples)))
     bench = CandidateEvaluator(data)
     repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
     result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
@@ -79,7 +77,8 @@ def with_best_setting(
     where there is none.
 
     None may make the model fit worse: what is right of the sensors serves the coefficients, too. In gusts a setting may
-    make likelier what is only a gust: there it must lower the error of an axis by ``Thresholds.size``, too.
+    make likelier what is only a gust: there it must lower the error of an axis by ``Thresholds.size``, too. Without
+    that a place, or what is of the motion over ground, which gusts do not touch, is counted with, and is no fault.
     """
     for number, fault in enumerate(faults):
         better = with_setting(aircraft, fault.variant.setting, fault.value)
@@ -91,12 +90,10 @@ def with_best_setting(
             continue
         if CONTROLS in fault.variant.setting and flight.data.inferred and not _explains_moments(finding):
             continue
-        if (
-            calm
-            or fault.feigns_wind
-            or any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values())
-        ):
-            return better, mended, calm or fault.feigns_wind, finding
+        sized = any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values())
+        matters = calm or fault.feigns_wind or sized
+        if matters or fault.of_motion or fault.is_place:
+            return better, mended, calm or fault.feigns_wind, replace(finding, matters=matters)
     return None
 
 

@@ -50,6 +50,8 @@ LONGEST = 120.0
 _STEPS = 4
 #: A wind that walks this much less is tried with what feigns one, again and again down to that [m/s per sqrt(s)].
 _CALMER, _CALMEST = 0.5, 0.004
+#: Sensors of the motion over ground, the attitude besides.
+_OF_MOTION = {"imu": Kind.IMU, "gps": Kind.GPS_VELOCITY}
 #: Errors of the air data that feign a wind.
 _OF_WIND = ("scale", "offset", "drift")
 CONTROLS = "control_surfaces"
@@ -76,6 +78,16 @@ class Setting:
     def feigns_wind(self) -> bool:
         """It feigns a wind that walks: the air must be calm once it is taken off."""
         return feigns_wind(self.variant.setting)
+
+    @property
+    def is_place(self) -> bool:
+        """It is where a sensor sits."""
+        return self.variant.setting[0].endswith("_position")
+
+    @property
+    def of_motion(self) -> bool:
+        """It is one of IMU or GPS, which others of their kind tell without the air data."""
+        return self.variant.setting[1] in _OF_MOTION
 
     @property
     def label(self) -> str:
@@ -108,10 +120,10 @@ def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:
     it, are taken into account and are no fault.
     """
     key, size = setting.variant.setting, abs(setting.value - setting.nominal)
-    if key[0].endswith("_position"):
+    if setting.is_place:
         return key[0] in file.source
     if key[-1] == "delay":
-        kinds = {"imu": Kind.IMU, CONTROLS: Kind.CONTROLS, **AIR_DATA}
+        kinds = {**_OF_MOTION, CONTROLS: Kind.CONTROLS, **AIR_DATA}
         interval = interval_of(samples, kinds.get(key[1], Kind.AIRSPEED))
         return size >= max(THRESHOLDS.least_delay, THRESHOLDS.least_delay_share * interval)
     return True
@@ -143,7 +155,7 @@ def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> It
         for variant in effect.variants:
             if not variant.setting or variant.setting[0] == "process_noise":
                 continue
-            kind = AIR_DATA.get(variant.setting[1])
+            kind = {**AIR_DATA, **_OF_MOTION}.get(variant.setting[1])
             if kind is None or int(kind) in kinds:
                 yield flight, samples, effect, variant, effect.inner[0], sensors, controls, calm
 
@@ -163,7 +175,7 @@ def try_setting(job: Job) -> Setting:
     start = nominal(flight.aircraft, variant.setting)
     of_controls = CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
-    of_imu = "imu" in variant.setting  # gusts do not touch it: sensors of the motion tell it, without the air data too
+    of_imu = variant.setting[1] in _OF_MOTION  # gusts do not touch it: others of them tell it, without the air data too
     feigns = feigns_wind(variant.setting)
     total = calm or of_imu or feigns
     of_sensors = THRESHOLDS.setting_total if total else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)

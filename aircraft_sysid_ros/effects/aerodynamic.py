@@ -42,6 +42,7 @@ EFFECTS: tuple[Effect, ...] = (
         "on the way up.",
         "Slow deceleration to the stall with elevator 3-2-1-1 near the onset; pull-ups.",
         (ShapeParameter("onset", "rad", 0.4, 0.92, 9, "alpha"), ShapeParameter("width", "rad", 0.015, 0.075, 3)),
+        shows_in=("CZ",),
     ),
     Effect(
         "dynamic_stall",
@@ -61,6 +62,7 @@ EFFECTS: tuple[Effect, ...] = (
             ShapeParameter("width", "rad", 0.015, 0.075, 3),
             ShapeParameter("lag", "s", 0.1, 1.6, 4),
         ),
+        shows_in=("CZ",),
     ),
     Effect(
         "ground_effect",
@@ -359,6 +361,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Errors of C_X and C_Z that grow slowly from some time on.",
         "Speed changes and pull-ups, repeated during the flight.",
         (ShapeParameter("t0", "s", 0.0, 0.8, 9, OF_TIME),),
+        shows_in=("CX",),
     ),
     Effect(
         "lift_nonlinearity",
@@ -375,6 +378,7 @@ EFFECTS: tuple[Effect, ...] = (
         ),
         "Errors of C_Z and C_m of one sign at both ends of the range of α and of the other in its middle.",
         "Pushover and pull-up, slow and fast flight.",
+        shows_in=("CZ",),
     ),
     Effect(
         "lift_tilt",

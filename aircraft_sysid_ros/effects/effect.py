@@ -123,6 +123,8 @@ class Effect:
     manoeuvre: str  # which manoeuvre shows it
     inner: tuple[ShapeParameter, ...] = ()
     domain: Domain | None = None
+    #: Axes of which it must explain a part to be what it says: flow that separates loses lift.
+    shows_in: tuple[str, ...] = ()
 
     @property
     def axes(self) -> tuple[str, ...]:

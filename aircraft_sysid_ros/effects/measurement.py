@@ -184,6 +184,19 @@ EFFECTS: tuple[Effect, ...] = (
         (ShapeParameter("delay", "s", 0.0, 0.2, 11),),
     ),
     Effect(
+        "gps_lag",
+        "GPS later than recorded",
+        MEASUREMENT,
+        "A receiver needs a tenth of a second or more for a solution, and the stamp is often that of its arrival. The "
+        "velocity over ground then lags behind the motion, as if there were a wind that turns with each manoeuvre.",
+        "R. Jategaonkar, Flight Vehicle System Identification (data compatibility, time shifts)",
+        "position and velocity measured at t show t - τ",
+        (Variant(setting=("sensors", "gps", "delay")),),
+        "Innovations of GPS velocity in phase with the acceleration.",
+        "Steep turns, pull-ups, speed changes.",
+        (ShapeParameter("delay", "s", 0.0, 0.5, 11),),
+    ),
+    Effect(
         "actuator_lag",
         "Surfaces later than recorded",
         MEASUREMENT,

@@ -57,9 +57,10 @@ class Hidden:
     gust: tuple[float, float] = (0.0, 0.0)  # [m/s] north, east, from t0 on
 
     def sensors_of(self, aircraft: Aircraft) -> Aircraft:
-        """The aircraft as its sensors really are: scales, drifts and places; lags are flown and not set."""
+        """The aircraft as its sensors really are: scales, drifts, places; lags of air data are flown and not set."""
         for path, value in self.settings:
-            if path[-1] in ("scale", "drift", "offset") or path[0].endswith("_position"):
+            of_motion = path[:2] in (("sensors", "imu"), ("sensors", "gps"))
+            if of_motion or path[-1] in ("scale", "drift", "offset") or path[0].endswith("_position"):
                 aircraft = with_setting(aircraft, path, value)
         return aircraft
 
@@ -215,9 +216,11 @@ def _air_data_lag(d: _Draw) -> Hidden:
     return Hidden(d.name, "all air data", d.strength, {"delay": lag}, settings=(setting,), air_data_lag=lag)
 
 
-def _imu_lag(d: _Draw) -> Hidden:
-    lag = 0.1 * d.strength
-    return Hidden(d.name, "", d.strength, {"delay": lag}, settings=((("sensors", "imu", "delay"), lag),))
+def _late(d: _Draw) -> Hidden:
+    """A sensor of the motion whose stamps are those of arrival."""
+    sensor, most = {"imu_lag": ("imu", 0.1), "gps_lag": ("gps", 0.3)}[d.name]
+    lag = most * d.strength
+    return Hidden(d.name, "", d.strength, {"delay": lag}, settings=((("sensors", sensor, "delay"), lag),))
 
 
 def _actuator_lag(d: _Draw) -> Hidden:
@@ -252,7 +255,7 @@ _OTHER: dict[str, Callable[[_Draw], Hidden]] = {
     "airspeed_scale": _scale,
     "alpha_offset": _vane_offset, "beta_offset": _vane_offset,
     "alpha_drift": _drift, "beta_drift": _drift, "airspeed_drift": _drift,
-    "air_data_lag": _air_data_lag, "imu_lag": _imu_lag, "actuator_lag": _actuator_lag,
+    "air_data_lag": _air_data_lag, "imu_lag": _late, "gps_lag": _late, "actuator_lag": _actuator_lag,
     "probe_offset": _offset, "imu_offset": _offset, "wind_change": _wind_change,
 }  # fmt: skip
 #: Ids that a simulated flight can hide.

@@ -90,3 +90,20 @@ def test_no_half_of_a_flight_may_speak_against_a_setting(aircraft, monkeypatch, 
     halves = iter([gains[0], 0.0, gains[1], 0.0])
     monkeypatch.setattr(measurement, "log_likelihood", lambda aircraft, samples: likelihood(next(halves)))
     assert measurement._in_both_halves(aircraft, aircraft, imu_at(100.0)) is kept
+
+
+def test_a_late_gps_and_a_late_imu_are_flown_as_they_are_hidden(aircraft):
+    for name, sensor in (("gps_lag", "gps_velocity"), ("imu_lag", "gyro")):
+        flown = simulate_samples(aircraft, 6, 20.0, hidden=[(name, 1.0)])
+        ((_, lag),) = flown.hidden[0].settings
+        assert flown.hidden[0].sensors_of(aircraft).sensors[sensor].delay == pytest.approx(lag)
+
+
+def test_a_gps_that_is_late_is_found_in_gusts(aircraft):
+    flown = simulate_samples(aircraft, 7, 40.0, hidden=[("gps_lag", 1.0)], turbulence="light")
+    ((_, lag),) = flown.hidden[0].settings
+    flight, calm = reconstruct_as_flown(aircraft, flown.samples, with_covariance=False)
+    (job,) = jobs_of(flight, [BY_ID["gps_lag"]], calm)
+    found = try_setting(job)
+    assert found.of_motion and found.evidence > 1.0
+    assert found.value - found.nominal == pytest.approx(lag - aircraft.sensors["gps_velocity"].delay, abs=0.05)
