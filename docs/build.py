@@ -436,6 +436,8 @@ def strangers() -> str:
 
 def third_maker() -> str:
     """The diagnosis on flights of the maker from strip theory."""
+    if not (RESULTS / "third_maker.jsonl").exists():
+        return "Not flown yet: `python benchmarks/third_maker.py --judging`.\n"
     lines = (RESULTS / "third_maker.jsonl").read_text(encoding="utf8").splitlines()
     return table(*diagnosis_tables.third_maker([json.loads(line) for line in lines]))
 

@@ -55,7 +55,7 @@ def diagnose_flight(
     for _ in range(THRESHOLDS.most_settings):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
         done = {s.setting.effect.identifier for s in settings}  # out of a process an effect is another object
-        faults = [f for f in faults if f.effect.identifier not in done]
+        faults = _left_out_first([f for f in faults if f.effect.identifier not in done], given, samples)
         mended = with_best_setting(faults, aircraft, flight, calm, len(measuring))
         if mended is None:
             break
@@ -95,6 +95,16 @@ def with_best_setting(
         if matters or fault.of_motion or fault.is_place:
             return better, mended, calm or fault.feigns_wind, replace(finding, matters=matters)
     return None
+
+
+def _left_out_first(faults: Sequence[Setting], given: Aircraft, samples: Samples) -> list[Setting]:
+    """Settings, best first, before them those that are nearly as good and only say what the file leaves out."""
+
+    def accuses(setting: Setting) -> bool:
+        near = setting.evidence >= THRESHOLDS.left_out * faults[0].evidence
+        return is_a_fault(setting, given, samples) or not near
+
+    return sorted(faults, key=accuses)
 
 
 def _is_worse(finding: MeasurementFinding) -> bool:

@@ -167,6 +167,11 @@ class Thresholds:
         0.6,
         "Or this share of the time from sample to sample: a sensor that averages over it is half of it late.",
     )
+    left_out: float = _of(
+        0.5,
+        "A place of a sensor that the file does not state goes before a fault with up to twice its evidence; what the",
+        "fault explains beyond it is found next. A judgement.",
+    )
     gust_lag: float = _of(
         0.05,
         "Lag of the air data [s] for which that holds: gusts of another spectrum feign short ones, which need more.",

@@ -9,6 +9,7 @@ from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.diagnosis import measurement
 from aircraft_sysid_ros.diagnosis.flight import reconstruction
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Likelihood, fit_wind_noise, reconstruct_as_flown
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import _left_out_first
 from aircraft_sysid_ros.diagnosis.measurement import Setting, is_a_fault, jobs_of, try_setting
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect, with_setting
@@ -107,3 +108,11 @@ def test_a_gps_that_is_late_is_found_in_gusts(aircraft):
     found = try_setting(job)
     assert found.of_motion and found.evidence > 1.0
     assert found.value - found.nominal == pytest.approx(lag - aircraft.sensors["gps_velocity"].delay, abs=0.05)
+
+
+def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(aircraft):
+    without = aircraft_from_dict({k: v for k, v in aircraft.source.items() if k != "air_data_position"})
+    fault = replace(setting_of(BY_ID["alpha_scale"], 0.8), nominal=1.0, evidence=2.4)
+    for evidence, first in ((1.8, "probe_offset"), (1.1, "alpha_scale")):
+        place = replace(setting_of(BY_ID["probe_offset"], 0.3), evidence=evidence)
+        assert _left_out_first([fault, place], without, imu_at(100.0))[0].effect.identifier == first
