@@ -263,9 +263,15 @@ class _Round:
         return Finding(trial, data, excess, evidence, p_value, self._size(trial), over, blocks=_blocks(trial))
 
     def _above_floor(self, trial: Score) -> float:
-        """Error of the main axis of a candidate without it, over what it is in replicas of the flight."""
-        floor = self.floor.get(trial.main_axis, 0.0)
-        return self.bench.fits[trial.main_axis].nrmse_held_out / floor if floor > 0.0 else np.inf
+        """Error of the main axis of a candidate without it, over what noise makes of it.
+
+        That is the error of the replicas, or what the candidate leaves where that is less: an aircraft file that says
+        nothing of a sensor may make replicas noisier than the flight.
+        """
+        axis = trial.main_axis
+        error = self.bench.fits[axis].nrmse_held_out
+        floor = min(self.floor.get(axis, 0.0), error * (1.0 - size_of(trial.gains[axis])))
+        return error / floor if floor > 0.0 else np.inf
 
     def _size(self, trial: Score) -> float:
         axis = trial.main_axis

@@ -78,9 +78,10 @@ class Thresholds:
     )
     above_floor: float = _of(
         1.4,
-        "Held-out error of an axis over that of the replicas from which something may be called missing in it: sensors",
-        "that smooth and round, and gusts of another spectrum, leave a third more on clean flights of other makers. Of",
-        "the flights with a relevant effect that the rules were made on 2 % are lost.",
+        "Held-out error of an axis over that of the replicas, or over what is left of it where that is less, from",
+        "which something may be called missing in it: sensors that smooth and round, and gusts of another spectrum,",
+        "leave a third more on clean flights of other makers. Of the flights with a relevant effect that the rules",
+        "were made on 2 % are lost.",
     )
     shrinkage: float = _of(
         4.0,

@@ -320,3 +320,25 @@ def test_a_clean_flight_without_vanes_is_given_nothing():
     flight = hidden_flight("c172p", None, seed=9303, duration=60.0)
     said = diagnose_flight(flight.aircraft, without_vanes(flight), replicas=3).json
     assert (said["verdict"], said["candidates"]) == ("none", [])
+
+
+def test_replicas_noisier_than_the_flight_hide_no_effect(aircraft):
+    """An aircraft file that says nothing of the gyro may make replicas noisier than the flight is."""
+
+    def lacking(c, after, f):
+        c[:, 3] -= 0.8 * f["alpha"] * f["beta"]
+        return c
+
+    def noisy(seed):
+        flight = random_flight(aircraft, seed=seed)
+        spread = flight.measured.std(axis=0)
+        noise = np.random.default_rng(seed).normal(size=flight.measured.shape)
+        return replace(flight, measured=flight.measured + 0.5 * spread * noise)
+
+    library = [BY_ID["dihedral_alpha"], BY_ID["thrust_offset"]]
+    flight = random_flight(aircraft, lacking)
+    benches = [CandidateEvaluator(noisy(seed)) for seed in range(1, 5)]
+    repeated = [Replica(b.data, {e.identifier: b.best_of(e).score for e in library}, {}) for b in benches]
+    found = diagnose(CandidateEvaluator(flight), repeated, library)
+    assert found.floor["Cl"] > CandidateEvaluator(flight).fits["Cl"].nrmse_held_out
+    assert [f.trial.candidate.effect.identifier for f in found.found] == ["dihedral_alpha"]
