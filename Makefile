@@ -19,7 +19,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 
-.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate faults hidden-effects paper calibration closed-loop fleet workbench fuzz site docs clean distclean FORCE
+.PHONY: help env test test-long lint types colcon release-tree pytest demo bench certificate faults soak hidden-effects paper calibration closed-loop fleet workbench fuzz site docs clean distclean FORCE
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -145,6 +145,9 @@ certificate: env ## coverage, bias and times of all estimators over 200 flights;
 
 faults: env ## ten thousand flights on which something fails: what is held, how soon, and what is wrong in USE; goes on where it was stopped
 	$(BIN)/python benchmarks/faults.py
+
+soak: env ## a day of flight, accelerated: the memory of the process, and what a second of flight takes (HOURS=24)
+	$(BIN)/python benchmarks/soak.py --hours $(or $(HOURS),24)
 
 hidden-effects: env ## does the diagnosis name what is missing: hidden effects and clean flights; goes on where it was stopped (hours)
 	@$(BIN)/python -c 'import pysindy, sklearn' 2>/dev/null || \

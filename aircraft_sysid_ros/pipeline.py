@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
+from aircraft_sysid_ros.flight_check.in_flight import watch_of
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.options import StateOptions
@@ -43,7 +43,7 @@ class Pipeline:
         state_options: StateOptions | None = None,
         parameter_options: ParameterOptions | None = None,
     ) -> None:
-        self.check = InFlightCheck(aircraft.minimum_airspeed)
+        self.check = watch_of(aircraft)
         self.state = StateEstimator(aircraft, state_options, watch=self.check)
         self.parameters = Identifier(aircraft, parameter_options)
 

@@ -23,13 +23,16 @@ from typing import Any
 
 import numpy as np
 import resumed
+from failure_flights import SHAPE
 from fault_kinds import KINDS, effects_of
 
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state import StateField, contradiction_text
+from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, contradiction_text
+from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, stamps_of
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 from aircraft_sysid_ros.simulation.varied_plan import PLANS
@@ -38,6 +41,11 @@ RESULTS = Path(__file__).parent / "results" / "faults.jsonl"
 SUMMARY = RESULTS.with_suffix(".json")
 DURATION, STEP = 150.0, 1.0  # [s]
 AIR = ("none", "light", "moderate")
+#: What the aircraft file has: everything, or mass, shape and places of the sensors; and the rate of the IMU [Hz].
+FILES, IMU_RATES = ("complete", "shape"), (50.0, 100.0)
+#: What is said where it has mass and shape alone ("bare"), and the vane is out on the wing.
+PLACE = (contradiction_text(next(code for code, sensor in CONTRADICTED.items() if sensor == "angle of attack")),)
+PLACES = ("imu_position", "air_data_position", "gps_position")
 ESTIMATORS = ("auto", "rls", "fourier", "rml")
 MAIN = ("CZ_alpha", "Cm_alpha", "Cm_q", "Cm_de", "Cl_p", "Cl_da", "Cn_beta", "Cn_r", "Cn_dr", "CY_beta")
 WRONG, SURE, MATTERS = 0.25, 0.05, 0.10
@@ -54,6 +62,8 @@ def drawn(seed: int) -> dict[str, Any]:
         "plan": str(rng.choice(PLANS)),
         "estimator": str(rng.choice(ESTIMATORS, p=[0.4, 0.3, 0.15, 0.15])),
         "attitude": bool(rng.random() < 0.5),
+        "file": str(rng.choice(FILES)),
+        "imu": float(rng.choice(IMU_RATES)),
     }
 
 
@@ -61,7 +71,7 @@ def fly(want: dict[str, Any]) -> dict[str, Any]:
     """One flight through the chain of replay and live."""
     seed, drawing = want["seed"], drawn(want["seed"])
     if not want["faulty"]:
-        drawing |= {"fault": "", "lasts": 0.0}
+        drawing |= {"fault": "", "lasts": 0.0, "file": want.get("file", drawing["file"])}
     aircraft, begin = default_aircraft(), drawing["begin"]
     end = min(begin + drawing["lasts"], DURATION)
     truth, effects = dict(aircraft.coefficients), ()
@@ -76,16 +86,32 @@ def fly(want: dict[str, Any]) -> dict[str, Any]:
         ).samples  # fmt: skip
     except InputError as error:  # an aeroplane with a surface that is stuck may not stay in the air
         return result | {"not_flown": str(error)}
+    samples = at_rate(samples, drawing["imu"])
     if kind is not None and kind.change is not None:
         samples = kind.change(samples, begin, end, np.random.default_rng(seed))
     try:
-        return result | watched(aircraft, samples, truth, drawing, end)
+        return result | watched(users_file(aircraft, drawing["file"]), samples, truth, drawing, end)
     except Exception as error:  # what the campaign is for
         return result | {"exception": f"{type(error).__name__}: {error}"}
 
 
+def at_rate(samples: Samples, rate: float) -> Samples:
+    """With an IMU that is so slow [Hz]."""
+    imu = np.flatnonzero(samples.kind == Kind.IMU)
+    every = max(round(1e9 / float(np.median(np.diff(samples.stamp[imu]))) / rate), 1)
+    keep = np.ones(len(samples), np.bool_)
+    keep[imu] = np.arange(len(imu)) % every == 0
+    return samples[keep]
+
+
+def users_file(aircraft: Aircraft, what: str) -> Aircraft:
+    """The aircraft file of the user, see FILES; "bare": mass and shape alone."""
+    keys = {"complete": tuple(aircraft.source), "shape": (*SHAPE, *PLACES), "bare": SHAPE}[what]
+    return aircraft_from_dict({key: aircraft.source[key] for key in keys})
+
+
 def watched(
-    aircraft: Any, samples: Any, truth: dict[str, float], drawing: dict[str, Any], end: float
+    aircraft: Aircraft, samples: Samples, truth: dict[str, float], drawing: dict[str, Any], end: float
 ) -> dict[str, Any]:
     """What is published, every second, against the truth."""
     pipeline = Pipeline(aircraft, None, ParameterOptions(estimator=drawing["estimator"]))
@@ -136,7 +162,7 @@ def watched(
         "wrong": len(wrong), "sure_wrong": len(late), "sure_wrong_at_the_end": after, "nonfinite": nonfinite,
         "sure_wrong_names": sorted({name for name, t in sure_wrong if t > begin + 5.0}),
         "holds": int(pipeline.parameters.learning.integrity.count),
-        "named": bool(kind and any(word in words for word in kind.names)),
+        "named": any(word in words for word in (kind.names if kind else PLACE)),
         "use_at_the_end": int(is_used.sum()),
     }  # fmt: skip
 
@@ -144,7 +170,8 @@ def watched(
 def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
     """Figures of docs/trust.md: all, and by fault."""
     records = [r for r in records if "not_flown" not in r]
-    faulty, healthy = [r for r in records if r["faulty"]], [r for r in records if not r["faulty"]]
+    faulty, bare = [r for r in records if r["faulty"]], [r for r in records if r.get("file") == "bare"]
+    healthy = [r for r in records if not r["faulty"] and r.get("file") != "bare"]
     by_fault = {name: of_faults([r for r in faulty if r["fault"] == name]) for name in KINDS}
     return {
         "all": of_faults(faulty),
@@ -153,6 +180,11 @@ def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
             "held": sum(r.get("holds", 0) > 0 for r in healthy),
             "sure_wrong": sum(r.get("sure_wrong", 0) > 0 for r in healthy),
             "exceptions": sum("exception" in r for r in healthy),
+        },
+        "bare": {
+            "flights": len(bare),
+            "named": sum(r["named"] for r in bare),
+            "sure_wrong": sum(r["sure_wrong"] > 0 for r in bare),
         },
         "faults": {name: found for name, found in by_fault.items() if found["flights"]},
     }
@@ -179,12 +211,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flights", type=int, default=10_000, help="with a fault")
     parser.add_argument("--healthy", type=int, default=500)
+    parser.add_argument("--bare", type=int, default=50, help="healthy, of an aircraft file with mass and shape alone")
     parser.add_argument("--first", type=int, default=9_700_000, help="first seed")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--results", type=Path, default=RESULTS)
     arguments = parser.parse_args()
     wanted = [{"seed": arguments.first + i, "faulty": True} for i in range(arguments.flights)]
     wanted += [{"seed": arguments.first + 50_000 + i, "faulty": False} for i in range(arguments.healthy)]
+    bare = range(arguments.first + 80_000, arguments.first + 80_000 + arguments.bare)
+    wanted += [{"seed": seed, "faulty": False, "file": "bare"} for seed in bare]
     wanted.sort(key=lambda want: zlib.crc32(str(want["seed"]).encode()))  # both sorts, wherever it is stopped
     records = []
     for record in resumed.flown(fly, wanted, arguments.results, arguments.jobs):

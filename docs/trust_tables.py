@@ -77,6 +77,9 @@ def faults(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     healthy = found["healthy"]
     nothing = ["", "", "", "", str(healthy["sure_wrong"]), ""]
     rows.append([f"none; {healthy['held']} with an axis held", str(healthy["flights"]), *nothing])
+    bare = found["bare"]
+    label = f"none, but the file has no place of a vane 0.4 m out on the wing; {bare['named']} named"
+    rows.append([label, str(bare["flights"]), "", "", "", "", str(bare["sure_wrong"]), ""])
     return header, rows
 
 

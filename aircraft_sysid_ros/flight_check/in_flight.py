@@ -11,8 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.flight_check.check import contradictions
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, short_names
+from aircraft_sysid_ros.flight_check.laws import vane_place
+from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, flight_of
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
@@ -49,6 +52,11 @@ _ON_GPS = (
 )  # fmt: skip
 
 
+def watch_of(aircraft: Aircraft) -> InFlightCheck:
+    """The check of a flight of an aircraft."""
+    return InFlightCheck(aircraft.minimum_airspeed, (float(aircraft.air_data_position[1]), aircraft.span))
+
+
 def warm_up() -> None:
     """Import what the laws import when they are asked: 0.1 s for which no sample should wait."""
     import scipy.ndimage
@@ -58,9 +66,12 @@ def warm_up() -> None:
 class InFlightCheck:
     """Takes the samples of the first step, and marks its rows from when on a sensor is contradicted."""
 
-    def __init__(self, minimum_airspeed: float) -> None:
-        """Time counts from ``minimum_airspeed`` [m/s] on: what is true of flight is not of taxiing."""
-        self._minimum_airspeed = minimum_airspeed
+    def __init__(self, minimum_airspeed: float, vane: tuple[float, float] | None = None) -> None:
+        """Time counts from ``minimum_airspeed`` [m/s] on: what is true of flight is not of taxiing.
+
+        ``vane``: how far [m] the aircraft file has it to the right of the centre of gravity, and the span [m].
+        """
+        self._minimum_airspeed, self._vane = minimum_airspeed, vane
         self.findings: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
         self._code = 0
         self._density = np.nan  # over that of the standard atmosphere, at the begin of the flight
@@ -90,7 +101,7 @@ class InFlightCheck:
 
     def mark(self, rows: Array, epoch: int) -> None:
         """Write into rows (n, StateField.WIDTH) by rising time which sensor is contradicted, looking when it is due."""
-        rows[:, StateField.CONTRADICTION] = self._code
+        self._write_code(rows)
         times, flies = rows[:, StateField.TIME], rows[:, StateField.AIRSPEED] >= self._minimum_airspeed
         steps = np.rint(np.diff(times, prepend=self._newest) * NANOSECONDS)
         counts = flies & (steps > 0.0) & (steps < _STEP * NANOSECONDS)
@@ -101,13 +112,18 @@ class InFlightCheck:
         while not self._over and self._flown >= self._due * NANOSECONDS:
             at = int(np.searchsorted(flown, self._due * NANOSECONDS))
             self._look(float(times[at]), epoch)
-            rows[at:, StateField.CONTRADICTION] = self._code
+            self._write_code(rows[at:])
             self._due = max(2.0 * self._due, SECOND)
         self._mark_density(rows, flies)
         if np.isnan(self._begin):
             self._keep(epoch, times[-1])
         elif not self._over and times[-1] > max(self._kept_since, self._begin) + 2.0 * LONGEST:
             self._keep(epoch, times[-1] - LONGEST)
+
+    def _write_code(self, rows: Array) -> None:
+        """What is known of a sensor goes before what its innovations make suspect."""
+        if self._code:
+            rows[:, StateField.CONTRADICTION] = self._code
 
     def _mark_density(self, rows: Array, flies: npt.NDArray[np.bool_]) -> None:
         """Mark rows whose density left the height that GPS shows, as a blocked or leaking static port has it."""
@@ -121,7 +137,8 @@ class InFlightCheck:
             self._density = float(ratio[0])
         left = np.zeros(len(rows), np.bool_)
         left[shown] = np.abs(ratio / self._density - 1.0) > DENSITY
-        rows[left & (rows[:, StateField.CONTRADICTION] == 0.0), StateField.CONTRADICTION] = _STATIC_PRESSURE
+        known = np.isin(rows[:, StateField.CONTRADICTION], [*CONTRADICTED])
+        rows[left & ~known, StateField.CONTRADICTION] = _STATIC_PRESSURE
 
     def _keep(self, epoch: int, since: float) -> Samples:
         """Forget samples from before a time [s]; returns the others."""
@@ -135,7 +152,8 @@ class InFlightCheck:
         past = samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
         try:
             with np.errstate(all="ignore"):
-                found, relations, _ = contradictions(flight_of(past, past.stamp))
+                found, relations, motion = contradictions(flight_of(past, past.stamp))
+                place_is_known = self._look_at_vane(motion, found)
         except (ValueError, np.linalg.LinAlgError):  # numbers that nothing can be made of: another look will tell
             return
         agreeing = _agreeing(relations)
@@ -146,8 +164,17 @@ class InFlightCheck:
         self._code = next((code for f in self.findings if f.severity == ERROR and (code := code_of(f))), 0)
         there = {kind for kind in _ASKED if np.any(past.kind == kind)}
         asked = [set(signals) for kind in there for signals in _ASKED[kind]]
-        if self._due >= SECOND and not self._code and all(signals & agreeing for signals in asked):
+        if self._due >= SECOND and not self._code and place_is_known and all(signals & agreeing for signals in asked):
             self._over, self._waiting = True, []
+
+    def _look_at_vane(self, motion: Motion, found: list[Finding]) -> bool:
+        """Add to what was found that the vane sits elsewhere; returns whether its place is known, or of no use."""
+        name = "angle_of_attack"
+        if self._vane is None or not np.isfinite(motion.alpha).any() or any(name in f.signals for f in found):
+            return True
+        place, (said, span) = vane_place.sideways(motion), self._vane
+        found += vane_place.findings(place, said, span)
+        return vane_place.is_known(place, span)
 
 
 def _matters(finding: Finding) -> bool:

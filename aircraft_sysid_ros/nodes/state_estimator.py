@@ -16,7 +16,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check import in_flight
-from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
+from aircraft_sysid_ros.flight_check.in_flight import watch_of
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.options import NodeOption, When, node_options, options_from
@@ -97,7 +97,7 @@ class StateEstimatorNode(EstimatorNode):
 
     def _started(self, aircraft: Aircraft, options: StateOptions) -> StateEstimator:
         """The filter, watched, and told what the calibration says of the air data."""
-        self.check = InFlightCheck(aircraft.minimum_airspeed)
+        self.check = watch_of(aircraft)
         estimator = StateEstimator(aircraft, options, watch=self.check)
         if self.correction is not None and estimator.options.air_data_errors:
             estimator.take_start(start_of_calibration(self.correction.calibration))

@@ -63,6 +63,8 @@ _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 
 #: Weight of the newest update in the running innovation consistency.
 _NIS_WEIGHT = 0.01
+#: Time [s] over which those of one sensor are averaged, and the most that one of them counts.
+_OWN_TIME, _OWN_WEIGHT = 0.5, 0.3
 #: An innovation counts in the consistency as at most this many variances.
 _LARGEST_NIS = 25.0
 #: And as at most so many standard deviations in the mean of so many seconds that tells its colour.
@@ -303,7 +305,11 @@ def _passes_gate(kind: int, innovation: Array, update: Update, time: float, setu
     likelihood[kind, 2] += log_determinant
     before = max(memory.last_fused[kind], memory.last_rejected[kind])
     _follow_colour(time - before, innovation, factor, likelihood[kind])
-    recent[0] += _NIS_WEIGHT * (min(nis / m, _LARGEST_NIS) - recent[0])
+    capped = min(nis / m, _LARGEST_NIS)
+    recent[0] += _NIS_WEIGHT * (capped - recent[0])
+    memory.own_nis[kind] += min(max((time - before) / _OWN_TIME, _NIS_WEIGHT), _OWN_WEIGHT) * (
+        capped - memory.own_nis[kind]
+    )
     is_air_data = kind == _AIRSPEED or kind == _ALPHA or kind == _BETA
     if is_air_data and not (setup.learns_wind and is_outlier(memory.noise[kind, 0])):
         _follow_gusts(nis, memory)

@@ -58,7 +58,7 @@ class StateField:
     REJECTED = 55
     LATE = 56
     ORIGIN = slice(57, 60)  # latitude, longitude [rad], altitude [m] of POSITION
-    CONTRADICTION = 60  # number in CONTRADICTED of the sensor that goes against all others; 0: none is known to
+    CONTRADICTION = 60  # number in CONTRADICTED or SUSPECTED of the sensor that goes against others; 0: none does
     WIDTH = 61
 
 
@@ -132,9 +132,18 @@ CONTRADICTED = dict(
 )  # fmt: skip
 
 
+#: Sensors whose innovations alone are too large just now, by their numbers in a row. The IMU predicts all: where
+#: several have such, it is the IMU, or more than one of them.
+SUSPECTED = dict(
+    enumerate(("GPS", "airspeed", "angle of attack", "sideslip", "attitude", "IMU or several sensors"), start=10)
+)
+
+
 def contradiction_text(code: int) -> str:
     """Words for a value of ``StateField.CONTRADICTION``; empty for 0."""
-    return f"sign, unit or axes of the {CONTRADICTED[code]} contradict the other sensors" if code else ""
+    if code in SUSPECTED:
+        return f"innovations of the {SUSPECTED[code]} are too large"
+    return f"sign, unit, axes or place of the {CONTRADICTED[code]} contradict the other sensors" if code else ""
 
 
 def status_text(status: int, contradiction: int = 0) -> str:
@@ -219,6 +228,7 @@ class Memory(NamedTuple):
     #: of their means, as large where they are white; then those means
     likelihood: npt.NDArray[np.float64]
     recent_nis: npt.NDArray[np.float64]  # (1,) running mean per degree of freedom, rejected samples too
+    own_nis: npt.NDArray[np.float64]  # (kinds,) the same of each sensor, over half a second
     air_nis: npt.NDArray[np.float64]  # (1,) the same of air data alone, faster
     wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now
     innovation: npt.NDArray[np.float64]  # (kinds, 3) the newest
@@ -253,6 +263,7 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         degrees=np.zeros(kinds, np.int64),
         likelihood=np.zeros((kinds, 8)),
         recent_nis=np.ones(1),
+        own_nis=np.ones(kinds),
         air_nis=np.ones(1),
         wind_walk=np.array([max(wind_walk, GUSTY_START)]),
         innovation=np.full((kinds, 3), np.nan),

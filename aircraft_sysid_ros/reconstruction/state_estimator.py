@@ -428,7 +428,6 @@ class StateEstimator:
             self.drift.count(times[begin:at], kinds[begin:at])
             if count:
                 rows[:count, StateField.LATE] = self.order.counts.late.sum()
-                rows[:count, StateField.CONTRADICTION] = 0.0
                 if self.watch is not None:
                     assert self.epoch is not None  # known from the first samples on
                     self.watch.mark(rows[:count], self.epoch)

@@ -31,6 +31,7 @@ from aircraft_sysid_ros.reconstruction.state import (
     GYRO_BIAS,
     NO_GUIDE,
     POSITION,
+    SUSPECTED,
     VELOCITY,
     Memory,
     Setup,
@@ -47,7 +48,7 @@ _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 # Columns of a row, and elements of the state, as plain numbers for numba: the first of each.
 _TIME, _AIRSPEED_OF_ROW, _ALPHA_OF_ROW = StateField.TIME, StateField.AIRSPEED, StateField.ANGLE_OF_ATTACK
 _BETA_OF_ROW, _DENSITY, _FLOW_STD = StateField.SIDESLIP, StateField.AIR_DENSITY, StateField.AIR_VELOCITY_STD
-_CONSISTENCY, _STATUS = StateField.CONSISTENCY, StateField.STATUS
+_CONSISTENCY, _STATUS, _CONTRADICTION = StateField.CONSISTENCY, StateField.STATUS, StateField.CONTRADICTION
 _FUSED, _REJECTED, _ORIGIN = StateField.FUSED, StateField.REJECTED, StateField.ORIGIN.start
 _STD, _WIND = StateField.STANDARD_DEVIATIONS.start, StateField.WIND.start
 _ROW_AIR, _ROW_POSITION, _ROW_VELOCITY = (
@@ -67,6 +68,11 @@ _INFERRED_ALPHA, _INFERRED_BETA = Status.INFERRED_ALPHA, Status.INFERRED_BETA
 _INFERRED_ANGLES = Status.INFERRED_ANGLES
 _WITHOUT_GPS, _CALM_AIR = Status.WITHOUT_GPS, Status.CALM_AIR
 
+#: Mean normalised innovation squared of all sensors from which one is looked for, and that of one that is suspected;
+#: of another it is at most so large a share, where one alone is.
+_UNEASY, _SUSPECT, _ALONE = 1.3, 3.0, 0.3
+_ATTITUDE = int(Kind.ATTITUDE)
+_FIRST_SUSPECT = min(SUSPECTED)
 #: A sensor that has not been fused for this long [s] is counted as lost.
 SENSOR_TIMEOUT = 2.0
 
@@ -92,6 +98,21 @@ def _status(time: float, last_fused: Array, heard: tuple[Integers, Integers, Int
     return _NO_GPS if air else _INERTIAL_ONLY
 
 
+@njit(cache=True)
+def _suspected(nis: Array) -> float:
+    """Number in SUSPECTED of the sensor whose innovations (kinds,) are too large; 0 where none is."""
+    own = max(nis[_GPS_POSITION], nis[_GPS_VELOCITY]), nis[_AIRSPEED], nis[_ALPHA], nis[_BETA], nis[_ATTITUDE]
+    largest, second, at = 0.0, 0.0, 0
+    for i in range(len(own)):
+        if own[i] > largest:
+            largest, second, at = own[i], largest, i
+        elif own[i] > second:
+            second = own[i]
+    if not largest > _SUSPECT:
+        return 0.0
+    return float(_FIRST_SUSPECT + (at if second < _ALONE * largest else len(own)))
+
+
 @njit(inline="always")  # its memory is handed over array by array otherwise
 def write_row(
     row: Array, x: Array, p: Array, force: Array, rate: Array, time: float, setup: Setup, memory: Memory
@@ -107,6 +128,7 @@ def write_row(
     density = memory.air[0]
     row[_DENSITY] = density if density > 0.0 else air_density(setup.origin[2] - x[_X_POSITION + 2])
     row[_CONSISTENCY] = memory.recent_nis[0]
+    row[_CONTRADICTION] = _suspected(memory.own_nis) if memory.recent_nis[0] > _UNEASY else 0.0
     fused, rejected = memory.fused, memory.rejected
     row[_STATUS] = _status(time, memory.last_fused, (fused, rejected, memory.skipped), setup)
     row[_FUSED], row[_REJECTED] = np.sum(fused), np.sum(rejected)

@@ -22,6 +22,7 @@ NOT_RUN = {
     "make bench": _MEASURES,
     "make certificate": _MEASURES,
     "make faults": _MEASURES,
+    "make soak": _MEASURES,
     "make hidden-effects": _MEASURES,
     "make paper": _MEASURES,
     "make calibration": _MEASURES,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -28,8 +30,8 @@ def clean():
     return simulate_samples(default_aircraft(), 63, 65.0, turbulence="light").samples
 
 
-def flown(samples, block=1000):
-    pipeline, rows = Pipeline(default_aircraft()), []
+def flown(samples, block=1000, aircraft=None):
+    pipeline, rows = Pipeline(aircraft or default_aircraft()), []
     for i in range(0, len(samples), block):
         rows.append(pipeline.push(samples[i : i + block])[0])
     rows.append(pipeline.flush()[0])
@@ -62,6 +64,19 @@ def test_what_is_wired_wrongly_is_named_within_a_minute_and_nothing_is_used(clea
     assert rows[-1, StateField.CONTRADICTION] == NUMBER[sensor]
     assert used(pipeline) == []
     assert any("reverse it" in words or "divide it by 57.2958" in words for words in pipeline.check.words)
+
+
+def test_a_vane_out_on_the_wing_that_the_file_does_not_mention_is_named_and_nothing_is_used(clean):
+    """It is 0.4 m to the right; what depends on the angle of attack came out a fifth too small, with USE."""
+    known = default_aircraft().source
+    silent = aircraft_from_dict({key: value for key, value in known.items() if key != "air_data_position"})
+    pipeline, rows = flown(clean, aircraft=silent)
+    assert rows[-1, StateField.CONTRADICTION] == NUMBER["angle of attack"]
+    assert used(pipeline) == []
+    (words,) = pipeline.check.words
+    assert "set y of air_data_position" in words
+    place, error = map(float, re.search(r"moves as one ([\d.]+) ± ([\d.]+) m to the right", words).groups())
+    assert abs(place - 0.4) < 4.0 * error < 0.4
 
 
 def test_the_reason_of_a_parameter_names_the_sensor(clean):
@@ -98,7 +113,7 @@ def test_a_climb_of_three_kilometres_on_a_hot_day_changes_no_density():
     temperature = 288.15 - 0.0065 * height + np.linspace(20.0, -3.0, 3000)
     pressure = 96_000.0 * np.exp(-np.concatenate([[0.0], np.cumsum(9.80665 / (287.05 * temperature[1:]))]))
     rows[:, StateField.AIR_DENSITY] = pressure / (287.05 * temperature)
-    rows[:, StateField.AIRSPEED], rows[:, StateField.STATUS] = 60.0, 1.0
+    rows[:, StateField.AIRSPEED], rows[:, StateField.STATUS], rows[:, StateField.CONTRADICTION] = 60.0, 1.0, 0.0
     check = InFlightCheck(10.0)
     check.mark(rows, 0)
     assert np.all(rows[:, StateField.CONTRADICTION] == 0.0)

@@ -56,7 +56,9 @@ def test_a_summary_counts_what_was_flown():
     moved |= {"sure_wrong_at_the_end": 0, "named": True}
     records = [moved, moved | {"held": None, "sure_wrong": 3}, {"faulty": True, "fault": "GPS lost", "exception": "E"}]
     records += [{"faulty": False, "holds": 1, "sure_wrong": 0}, {"faulty": False, "holds": 0, "sure_wrong": 0}]
+    records += [{"faulty": False, "file": "bare", "holds": 6, "sure_wrong": 0, "named": True}]
     found = faults.summary(records)
     assert found["all"]["flights"] == 3 and found["all"]["exceptions"] == 1 and found["all"]["sure_wrong"] == 1
     assert (found["faults"]["alpha stuck"]["moved"], found["faults"]["alpha stuck"]["held"]) == (2, 1)
+    assert found["bare"] == {"flights": 1, "named": 1, "sure_wrong": 0}
     assert found["healthy"] == {"flights": 2, "held": 1, "sure_wrong": 0, "exceptions": 0}

@@ -16,7 +16,8 @@ from aircraft_sysid_ros.identification.monitoring.sensor_faults import SensorFau
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField, Status
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, SUSPECTED, StateField, Status
+from aircraft_sysid_ros.reconstruction.state_row import _suspected
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 from aircraft_sysid_ros.simulation.dynamics import Effect
@@ -175,6 +176,28 @@ def test_measurements_that_are_rejected_in_bulk_are_a_sign_and_single_ones_are_n
     assert not any(looks(aircraft, rows))
     rows[1000:, StateField.REJECTED] += 50.0 * (rows[1000:, StateField.TIME] - 10.0)
     assert ["measurements are rejected"] in looks(aircraft, rows)[50:60]
+
+
+def test_the_sensor_whose_innovations_are_too_large_is_named(aircraft):
+    rows = level(2000)
+    rows[1000:1100, StateField.CONSISTENCY] = 2.5
+    rows[1020:1080, StateField.CONTRADICTION] = next(code for code, name in SUSPECTED.items() if name == "GPS")
+    assert ["sensors contradict each other: innovations of the GPS are too large"] in looks(aircraft, rows)[50:56]
+
+
+@pytest.mark.parametrize(
+    ("large", "named"),
+    [
+        ({Kind.GPS_VELOCITY: 9.0, Kind.GPS_POSITION: 4.0}, "GPS"),
+        ({Kind.SIDESLIP: 9.0, Kind.AIRSPEED: 2.0}, "sideslip"),
+        ({Kind.ATTITUDE: 9.0, Kind.ANGLE_OF_ATTACK: 8.0}, "IMU or several sensors"), ({Kind.AIRSPEED: 2.9}, None),
+    ],
+)  # fmt: skip
+def test_one_sensor_alone_is_suspected_and_of_several_what_predicts_them(large, named):
+    nis = np.ones(len(Kind))
+    for kind, value in large.items():
+        nis[kind] = value
+    assert SUSPECTED.get(int(_suspected(nis))) == named
 
 
 def test_a_bias_that_is_still_being_found_is_no_leap(aircraft):

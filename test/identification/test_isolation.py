@@ -10,9 +10,10 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.identification.monitoring.isolation import explanations
+from aircraft_sysid_ros.identification.monitoring.isolation import explanations, noisy_records, wrong_gyros
 from aircraft_sysid_ros.identification.monitoring.known_before import BETTER, SHARE, KnownBefore, cause
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.reconstruction.state import SUSPECTED, contradiction_text
 
 NOISE, STEP, COUNT = 1e-3, 0.04, 250
 
@@ -180,3 +181,24 @@ def test_candidates_are_named(aircraft, truth):
     assert words(Cm_de=0.6, Cl_da=0.6).startswith("the records of the controls are wrong")
     assert words(Cm_de=1.5, Cl_da=1.5, Cl_p=1.5, CZ_alpha=1.5).startswith("airspeed or density is wrong")
     assert words(Cm_q=1.5, Cl_p=0.5).startswith("a sensor is wrong")
+
+
+@pytest.mark.parametrize(("std", "named"), [(0.0, ""), (0.003, ""), (0.0175, "the record of the elevator is noisy")])
+def test_noise_on_a_record_is_told_from_motion_that_is_steered(aircraft, truth, std, named):
+    """Steps and sines of 0.1 rad, with the noise of a record that is digital, and then of a degree."""
+    rows, rng = points(aircraft, truth), np.random.default_rng(3)
+    at = CoefficientSample.SIGNALS.start + SIGNALS.index("de")
+    time = rows[:, CoefficientSample.TIME]
+    rows[:, at] = 0.1 * np.sign(np.sin(2.0 * np.pi * 0.7 * time)) + 0.1 * np.sin(2.0 * np.pi * 2.0 * time)
+    rows[:, at] += np.where(time > 5.0, std, 0.001) * rng.standard_normal(len(rows))
+    assert noisy_records(aircraft.model, rows, 5.0) == named
+
+
+def test_a_gyro_is_told_from_the_vane_that_it_predicts():
+    """Innovations of the sideslip: if the side force agrees with the vane, and a moment does not, it is the gyro."""
+    sideslip = contradiction_text(next(code for code, sensor in SUSPECTED.items() if sensor == "sideslip"))
+    words, gyro, vane = f"sensors contradict each other: {sideslip}", np.ones(6), np.ones(6)
+    gyro[AXES.index("Cn")] = vane[AXES.index("Cn")] = 9.0
+    vane[AXES.index("CY")] = 7.0
+    assert "the gyros are wrong" in wrong_gyros(words, gyro)
+    assert wrong_gyros(words, vane) == wrong_gyros("model error", gyro) == wrong_gyros(words, np.full(6, np.nan)) == ""

@@ -37,7 +37,7 @@ def test_state_diagnostics_and_parameters_name_the_sensor(bench, upside_down):
     bench.spin_until(lambda: parameters.states_received == state.rows_published)
     parameters.finish()
     bench.spin_until(lambda: states and states[-1].status >> 4 == 8)
-    words = "sign, unit or axes of the sideslip contradict the other sensors"
+    words = "sign, unit, axes or place of the sideslip contradict the other sensors"
     assert words in states[-1].status_text
     assert states[0].status >> 4 == 0
     bench.spin_until(lambda: sets and all(words in p.reason for p in sets[-1].parameters))

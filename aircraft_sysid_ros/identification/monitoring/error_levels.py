@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, PREDICTED, CoefficientSample
-from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW, Summary
+from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW, Summary, thinness
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -28,19 +28,23 @@ def error_levels(samples: Array, since: Array, summary: Summary, levels: Array, 
     """Mean square error of the newest WINDOW samples of motion of each axis, and what it says.
 
     samples (n, …) ascending; ``since`` (6,) [s] from when they count; ``levels`` (6,) NaN where there are too few;
-    ``flags`` (6, 3): above SIGN, above ALARM, above the slight unease at which older parameters are compared.
+    ``flags`` (6, 3): above SIGN, above ALARM, above the slight unease at which older parameters are compared. Where the
+    aeroplane is slower than it was, what is usual grows as 1/qbar.
     """
-    common = summary.common[0]
     for axis in range(6):
-        total, count = 0.0, 0
+        total, thin, count = 0.0, 0.0, 0
         for i in range(len(samples) - 1, -1, -1):
             if not samples[i, _TIME] > since[axis] or count == WINDOW:
                 break
             if samples[i, LEARNT + axis] > 0.0:
                 total += (samples[i, MEASURED + axis] - samples[i, PREDICTED + axis]) ** 2
+                thin += thinness(samples[i])
                 count += 1
         levels[axis] = total / WINDOW if count == WINDOW else np.nan
         usual, largest = summary.usual[axis, 0], summary.usual[axis, 1]
+        common = summary.common[0]
+        if thin > WINDOW * summary.usual[axis, 2] > 0.0:
+            common *= thin / WINDOW / summary.usual[axis, 2]
         flags[axis, 0] = _exceeds(levels[axis], usual, largest, common, SIGN)
         flags[axis, 1] = _exceeds(levels[axis], usual, largest, common, ALARM)
         flags[axis, 2] = _exceeds(levels[axis], usual, largest, common, _SLIGHT)

@@ -7,11 +7,15 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
-from aircraft_sysid_ros.identification.monitoring.sensor_faults import LOST
-from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import ALONE, LOST
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
+
+Array = npt.NDArray[np.float64]
 
 SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps"}
 
@@ -26,21 +30,23 @@ class Hold:
     good: ParameterCheckpoint | None  # what is published; None: nothing was known before
     sensor: bool  # a sensor is suspected
     high: bool  # its error was too large
+    contradicts: bool = False  # what was known, without a larger error: a model that lacks something does so
+    lacks: str = ""  # that the model does not explain the coefficient, in words, where that is so
     stuck: str = ""  # a surface of which nothing is left, or whose record stands still: "de" and so on
     still: float = -np.inf  # [s] when its record was last seen to stand still
     sure: bool = False  # the words say which sensor it is
     leader: int | None = None  # the axis that found it stuck, whose end is the end of this one
 
     def rename(self, words: str) -> None:
-        """Say what explains it, unless a sensor is known to be lost or wrong."""
-        if not (self.sure or self.words in LOST):
+        """Say what explains it, unless a sensor is known to be lost or wrong, or contradicts all others by itself."""
+        if not (self.sure or self.words in LOST or self.words.endswith(ALONE)):
             self.words = words
 
     @property
     def what(self) -> str:
         """What is wrong, in words."""
         if not self.stuck:
-            return self.words
+            return self.lacks or self.words
         recorded = self.still > -np.inf
         surface = SURFACES[self.stuck]
         return f"the record of the {surface} stands still" if recorded else f"the {surface} is stuck or lost"
@@ -76,3 +82,26 @@ def rolled_back(
     words += ": the values are those from before it"
     elapsed = now - good.found.time
     return [held(replace(p, age=p.age + elapsed), words) for p in good.found.parameters[part]]
+
+
+def with_holds(
+    found: ParameterSet, holds: list[Hold | None], model: AerodynamicModel, changed: Array, start: float
+) -> ParameterSet:
+    """What is published while axes are held: they ``changed`` (6,) [s] last then, ``start`` [s] of the flight."""
+    parameters, covariance = list(found.parameters), found.covariance.copy()
+    for axis, hold in enumerate(holds):
+        if hold is None:
+            continue
+        part = model.axis_slice(AXES[axis])
+        words = f"{hold.what} since {max(hold.since - start, 0.0):.1f} s"
+        if changed[axis] > hold.since - 1.0 and not (hold.sensor or hold.stuck):
+            parameters[part] = [held(p, words) for p in parameters[part]]
+            continue
+        parameters[part] = rolled_back(parameters[part], part, hold.good, found.time, words)
+        if hold.sure:
+            parameters[part] = [replace(p, status=Trust.HOLD, reason=words) for p in parameters[part]]
+        covariance[part, part] = np.nan if hold.good is None else hold.good.found.covariance[part, part]
+        if hold.sensor and hold.good is not None:
+            was = hold.good.found
+            found = replace(found, airspeed=was.airspeed, alpha=was.alpha, beta=was.beta)
+    return replace(found, parameters=tuple(parameters), covariance=covariance)

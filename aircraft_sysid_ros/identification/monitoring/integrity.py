@@ -51,10 +51,16 @@ from aircraft_sysid_ros.identification.estimators.recursive_least_squares import
 from aircraft_sysid_ros.identification.history import Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.agreement import SplitHalfAgreement
 from aircraft_sysid_ros.identification.monitoring.coefficient_noise import CoefficientNoise
-from aircraft_sysid_ros.identification.monitoring.error_levels import ALARM, NORMAL, error_levels
-from aircraft_sysid_ros.identification.monitoring.hold import SURFACES, Hold, Release, Restore, held, rolled_back
-from aircraft_sysid_ros.identification.monitoring.isolation import Explanation, explanations
+from aircraft_sysid_ros.identification.monitoring.error_levels import NORMAL, error_levels
+from aircraft_sysid_ros.identification.monitoring.hold import SURFACES, Hold, Release, Restore, held, with_holds
+from aircraft_sysid_ros.identification.monitoring.isolation import (
+    Explanation,
+    explanations,
+    noisy_records,
+    wrong_gyros,
+)  # fmt: skip
 from aircraft_sysid_ros.identification.monitoring.known_before import SHARE, KnownBefore, cause
+from aircraft_sysid_ros.identification.monitoring.news import is_news
 from aircraft_sysid_ros.identification.monitoring.residuals import SPREAD, WINDOW, ResidualMonitor
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, SensorFaultDetector
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
@@ -84,8 +90,6 @@ DECIDES = 30.0
 BEFORE = 4.0
 #: A record [rad] that moves less than this for so long [s], and stopped so near [s] to the first sign, stands still.
 STILL, STILL_TIME, STILL_SINCE = 1e-6, 2.0, 3.0
-#: Mean square of a term over that of what an axis has learnt from, beyond which it moves as it never did.
-NEW = 2.0
 #: Time [s] between looks at what is known, where values alone show no change.
 NOTED = 5.0
 #: One thing is asked for that explains the errors of so many seconds, if their mean square is so many times the usual.
@@ -93,6 +97,11 @@ EXPLAINED, LEAST_ERROR = 4.0, 3.0
 #: Share of its effectiveness below which a surface is taken for stuck.
 STUCK = 0.2
 _TIME = CoefficientSample.TIME
+
+
+def _more_precise(words: str, found: list[str]) -> str:
+    """The same sign with the sensor named, if it is among those that were found; else the words as they are."""
+    return next((more for more in found if more.startswith(f"{words}:")), words)
 
 
 class IntegrityMonitor:
@@ -107,6 +116,7 @@ class IntegrityMonitor:
         with recursive least squares instead of that with itself.
         """
         self._step, self._forgetting, self.joint, self._history = step, forgetting, joint, history
+        self._overlap = max(2.0 * half_width / step, 1.0)
         self.noise = CoefficientNoise(aircraft, half_width)
         self.adopt(aircraft)
 
@@ -172,7 +182,8 @@ class IntegrityMonitor:
     def note_change(self, axis: int, now: float) -> None:
         """An axis is being learnt anew since ``now`` [s], for a change of the aeroplane."""
         self.agreement.forget(axis)
-        self._hold(axis, now)
+        if self._has_known(axis, now - LAG):
+            self._hold(axis, now)
 
     def _release(self, now: float) -> list[Restore]:
         """End the holds that are to end; returns those that go back."""
@@ -252,36 +263,36 @@ class IntegrityMonitor:
         return np.flatnonzero(asked & (self._raised >= LOOKS)).tolist()
 
     def _is_news(self, axis: int, begin: float) -> bool:
-        """Whether an error since ``begin`` [s] is that of what the axis did not know before.
-
-        The variance of its predictions by the covariance from before it explains the error, or a term moves more than
-        it ever did whose parameter was not trusted.
-        """
-        past, n = self.checkpoints.before(begin, axis), len(self.model.terms[AXES[axis]])
-        samples = self._history.since(0)
+        """Whether an error since ``begin`` [s] is that of what the axis did not know before."""
+        if not self._has_known(axis, begin):
+            return True
+        past, samples = self.checkpoints.before(begin, axis), self._history.since(0)
         samples = samples[(samples[:, _TIME] > begin) & (samples[:, LEARNT + axis] > 0.0)]
         if past is None or not len(samples):
             return False
-        part = self.model.axis_slice(AXES[axis])
-        x = samples[:, CoefficientSample.TERMS + part.start : CoefficientSample.TERMS + part.stop]
-        state, (mean, largest) = past.least_squares, self.monitor.usual(axis)
-        explained = mean * float(np.einsum("ki,ij,kj->k", x, state.p[axis, :n, :n], x).mean())
-        level = float(self._levels[axis])
-        if not (level > ALARM[0] ** 2 * (mean + explained) and level > ALARM[1] ** 2 * (largest + explained)):
+        return is_news(self.model, axis, past, samples, float(self._levels[axis]), self.monitor.usual(axis))
+
+    def _has_known(self, axis: int, time: float) -> bool:
+        """Whether anything of an axis was to be used at a time [s], or was surely known: else there is nothing to lose.
+
+        What moves by its noise alone has parameters that are wrong, and for that reason HOLD; the first motion says so.
+        """
+        past, part = self.checkpoints.before(time, axis), self.model.axis_slice(AXES[axis])
+        if past is None or self.known_before.is_known[part].any():
             return True
-        sums = state.sums[axis, 0]
-        learnt = np.diag(sums)[:n] / max(sums[n + 1, n + 1], 1e-300)
-        trusted = np.array([p.status == Trust.USE for p in past.found.parameters[part]])
-        return bool((~trusted & ((x * x).mean(axis=0) > NEW * learnt)).any())
+        moving = self.model.constants[axis] == 0.0
+        used = [p.status == Trust.USE for p in past.found.parameters[part]]
+        return bool((moving & np.array(used, np.bool_)).any())
 
     def _is_worse(self, axis: int, now: float) -> bool:
         """Whether what was known some time ago predicts far better."""
         past = None if self.holds[axis] is not None else self.checkpoints.before(now - LAG, axis)
-        if past is None:
+        if past is None or not self._has_known(axis, now - LAG):
             return False
         times, squares = self._errors(axis, self._released[axis], EVIDENCE)
         old = self._errors(axis, self._released[axis], EVIDENCE, past.theta)[1]
-        return bool(len(times) == EVIDENCE and squares.mean() > WORSE * old.mean())
+        surely = DECIDES * self._overlap * self.monitor.usual(axis)[0]  # windows overlap: so many are worth one
+        return len(times) == EVIDENCE and squares.mean() > WORSE * old.mean() and float(np.sum(squares - old)) > surely
 
     # -- holding ----------------------------------------------------------------------------------------------------
 
@@ -304,13 +315,14 @@ class IntegrityMonitor:
             self._sign_words, self._first_sign = words[0], now
         if sure:
             self._sign_words = words[-1]
+        before, self._sign_words = self._sign_words, _more_precise(self._sign_words, words)
         self._last_sign = now
         for axis in range(len(AXES)):
             uneasy = self._uneasy_since[axis]
             since = now - BEFORE if np.isnan(uneasy) else min(uneasy, now - BEFORE)
             self._hold(axis, now, since, self._sign_words)
             hold = self.holds[axis]
-            if hold is not None and (not hold.sensor or sure):
+            if hold is not None and (not hold.sensor or sure or hold.words == before):
                 hold.sensor, hold.words, hold.sure = True, self._sign_words, sure
 
     def _decide(self, axis: int, hold: Hold, now: float) -> Release | None:
@@ -433,6 +445,8 @@ class IntegrityMonitor:
         for axis, name in enumerate(AXES):
             if words := lack_of_fit(name, self.monitor.unexplained(axis), self.monitor.over_noise(axis)):
                 self._misfits[axis] = words
+                if (hold := self.holds[axis]) is not None and hold.contradicts:
+                    hold.lacks = words
             if self.joint or self.holds[axis] or not self.agreement.are_apart(axis):
                 continue
             part = self.model.axis_slice(name)
@@ -452,19 +466,34 @@ class IntegrityMonitor:
             changes = self.known_before.changes(kept, range(axis, axis + 1))
             if changes:
                 good = self.known_before.of(axis)
-                self.holds[axis] = Hold(kept.time, kept.time, cause(changes), good, sensor=False, high=True)
+                hold = Hold(kept.time, kept.time, cause(changes), good, sensor=False, high=True, contradicts=True)
+                self.holds[axis] = hold
                 self.count += 1
             else:
                 self.known_before.note(axis, kept)
         asked = [hold for hold in self.holds if hold is not None and hold.high and not hold.stuck]
         best = self._explanation(kept.time - EXPLAINED) if asked else None
-        if best is not None and best.is_sure:
+        if not asked:
+            return
+        since = min(hold.since for hold in asked)
+        if gyros := wrong_gyros(self._sign_words, self._over_usual()):
+            for hold in asked:
+                hold.words = hold.words if hold.sure else gyros
+        elif noisy := noisy_records(self.model, self._history.since(0), since):
+            for hold in asked:
+                hold.rename(noisy)
+        elif best is not None and best.is_sure:
             for hold in asked:
                 hold.rename(best.words)
 
+    def _over_usual(self) -> Array:
+        """Rms error of the newest second of motion of each axis over the usual (6,)."""
+        usual = np.array([self.monitor.usual(axis)[0] for axis in range(len(AXES))])
+        return np.sqrt(self._levels / np.maximum(usual, 1e-300))
+
     def gated(self, found: ParameterSet, changed: Array, start: float) -> ParameterSet:
         """What is published of ``found``; ``changed`` (6,) [s] when axes changed last, ``start`` [s] of the flight."""
-        parameters, covariance = list(found.parameters), found.covariance.copy()
+        parameters = list(found.parameters)
         for i, words in self._disagreeing.items():
             parameters[i] = held(parameters[i], words)
         for axis, words in self._misfits.items():
@@ -474,19 +503,5 @@ class IntegrityMonitor:
             p = parameters[i]
             if p.status == Trust.USE and abs(p.value - before) > SHARE * abs(before):
                 parameters[i] = replace(p, reason=words)
-        found = replace(found, parameters=())
-        for axis in np.flatnonzero(self._held()).tolist():
-            hold, part = self.holds[axis], self.model.axis_slice(AXES[axis])
-            assert hold is not None
-            words = f"{hold.what} since {max(hold.since - start, 0.0):.1f} s"
-            if changed[axis] > hold.since - 1.0 and not (hold.sensor or hold.stuck):
-                parameters[part] = [held(p, words) for p in parameters[part]]
-                continue
-            parameters[part] = rolled_back(parameters[part], part, hold.good, found.time, words)
-            if hold.sure:
-                parameters[part] = [replace(p, status=Trust.HOLD, reason=words) for p in parameters[part]]
-            covariance[part, part] = np.nan if hold.good is None else hold.good.found.covariance[part, part]
-            if hold.sensor and hold.good is not None:
-                was = hold.good.found
-                found = replace(found, airspeed=was.airspeed, alpha=was.alpha, beta=was.beta)
-        return replace(found, parameters=tuple(parameters), covariance=covariance)
+        found = replace(found, parameters=tuple(parameters))
+        return with_holds(found, self.holds, self.model, changed, start)

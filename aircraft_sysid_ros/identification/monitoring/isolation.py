@@ -21,11 +21,17 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
+from aircraft_sysid_ros.identification.monitoring.error_levels import ALARM, SIGN
 from aircraft_sysid_ros.identification.monitoring.hold import SURFACES
+from aircraft_sysid_ros.reconstruction.state import SUSPECTED, contradiction_text
 
 Array = npt.NDArray[np.float64]
 
+#: Median third difference [rad] of a record that is noise, and over what it was; so many samples at least, of those of
+#: the newest so many seconds.
+_ROUGH, _ROUGHER, _ENOUGH, _LATELY = 0.005, 5.0, 25, 4.0
 #: Samples further apart [s] have no rate between them.
 _STEP = 0.1
 _FLOW = ("alpha", "beta")
@@ -38,6 +44,13 @@ SURELY, WHOLLY = 0.5, 4.0
 SCALE, LATE = 0.15, 0.02
 #: Chords by which a centre of gravity moves that is noticed, and at most.
 MOVED, FARTHEST = 0.02, 0.25
+#: A vane whose innovations are too large: its words, the axis of the force that it makes, and those of the moments.
+_OF_VANES = [
+    (contradiction_text(code), AXES.index(force), [AXES.index(axis) for axis in moments])
+    for name, force, moments in (("angle of attack", "CZ", ("Cm",)), ("sideslip", "CY", ("Cn", "Cl")))
+    for code, sensor in SUSPECTED.items()
+    if sensor == name
+]
 INPUTS = {"alpha": "angle of attack", "beta": "sideslip"} | {
     signal: f"record of the {surface}" for signal, surface in SURFACES.items()
 }
@@ -137,6 +150,44 @@ def _effects(time: Array, each: Array, terms: Sequence[str]) -> dict[str, Array]
     return found | {
         _AIRSPEED: each.sum(axis=1), _CONTROLS: controls, _AIR_DATA: flow, _IMU: -controls - flow
     }  # fmt: skip
+
+
+def wrong_gyros(words: str, over_usual: Array) -> str:
+    """That the gyros are wrong, in words: what they predict of a vane fails, and the force that goes with it does not.
+
+    ``words`` of the sign of a sensor; ``over_usual`` (6,) rms errors over the usual. A vane that is wrong spoils the
+    force that depends on it; a gyro that is wrong spoils the moments, as damping does.
+    """
+    for vane, force, moments in _OF_VANES:
+        if words.endswith(vane) and over_usual[force] < SIGN[0] and (over_usual[moments] > ALARM[0]).any():
+            return "the gyros are wrong: they contradict the vanes, and the forces agree with these"
+    return ""
+
+
+def noisy_records(model: AerodynamicModel, samples: Array, since: float) -> str:
+    """Which records of surfaces are noise since a time [s], by samples (n, …), in words; nothing where none is."""
+    time, first = samples[:, _TIME], CoefficientSample.SIGNALS.start
+    moved = {term for terms in model.terms.values() for term in terms}
+    found = [
+        surface
+        for signal, surface in SURFACES.items()
+        if signal in moved and _is_noisy(time, samples[:, first + SIGNAL_INDEX[signal]], since)
+    ]
+    if len(found) == 1:
+        return f"the record of the {found[0]} is noisy"
+    return f"the records of the controls are noisy: {', '.join(found)}" if found else ""
+
+
+def _is_noisy(time: Array, record: Array, since: float) -> bool:
+    """Whether a record (n,) [rad] is noise since a time [s], and was not before.
+
+    By the median of its third differences: no motion that is steered has them, and a step has few.
+    """
+    rough, middle = np.abs(np.diff(record, 3)), time[1:-2]
+    lately, before = rough[middle > max(since, middle[-1] - _LATELY)] if len(middle) else rough, rough[middle < since]
+    if min(len(lately), len(before)) < _ENOUGH:
+        return False
+    return float(np.median(lately)) > max(_ROUGH, _ROUGHER * float(np.median(before)))
 
 
 def _without_mean(values: Array) -> Array:

@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
 
 Array = npt.NDArray[np.float64]
@@ -49,6 +50,7 @@ FIT_BLOCKS, LEAST_MOTION = 30, 0.1
 _QUIETEST = 2
 
 _TIME = CoefficientSample.TIME
+QBAR = CoefficientSample.SIGNALS.start + SIGNAL_INDEX["qbar"]
 
 
 class Errors(NamedTuple):
@@ -59,8 +61,10 @@ class Errors(NamedTuple):
     filled: Integers  # (6,) how many there are
     measured: Array  # (6, GUARD) the coefficients of them
     noise: Array  # (6, GUARD) variances that noise makes of them
-    block: Array  # (6, 5) of one being filled: sums of squared errors, 1, the coefficient, its square, and noise
+    block: Array  # (6, 6) of one being filled: sums of squared errors, 1, the coefficient, its square, noise, 1/qbar
+    thin: Array  # (6, GUARD) 1/qbar [1/Pa] of the newest
     blocks: Array  # (6, MOST_BLOCKS) mean squares, newest first
+    blocks_thin: Array  # (6, MOST_BLOCKS) means of 1/qbar in them
     block_count: Integers  # (6,)
     fit_error: Array  # (6, FIT_BLOCKS) mean squares of blocks in which the coefficient moves, newest first
     fit_mean: Array  # (6, FIT_BLOCKS) means of the coefficient in them
@@ -73,8 +77,14 @@ class Summary(NamedTuple):
     """What the errors of all axes are now against what they were."""
 
     window: Array  # (6, 3) mean square of window, of all blocks, and of the largest; NaN where they do not compare
-    usual: Array  # (6, 2) mean square of all blocks and of the largest; NaN before there are enough
+    usual: Array  # (6, 3) mean square of all blocks and of the largest, mean of 1/qbar; NaN before there are enough
     common: Array  # (1,) by what the mean square error has grown in most axes
+
+
+@njit(cache=True)
+def thinness(sample: Array) -> float:
+    """1/qbar [1/Pa]: errors of flow angles and specific force weigh more in a coefficient the slower it flies."""
+    return 1.0 / sample[QBAR] if sample[QBAR] > 0.0 else 0.0
 
 
 @njit(cache=True)
@@ -98,8 +108,10 @@ def add_errors(samples: Array, predicted: Array, noise: Array, known: npt.NDArra
             _shift(errors.time, axis, GUARD)
             _shift(errors.measured, axis, GUARD)
             _shift(errors.noise, axis, GUARD)
+            _shift(errors.thin, axis, GUARD)
             errors.newest[axis, 0], errors.time[axis, 0] = e * e, samples[i, _TIME]
             errors.measured[axis, 0], errors.noise[axis, 0] = samples[i, MEASURED + axis], noise[i, axis]
+            errors.thin[axis, 0] = thinness(samples[i])
             errors.filled[axis] = min(errors.filled[axis] + 1, GUARD)
 
 
@@ -112,10 +124,13 @@ def _add_to_block(axis: int, errors: Errors) -> None:
     errors.block[axis, 2] += measured
     errors.block[axis, 3] += measured * measured
     errors.block[axis, 4] += errors.noise[axis, GUARD - 1]
+    errors.block[axis, 5] += errors.thin[axis, GUARD - 1]
     if errors.block[axis, 1] == WINDOW:
         _add_to_fit(axis, errors)
         _shift(errors.blocks, axis, MOST_BLOCKS)
+        _shift(errors.blocks_thin, axis, MOST_BLOCKS)
         errors.blocks[axis, 0] = errors.block[axis, 0] / WINDOW
+        errors.blocks_thin[axis, 0] = errors.block[axis, 5] / WINDOW
         errors.block_count[axis] = min(errors.block_count[axis] + 1, MOST_BLOCKS)
         errors.block[axis] = 0.0
 
@@ -152,6 +167,7 @@ def summarise(errors: Errors, longest: float, summary: Summary) -> None:
         blocks = errors.blocks[axis, :count]
         mean, largest = blocks.mean(), blocks.max()
         summary.usual[axis, 0], summary.usual[axis, 1] = mean, largest
+        summary.usual[axis, 2] = errors.blocks_thin[axis, :count].mean()
         span = errors.time[axis, 0] - errors.time[axis, WINDOW - 1]
         if errors.filled[axis] >= WINDOW and span <= longest and largest > 0.0:  # without any error there is no measure
             window = errors.newest[axis, :WINDOW].mean()
@@ -203,7 +219,9 @@ class ResidualMonitor:
             filled=np.zeros(6, np.int64),
             measured=np.zeros((6, GUARD)),
             noise=np.zeros((6, GUARD)),
-            block=np.zeros((6, 5)),
+            block=np.zeros((6, 6)),
+            thin=np.zeros((6, GUARD)),
+            blocks_thin=np.zeros((6, MOST_BLOCKS)),
             blocks=np.zeros((6, MOST_BLOCKS)),
             block_count=np.zeros(6, np.int64),
             fit_error=np.zeros((6, FIT_BLOCKS)),
@@ -212,7 +230,7 @@ class ResidualMonitor:
             fit_noise=np.zeros((6, FIT_BLOCKS)),
             fit_count=np.zeros(6, np.int64),
         )
-        self.summary = Summary(np.full((6, 3), np.nan), np.full((6, 2), np.nan), np.ones(1))
+        self.summary = Summary(np.full((6, 3), np.nan), np.full((6, 3), np.nan), np.ones(1))
         self._excess = np.full(6, np.nan)
         self._raised = np.zeros(6, np.int64)  # evaluations in a row at which the error was too large
 
@@ -244,7 +262,7 @@ class ResidualMonitor:
 
     def usual(self, axis: int) -> tuple[float, float]:
         """Mean square error and largest block of an axis, grown as in most axes; NaN before there are enough blocks."""
-        mean, largest = self.summary.usual[axis].tolist()
+        mean, largest = self.summary.usual[axis, :2].tolist()
         common = float(self.summary.common[0])
         return common * mean, common * largest
 

@@ -23,6 +23,7 @@ from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_AC
 from aircraft_sysid_ros.reconstruction.state import (
     CONTRADICTED,
     D_ACCELEROMETER_BIAS,
+    SUSPECTED,
     StateField,
     Status,
     contradiction_text,
@@ -64,6 +65,8 @@ _WITHOUT_GPS = Status.WITHOUT_GPS
 #: Those about one sensor, which say most, are the last of them.
 CAUSES = tuple(contradiction_text(code) for code in CONTRADICTED)
 LOST = ("no GPS", "no airspeed", "no angle of attack", "no sideslip")
+#: How words end that name one sensor by its innovations.
+ALONE = tuple(contradiction_text(code) for code in SUSPECTED if code < max(SUSPECTED))
 WORDS = (
     "state reconstruction had to begin anew", *LOST,
     "sensors contradict each other", "measurements are rejected", "an IMU bias leaps", *CAUSES,
@@ -211,8 +214,9 @@ def _evaluate(newest: Array, gap: float, memory: Memory, limits: Limits) -> int:
     _follow_wind(newest, memory)
     if not newest[_AIRSPEED] >= limits.minimum_airspeed:
         return 0
+    code = int(newest[_CONTRADICTED]) if newest[_CONTRADICTED] > 0.0 else 0
     signs = _lost(newest, memory) | _at_odds(newest, memory) | _leaps(newest, memory, limits)
-    return signs | _MISWIRED << (int(newest[_CONTRADICTED]) - 1) if newest[_CONTRADICTED] > 0.0 else signs
+    return signs | _MISWIRED << (code - 1) if 0 < code <= len(CAUSES) else signs
 
 
 @njit(cache=True)
@@ -240,6 +244,7 @@ class SensorFaultDetector:
     def restart(self) -> None:
         """The clock began anew."""
         self._newest: Array | None = None
+        self._suspect = ""  # whose innovations are too large, in words
         self._gap = 0.0
         self._memory = Memory(
             looked=np.zeros((_LOOKED_SIZE, StateField.WIDTH)),
@@ -270,8 +275,14 @@ class SensorFaultDetector:
         if self._newest is None:
             return []
         signs = _evaluate(self._newest, self._gap, self._memory, self._limits)
+        code = self._newest[_CONTRADICTED]
+        self._suspect = contradiction_text(int(code)) if code in SUSPECTED else self._suspect if signs else ""
         self._newest, self._gap = None, 0.0
-        return [words for i, words in enumerate(WORDS) if signs >> i & 1] if signs else []
+        return [self._words(i) for i in range(len(WORDS)) if signs >> i & 1] if signs else []
+
+    def _words(self, i: int) -> str:
+        """Those of a sign; where innovations are too large, of which sensor."""
+        return f"{WORDS[i]}: {self._suspect}" if self._suspect and 1 << i in (_CONTRADICTION, _GATED) else WORDS[i]
 
     def are_too_quiet(self) -> bool:
         """Whether innovations are smaller than they were."""
