@@ -29,9 +29,9 @@ from aircraft_sysid_ros.reconstruction.state import SUSPECTED, contradiction_tex
 
 Array = npt.NDArray[np.float64]
 
-#: Median third difference [rad] of a record that is noise, and over what it was; so many samples at least, of those of
-#: the newest so many seconds.
-_ROUGH, _ROUGHER, _ENOUGH, _LATELY = 0.005, 5.0, 25, 4.0
+#: Median third difference [rad] of a record that is noise, over what it was, and over the first one: 1.2 to 1.6 of what
+#: a window has smoothed, 0.25 of a sine of 2 Hz; so many samples at least, of those of the newest so many seconds.
+_ROUGH, _ROUGHER, _WHITE, _ENOUGH, _LATELY = 0.0015, 5.0, 0.9, 25, 4.0
 #: Samples further apart [s] have no rate between them.
 _STEP = 0.1
 _FLOW = ("alpha", "beta")
@@ -183,11 +183,14 @@ def _is_noisy(time: Array, record: Array, since: float) -> bool:
 
     By the median of its third differences: no motion that is steered has them, and a step has few.
     """
-    rough, middle = np.abs(np.diff(record, 3)), time[1:-2]
-    lately, before = rough[middle > max(since, middle[-1] - _LATELY)] if len(middle) else rough, rough[middle < since]
-    if min(len(lately), len(before)) < _ENOUGH:
+    if len(record) < 2 * _ENOUGH:
         return False
-    return float(np.median(lately)) > max(_ROUGH, _ROUGHER * float(np.median(before)))
+    rough, middle = np.abs(np.diff(record, 3)), time[1:-2]
+    lately, before = middle > max(since, middle[-1] - _LATELY), middle < since
+    if min(lately.sum(), before.sum()) < _ENOUGH:
+        return False
+    now, smooth = np.median(rough[lately]), np.median(np.abs(np.diff(record))[1:-1][lately])
+    return bool(now > max(_ROUGH, _ROUGHER * np.median(rough[before]), _WHITE * smooth))
 
 
 def _without_mean(values: Array) -> Array:
