@@ -77,7 +77,8 @@ def faults(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     healthy = found["healthy"]
     nothing = ["", "", "", "", str(healthy["sure_wrong"]), ""]
     rows.append([f"none; {healthy['held']} with an axis held", str(healthy["flights"]), *nothing])
-    bare = found["bare"]
+    if (bare := found.get("bare")) is None:  # flown before that was asked
+        return header, rows
     label = f"none, but the file has no place of a vane 0.4 m out on the wing; {bare['named']} named"
     rows.append([label, str(bare["flights"]), "", "", "", "", str(bare["sure_wrong"]), ""])
     return header, rows

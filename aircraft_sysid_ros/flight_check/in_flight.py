@@ -173,8 +173,11 @@ class InFlightCheck:
         if self._vane is None or not np.isfinite(motion.alpha).any() or any(name in f.signals for f in found):
             return True
         place, (said, span) = vane_place.sideways(motion), self._vane
-        found += vane_place.findings(place, said, span)
-        return vane_place.is_known(place, span)
+        elsewhere, known = vane_place.findings(place, said, span), vane_place.is_known(place, span)
+        if not known:  # what was found before stands
+            elsewhere = elsewhere or [f for f in self.findings if (f.kind, f.severity, *f.signals) == vane_place.MARKS]
+        found += elsewhere
+        return known
 
 
 def _matters(finding: Finding) -> bool:

@@ -15,6 +15,8 @@ from aircraft_sysid_ros.flight_check.finding import ERROR, Finding
 from aircraft_sysid_ros.flight_check.grid import regress
 from aircraft_sysid_ros.flight_check.motion import Motion
 
+#: Kind, severity and signal of the finding.
+MARKS = ("offset", ERROR, "angle_of_attack")
 _SHORT, _LONG = 0.25, 4.0
 #: Share of the span by which a vane is elsewhere that matters, and by how many standard errors it surely is.
 _MATTERS, _SURE = 0.1, 5.0
@@ -45,7 +47,7 @@ def findings(found: tuple[float, float] | None, said: float, span: float) -> lis
     if found is None or not abs(found[0] - said) > max(_MATTERS * span, _SURE * found[1]):
         return []
     return [Finding(
-        ("angle_of_attack",), "offset", ERROR,
+        MARKS[2:], *MARKS[:2],
         f"when the wing rolls it moves as one {found[0]:.2f} ± {found[1]:.2f} m to the right of the centre of gravity, "
         f"which the aircraft file has at {said:.2f} m: set y of air_data_position",
     )]  # fmt: skip
