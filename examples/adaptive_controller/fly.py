@@ -47,6 +47,8 @@ EVENTS = {
     "gps_lost": "GPS was lost",
     "imu_bias_jump": "the biases of the IMU jumped",
 }
+#: Age [s] from which on parameters are told to be old.
+LATE = 5.0
 #: Share of a tracking error by which another one must differ to be called better or worse.
 MATTERS = 0.05
 _LIBRARY = ctypes.CDLL(None)
@@ -199,6 +201,9 @@ def seen(result: dict[str, Any], parameters: str, fixed: float | None) -> str:
     )
     if parameters != "live":
         return told
+    age = result.get("age_of_newest_message") or 0.0
+    if age > LATE:
+        told += f" The estimators did not keep up, the newest parameters are {age:.0f} s old: fly with a lower --rate."
     if fixed is None:
         return f"{told} On fixed parameters the same flight loses the aeroplane: learning helped."
     share = after / fixed - 1.0

@@ -82,6 +82,7 @@ def test_the_end_says_what_was_seen_and_whether_learning_helped():
 
     flown = {"case": "elevator", "lost_at": None, "tracking_error_deg_before": 1.0, "tracking_error_deg_after": 2.0}
     assert fly.seen(flown, "live", 4.0).endswith("learning helped (-50 %).")
+    assert "the newest parameters are 26 s old" in fly.seen({**flown, "age_of_newest_message": 26.0}, "live", 2.0)
     assert fly.seen(flown, "live", 2.05).endswith("it made no difference (-2 %).")
     assert fly.seen(flown, "live", 1.0).endswith("learning did harm (+100 %).")
     assert "loses the aeroplane: learning helped" in fly.seen(flown, "live", None)
