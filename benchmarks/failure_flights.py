@@ -122,10 +122,24 @@ def _really(failure: str, commands: Array, held: Array) -> Array:
     return out
 
 
+def _put(failure: str, trim: npt.ArrayLike, seed: int) -> Array:
+    """Where a test of failures puts the controls."""
+    held = np.array(trim, dtype=float)
+    if failure == "rudder":
+        held[2] = 0.3 * (-1) ** seed
+    return held
+
+
 def fly(
-    seed: int, layout: Layout, failure: str, duration: float = DURATION, turbulence: float | None = None
+    seed: int,
+    layout: Layout,
+    failure: str,
+    duration: float = DURATION,
+    turbulence: float | None = None,
+    *,
+    moved: bool = False,
 ) -> FailureFlight:
-    """One flight."""
+    """One flight. ``moved``: what fails goes where a test puts it, the rudder to a side and all else to its trim."""
     rng = np.random.default_rng([seed, 16])
     known = load_aircraft(config_path(str(rng.choice(AEROPLANES)) + ".yaml"))
     speed = known.trim_airspeed or 15.0
@@ -148,7 +162,7 @@ def fly(
         commands[k] = pilot.command(k, readings[k], gust[k : k + 1])
         fails = begin <= k * STEP < end
         if not fails:
-            held = commands[k]
+            held = _put(failure, plane.setup.trim.controls, seed) if moved else commands[k]
         plane.advance(_really(failure, commands[k], held) if fails else commands[k])
         if -readings[k, Reading.POSITION][2] < -70.0:  # on the ground
             readings, commands = readings[: k + 1], commands[: k + 1]

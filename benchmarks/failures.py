@@ -27,7 +27,8 @@ FIRST = 7_100_000
 
 def fly(job: dict[str, Any]) -> dict[str, Any]:
     """One flight and what is said of it."""
-    flight = flights.fly(job["seed"], flights.LAYOUTS[job["layout"]], job["failure"])
+    layout, moved = flights.LAYOUTS[job["layout"]], job["where"] == "moved"
+    flight = flights.fly(job["seed"], layout, job["failure"], moved=moved)
     try:
         report = failures_of(flight.aircraft, flight.samples)
     except InputError as error:
@@ -41,15 +42,16 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def jobs(clean: int, failed: int, first: int) -> list[dict[str, Any]]:
-    """Clean flights and flights in which something fails, of each layout in turn."""
+    """Clean flights and flights in which something fails, of each layout in turn; of 32 the second 16 moved."""
     layouts = list(flights.LAYOUTS)
-    listed = [{"seed": first + n, "layout": layouts[n % 4], "failure": "none"} for n in range(clean)]
+    listed = [{"seed": first + n, "layout": layouts[n % 4], "failure": "none", "where": "held"} for n in range(clean)]
     for n in range(failed):
         layout = layouts[n % 4]
         kinds = ("elevon_left", "elevon_right", "engine") if flights.LAYOUTS[layout].elevons else (
             "elevator", "aileron", "engine", "rudder"
         )  # fmt: skip
-        listed.append({"seed": first + 50_000 + n, "layout": layout, "failure": kinds[(n // 4) % len(kinds)]})
+        failure, where = kinds[(n // 4) % len(kinds)], ("held", "moved")[(n // 16) % 2]
+        listed.append({"seed": first + 50_000 + n, "layout": layout, "failure": failure, "where": where})
     return listed
 
 

@@ -30,13 +30,7 @@ from aircraft_sysid_ros.commands.main import main as command
 
 RESULTS = Path(__file__).parent / "results" / "jet.jsonl"
 KINDS = ("calm", "gusts", "cg_shift", "landing_gear")
-MASS, AREA, CHORD, SPAN = 5900.0, 30.0, 2.0569, 15.911
-INERTIA = {
-    "xx": 0.019 * MASS * SPAN**2, "yy": 1.3925 * MASS * CHORD**2, "zz": 0.042 * MASS * SPAN**2,
-    "xz": 0.002 * MASS * SPAN**2,
-}  # fmt: skip
-HEIGHT, SPEED, DENSITY, GRAVITY = 2800.0, 100.0, 0.9281, 9.80665
-STEP, EVERY, DURATION = 0.02, 5, 600.0
+GRAVITY, STEP, DURATION = 9.80665, 0.02, 600.0
 WIND = np.array([6.0, -9.0, 0.0])
 ORIGIN = np.array([np.radians(52.0), np.radians(4.5), 0.0])
 AMPLITUDES = {"elevator": np.radians(1.6), "rudder": np.radians(3.0), "aileron": np.radians(3.0)}
@@ -61,32 +55,46 @@ COLUMNS = {
 class Jet:
     """The truth of one flight."""
 
+    name, mass, area, chord, wing_span = "jet", 5900.0, 30.0, 2.0569, 15.911
+    #: Share of m b², m c², m b² and m b² of the moments of inertia about x, y, z and of the product xz.
+    inertia_of = (0.019, 1.3925, 0.042, 0.002)
+    height, speed, density = 2800.0, 100.0, 0.9281
+    every, duration, columns = 5, DURATION, COLUMNS
+
     def __init__(self, kind: str, seed: int) -> None:
         self.random = np.random.default_rng(seed)
         self.kind = kind
-        begin = self.random.uniform(0.5, 0.6) * DURATION
-        self.span = (begin, begin + self.random.uniform(0.1, 0.2) * DURATION)
+        begin = self.random.uniform(0.5, 0.6) * self.duration
+        self.span = (begin, begin + self.random.uniform(0.1, 0.2) * self.duration)
         self.shift = self.random.uniform(0.04, 0.075)  # [m] of the centre of gravity, forward
         self.gusts = self._gusts(0.5 if kind == "gusts" else 0.0 if kind == "calm" else 0.2)
         self.events = []
         time = 25.0
-        while time < DURATION - 15.0:
+        while time < self.duration - 15.0:
             shape = str(self.random.choice(["doublet", "3211"]))
             self.events.append((time, ORDER[len(self.events) % len(ORDER)], shape))
             time += self.random.uniform(13.0, 22.0)
-        count = round(DURATION / 45.0) + 1
+        count = round(self.duration / 45.0) + 1
         self.banks, self.speeds = (
             self.random.choice([0.0, 0.0, 0.0, 0.3, -0.3], count),
             self.random.choice([85.0, 95.0, 105.0, 115.0], count),
         )
-        products = np.array([[INERTIA["xx"], 0, -INERTIA["xz"]], [0, INERTIA["yy"], 0], [-INERTIA["xz"], 0, 0]])
-        products[2, 2] = INERTIA["zz"]
-        self.inertia, self.inverse = products, np.linalg.inv(products)
+        xx, yy, zz, xz = self.moments()
+        self.inertia = np.array([[xx, 0.0, -xz], [0.0, yy, 0.0], [-xz, 0.0, zz]])
+        self.inverse = np.linalg.inv(self.inertia)
+
+    def moments(self) -> np.ndarray:
+        """Moments of inertia about x, y and z, and the product xz [kg m^2]."""
+        return (
+            np.array(self.inertia_of)
+            * self.mass
+            * np.array([self.wing_span, self.chord, self.wing_span, self.wing_span]) ** 2
+        )
 
     def _gusts(self, sigma: float) -> np.ndarray:
-        keep = np.exp(-STEP * SPEED / 500.0)
+        keep = np.exp(-STEP * self.speed / 500.0)
         gust, rows = np.zeros(3), []
-        for _ in range(round(DURATION / STEP)):
+        for _ in range(round(self.duration / STEP)):
             gust = keep * gust + sigma * np.array([1.0, 1.0, 0.8]) * np.sqrt(1.0 - keep**2) * self.random.normal(size=3)
             rows.append(gust)
         return np.array(rows)
@@ -94,8 +102,8 @@ class Jet:
     def coefficients(self, time: float, air: tuple[float, ...], rates: np.ndarray, controls: np.ndarray) -> np.ndarray:
         """C_X, C_Y, C_Z, C_l, C_m, C_n."""
         speed, alpha, beta, alpha_dot, tc = air
-        p, r = rates[0] * SPAN / (2.0 * speed), rates[2] * SPAN / (2.0 * speed)
-        q, lag = rates[1] * CHORD / speed, alpha_dot * CHORD / speed
+        p, r = rates[0] * self.wing_span / (2.0 * speed), rates[2] * self.wing_span / (2.0 * speed)
+        q, lag = rates[1] * self.chord / speed, alpha_dot * self.chord / speed
         de, da, dr = controls
         c = np.array([
             -0.028 + 0.12 * alpha + 2.0 * alpha**2 - 0.0373 * de + 0.10 * q,
@@ -107,21 +115,24 @@ class Jet:
         ])  # fmt: skip
         if self.span[0] <= time < self.span[1]:
             if self.kind == "cg_shift":
-                c[4] += self.shift / CHORD * c[2]
-                c[5] -= self.shift / SPAN * c[1]
+                c[4] += self.shift / self.chord * c[2]
+                c[5] -= self.shift / self.wing_span * c[1]
             elif self.kind == "landing_gear":
                 c[[0, 4]] -= 0.018, 0.012
         return c
+
+    def advance(self, speed: float, alpha: float, alpha_dot: float) -> None:
+        """A state of the flow, of an aeroplane that has one, goes on by one step."""
 
     def derivative(self, time, x, inputs, wind, alpha_dot):  # type: ignore[no-untyped-def]
         """Of velocity, rates, quaternion and position; specific force; airspeed, alpha, beta."""
         turn = matrix_of(x[6:10])
         u, v, w = x[:3] - turn.T @ wind
         speed = float(np.sqrt(u * u + v * v + w * w))
-        alpha, beta, pressure = np.arctan2(w, u), np.arcsin(v / speed), 0.5 * DENSITY * speed**2 * AREA
+        alpha, beta, pressure = np.arctan2(w, u), np.arcsin(v / speed), 0.5 * self.density * speed**2 * self.area
         c = self.coefficients(time, (speed, alpha, beta, alpha_dot, inputs[3] / pressure), x[3:6], inputs[:3])
-        force = (pressure * c[:3] + np.array([inputs[3], 0.0, 0.0])) / MASS
-        moment = pressure * c[3:] * np.array([SPAN, CHORD, SPAN])
+        force = (pressure * c[:3] + np.array([inputs[3], 0.0, 0.0])) / self.mass
+        moment = pressure * c[3:] * np.array([self.wing_span, self.chord, self.wing_span])
         rates, (p, q, r) = x[3:6], x[3:6]
         spin = np.array([[0, -p, -q, -r], [p, 0, r, -q], [q, -r, 0, p], [r, q, -p, 0]])
         acceleration = force + turn.T @ np.array([0.0, 0.0, GRAVITY]) - np.cross(rates, x[:3])
@@ -132,7 +143,7 @@ class Jet:
         """Commanded elevator, aileron, rudder [rad] and thrust [N]; and what is kept of the height."""
         turn = matrix_of(x[6:10])
         bank, pitch = np.arctan2(turn[2, 1], turn[2, 2]), -np.arcsin(turn[2, 0])
-        below, climb = HEIGHT + x[12], -(turn @ x[:3])[2]
+        below, climb = self.height + x[12], -(turn @ x[:3])[2]
         wanted = float(np.clip(0.002 * below - 0.012 * climb + integral, -0.2, 0.25))
         integral += STEP * (0.0002 * below - 0.001 * climb)
         number = int(time // 45.0)
@@ -153,20 +164,21 @@ class Jet:
         """What sensors without errors would show, in SI and radians, by column."""
         x = np.zeros(13)
         x[6:10] = np.cos(0.025), 0.0, np.sin(0.025), 0.0
-        x[:3] = matrix_of(x[6:10]).T @ (np.array([SPEED, 0.0, 0.0]) + WIND)
-        x[12] = -HEIGHT
+        x[:3] = matrix_of(x[6:10]).T @ (np.array([self.speed, 0.0, 0.0]) + WIND)
+        x[12] = -self.height
         inputs, integral, alpha_dot, before, rows = np.array([0.0, 0.0, 0.0, 6000.0]), 0.0, 0.0, None, []
         follow = 1.0 - np.exp(-STEP / np.array([0.05, 0.05, 0.05, 1.5]))
         for k, gust in enumerate(self.gusts):
             time, wind = k * STEP, WIND + gust
-            _, force, (speed, alpha, _) = self.derivative(time, x, inputs, wind, alpha_dot)
+            _, force, (speed, alpha, beta) = self.derivative(time, x, inputs, wind, alpha_dot)
             if before is not None:
                 alpha_dot = 0.9 * alpha_dot + 0.1 * (alpha - before) / STEP
             before = alpha
+            self.advance(speed, alpha, alpha_dot)
             wanted, integral = self.pilot(time, x, speed, integral)
             inputs = inputs + (wanted - inputs) * follow
-            if k % EVERY == 0:
-                rows.append([time, *x, *inputs, speed, alpha, *force])
+            if k % self.every == 0:
+                rows.append([time, *x, *inputs, speed, alpha, *force, beta])
             slopes = [np.zeros(13)]
             for share in (0.0, 0.5, 0.5, 1.0):
                 slopes.append(self.derivative(time, x + share * STEP * slopes[-1], inputs, wind, alpha_dot)[0])
@@ -186,6 +198,7 @@ def columns_of(rows: np.ndarray) -> dict[str, np.ndarray]:
         **dict(zip(("p", "q", "r"), np.degrees(rows[:, 4:7]).T, strict=True)),
         "roll": np.degrees(np.arctan2(turns[:, 2, 1], turns[:, 2, 2])), "pitch": -np.degrees(np.arcsin(turns[:, 2, 0])),
         "heading": np.degrees(yaw), "tas": rows[:, 18], "aoa": np.degrees(rows[:, 19]), "alt": -rows[:, 13],
+        "ssa": np.degrees(rows[:, 23]),
         **dict(zip(("de", "da", "dr"), np.degrees(rows[:, 14:17]).T, strict=True)), "thrust": rows[:, 17],
         "lat": np.degrees(places[:, 0]), "lon": np.degrees(places[:, 1]), "gps_alt": places[:, 2],
         **dict(zip(("vn", "ve", "vd"), velocity.T, strict=True)),
@@ -214,7 +227,7 @@ def write_flight(folder: Path, jet: Jet) -> None:
     """The table of a flight, its map and the aircraft file."""
     flown = jet.fly()
     table = {"time": flown["time"]}
-    for name, (_, _, sigma, bias, rounding) in COLUMNS.items():
+    for name, (_, _, sigma, bias, rounding) in jet.columns.items():
         values = flown[name] + bias + sigma * jet.random.normal(size=len(flown["time"]))
         table[name] = np.round(values / rounding) * rounding if rounding else values
     table["heading"] = np.mod(table["heading"], 360.0)
@@ -222,34 +235,37 @@ def write_flight(folder: Path, jet: Jet) -> None:
         writer = csv.writer(file)
         writer.writerow(table)
         writer.writerows([f"{value:.7f}" for value in row] for row in zip(*table.values(), strict=True))
-    signals = {signal: {"column": name, "unit": unit} for name, (signal, unit, *_) in COLUMNS.items()}
+    signals = {signal: {"column": name, "unit": unit} for name, (signal, unit, *_) in jet.columns.items()}
     table_map = {"tables": [{"time": {"column": "time", "unit": "s"}, "signals": signals}]}
     (folder / "map.yaml").write_text(yaml.safe_dump(table_map))
-    known = {"name": "jet", "mass": MASS, "wing_area": AREA, "chord": CHORD, "span": SPAN, "inertia": INERTIA}
-    (folder / "jet.yaml").write_text(yaml.safe_dump(known))
+    inertia = dict(zip(("xx", "yy", "zz", "xz"), jet.moments().tolist(), strict=True))
+    known = {"name": jet.name, "mass": jet.mass, "wing_area": jet.area, "chord": jet.chord, "span": jet.wing_span}
+    (folder / f"{jet.name}.yaml").write_text(yaml.safe_dump({**known, "inertia": inertia}))
 
 
-def judged(seed: int) -> dict[str, Any]:
-    """One flight, through the commands as a user gives them."""
-    jet = Jet(KINDS[seed % len(KINDS)], seed)
+def said_of(flight: Jet) -> dict[str, Any]:
+    """What the commands say of a flight, as a user gives them."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_flight(folder, jet)
-        bag, run, file = folder / "bag", folder / "run", folder / "jet.yaml"
+        write_flight(folder, flight)
+        bag, run, file = folder / "bag", folder / "run", folder / f"{flight.name}.yaml"
         for arguments in (
             ["import", folder / "flight.csv", "--map", folder / "map.yaml", "--out", bag],
             ["replay", bag, "--aircraft", file, "--out", run],
             ["diagnose", run],
         ):
             if status := command([str(argument) for argument in arguments]):
-                return {"seed": seed, "kind": jet.kind, "failed": arguments[0], "status": status}
+                return {"failed": arguments[0], "status": status}
         said = json.loads((run / "diagnosis.json").read_text())
-    found = [
-        {key: c[key] for key in ("label", "effect", "main_axis", "p_value", "error_before", "error_after", "inner")}
-        for c in said["candidates"]
-        if c["found"]
-    ]
-    return {"seed": seed, "kind": jet.kind, "span": jet.span, "verdict": said["verdict"], "found": found}
+    keys = ("label", "effect", "main_axis", "p_value", "error_before", "error_after", "inner")
+    found = [{key: c[key] for key in keys} for c in said["candidates"] if c["found"]]
+    return {"verdict": said["verdict"], "found": found}
+
+
+def judged(seed: int) -> dict[str, Any]:
+    """One flight."""
+    jet = Jet(KINDS[seed % len(KINDS)], seed)
+    return {"seed": seed, "kind": jet.kind, "span": jet.span, **said_of(jet)}
 
 
 def main() -> None:

@@ -7,16 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from aircraft_sysid_ros.recordings.tabular.guess import physics
-from aircraft_sysid_ros.recordings.tabular.guess.physics import (
-    FASTEST,
-    SLOWEST,
-    SURE_T,
-    Flight,
-    G,
-    is_of_size,
-    unit_of_slope,
-)
+from aircraft_sysid_ros.recordings.tabular.guess import laws_of_air, laws_of_several
+from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FAIR, FASTEST, GOOD, SLOWEST, SURE_T, Flight, G
+from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES, is_of_size, references, unit_of_slope
 from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
@@ -38,9 +31,9 @@ _CUSTOM = (
 )  # fmt: skip
 #: Laws of several columns, from which slopes are taken that are those of the columns' units.
 _JOINT = (
-    (physics.vertical, "a_z turns the path: the kinematics of angle of attack and pitch rate"),
-    (physics.side_force, "the acceleration over ground and gravity"),
-    (physics.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
+    (laws_of_several.vertical, "a_z turns the path: the kinematics of angle of attack and pitch rate"),
+    (laws_of_several.side_force, "the acceleration over ground and gravity"),
+    (laws_of_several.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
 )
 _PASSES = 6
 _SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
@@ -202,7 +195,7 @@ def _place_in_radians(flight: Flight) -> None:
 
 def _pressure(column: Column, values: Array) -> None:
     median = float(np.median(values))
-    fitting = [u for u in physics.CANDIDATES["Pa"] if 68_000.0 < median * conversion(u, "Pa").factor < 106_000.0]
+    fitting = [u for u in CANDIDATES["Pa"] if 68_000.0 < median * conversion(u, "Pa").factor < 106_000.0]
     if not column.unit and len(fitting) == 1:
         _set_unit(column, fitting[0], f"it is {median:.4g}, the air below 3000 m")
 
@@ -242,7 +235,7 @@ def _by_laws(flight: Flight) -> None:
             if column.unit and np.isfinite(tolerance) and not is_of_size(found.slope, column, tolerance + 0.5):
                 continue
             _set_sign(column, found.sign, told)
-            column.sure = column.sure and abs(found.correlation) > physics.good
+            column.sure = column.sure and abs(found.correlation) > GOOD
             if signal == "attitude.yaw" and column.is_known:
                 _yaw_offset(flight, column)
             if column.is_known:
@@ -251,9 +244,9 @@ def _by_laws(flight: Flight) -> None:
 
 def _followed(flight: Flight, signal: str) -> Iterator[tuple[str, Fit, float]]:
     """Laws of a signal that its column obeys beyond what chance does, and the tolerance of the slope."""
-    for law, reference, raw, tolerance in flight.references(signal):
+    for law, reference, raw, tolerance in references(flight, signal):
         found = flight.fit(reference, raw)
-        least = physics.good if law.startswith("gravity") else physics.fair  # thrust and drag are in it, too
+        least = GOOD if law.startswith("gravity") else FAIR  # thrust and drag are in it, too
         if found is not None and abs(found.correlation) >= least and abs(found.t) > SURE_T:
             yield law, found, tolerance
 
@@ -277,25 +270,25 @@ def _speeds(flight: Flight) -> None:
         if column is None or column.unit or column.doubt:
             continue
         stretch = 1.0
-        density = physics.standard_density(flight)
+        density = laws_of_air.standard_density(flight)
         if signal != "true_airspeed" and density is not None:
             stretch = float(np.sqrt(1.225 / density))
         loose = 0.0 if signal == "true_airspeed" or density is not None else 0.1
-        triangle = physics.wind_triangle(flight, signal)
+        triangle = laws_of_air.wind_triangle(flight, signal)
         if triangle is not None and triangle[1] > 0.9:
             told = f"with a steady wind it gives the velocity over ground, correlation {triangle[1]:.2f}"
             _set_unit(column, unit_of_slope(triangle[0] / stretch, 1.0, signal, 0.045 + loose), told)
-        pressure = physics.speed_of_pressure(flight, signal) if not column.unit else None
+        pressure = laws_of_air.speed_of_pressure(flight, signal) if not column.unit else None
         if pressure is not None and pressure.correlation > 0.9:
             told = f"the dynamic pressure follows it, correlation {pressure.correlation:.2f}"
             _set_unit(
                 column, unit_of_slope(pressure.slope / stretch, pressure.correlation, signal, 0.045 + loose), told
             )
-        along = physics.acceleration_along(flight, signal) if not column.unit else None
+        along = laws_of_air.acceleration_along(flight, signal) if not column.unit else None
         if along is not None and along.correlation > 0.9:
             told = f"the acceleration along the path follows it, correlation {along.correlation:.2f}"
             _set_unit(column, unit_of_slope(along.slope / stretch, along.correlation, signal, 0.05 + loose), told)
-        turn = physics.turn_speed(flight, signal) if not column.unit else None
+        turn = laws_of_air.turn_speed(flight, signal) if not column.unit else None
         if turn is not None and turn > 0.0:
             _set_unit(column, unit_of_slope(turn / stretch, 1.0, signal, 0.2), "bank and rate of turn give that speed")
             column.sure = False
@@ -313,7 +306,7 @@ def _joint_laws(flight: Flight) -> None:
 
 def _forward(flight: Flight) -> None:
     """a_x, airspeed and pitch."""
-    found = physics.longitudinal(flight)
+    found = laws_of_several.longitudinal(flight)
     force = flight.columns.get("specific_force.x")
     if force is None or not found:
         return
@@ -337,8 +330,8 @@ def _forward(flight: Flight) -> None:
 def _climb_of_pitch(flight: Flight) -> None:
     """The unit of a height and the sign of pitch at once: heights count upwards."""
     for height in ("altitude", "pressure_altitude", "height_above_ground"):
-        found = physics.climb_of_pitch(flight, height)
-        if found is None or abs(found.correlation) < physics.fair or abs(found.t) < SURE_T:
+        found = laws_of_several.climb_of_pitch(flight, height)
+        if found is None or abs(found.correlation) < FAIR or abs(found.t) < SURE_T:
             continue
         told = f"V sin(theta) is the climb, correlation {found.correlation:.2f}"
         column, pitch = flight.columns[height], flight.columns["attitude.pitch"]
@@ -418,7 +411,7 @@ def _controls(flight: Flight) -> None:
         column = flight.columns.get(signal)
         if column is None or column.doubt or column.sign:
             continue
-        slope, t = physics.control_sign(flight, signal).get(signal, (0.0, 0.0))
+        slope, t = laws_of_several.control_sign(flight, signal).get(signal, (0.0, 0.0))
         if abs(t) > SURE_T:
             moment = {"elevator": "pitching", "aileron": "rolling", "rudder": "yawing"}[signal]
             told = f"the {moment} moment follows it with t = {abs(t):.0f}; positive gives a negative one"
@@ -433,7 +426,7 @@ def _speed_and_pressure(flight: Flight) -> None:
     speed = flight.columns.get("true_airspeed")
     if speed is None or speed.unit or speed.doubt:
         return
-    found = physics.speed_and_pressure(flight, "true_airspeed")
+    found = laws_of_air.speed_and_pressure(flight, "true_airspeed")
     if found is not None:
         for column, unit in zip((speed, pressure), found, strict=True):
             _set_unit(column, unit, f"only {found[0]} with {found[1]} fits to the density")
@@ -450,19 +443,21 @@ def _air(flight: Flight) -> None:
         and speed is not None
         and flight.known("true_airspeed")
     ):
-        density = flight.si("air_density") if flight.known("air_density") else physics.standard_density(flight) or 1.15
+        density = (
+            flight.si("air_density") if flight.known("air_density") else laws_of_air.standard_density(flight) or 1.15
+        )
         found = flight.fit(0.5 * density * speed**2, flight.raw("dynamic_pressure"))
-        if found is not None and found.correlation > physics.good:
+        if found is not None and found.correlation > GOOD:
             _set_unit(
                 column, unit_of_slope(found.slope, found.correlation, "dynamic_pressure", 0.15), "airspeed and density"
             )
     column = flight.columns.get("air_temperature")
     if column is not None and not column.unit and not column.doubt:
         median = float(np.median(_numbers(flight, "air_temperature")))
-        by_law = physics.temperature_of_density(flight)
-        expected = by_law or physics.standard_temperature(flight) or 285.0
+        by_law = laws_of_air.temperature_of_density(flight)
+        expected = by_law or laws_of_air.standard_temperature(flight) or 285.0
         fitting = []
-        for unit in physics.CANDIDATES["K"]:
+        for unit in CANDIDATES["K"]:
             convert = conversion(unit, "K")
             if abs(median * convert.factor + convert.shift - expected) < (8.0 if by_law else 32.0):
                 fitting.append(unit)
@@ -476,7 +471,7 @@ def _check_said(flight: Flight) -> None:
     for signal, column in flight.columns.items():
         if not column.is_known or not column.said_unit:
             continue
-        for law, reference, raw, tolerance in flight.references(signal):
+        for law, reference, raw, tolerance in references(flight, signal):
             found = flight.fit(reference, raw)
             if found is None or abs(found.correlation) < 0.9 or not np.isfinite(tolerance):
                 continue
