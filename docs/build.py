@@ -459,6 +459,12 @@ def faults() -> str:
     return table(*trust_tables.faults(load("faults")))
 
 
+def stalls() -> str:
+    """A transport that is stalled slowly, of another maker."""
+    lines = (RESULTS / "stalls.jsonl").read_text(encoding="utf8").splitlines()
+    return table(*diagnosis_tables.stalls([json.loads(line) for line in lines]))
+
+
 def failures() -> str:
     """Inputs that fail in flights without vanes."""
     lines = (RESULTS / "failures.jsonl").read_text(encoding="utf8").splitlines()
@@ -683,6 +689,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "faults": faults,
     "isolation_limits": lambda: table(*trust_tables.isolation_limits()),
     "jet": jet,
+    "stalls": stalls,
     "further_effects": further_effects,
     "fleet_healthy": fleet(fleet_tables.healthy, "fleet_changes"),
     "fleet_changed": fleet(fleet_tables.changed, "fleet_changes"),

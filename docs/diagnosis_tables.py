@@ -115,6 +115,19 @@ def jet(records: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     return header, rows
 
 
+def stalls(records: list[dict[str, Any]]) -> Rows:
+    """What was said of each flight of a transport that is stalled slowly."""
+    header = ["seed", "flight", "GPS", "named", "error of the axis"]
+    rows = []
+    for record in sorted(records, key=lambda record: int(record["seed"])):
+        found = record["found"]
+        errors = [f"{100 * f['error_before']:.0f} to {100 * f['error_after']:.0f} %" for f in found]
+        named = [f["label"] for f in found] or [record["verdict"]]
+        flight = "stalled" if record["kind"] == "stall" else "clean"
+        rows.append([str(record["seed"]), flight, "yes" if record["gps"] else "no", ", ".join(named), ", ".join(errors)])
+    return header, rows
+
+
 def strangers(flown: list[dict[str, Any]]) -> Rows:
     """What was said of flights whose file has mass and shape only, by the air."""
     rows = []
