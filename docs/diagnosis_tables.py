@@ -124,7 +124,9 @@ def stalls(records: list[dict[str, Any]]) -> Rows:
         errors = [f"{100 * f['error_before']:.0f} to {100 * f['error_after']:.0f} %" for f in found]
         named = [f["label"] for f in found] or [record["verdict"]]
         flight = "stalled" if record["kind"] == "stall" else "clean"
-        rows.append([str(record["seed"]), flight, "yes" if record["gps"] else "no", ", ".join(named), ", ".join(errors)])
+        rows.append(
+            [str(record["seed"]), flight, "yes" if record["gps"] else "no", ", ".join(named), ", ".join(errors)]
+        )
     return header, rows
 
 

@@ -194,6 +194,11 @@ class Thresholds:
         "ln of the likelihood, less what free numbers cost, from which an input is said to have failed: of simulated",
         "flights in which nothing failed none has one that meets all rules (docs/diagnosis.md).",
     )
+    acceleration_evidence: float = _of(
+        60.0,
+        "The same where a balance of moments is solved for the acceleration, twice as much: a clean simulated flight",
+        "had 37 at 10 Hz, failures that only this form shows had 110 to 510.",
+    )
     failure_lead: float = _of(
         10.0,
         "And it must be so much likelier than that the same axes have another constant for a while. A judgement.",

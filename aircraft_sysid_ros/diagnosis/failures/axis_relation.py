@@ -26,9 +26,10 @@ ENGINE = "engine"
 _ENGINE_SIGNALS = frozenset({"throttle", "Tc"})
 #: What a flight may lack: the term is left out.
 _PROXY_AXIS = {"CZ": "alpha", "CY": "beta"}
-#: What a balance of moments is solved for: the motion that it makes, with the acceleration on the other side. Noise of
-#: real gyros, differentiated, and gusts are in the acceleration; the motion itself is known well, at any rate.
-_RESPONSE = {"Cl": "p", "Cm": "alpha", "Cn": "beta"}
+#: The motion that a balance of moments makes. Solved for it, with the acceleration on the other side, it is right where
+#: noise of gyros, differentiated, is most of the acceleration; solved for the acceleration it is right where the motion
+#: is that of gusts, or where lift stands for an angle of attack badly.
+_MOTION = {"Cl": "p", "Cm": "alpha", "Cn": "beta"}
 #: Terms of C_X that any flight with changes of lift needs.
 _POLAR = ("alpha", "alpha**2")
 #: Thrust falls with speed and is not in proportion to the throttle.
@@ -59,13 +60,13 @@ class AxisRelation:
     lacking: tuple[str, ...]  # terms of the model whose signals the flight does not have
 
 
-def relations_of(balance: ForceBalance) -> dict[str, AxisRelation]:
-    """The axes of the model that the flight can judge."""
+def relations_of(balance: ForceBalance, *, of_motion: bool = True) -> dict[str, AxisRelation]:
+    """The axes of the model that the flight can judge; balances of moments are solved for motion or acceleration."""
     found = {}
     for axis in AXES:
         if axis in _PROXY_AXIS and _PROXY_AXIS[axis] not in balance.angles:
             continue
-        relation = _relation(balance, axis)
+        relation = _relation(balance, axis, of_motion)
         if relation is not None:
             found[axis] = relation
     return found
@@ -73,7 +74,7 @@ def relations_of(balance: ForceBalance) -> dict[str, AxisRelation]:
 
 def without_engine(balance: ForceBalance) -> AxisRelation:
     """C_X without what the throttle does, and the engine as a constant of it: thrust by the forces alone."""
-    known = _relation(balance, "CX")
+    known = _relation(balance, "CX", of_motion=True)
     assert known is not None
     texts = [text for text in known.texts if not _ENGINE_SIGNALS & _signals(balance, text)]
     bias = 1.0 / balance.signal("qbar")
@@ -83,15 +84,15 @@ def without_engine(balance: ForceBalance) -> AxisRelation:
     return AxisRelation("CX", known.response, columns, tuple(texts), {ENGINE: constant}, ())
 
 
-def _relation(balance: ForceBalance, axis: str) -> AxisRelation | None:
+def _relation(balance: ForceBalance, axis: str, of_motion: bool) -> AxisRelation | None:
     texts, lacking = _terms(balance, axis)
     if not texts:
         return None
     measured = balance.measured[:, AXES.index(axis)]
     response = measured
     extra: list[Array] = []
-    if axis in _RESPONSE:
-        state = _RESPONSE[axis]
+    if of_motion and axis in _MOTION:
+        state = _MOTION[axis]
         reads = [t for t in texts if state in _signals(balance, t)]
         texts = [t for t in texts if t not in reads]
         response, extra = balance.signal(state), [measured]

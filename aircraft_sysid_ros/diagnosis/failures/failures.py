@@ -93,33 +93,36 @@ def failures_of(
     aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
 ) -> FailureReport:
     """Look for an input that stopped acting. Raises InputError where the flight is too short or lacks a sensor."""
-    wide, search = _best_lead(aircraft, samples)
+    wide, search = _best_lead(aircraft, samples, of_motion=True)
+    turning, of_acceleration = _best_lead(aircraft, samples, of_motion=False)
     slow = force_balance(aircraft, samples, ENGINE_BAND)
     of_engine = FailureSearch(relations_of(slow), slow.step)
-    jobs = [(wide, search, name) for name in search.names if search.axes_of(name) != ["CX"]]
-    jobs += [(slow, of_engine, name) for name in of_engine.names if of_engine.axes_of(name) == ["CX"]]
+    least = THRESHOLDS.failure_evidence
+    forms = ((wide, search, least), (turning, of_acceleration, THRESHOLDS.acceleration_evidence))
+    jobs = [(*form, name) for name in search.names if search.axes_of(name) != ["CX"] for form in forms]
+    jobs += [(slow, of_engine, least, name) for name in of_engine.names if of_engine.axes_of(name) == ["CX"]]
     found: list[Failure] = []
-    for number, (balance, each, name) in enumerate(jobs):
+    for number, (balance, each, least, name) in enumerate(jobs):
         progress(number / len(jobs))
-        failure = _of_input(balance, each, name)
+        failure = _of_input(balance, each, least, name)
         if failure is None and name == ENGINE:
             failure = _cut(balance)
         if failure is not None:
             found.append(failure)
     found.sort(key=lambda failure: -failure.evidence)
     best = found[:1]
-    judged = tuple(dict.fromkeys(axis for _, each, name in jobs for axis in each.axes_of(name)))
-    tried = tuple(name for _, _, name in jobs)
+    judged = tuple(dict.fromkeys(axis for _, each, _, name in jobs for axis in each.axes_of(name)))
+    tried = tuple(dict.fromkeys(name for *_, name in jobs))
     progress(1.0)
     return FailureReport(tuple(best), tried, judged, _not_judged(wide, judged), wide)
 
 
-def _best_lead(aircraft: Aircraft, samples: Samples) -> tuple[ForceBalance, FailureSearch]:
+def _best_lead(aircraft: Aircraft, samples: Samples, *, of_motion: bool) -> tuple[ForceBalance, FailureSearch]:
     """The flight with the inputs as much later as suits its moments best."""
     tried = []
     for lead in LEADS:
         balance = force_balance(aircraft, samples, WIDEST, lead)
-        relations = relations_of(balance)
+        relations = relations_of(balance, of_motion=of_motion)
         if not relations:
             raise InputError("no axis of the model reads a signal that this flight has: name its inputs in the model")
         search = FailureSearch(relations, balance.step)
@@ -132,17 +135,17 @@ def _best_lead(aircraft: Aircraft, samples: Samples) -> tuple[ForceBalance, Fail
     return balance, search
 
 
-def _of_input(balance: ForceBalance, search: FailureSearch, name: str) -> Failure | None:
-    """What failed of one input, if it is enough to be named."""
+def _of_input(balance: ForceBalance, search: FailureSearch, least: float, name: str) -> Failure | None:
+    """What failed of one input, if it is enough to be named: with the ``least`` evidence."""
     kinds = (NIL, FROZEN) if search.axes_of(name) == ["CX"] and name == ENGINE else (FROZEN,)
     tried = {kind: search.best(name, kind) for kind in kinds}
     best = max(tried.values(), key=lambda judged: judged.score)
     if NIL in tried and tried[NIL].score > best.score - THRESHOLDS.failure_lead:
         best = tried[NIL]  # explains alike, with fewer numbers
-    if best.evidence < THRESHOLDS.failure_evidence:
+    if best.evidence < least:
         return None
     best = best if name == ENGINE else search.held(best)
-    if best.evidence < THRESHOLDS.failure_evidence:
+    if best.evidence < least:
         return None
     constant = search.best(name, CONSTANT)
     failure = _described(balance, search, best)
