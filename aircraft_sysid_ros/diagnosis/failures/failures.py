@@ -7,8 +7,9 @@ its own best times, and when what is left of the input's effect in the interval 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -102,19 +103,32 @@ def failures_of(
     jobs = [(*form, name) for name in search.names if search.axes_of(name) != ["CX"] for form in forms]
     jobs += [(slow, of_engine, least, name) for name in of_engine.names if of_engine.axes_of(name) == ["CX"]]
     found: list[Failure] = []
+    evidence: dict[str, float] = {}  # the most that freezing an input has
     for number, (balance, each, least, name) in enumerate(jobs):
         progress(number / len(jobs))
-        failure = _of_input(balance, each, least, name)
+        tried = _frozen(each, name)
+        evidence[name] = max(evidence.get(name, -np.inf), tried.evidence)
+        failure = _of_input(balance, each, least, tried)
         if failure is None and name == ENGINE:
             failure = _cut(balance)
         if failure is not None:
             found.append(failure)
     found.sort(key=lambda failure: -failure.evidence)
-    best = found[:1]
+    best = [failure for failure in found[:1] if failure.recorded or _leads(failure, evidence, jobs)]
     judged = tuple(dict.fromkeys(axis for _, each, _, name in jobs for axis in each.axes_of(name)))
-    tried = tuple(dict.fromkeys(name for *_, name in jobs))
     progress(1.0)
-    return FailureReport(tuple(best), tried, judged, _not_judged(wide, judged), wide)
+    return FailureReport(tuple(best), tuple(evidence), judged, _not_judged(wide, judged), wide)
+
+
+def _leads(failure: Failure, evidence: dict[str, float], jobs: Iterable[tuple[Any, FailureSearch, float, str]]) -> bool:
+    """Whether nothing else happened that is clearer: another input frozen, or another constant of any axes.
+
+    What is clearest and is no input that failed has consequences in other axes, and these would get a name.
+    """
+    own = max(failure.evidence, evidence[failure.name])
+    if max((value for name, value in evidence.items() if name != failure.name), default=-np.inf) > own:
+        return False
+    return all(search.best(name, CONSTANT).evidence <= own for _, search, _, name in jobs)
 
 
 def _best_lead(aircraft: Aircraft, samples: Samples, *, of_motion: bool) -> tuple[ForceBalance, FailureSearch]:
@@ -135,13 +149,19 @@ def _best_lead(aircraft: Aircraft, samples: Samples, *, of_motion: bool) -> tupl
     return balance, search
 
 
-def _of_input(balance: ForceBalance, search: FailureSearch, least: float, name: str) -> Failure | None:
-    """What failed of one input, if it is enough to be named: with the ``least`` evidence."""
+def _frozen(search: FailureSearch, name: str) -> Judged:
+    """The best that an input that stopped acting explains."""
     kinds = (NIL, FROZEN) if search.axes_of(name) == ["CX"] and name == ENGINE else (FROZEN,)
     tried = {kind: search.best(name, kind) for kind in kinds}
     best = max(tried.values(), key=lambda judged: judged.score)
     if NIL in tried and tried[NIL].score > best.score - THRESHOLDS.failure_lead:
         best = tried[NIL]  # explains alike, with fewer numbers
+    return best
+
+
+def _of_input(balance: ForceBalance, search: FailureSearch, least: float, best: Judged) -> Failure | None:
+    """What failed of one input, by the best that this explains, if it is enough to be named: the ``least`` evidence."""
+    name = best.hypothesis.name
     if best.evidence < least:
         return None
     best = best if name == ENGINE else search.held(best)
