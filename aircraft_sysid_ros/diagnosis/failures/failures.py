@@ -121,11 +121,11 @@ def failures_of(
 
 
 def _leads(failure: Failure, evidence: dict[str, float], jobs: Iterable[tuple[Any, FailureSearch, float, str]]) -> bool:
-    """Whether nothing else happened that is clearer: another input frozen, or another constant of any axes.
+    """Whether nothing else happened that is clearly likelier: another input frozen, or another constant of any axes.
 
     What is clearest and is no input that failed has consequences in other axes, and these would get a name.
     """
-    own = max(failure.evidence, evidence[failure.name])
+    own = max(failure.evidence, evidence[failure.name]) + THRESHOLDS.failure_lead
     if max((value for name, value in evidence.items() if name != failure.name), default=-np.inf) > own:
         return False
     return all(search.best(name, CONSTANT).evidence <= own for _, search, _, name in jobs)
