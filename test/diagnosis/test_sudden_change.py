@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_tied_fit import flight_of as random_flight
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
@@ -59,6 +60,19 @@ def test_moment_axes_and_terms_are_those_of_the_simulation(bench_of_loose_fin):
 def test_a_flight_in_which_nothing_changes_has_none_of_size(aircraft):
     change = sudden_change(bench_of(aircraft))
     assert change is None or change.score < 0.5
+
+
+@pytest.mark.parametrize("begin", [5.0, 60.0])
+def test_what_is_there_nearly_from_the_beginning_is_no_change(aircraft, begin):
+    """An effect that the model lacks is best explained from the earliest time on that is tried: it has no moment."""
+
+    def lacking(c, after, f):
+        c[:, 3] -= 0.1 * f["alpha"] * (f["time"] > begin)
+        return c
+
+    change = sudden_change(CandidateEvaluator(random_flight(aircraft, lacking)))
+    assert (change is None) == (begin < 10.0)
+    assert change is None or dict(change.candidate.inner)["t0"] == pytest.approx(begin, abs=3.0)
 
 
 def test_no_effect_is_named_for_a_change_that_the_library_does_not_know(loose_fin):

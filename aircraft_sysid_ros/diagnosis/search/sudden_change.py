@@ -14,7 +14,8 @@ from functools import partial
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
-from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, grid, lasts, spans
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, grid, lasts, limits, spans
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, at_seam, moves, refined
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import BEGIN, END, PULSE, STEP, fill
@@ -27,7 +28,7 @@ _MOST_TERMS, _MOST_MOMENTS = 4, 4
 
 
 def sudden_change(bench: CandidateEvaluator) -> Score | None:
-    """The best change at one moment; None where none gains anything."""
+    """The best change at one moment; None where none gains anything, or the best is there nearly from the beginning."""
     times = [{"t0": float(t)} for t in grid(BEGIN, bench.data) if np.isfinite(t)]
     whole = [(t, trial) for t in times if (trial := bench.trial(_candidate(bench, t, _everything(bench)))) is not None]
     whole.sort(key=lambda item: -_gain(item[1]))
@@ -41,7 +42,14 @@ def sudden_change(bench: CandidateEvaluator) -> Score | None:
     ]
     other = max((trial for trial in passing if trial is not None), key=_gain, default=None)
     found = [_refined(bench, trial) for trial in (best, other) if trial is not None]
-    return max(found, key=lambda trial: _gain(trial) - trial.price)
+    likeliest = max(found, key=lambda trial: _gain(trial) - trial.price)
+    return likeliest if _begins(likeliest, bench) else None
+
+
+def _begins(trial: Score, bench: CandidateEvaluator) -> bool:
+    """Whether it has a moment, or an end: what is best at the earliest time that is tried was always there."""
+    times, (earliest, _) = dict(trial.candidate.inner), limits(BEGIN, bench.data)
+    return "t1" in times or times["t0"] > earliest + BLOCK
 
 
 def _refined(bench: CandidateEvaluator, trial: Score) -> Score:
