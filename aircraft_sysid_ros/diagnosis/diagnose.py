@@ -26,6 +26,7 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import (
     CandidateEvaluator,
     Score,
     best_by_axis,
+    errors_of,
     expressions,
     log_ratio,
     new_terms,
@@ -73,6 +74,11 @@ class Finding:
         if not self._shows_where_it_must():
             return False
         return bool(sizeable and self.above_floor >= THRESHOLDS.above_floor and self.excess > self.trial.price)
+
+    def lowers_the_error(self) -> bool:
+        """Whether what is left falls as ``add`` adds it: the search has shapes of what was found before besides."""
+        before, after = errors_of(self.flight, self.trial, self.trial.main_axis)
+        return after <= (1.0 - THRESHOLDS.size) * before
 
     def _shows_where_it_must(self) -> bool:
         """Half of the least size, in an axis in which it cannot be absent."""
@@ -124,7 +130,7 @@ def diagnose(
         known = {f.trial.candidate.family for f in listed}
         listed += [f for f in significant if f.trial.candidate.family not in known]
         level = THRESHOLDS.further if found else THRESHOLDS.verdict
-        sure = (f for f in significant if f.matters and f.p_value < level)
+        sure = (f for f in significant if f.matters and f.p_value < level and (not found or f.lowers_the_error()))
         best = next((f for f in sure if f.trial.main_axis not in resting), None)
         if best is None:
             break

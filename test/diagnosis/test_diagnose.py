@@ -113,6 +113,13 @@ def test_what_hardly_moves_a_coefficient_does_not_matter(two_effects):
     assert not replace(finding, trial=replace(finding.trial, gains={**finding.trial.gains, axis: small})).matters
 
 
+def test_a_further_effect_lowers_the_error_as_it_is_added(two_effects):
+    finding = two_effects.diagnosis.found[1]
+    idle = CandidateEvaluator(finding.flight).best_of(BY_ID["propeller_torque"])
+    assert finding.lowers_the_error()
+    assert idle is not None and not replace(finding, trial=idle).lowers_the_error()
+
+
 def test_the_size_of_an_effect_is_that_of_the_simulation(two_effects):
     values = {p["term"]: p["value"] for c in two_effects.json["candidates"][:2] for p in c["parameters"]}
     assert values["alpha*beta"] == pytest.approx(-0.8, rel=0.05)
