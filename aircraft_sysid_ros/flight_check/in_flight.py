@@ -153,7 +153,7 @@ class InFlightCheck:
         try:
             with np.errstate(all="ignore"):
                 found, relations, motion = contradictions(flight_of(past, past.stamp))
-                place_is_known = self._look_at_vane(motion, found)
+                place_is_known = self._look_at_vane(past, motion, found)
         except (ValueError, np.linalg.LinAlgError):  # numbers that nothing can be made of: another look will tell
             return
         agreeing = _agreeing(relations)
@@ -167,10 +167,13 @@ class InFlightCheck:
         if self._due >= SECOND and not self._code and place_is_known and all(signals & agreeing for signals in asked):
             self._over, self._waiting = True, []
 
-    def _look_at_vane(self, motion: Motion, found: list[Finding]) -> bool:
+    def _look_at_vane(self, past: Samples, motion: Motion, found: list[Finding]) -> bool:
         """Add to what was found that the vane sits elsewhere; returns whether its place is known, or of no use."""
         name = "angle_of_attack"
         if self._vane is None or not np.isfinite(motion.alpha).any() or any(name in f.signals for f in found):
+            return True
+        stamps = past.stamp[past.kind == Kind.ANGLE_OF_ATTACK]
+        if np.median(np.diff(stamps)) > vane_place.LONGEST * NANOSECONDS:  # lines between samples are no motion of it
             return True
         place, (said, span) = vane_place.sideways(motion), self._vane
         elsewhere, known = vane_place.findings(place, said, span), vane_place.is_known(place, span)

@@ -59,7 +59,8 @@ def test_calls_say_what_the_commands_say(run, capsys):
     assert main(["compare", str(run.path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     found = sysid.compare(run)
-    assert {key: told[key] for key in ("model", "axes", "worst", "notes")} == json.loads(json.dumps(found.json))
+    keys = ("model", "axes", "worst", "frequency_responses", "notes")
+    assert {key: told[key] for key in keys} == json.loads(json.dumps(found.json))
     assert found.errors.nrmse_held_out["CZ"] == told["axes"]["CZ"]["nrmse_held_out"]
     added = sysid.add(run, "CZ: alpha**3")
     assert added.errors.error_after["CZ"] < added.errors.error_before["CZ"] and added.verdict.startswith("the held-out")

@@ -18,6 +18,8 @@ from aircraft_sysid_ros.flight_check.motion import Motion
 #: Kind, severity and signal of the finding.
 MARKS = ("offset", ERROR, "angle_of_attack")
 _SHORT, _LONG = 0.25, 4.0
+#: Interval [s] between samples of the vane up to which its motion in that band is seen.
+LONGEST = 0.2
 #: Share of the span by which a vane is elsewhere that matters, and by how many standard errors it surely is.
 _MATTERS, _SURE = 0.1, 5.0
 #: Standard error over what matters from which the place is known to be right, if it is not found to be wrong.
