@@ -16,6 +16,7 @@ import csv
 import json
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -268,15 +269,15 @@ def judged(seed: int) -> dict[str, Any]:
     return {"seed": seed, "kind": jet.kind, "span": jet.span, **said_of(jet)}
 
 
-def main() -> None:
-    """Fly what is not there yet."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs="*", default=list(range(100, 108)))
+def fly_all(fly: Callable[[int], dict[str, Any]], about: str, results: Path, seeds: range) -> None:
+    """The command: fly what is not there yet of the seeds that are asked for, or of ``seeds``."""
+    parser = argparse.ArgumentParser(description=about.splitlines()[0])
+    parser.add_argument("--seeds", type=int, nargs="*", default=list(seeds))
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
-    for record in flown(judged, arguments.seeds, RESULTS, arguments.jobs):
+    for record in flown(fly, arguments.seeds, results, arguments.jobs):
         print(json.dumps(record))
 
 
 if __name__ == "__main__":
-    main()
+    fly_all(judged, __doc__, RESULTS, range(100, 108))

@@ -12,8 +12,6 @@ run that is stopped goes on where it was.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -21,8 +19,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from jet import COLUMNS, GRAVITY, STEP, WIND, Jet, input_of, matrix_of, said_of
-from resumed import flown
+from jet import COLUMNS, GRAVITY, STEP, WIND, Jet, fly_all, input_of, matrix_of, said_of
 
 RESULTS = Path(__file__).parent / "results" / "stalls.jsonl"
 KINDS = ("clean", "stall", "stall")
@@ -111,15 +108,5 @@ def judged(seed: int) -> dict[str, Any]:
     return {"seed": seed, "kind": flight.kind, "gps": "vn" in flight.columns, **said_of(flight)}
 
 
-def main() -> None:
-    """Fly what is not there yet."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs="*", default=list(range(300, 306)))
-    parser.add_argument("--jobs", type=int, default=2)
-    arguments = parser.parse_args()
-    for record in flown(judged, arguments.seeds, RESULTS, arguments.jobs):
-        print(json.dumps(record))
-
-
 if __name__ == "__main__":
-    main()
+    fly_all(judged, __doc__, RESULTS, range(300, 306))

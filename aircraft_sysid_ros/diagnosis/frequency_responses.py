@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.estimation.frequency_response import FrequencyResponse, frequency_response
+from aircraft_sysid_ros.stretches import longest_stretch
 
 Array = npt.NDArray[np.float64]
 
@@ -45,12 +46,8 @@ class RateResponse:
     @property
     def band(self) -> tuple[float, float] | None:
         """The widest band [Hz] without a frequency whose coherence is below COHERENT; None: there is none."""
-        good = np.concatenate([[False], np.nan_to_num(self.coherence) >= COHERENT, [False]])
-        edges = np.flatnonzero(np.diff(good.astype(np.int8))).reshape(-1, 2)
-        if not len(edges):
-            return None
-        first, end = max(edges.tolist(), key=lambda edge: edge[1] - edge[0])
-        return float(self.frequency[first]), float(self.frequency[end - 1])
+        inside = self.frequency[longest_stretch(np.nan_to_num(self.coherence) >= COHERENT)]
+        return (float(inside[0]), float(inside[-1])) if len(inside) else None
 
     @property
     def json(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -90,37 +90,48 @@ class FailureReport:
     balance: ForceBalance = field(repr=False)
 
 
+class _Form(NamedTuple):
+    """The balances of a flight in one form."""
+
+    balance: ForceBalance
+    search: FailureSearch
+    least: float  # evidence from which an input is named
+
+    def inputs(self, *, of_thrust: bool) -> list[str]:
+        """Inputs that the moments tell of, or those that C_X does."""
+        return [name for name in self.search.names if (self.search.axes_of(name) == ["CX"]) == of_thrust]
+
+
 def failures_of(
     aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
 ) -> FailureReport:
     """Look for an input that stopped acting. Raises InputError where the flight is too short or lacks a sensor."""
-    wide, search = _best_lead(aircraft, samples, of_motion=True)
-    turning, of_acceleration = _best_lead(aircraft, samples, of_motion=False)
+    with_leads = _with_leads(aircraft, samples)
+    motion = _best_lead(with_leads, THRESHOLDS.failure_evidence, of_motion=True)
+    acceleration = _best_lead(with_leads, THRESHOLDS.acceleration_evidence, of_motion=False)
     slow = force_balance(aircraft, samples, ENGINE_BAND)
-    of_engine = FailureSearch(relations_of(slow), slow.step)
-    least = THRESHOLDS.failure_evidence
-    forms = ((wide, search, least), (turning, of_acceleration, THRESHOLDS.acceleration_evidence))
-    jobs = [(*form, name) for name in search.names if search.axes_of(name) != ["CX"] for form in forms]
-    jobs += [(slow, of_engine, least, name) for name in of_engine.names if of_engine.axes_of(name) == ["CX"]]
+    engine = _Form(slow, FailureSearch(relations_of(slow), slow.step), THRESHOLDS.failure_evidence)
+    jobs = [(form, name) for name in motion.inputs(of_thrust=False) for form in (motion, acceleration)]
+    jobs += [(engine, name) for name in engine.inputs(of_thrust=True)]
     found: list[Failure] = []
     evidence: dict[str, float] = {}  # the most that freezing an input has
-    for number, (balance, each, least, name) in enumerate(jobs):
+    for number, (form, name) in enumerate(jobs):
         progress(number / len(jobs))
-        tried = _frozen(each, name)
+        tried = _frozen(form.search, name)
         evidence[name] = max(evidence.get(name, -np.inf), tried.evidence)
-        failure = _of_input(balance, each, least, tried)
+        failure = _of_input(form, tried)
         if failure is None and name == ENGINE:
-            failure = _cut(balance)
+            failure = _cut(form.balance)
         if failure is not None:
             found.append(failure)
     found.sort(key=lambda failure: -failure.evidence)
     best = [failure for failure in found[:1] if failure.recorded or _leads(failure, evidence, jobs)]
-    judged = tuple(dict.fromkeys(axis for _, each, _, name in jobs for axis in each.axes_of(name)))
+    judged = tuple(dict.fromkeys(axis for form, name in jobs for axis in form.search.axes_of(name)))
     progress(1.0)
-    return FailureReport(tuple(best), tuple(evidence), judged, _not_judged(wide, judged), wide)
+    return FailureReport(tuple(best), tuple(evidence), judged, _not_judged(motion.balance, judged), motion.balance)
 
 
-def _leads(failure: Failure, evidence: dict[str, float], jobs: Iterable[tuple[Any, FailureSearch, float, str]]) -> bool:
+def _leads(failure: Failure, evidence: dict[str, float], jobs: Iterable[tuple[_Form, str]]) -> bool:
     """Whether nothing else happened that is clearly likelier: another input frozen, or another constant of any axes.
 
     What is clearest and is no input that failed has consequences in other axes, and these would get a name.
@@ -128,25 +139,31 @@ def _leads(failure: Failure, evidence: dict[str, float], jobs: Iterable[tuple[An
     own = max(failure.evidence, evidence[failure.name]) + THRESHOLDS.failure_lead
     if max((value for name, value in evidence.items() if name != failure.name), default=-np.inf) > own:
         return False
-    return all(search.best(name, CONSTANT).evidence <= own for _, search, _, name in jobs)
+    return all(form.search.best(name, CONSTANT).evidence <= own for form, name in jobs)
 
 
-def _best_lead(aircraft: Aircraft, samples: Samples, *, of_motion: bool) -> tuple[ForceBalance, FailureSearch]:
+def _with_leads(aircraft: Aircraft, samples: Samples) -> list[ForceBalance]:
+    """The flight with the inputs later by each of LEADS."""
+    balances = []
+    for lead in LEADS:
+        balances.append(force_balance(aircraft, samples, WIDEST, lead))
+        if balances[0].band < QUICK_BAND:  # a tenth of a second is nothing there
+            break
+    return balances
+
+
+def _best_lead(balances: Iterable[ForceBalance], least: float, *, of_motion: bool) -> _Form:
     """The flight with the inputs as much later as suits its moments best."""
     tried = []
-    for lead in LEADS:
-        balance = force_balance(aircraft, samples, WIDEST, lead)
+    for balance in balances:
         relations = relations_of(balance, of_motion=of_motion)
         if not relations:
             raise InputError("no axis of the model reads a signal that this flight has: name its inputs in the model")
         search = FailureSearch(relations, balance.step)
         moments = [axis for axis in search.base if axis in ("Cl", "Cm", "Cn")]
         errors = [np.log(np.std(search.base[a].residual) / np.std(relations[a].response)) for a in moments]
-        tried.append((sum(errors), balance, search))
-        if balance.band < QUICK_BAND:  # a tenth of a second is nothing there
-            break
-    _, balance, search = min(tried, key=lambda item: item[0])
-    return balance, search
+        tried.append((sum(errors), _Form(balance, search, least)))
+    return min(tried, key=lambda item: item[0])[1]
 
 
 def _frozen(search: FailureSearch, name: str) -> Judged:
@@ -159,9 +176,9 @@ def _frozen(search: FailureSearch, name: str) -> Judged:
     return best
 
 
-def _of_input(balance: ForceBalance, search: FailureSearch, least: float, best: Judged) -> Failure | None:
-    """What failed of one input, by the best that this explains, if it is enough to be named: the ``least`` evidence."""
-    name = best.hypothesis.name
+def _of_input(form: _Form, best: Judged) -> Failure | None:
+    """What failed of one input, by the best that this explains, if it is enough to be named."""
+    (balance, search, least), name = form, best.hypothesis.name
     if best.evidence < least:
         return None
     best = best if name == ENGINE else search.held(best)
