@@ -131,7 +131,7 @@ def render(result: dict[str, Any]) -> str:
 def _check(args: argparse.Namespace) -> None:
     """What the node would only log, as one clear line before it starts."""
     try:
-        from aircraft_sysid_ros.mavlink.assembler import KNOWN_TOPICS
+        from aircraft_sysid_ros.mavlink.assembler import only_known_topics
         from aircraft_sysid_ros.mavlink.requests import Requests
         from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
         from aircraft_sysid_ros.mavlink.signing import load_key
@@ -147,9 +147,7 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError(f"--peer is for a connection that listens, such as {DEFAULT_CONNECTION}: leave it out")
     if not 0 <= args.system <= 255:
         raise InputError(f"--system must be from 0 to 255, not {args.system}")
-    for topic in args.topics:
-        if topic not in KNOWN_TOPICS:
-            raise InputError(f"--topics: unknown topic {topic}: known are {', '.join(KNOWN_TOPICS)}")
+    only_known_topics(args.topics, "--topics: unknown topic")
     _check_back(args)
     if address.kind == "udpin":  # a board may start anew when its port is opened: once is enough
         transport = Transport(address, args.peer)

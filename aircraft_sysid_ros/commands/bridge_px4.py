@@ -8,7 +8,7 @@ from typing import Any
 
 from aircraft_sysid_ros.commands.options import absolute_namespace
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.assembler import KNOWN_TOPICS
+from aircraft_sysid_ros.mavlink.assembler import only_known_topics
 from aircraft_sysid_ros.mavlink.px4_listener import FMU_OUT
 from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 
@@ -32,9 +32,7 @@ def check(args: argparse.Namespace) -> None:
             raise InputError(f"{option} is for MAVLink: leave it out with {SCHEME}")
     if args.back:
         raise InputError(f"--back sends MAVLink: it needs a bridge of its own, without {SCHEME}")
-    for topic in args.topics:
-        if topic not in KNOWN_TOPICS:
-            raise InputError(f"--topics: unknown topic {topic}: known are {', '.join(KNOWN_TOPICS)}")
+    only_known_topics(args.topics, "--topics: unknown topic")
     if args.calibration:
         load_servo_mapping(args.calibration)
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.airspeed import (
     standard_pressure,
     true_airspeed,
@@ -46,6 +47,15 @@ REFERENCE_TOPICS = {
 ALL_TOPICS = {**TOPICS, **REFERENCE_TOPICS}
 #: And that of the inputs, where a calibration file names some.
 KNOWN_TOPICS = {**ALL_TOPICS, INPUTS_TOPIC: INPUTS_TYPE}
+
+
+def only_known_topics(topics: Iterable[str], said: str) -> None:
+    """Raises InputError, which begins with what is ``said``, for a topic that is none of KNOWN_TOPICS."""
+    for topic in topics:
+        if topic not in KNOWN_TOPICS:
+            raise InputError(f"{said} {topic}: known are {', '.join(KNOWN_TOPICS)}")
+
+
 #: What a source's airspeed means where the calibration does not say: what the autopilots' documentation says.
 USUAL_MEANING = {
     "VFR_HUD": "indicated", "AIRSPEED": "calibrated", "ARSP": "indicated", "airspeed": "indicated",

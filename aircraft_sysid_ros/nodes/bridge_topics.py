@@ -9,8 +9,7 @@ import numpy as np
 from aircraft_sysid_msgs.msg import AirData, ControlSurfaces
 from rclpy.qos import QoSProfile
 
-from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, KNOWN_TOPICS, Output
+from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, KNOWN_TOPICS, Output, only_known_topics
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC
@@ -26,8 +25,7 @@ def listed(values: Sequence[str]) -> list[str]:
 
 def check_topics(topics: Sequence[str]) -> None:
     """Raises InputError for a topic that no bridge publishes."""
-    for topic in set(listed(topics)) - KNOWN_TOPICS.keys():
-        raise InputError(f"the parameter topics names {topic}: known are {', '.join(KNOWN_TOPICS)}")
+    only_known_topics(listed(topics), "the parameter topics names")
 
 
 class BridgeTopics:
