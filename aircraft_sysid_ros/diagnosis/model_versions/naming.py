@@ -11,8 +11,15 @@ from aircraft_sysid_ros.diagnosis.model_versions.labels import (
     read_labels,
     write_labels,
 )
-from aircraft_sysid_ros.diagnosis.model_versions.versions import changing, open_run, version_named, versions_of
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, changing, open_run, version_named, versions_of
 from aircraft_sysid_ros.errors import InputError
+
+
+def _asked(path: str | Path, which: str | None) -> tuple[Run, str, dict[str, tuple[Label, ...]]]:
+    """A run, the id of the version that is meant, and all labels."""
+    run = open_run(path)
+    version = run.current.identifier if which is None else version_named(run, which).identifier
+    return run, version, read_labels(run.path)
 
 
 def name_version(path: str | Path, which: str | None, name: str, note: str | None = None) -> tuple[str, Label]:
@@ -21,9 +28,7 @@ def name_version(path: str | Path, which: str | None, name: str, note: str | Non
     Returns its id and the label. Raises InputError, and changes nothing, where that cannot be.
     """
     with changing(path):
-        run = open_run(path)
-        labels = read_labels(run.path)
-        version = run.current.identifier if which is None else version_named(run, which).identifier
+        run, version, labels = _asked(path, which)
         before = labels.get(version, (Label(),))
         label = label_from(name, before[-1].note if note is None else note)
         check_free(labels, [each.identifier for each in versions_of(run)[0]], version, label.name)
@@ -35,9 +40,7 @@ def name_version(path: str | Path, which: str | None, name: str, note: str | Non
 def take_name_back(path: str | Path, which: str | None) -> tuple[str, Label]:
     """What the version was called before. Raises InputError where it was never called anything else."""
     with changing(path):
-        run = open_run(path)
-        labels = read_labels(run.path)
-        version = run.current.identifier if which is None else version_named(run, which).identifier
+        run, version, labels = _asked(path, which)
         listed = labels.get(version, ())
         if len(listed) < 2:
             raise InputError(f"the version {version} was not named: there is nothing to undo")

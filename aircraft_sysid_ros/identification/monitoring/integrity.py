@@ -383,8 +383,9 @@ class IntegrityMonitor:
         samples = self._history.since(0)
         samples = samples[np.searchsorted(samples[:, _TIME], since, side="right") :]
         known = [None if kept is None else kept.theta for kept in map(self.known_before.of, range(len(AXES)))]
-        usual = np.array([self.monitor.usual(axis)[0] for axis in range(len(AXES))])
-        found = explanations(self.model, samples, known, self.known_before.is_known, usual, self._chord_over_span)
+        found = explanations(
+            self.model, samples, known, self.known_before.is_known, self._usual(), self._chord_over_span
+        )
         return found[0] if found and found[0].before > LEAST_ERROR else None
 
     def _stands_still(self, axis: int, hold: Hold) -> bool:
@@ -488,8 +489,11 @@ class IntegrityMonitor:
 
     def _over_usual(self) -> Array:
         """Rms error of the newest second of motion of each axis over the usual (6,)."""
-        usual = np.array([self.monitor.usual(axis)[0] for axis in range(len(AXES))])
-        return np.sqrt(self._levels / np.maximum(usual, 1e-300))
+        return np.sqrt(self._levels / np.maximum(self._usual(), 1e-300))
+
+    def _usual(self) -> Array:
+        """Usual mean square error of each axis (6,)."""
+        return np.array([self.monitor.usual(axis)[0] for axis in range(len(AXES))])
 
     def gated(self, found: ParameterSet, changed: Array, start: float) -> ParameterSet:
         """What is published of ``found``; ``changed`` (6,) [s] when axes changed last, ``start`` [s] of the flight."""
