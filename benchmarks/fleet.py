@@ -1,11 +1,11 @@
 """A simulated fleet with stated truth through `aircraft-sysid fleet`, and what the fleet costs beside its flights.
 
-    python benchmarks/fleet.py [--small] [--costs N] [--place FOLDER]
+    python benchmarks/fleet.py [--small] [--costs N] [--flights N] [--workers N] [--place FOLDER]
 
-The whole fleet has 400 flights of 8 airframes: an elevator that wears by 0.5 % per flight, a new propeller, an aileron
-bent on a date, one that is 10 % heavier than its file says, two in light turbulence, two healthy; ten damaged files and
-one that hangs. The small one has 2 airframes and 20 flights, with twice as much wear and the bent aileron. Flights that
-are there are not simulated again, nor flown again.
+The whole fleet has 400 flights of 60 s of 8 airframes, 50 of each (--flights): an elevator that wears by 0.5 % per
+flight, a new propeller, an aileron bent on a date, one 10 % heavier than its file says, two in light turbulence,
+two healthy; ten damaged files and one that hangs. The small one has 2 airframes and 20 flights, with twice as much wear
+and the bent aileron. Flights that are there are not simulated again, nor flown again.
 """
 
 from __future__ import annotations
@@ -25,15 +25,19 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.fleet.apart import Limits
 from aircraft_sysid_ros.fleet.cluster import Work, cluster, fly_all
 from aircraft_sysid_ros.fleet.flight_task import Job, Options
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+from aircraft_sysid_ros.simulation.truth_files import write_flight
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PROGRAM = [sys.executable, "-m", "aircraft_sysid_ros.commands.main"]
 BEGIN = datetime(2026, 3, 1, 10, tzinfo=timezone.utc)
 DAMAGED, LIMIT = 10, 300.0
+DURATION, REPLICAS = 60.0, 2
 
 
 @dataclass(frozen=True)
@@ -59,25 +63,22 @@ class Airframe:
 
 BENT = {"Cl_da": 0.85, "Cn_da": 0.85}
 WHOLE = (
-    Airframe("worn", drift={"Cm_de": -0.005, "CZ_de": -0.005}), Airframe("propeller", jump={"CX_Tc": 1.15}, at=20),
-    Airframe("bent", jump=BENT, at=33), Airframe("heavy", mass=1.1), Airframe("gusty-1", air="light"),
+    Airframe("worn", drift={"Cm_de": -0.005, "CZ_de": -0.005}), Airframe("propeller", jump={"CX_Tc": 1.15}, at=10),
+    Airframe("bent", jump=BENT, at=16), Airframe("heavy", mass=1.1), Airframe("gusty-1", air="light"),
     Airframe("gusty-2", air="light"), Airframe("sound-1"), Airframe("sound-2"),
 )  # fmt: skip
 SMALL = (Airframe("worn", drift={"Cm_de": -0.01, "CZ_de": -0.01}), Airframe("bent", jump=BENT, at=6))
 
 
-def simulate(airframe: Airframe, flight: int, seed: int, duration: float, place: Path) -> dict[str, Any]:
+def simulate(airframe: Airframe, flight: int, seed: int, place: Path) -> dict[str, Any]:
     """One flight on disk, where it is not there yet; its entry of the list."""
     source = yaml.safe_load((ROOT / "config" / "ultra_stick_25e.yaml").read_text(encoding="utf8"))
     true = {**source, "mass": airframe.mass * source["mass"]}
     true["coefficients"] = airframe.coefficients(source["coefficients"], flight)
-    bag, file = place / airframe.name / f"{flight:03d}.mcap", place / airframe.name / f"{flight:03d}.yaml"
+    bag = place / airframe.name / f"{flight:03d}.mcap"
     if not bag.exists():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(yaml.safe_dump(true), encoding="utf8")
-        words = ["--duration", str(duration), "--seed", str(seed), "--turbulence", airframe.air]
-        command = [*PROGRAM, "simulate", "--out", str(bag), "--aircraft", str(file), *words]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        flown = simulate_samples(aircraft_from_dict(true), seed, DURATION, turbulence=airframe.air)
+        write_flight(flown, bag)
     start = (BEGIN + timedelta(days=flight)).isoformat()
     return {"recording": str(bag), "airframe": airframe.name, "name": f"{airframe.name}/{flight:03d}", "start": start}
 
@@ -209,26 +210,30 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--small", action="store_true")
     parser.add_argument("--place", type=Path, default=ROOT / "build" / "fleet")
+    parser.add_argument("--flights", type=int, metavar="N", help="of each airframe (default 50, small 10)")
+    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)), metavar="N")
     parser.add_argument("--costs", type=int, default=0, metavar="N", help="times of N flights in place of the fleet")
     args = parser.parse_args()
-    fleet, count, duration, replicas = (SMALL, 10, 60.0, 2) if args.small else (WHOLE, 50, 120.0, 5)
+    fleet, count = (SMALL, 10) if args.small else (WHOLE, 50)
     place = args.place / ("small" if args.small else "whole")
-    jobs = [(airframe, flight, 1000 * k + flight) for k, airframe in enumerate(fleet) for flight in range(count)]
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        made = [pool.submit(simulate, *job, duration, place) for job in jobs[: args.costs or None]]
+    jobs = [
+        (frame, flight, 1000 * k + flight) for k, frame in enumerate(fleet) for flight in range(args.flights or count)
+    ]
+    with ProcessPoolExecutor(args.workers) as pool:
+        made = [pool.submit(simulate, *job, place) for job in jobs[: args.costs or None]]
         entries = [each.result() for each in made]
-    words = ["--replicas", str(replicas), "--time-limit", str(LIMIT)]
+    words = ["--replicas", str(REPLICAS), "--time-limit", str(LIMIT)]
     if args.costs:
-        name, result = "fleet_costs", costs_of(entries, place, replicas, words)
+        name, result = "fleet_costs", costs_of(entries, place, REPLICAS, words)
     else:
         listed = place / "list.yaml"
         listed.write_text(yaml.safe_dump([*entries, *damage(entries, place)]), encoding="utf8")
-        answer, _ = fly(listed, place / "out", *words)
+        answer, _ = fly(listed, place / "out", *words, "--workers", str(args.workers))
         each = costs(place / "out")
         name = "fleet_small" if args.small else "fleet"
         result = found_of(fleet, answer, place / "out")
         result |= {"cpu_per_flight": sum(each) / len(each), "bytes_per_answer": _bytes_of(place / "out") / len(each)}
-    result |= {"duration": duration, "replicas": replicas}
+    result |= {"duration": DURATION, "replicas": REPLICAS}
     (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")
 
 
