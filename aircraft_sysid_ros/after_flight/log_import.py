@@ -39,7 +39,7 @@ def import_log(
         from aircraft_sysid_ros.recordings.mat_import import import_mat  # scipy, only when it is used
 
         return import_mat(path, out, overwrite=overwrite)
-    if _holds_tables(path):
+    if holds_tables(path):
         return _import_known_tables(path, out, calibration, overwrite)
     importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(suffix)
     if importer is None:
@@ -62,7 +62,7 @@ def _unknown(path: Path, why: str = "") -> InputError:
     )
 
 
-def _holds_tables(path: Path) -> bool:
+def holds_tables(path: Path) -> bool:
     """Whether a folder is no bag but holds tables, or a file is a table."""
     from aircraft_sysid_ros.recordings.tabular.source import is_table_file
 
@@ -71,6 +71,16 @@ def _holds_tables(path: Path) -> bool:
     files = list(path.iterdir())
     is_bag = any(file.suffix in BAGS or file.name == "metadata.yaml" or ".db3" in file.name for file in files)
     return not is_bag and any(is_table_file(file) for file in files)
+
+
+def holds_known_tables(folder: Path) -> bool:
+    """Whether a folder holds tables whose names and columns say what they are; it is imported without a map."""
+    from aircraft_sysid_ros.recordings.tabular.guess.first_map import is_known
+
+    try:
+        return folder.is_dir() and holds_tables(folder) and is_known(folder)
+    except (InputError, OSError):
+        return False
 
 
 def _import_known_tables(path: Path, out: str | Path, calibration: str | None, overwrite: bool) -> dict[str, Any]:

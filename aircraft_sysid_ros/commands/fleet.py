@@ -13,7 +13,7 @@ from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.fleet.fleet import Asked, Fleet, fly_fleet
-from aircraft_sysid_ros.fleet.flight_task import Options
+from aircraft_sysid_ros.fleet.flights import Files
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -24,7 +24,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add = parser.add_argument
     add("sources", nargs="+", metavar="SOURCE",
         help="recordings, logs, folders of them, patterns in quotes, or lists of flights (.yaml, .csv)")  # fmt: skip
-    add("--aircraft", metavar="FILE", help="aircraft file; {airframe} in its name stands for that of each flight")
+    add(
+        "--aircraft",
+        metavar="FILE",
+        help="aircraft file; {airframe} in the name of a file stands for that of each flight",
+    )
     add("--out", required=True, metavar="DIR", help="folder of the tables and the page; one that is there goes on")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler, as tcp://host:8786 (default: one on this machine)")
     add("--workers", type=int, metavar="N", help="flights at a time on this machine (default: its cores)")
@@ -39,12 +43,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Fly the fleet; returns counts, changes and files. Raises InputError."""
     _check(args)
-    options = Options(args.replicas, *(Path(p).absolute() if p else None for p in (args.map, args.servos)))
     asked = Asked(
         sources=args.sources,
-        aircraft=args.aircraft,
+        files=Files(args.aircraft, args.map, args.servos),
         out=Path(args.out),
-        options=options,
+        replicas=args.replicas,
         time_limit=args.time_limit,
         runs=args.runs,
         scheduler=args.scheduler,
@@ -81,9 +84,6 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError("--workers is for this machine, and --scheduler has its own: leave one of them out")
     if args.workers is not None and not 1 <= args.workers <= 1000:
         raise InputError(f"--workers must be from 1 to 1000, not {args.workers}")
-    for option, path in (("--map", args.map), ("--servos", args.servos)):
-        if path is not None and not Path(path).is_file():
-            raise InputError(f"{option} {path}: there is no such file")
 
 
 def render(result: dict[str, Any]) -> str:

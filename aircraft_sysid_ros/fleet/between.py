@@ -35,6 +35,12 @@ class Between:
         return [row for row in self.airframes if row["differs"]]
 
 
+def all_series(tables: Mapping[str, Sequence[Row]], flown: Sequence[Flown]) -> tuple[SeriesOf, SeriesOf]:
+    """Series of parameters, and of constant errors of sensors; ``flown`` in the order of time."""
+    sensors = [{**row, "parameter": row["sensor"], "V": None} for row in tables["sensors"]]
+    return series_of(tables["parameters"], flown), series_of(sensors, flown)
+
+
 def series_of(parameters: Sequence[Row], flown: Sequence[Flown]) -> SeriesOf:
     """Series by airframe and parameter, of values to USE; flights count from 0 in each airframe.
 
@@ -67,9 +73,10 @@ def _numbers(flown: Sequence[Flown]) -> dict[str, int]:
 
 def between_flights(tables: Mapping[str, Sequence[Row]], flown: Sequence[Flown]) -> Between:
     """All that is found between flights; ``flown`` in the order of time."""
-    series = series_of(tables["parameters"], flown)
+    parameters, sensors = all_series(tables, flown)
+    series = {**parameters, **sensors}
     changes = _changes(series, flown)
-    return Between(changes, _airframes(series), _effects(tables["verdicts"], flown), priors_of(series, changes))
+    return Between(changes, _airframes(series), _effects(tables["verdicts"], flown), priors_of(parameters, changes))
 
 
 def _changes(series: SeriesOf, flown: Sequence[Flown]) -> list[Row]:

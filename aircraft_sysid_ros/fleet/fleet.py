@@ -13,7 +13,7 @@ from aircraft_sysid_ros.fleet.apart import Failed, Limits
 from aircraft_sysid_ros.fleet.between import Between, between_flights
 from aircraft_sysid_ros.fleet.cluster import Work, cluster, fly_all, has_dashboard
 from aircraft_sysid_ros.fleet.flight_task import Answer, Job, Options, answer_of, content_key, program_key
-from aircraft_sysid_ros.fleet.flights import Flight, flights_of
+from aircraft_sysid_ros.fleet.flights import Files, Flight, flights_of
 from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
 from aircraft_sysid_ros.fleet.priors import write_priors
 from aircraft_sysid_ros.fleet.results import RUNS, Results
@@ -28,9 +28,9 @@ class Asked:
     """What a user asks of a fleet."""
 
     sources: Sequence[str]
-    aircraft: str | None
+    files: Files
     out: Path
-    options: Options
+    replicas: int
     time_limit: float  # [s] of one flight
     runs: bool = False
     scheduler: str | None = None
@@ -78,7 +78,7 @@ def fly_fleet(asked: Asked, tell: Callable[[str, int, int], None], say: Callable
     """
     require_pyarrow()
     require_jinja2()
-    flights = flights_of(asked.sources, asked.aircraft, asked.out, with_tables=asked.options.map is not None)
+    flights = flights_of(asked.sources, asked.files, asked.out)
     results = Results(asked.out)
     with results.held():
         answers, jobs = _jobs(flights, asked, tell)
@@ -104,8 +104,7 @@ def _jobs(
     """Answers to flights that cannot be flown, and the jobs of the others, by name."""
     answers: dict[str, Answer] = {}
     jobs: dict[str, Job] = {}
-    beside = content_key(asked.options.files, program_key(), str(asked.options.replicas))
-    aircraft = {path: content_key((path,)) for path in {flight.aircraft for flight in flights}}
+    beside: dict[tuple[Path, ...], str] = {}  # keys of all that an answer rests on but the recording
     first: dict[str, str] = {}
     for count, flight in enumerate(flights):
         tell("look what is known already", count, len(flights))
@@ -121,11 +120,13 @@ def _jobs(
         if other != flight.name:
             answers[flight.name] = _no_answer(f"it holds the same as {other}, and counts once")
             continue
-        key = content_key((), recording, aircraft[flight.aircraft], beside)
+        options = Options(asked.replicas, flight.map, flight.servos)
+        files = (flight.aircraft, *options.files)
+        if files not in beside:
+            beside[files] = content_key(files, program_key(), repr(options.replicas))
+        key = content_key((), recording, beside[files])
         keep = (asked.out / RUNS / flight.name).absolute() if asked.runs else None
-        jobs[flight.name] = Job(
-            key, flight.recording, flight.is_log, flight.aircraft, asked.options, program_key(), keep
-        )
+        jobs[flight.name] = Job(key, flight.recording, flight.is_log, flight.aircraft, options, program_key(), keep)
     return answers, jobs
 
 

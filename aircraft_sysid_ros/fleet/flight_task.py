@@ -22,11 +22,13 @@ from aircraft_sysid_ros.after_flight.compare import compare_run
 from aircraft_sysid_ros.after_flight.diagnose import diagnose
 from aircraft_sysid_ros.after_flight.log_import import import_log
 from aircraft_sysid_ros.after_flight.replay import replay
+from aircraft_sysid_ros.after_flight.sensor_errors import sensor_errors
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.apart import Failed
-from aircraft_sysid_ros.fleet.flights import TABLES
-from aircraft_sysid_ros.run_reader import read_parameters, read_points, read_samples
+from aircraft_sysid_ros.fleet.flights import AUTOPILOTS
+from aircraft_sysid_ros.run_reader import AIRCRAFT, read_parameters, read_points, read_samples, read_state
 
 #: Signals of the condition in which a parameter was learnt.
 _CONDITION = ("V", "alpha")
@@ -129,6 +131,8 @@ def _answer_of(job: Job, folder: Path) -> Answer:
     reasons.append(told)
     answer["diagnosis"], told = _tried(lambda: _diagnosis(run, job.options.replicas), "not diagnosed", None)
     reasons.append(told)
+    calm = bool((answer["diagnosis"] or {}).get("calm"))
+    answer["sensors"] = sensor_errors(load_aircraft(run / AIRCRAFT), read_samples(run), read_state(run), calm)
     answer["reason"] = "; ".join(filter(None, reasons))
     if job.keep is not None:
         _keep(run, job.keep)
@@ -138,10 +142,10 @@ def _answer_of(job: Job, folder: Path) -> Answer:
 
 def _import_options(job: Job) -> dict[str, Any]:
     """What of the options is for a log of this kind."""
-    suffix, options = job.recording.suffix.lower(), job.options
-    if options.map is not None and suffix in (*TABLES, ".mat"):
-        return {"columns": options.map}
-    return {"calibration": str(options.servos)} if options.servos is not None and suffix != ".mat" else {}
+    options = job.options
+    if job.recording.suffix.lower() in AUTOPILOTS:
+        return {"calibration": str(options.servos)} if options.servos is not None else {}
+    return {"columns": options.map} if options.map is not None else {}
 
 
 def _cpu() -> float:
@@ -180,7 +184,7 @@ def _diagnosis(run: Path, replicas: int) -> dict[str, Any]:
     found = diagnose([run], replicas)
     kept = ("effect", "label", "axes", "main_axis", "p_value", "error_before", "error_after", "confounded_with")
     candidates = [{key: c.get(key) for key in kept} for c in found["candidates"] if c["found"]]
-    shown = {key: found.get(key) for key in ("verdict", "advice", "false_alarm_rate")}
+    shown = {key: found.get(key) for key in ("verdict", "advice", "false_alarm_rate", "calm")}
     return {**shown, "candidates": candidates}
 
 

@@ -2,6 +2,7 @@
 
 The airframe of a flight is the first folder below the SOURCE in which it was found: of ``flights/N1/may/7.mcap`` in the
 source ``flights`` it is N1. A flight that lies in the source itself has the name of that folder. A list says its own.
+A folder of tables that say themselves what they are (ulog2csv, rostopic) is one flight.
 """
 
 from __future__ import annotations
@@ -9,23 +10,26 @@ from __future__ import annotations
 import csv
 import glob
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from datetime import date, datetime, timezone
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+from aircraft_sysid_ros.after_flight.log_import import holds_known_tables, holds_tables
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.run_reader import PARAMETERS
 from aircraft_sysid_ros.yaml_file import read_yaml
 
 RECORDINGS = (".mcap", ".db3")
-LOGS = (".ulg", ".ulog", ".bin", ".tlog", ".mat")
+AUTOPILOTS = (".ulg", ".ulog", ".bin", ".tlog")
+LOGS = (*AUTOPILOTS, ".mat", ".data")
 TABLES = (".csv", ".tsv", ".txt", ".parquet", ".h5", ".hdf5", ".xlsx")
 LISTS = (".yaml", ".yml", ".csv")
 #: What a list says of a flight; only the recording must be there.
-KEYS = ("recording", "name", "airframe", "aircraft", "start")
-#: What stands for the airframe in the name of an aircraft file.
+KEYS = ("recording", "name", "airframe", "aircraft", "start", "map", "servos")
+#: What stands for the airframe in the names of files.
 AIRFRAME = "{airframe}"
 _METADATA = "metadata.yaml"
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
@@ -40,26 +44,37 @@ class Flight:
     recording: Path  # or log
     aircraft: Path
     start: int | None = None  # [ns] UTC; None: the first stamp of the recording
+    map: Path | None = None  # columns of tables
+    servos: Path | None = None  # what the outputs of an autopilot mean
 
     @property
     def is_log(self) -> bool:
         """Whether it must be imported before it can be replayed."""
-        return not self.recording.is_dir() and self.recording.suffix.lower() not in RECORDINGS
+        if self.recording.is_dir():
+            return not _is_bag(self.recording) and holds_tables(self.recording)
+        return self.recording.suffix.lower() not in RECORDINGS
 
 
-def flights_of(sources: Sequence[str], aircraft: str | None, out: Path, with_tables: bool = False) -> list[Flight]:
+@dataclass(frozen=True)
+class Files:
+    """Files that flights go with, unless a list says others; ``{airframe}`` in a name stands for that of each."""
+
+    aircraft: str | None
+    map: str | None = None
+    servos: str | None = None
+
+
+def flights_of(sources: Sequence[str], files: Files, out: Path) -> list[Flight]:
     """All flights, by airframe and name. Raises InputError where there are none, and for a name that two have.
 
-    ``aircraft``: an aircraft file, or a name with ``{airframe}`` in it. ``out`` is not searched. ``with_tables``: a
-    table is a flight, since a map says what its columns are.
+    ``out`` is not searched. With a map every table is a flight.
     """
     if any(Path(source).resolve() == out.resolve() for source in sources):
         raise InputError(
             f"--out {out} is the SOURCE itself, and what a fleet writes is not searched for flights: give --out a "
             f"folder of its own, such as {out / 'fleet'}"
         )
-    endings = (*RECORDINGS, *LOGS, *(TABLES if with_tables else ()))
-    found = [flight for source in sources for flight in _of_source(source, aircraft, out, endings)]
+    found = [flight for source in sources for flight in _of_source(source, files, out)]
     if not found:
         raise InputError(
             f"no flight is in {' '.join(sources)}: give recordings (rosbag2), logs ({' '.join(LOGS)}), folders or "
@@ -74,23 +89,24 @@ def flights_of(sources: Sequence[str], aircraft: str | None, out: Path, with_tab
                 f"two flights have the name {flight.name}, {other.recording} and {flight.recording}: give them names "
                 "in a list (docs/fleet.md)"
             )
-    _check_aircraft(found)
+    checked: set[Path] = set()
+    for flight in found:
+        _check_files(flight, checked)
     return found
 
 
-def _check_aircraft(flights: Iterable[Flight]) -> None:
-    checked: set[Path] = set()
-    for flight in flights:
-        if flight.aircraft not in checked and not flight.aircraft.is_file():
-            raise InputError(f"the aircraft file {flight.aircraft} of the airframe {flight.airframe} is not there")
-        checked.add(flight.aircraft)
+def _check_files(flight: Flight, checked: set[Path]) -> None:
+    for what, file in (("aircraft file", flight.aircraft), ("map", flight.map), ("file of servos", flight.servos)):
+        if file is not None and file not in checked and not file.is_file():
+            raise InputError(f"the {what} {file} of the airframe {flight.airframe} is not there")
+        checked |= {file} if file is not None else set()
 
 
-def _of_source(source: str, aircraft: str | None, out: Path, endings: Sequence[str]) -> Iterator[Flight]:
+def _of_source(source: str, files: Files, out: Path) -> Iterator[Flight]:
     """Flights of one SOURCE."""
-    path = Path(source)
+    path, endings = Path(source), (*RECORDINGS, *LOGS, *(TABLES if files.map else ()))
     if path.is_file() and path.suffix.lower() in LISTS and path.suffix.lower() not in endings:
-        yield from _of_list(path, aircraft)
+        yield from _of_list(path, files)
         return
     if path.exists():
         bases = [(path, path if path.is_dir() and not _is_bag(path) else path.absolute().parent)]
@@ -104,7 +120,7 @@ def _of_source(source: str, aircraft: str | None, out: Path, endings: Sequence[s
         for recording in _recordings(place.absolute(), out.absolute(), endings):
             if recording not in seen:
                 seen.add(recording)
-                yield _found(recording, base.absolute(), aircraft)
+                yield _found(recording, base.absolute(), files)
 
 
 def _fixed_part(pattern: str) -> Path:
@@ -123,6 +139,9 @@ def _recordings(place: Path, out: Path, endings: Sequence[str]) -> Iterator[Path
     if place.is_dir() and not _is_bag(place):
         if place == out or (place / PARAMETERS).is_file():
             return
+        if endings[-1] not in TABLES and holds_known_tables(place):
+            yield place
+            return
         for entry in sorted(place.iterdir()):
             if not entry.name.startswith(".") and (entry.is_dir() or entry.suffix.lower() in endings):
                 yield from _recordings(entry, out, endings)
@@ -130,24 +149,30 @@ def _recordings(place: Path, out: Path, endings: Sequence[str]) -> Iterator[Path
         yield place
 
 
-def _found(recording: Path, base: Path, aircraft: str | None) -> Flight:
+def _found(recording: Path, base: Path, files: Files) -> Flight:
     """A flight that was found below a folder."""
     inside = recording.relative_to(base) if recording.is_relative_to(base) else Path(recording.name)
     airframe = inside.parts[0] if len(inside.parts) > 1 else base.resolve().name or "fleet"
     name = str(inside if recording.is_dir() else inside.with_suffix(""))
-    return Flight(name, airframe, recording, _aircraft_of(airframe, aircraft, str(recording)))
+    return _with_files(Flight(name, airframe, recording, Path()), files)
 
 
-def _aircraft_of(airframe: str, aircraft: str | None, recording: str) -> Path:
-    if aircraft is None:
-        raise InputError(f"no aircraft file is named for {recording}: give --aircraft, or a list that names one")
-    return Path(aircraft.replace(AIRFRAME, airframe)).absolute()
+def _with_files(flight: Flight, files: Files, said: Mapping[str, str] = MappingProxyType({})) -> Flight:
+    """A flight with its files, of which a list may have ``said`` others."""
+
+    def place(key: str) -> Path | None:
+        name = said.get(key) or getattr(files, key)
+        return Path(name.replace(AIRFRAME, flight.airframe)).absolute() if name else None
+
+    if (aircraft := place("aircraft")) is None:
+        raise InputError(f"no aircraft file is named for {flight.recording}: give --aircraft, or a list that names one")
+    return replace(flight, aircraft=aircraft, map=place("map"), servos=place("servos"))
 
 
 # -- lists ---------------------------------------------------------------------------------------------------
 
 
-def _of_list(path: Path, aircraft: str | None) -> Iterator[Flight]:
+def _of_list(path: Path, files: Files) -> Iterator[Flight]:
     """Flights of a list in YAML or CSV; places are from its folder."""
     for number, entry in enumerate(_entries(path), 1):
         where = f"list of flights {path}: entry {number}"
@@ -157,7 +182,7 @@ def _of_list(path: Path, aircraft: str | None) -> Iterator[Flight]:
         if unknown:
             raise InputError(f"{where} has the unknown key '{unknown[0][:60]}': a flight has {', '.join(KEYS)}")
         said = {key: value for key, value in entry.items() if value not in (None, "")}
-        yield _listed(where, said, path.absolute().parent, aircraft)
+        yield _listed(where, said, path.absolute().parent, files)
 
 
 def _entries(path: Path) -> Sequence[Any]:
@@ -174,7 +199,7 @@ def _entries(path: Path) -> Sequence[Any]:
     return entries
 
 
-def _listed(where: str, entry: Mapping[str, Any], folder: Path, aircraft: str | None) -> Flight:
+def _listed(where: str, entry: Mapping[str, Any], folder: Path, files: Files) -> Flight:
     if "recording" not in entry:
         raise InputError(f"{where} names no recording")
     recording = folder / str(entry["recording"])
@@ -183,12 +208,9 @@ def _listed(where: str, entry: Mapping[str, Any], folder: Path, aircraft: str | 
     for what, text in (("airframe", airframe), ("name", name)):
         if not text.isprintable() or text.startswith("/") or ".." in Path(text).parts or not text.strip():
             raise InputError(f"{where} has the {what} '{text[:60]}', which cannot be that of a folder: give another")
-    if "aircraft" in entry:
-        file = (folder / str(entry["aircraft"]).replace(AIRFRAME, airframe)).absolute()
-    else:
-        file = _aircraft_of(airframe, aircraft, str(recording))
     start = _nanoseconds(where, entry["start"]) if "start" in entry else None
-    return Flight(name, airframe, Path(os.path.normpath(recording)), file, start)
+    said = {field.name: str(folder / str(entry[field.name])) for field in fields(Files) if field.name in entry}
+    return _with_files(Flight(name, airframe, Path(os.path.normpath(recording)), Path(), start), files, said)
 
 
 def _nanoseconds(where: str, value: Any) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.fleet.between import Between, series_of
+from aircraft_sysid_ros.fleet.between import Between, all_series
 from aircraft_sysid_ros.fleet.changes import Series
 from aircraft_sysid_ros.fleet.priors import SeriesOf
 from aircraft_sysid_ros.fleet.tables import Flown, tables_of
@@ -110,7 +110,8 @@ def _row(flown: Flown, anchor: str) -> dict[str, Any]:
 def _airframes(
     flown: Sequence[Flown], between: Between, airframes: Sequence[str], anchors: Mapping[str, str]
 ) -> dict[str, Any]:
-    series = series_of(tables_of(flown)["parameters"], flown)
+    parameters, sensors = all_series(tables_of(flown), flown)
+    series = {**parameters, **sensors}
     marked = [row["airframe"] for row in (*between.changes, *between.differences)]
     shown = list(dict.fromkeys([*marked, *airframes]))[:_MOST_AIRFRAMES]
     changed = [row["parameter"] for row in between.changes]

@@ -28,6 +28,7 @@ COLUMNS: dict[str, dict[str, str]] = {
         **_FLIGHT, "parameter": "string", "value": "double", "std": "double", "status": "string", "V": "double",
         "alpha": "double",
     },
+    "sensors": {**_FLIGHT, "sensor": "string", "value": "double", "std": "double", "status": "string"},
     "verdicts": {
         "flight": "string", "verdict": "string", "effect": "string", "axes": "string", "p_value": "double",
         "error_before": "double", "error_after": "double", "airframe": "string", "start": "time", "label": "string",
@@ -75,7 +76,7 @@ def in_order(flown: Sequence[Flown]) -> list[Flown]:
 def tables_of(flown: Sequence[Flown]) -> dict[str, list[Row]]:
     """Rows of what was found in each flight, by table."""
     makers = {"flights": _flight, "parameters": _parameters, "verdicts": _verdicts, "errors": _errors}
-    makers["findings"] = _findings
+    makers |= {"findings": _findings, "sensors": _sensors}
     return {name: [row for each in in_order(flown) for row in make(each)] for name, make in makers.items()}
 
 
@@ -88,6 +89,11 @@ def _flight(flown: Flown) -> Iterator[Row]:
 def _parameters(flown: Flown) -> Iterator[Row]:
     for p in flown.answer.get("parameters", ()):
         yield {**flown.head, "parameter": p["name"], **p}
+
+
+def _sensors(flown: Flown) -> Iterator[Row]:
+    for sensor in flown.answer.get("sensors", ()):
+        yield {**flown.head, "sensor": sensor["name"], **sensor}
 
 
 def _verdicts(flown: Flown) -> Iterator[Row]:

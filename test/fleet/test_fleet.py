@@ -14,6 +14,7 @@ from aircraft_sysid_ros.fleet import fleet as module
 from aircraft_sysid_ros.fleet.apart import Failed
 from aircraft_sysid_ros.fleet.fleet import Asked, fly_fleet
 from aircraft_sysid_ros.fleet.flight_task import Options
+from aircraft_sysid_ros.fleet.flights import Files
 from aircraft_sysid_ros.fleet.results import Results
 
 DAY = 86_400 * 10**9
@@ -24,21 +25,24 @@ COLUMNS = {  # of INTERFACE.md
     "verdicts": ["flight", "verdict", "effect", "axes", "p_value", "error_before", "error_after"],
     "changes": ["airframe", "parameter", "kind", "when", "size", "std", "p_value"],
     "errors": ["flight", "airframe", "start", "axis"],
+    "sensors": ["flight", "airframe", "start", "sensor", "value", "std", "status"],
 }
 
 
 def answer(recording):
-    """What a recording holds in these tests: its number, airframe, and the true value of Cm_de."""
-    number, airframe, value = recording.read_text().split()
+    """What a recording holds in these tests: its number, airframe, the true value of Cm_de, and a scale of a sensor."""
+    number, airframe, value, *scale = recording.read_text().split()
     rng = np.random.default_rng([int(number), ord(airframe)])
     parameters = [
         {"name": "Cm_de", "value": float(value) + 0.01 * rng.normal(), "std": 0.01, "status": "USE"},
         {"name": "Cm_q", "value": 1e9, "std": None, "status": "HOLD"},
     ]
+    sensors = [{"name": "airspeed.scale", "value": float(s) + 0.004 * rng.normal(), "std": 0.004} for s in scale]
     found = {"effect": "stall", "label": HOSTILE, "axes": ["CZ", "Cm"], "p_value": 0.001}
     return {
         "ok": True, "reason": "", "duration": 1800.0, "start": int(number) * DAY,
         "parameters": [{**p, "V": 20.0, "alpha": 0.05} for p in parameters],
+        "sensors": [{**s, "status": "USE"} for s in sensors],
         "axes": {"Cm": {"nrmse_fit": 0.1, "nrmse_held_out": 0.2, "noise_floor": 0.1, "white": None}},
         "findings": [{"signal": "airspeed", "kind": "gap", "severity": "warning", "sentence": "a gap"}],
         "diagnosis": {
@@ -79,7 +83,7 @@ def place(tmp_path):
 
 def fly(place, time_limit=60.0, **more):
     out = place / "out"
-    asked = Asked([str(place / "flights")], str(place / "aircraft.yaml"), out, Options(2), time_limit, **more)
+    asked = Asked([str(place / "flights")], Files(str(place / "aircraft.yaml")), out, 2, time_limit, **more)
     return fly_fleet(asked, lambda *said: None, print), out
 
 
@@ -100,6 +104,20 @@ def test_what_changes_is_found_and_shown(place, flown):
     page = (out / "fleet.html").read_text()
     assert "Cm_de" in page and "A/6" in page and HOSTILE not in page and "&lt;script&gt;alert(1)" in page
     json.dumps(fleet.json)
+
+
+def test_a_scale_that_creeps_from_flight_to_flight_is_found_and_no_parameter_of_the_next_flight(place, flown):
+    rate = 0.003
+    for path in (place / "flights" / "B").iterdir():
+        number = int(path.stem)
+        path.write_text(f"{number} B -1.0 {1.0 + rate * number}")
+    fleet, out = fly(place)
+    creeps = next(c for c in fleet.between.changes if c["airframe"] == "B")
+    assert (creeps["parameter"], creeps["kind"]) == ("airspeed.scale", "drift")
+    assert abs(creeps["size"] - rate) < 2.5 * creeps["std"] < rate
+    assert len(pd.read_parquet(out / "sensors.parquet")) == 10
+    assert "airspeed.scale" in (out / "fleet.html").read_text()
+    assert "airspeed" not in (out / "prior.json").read_text()
 
 
 def test_begun_again_nothing_is_flown_twice(place, flown):

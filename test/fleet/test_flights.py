@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.fleet.flights import flights_of
+from aircraft_sysid_ros.fleet.flights import Files, flights_of
 
 
 @pytest.fixture
@@ -29,7 +29,8 @@ def place(tmp_path):
 
 
 def found(place, *sources, aircraft="one.yaml", **more):
-    listed = flights_of([str(place / s) for s in sources], aircraft and str(place / aircraft), place / "out", **more)
+    files = Files(aircraft and str(place / aircraft), **more)
+    listed = flights_of([str(place / s) for s in sources], files, place / "out")
     return {flight.name: flight.airframe for flight in listed}
 
 
@@ -42,12 +43,12 @@ def test_the_folder_of_results_is_no_source(place):
     out = place / "fleet" / "out"
     (out / "runs").mkdir(parents=True)
     (out / "runs" / "x.mcap").touch()
-    assert len(flights_of([str(place / "fleet")], str(place / "one.yaml"), out)) == 5
+    assert len(flights_of([str(place / "fleet")], Files(str(place / "one.yaml")), out)) == 5
 
 
 def test_the_source_itself_is_no_place_for_results(place):
     with pytest.raises(InputError, match="is the SOURCE itself, and what"):
-        flights_of([str(place / "fleet")], str(place / "one.yaml"), place / "N9" / ".." / "fleet")
+        flights_of([str(place / "fleet")], Files(str(place / "one.yaml")), place / "N9" / ".." / "fleet")
 
 
 def test_patterns_and_files(place):
@@ -56,15 +57,44 @@ def test_patterns_and_files(place):
 
 
 def test_tables_are_flights_with_a_map(place):
-    assert "notes" in found(place, "fleet", with_tables=True)
+    assert "notes" in found(place, "fleet", map=str(place / "one.yaml"))
 
 
 def test_an_aircraft_file_by_airframe(place):
-    listed = flights_of([str(place / "fleet")], str(place / "{airframe}.yaml"), place / "out")
+    listed = flights_of([str(place / "fleet")], Files(str(place / "{airframe}.yaml")), place / "out")
     assert {f.airframe: f.aircraft.name for f in listed} == {"N1": "N1.yaml", "N2": "N2.yaml", "fleet": "fleet.yaml"}
     (place / "N2.yaml").unlink()
     with pytest.raises(InputError, match=r"N2\.yaml of the airframe N2 is not there"):
-        flights_of([str(place / "fleet")], str(place / "{airframe}.yaml"), place / "out")
+        flights_of([str(place / "fleet")], Files(str(place / "{airframe}.yaml")), place / "out")
+
+
+def test_maps_and_servos_by_airframe_and_in_a_list(place):
+    for name in ("map-N1.yaml", "map-N2.yaml", "servos.yaml"):
+        (place / name).touch()
+    files = Files(str(place / "one.yaml"), str(place / "map-{airframe}.yaml"))
+    text = "- {recording: fleet/N1/notes.csv}\n- {recording: fleet/N2/3.ulg, map: map-N1.yaml, servos: servos.yaml}\n"
+    (place / "list.yaml").write_text(text)
+    first, second = flights_of([str(place / "list.yaml")], files, place / "out")
+    assert (first.map, first.servos) == (place / "map-N1.yaml", None)
+    assert (second.map, second.servos) == (place / "map-N1.yaml", place / "servos.yaml")
+    (place / "map-N1.yaml").unlink()
+    with pytest.raises(InputError, match=r"the map .*map-N1\.yaml of the airframe N1 is not there"):
+        flights_of([str(place / "list.yaml")], files, place / "out")
+
+
+def test_a_folder_of_tables_that_say_what_they_are_is_one_flight(place):
+    """`ulog2csv` writes a folder; other tables beside recordings are none of their own."""
+    folder = place / "fleet" / "N1" / "log"
+    folder.mkdir()
+    header, row = "timestamp,xyz[0],xyz[1],xyz[2]", "{},0.1,0.2,{}"
+    for topic, last in (("vehicle_acceleration", -9.8), ("vehicle_angular_velocity", 0.1)):
+        rows = [row.format(20_000 * k, last) for k in range(50)]
+        (folder / f"log_{topic}_0.csv").write_text("\n".join([header, *rows]) + "\n")
+    (place / "fleet" / "N1" / "hours.csv").write_text("day,hours\n1,2\n")
+    (log,) = [f for f in flights_of([str(place / "fleet")], Files(str(place / "one.yaml")), place / "out") if f.is_log
+              and f.recording.is_dir()]  # fmt: skip
+    assert (log.name, log.airframe) == ("N1/log", "N1")
+    assert "N1/hours" not in found(place, "fleet")
 
 
 @pytest.mark.parametrize("ending", ["yaml", "csv"])
@@ -76,7 +106,7 @@ def test_a_list(place, ending):
         text = "recording,name,airframe,start,aircraft\n"
         text += "fleet/N1/1.mcap,first,A,2026-05-31 14:30:00,\nfleet/N2/3.ulg,,,,N2.yaml\n"
     (place / f"list.{ending}").write_text(text)
-    first, second = flights_of([str(place / f"list.{ending}")], str(place / "one.yaml"), place / "out")
+    first, second = flights_of([str(place / f"list.{ending}")], Files(str(place / "one.yaml")), place / "out")
     assert (first.name, first.airframe, first.start) == ("first", "A", 1_780_237_800_000_000_000)
     assert first.recording == place / "fleet/N1/1.mcap" and first.aircraft.name == "one.yaml"
     assert (second.name, second.airframe, second.start, second.aircraft.name) == ("N2/3", "N2", None, "N2.yaml")

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from aircraft_sysid_ros.after_flight.sensor_errors import air_data_errors
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.reconstruction.options import StateOptions
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 
 _DEGREES = 180.0 / np.pi
@@ -53,12 +52,7 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
 
     ``named``: effects that a diagnosis has found, such as airspeed_scale.
     """
-    if np.any(samples.kind == Kind.SEAM) or not np.any(samples.kind == Kind.AIRSPEED):
-        return []
-    estimator = StateEstimator(aircraft, StateOptions(air_data_errors=True))
-    estimator.push(samples)
-    estimator.flush()
-    known = estimator.air_data_errors
+    known = air_data_errors(aircraft, samples)
     found = []
     for name, (signal, words, kind, effect) in _SENSORS.items():
         if not known or not np.any(samples.kind == kind):

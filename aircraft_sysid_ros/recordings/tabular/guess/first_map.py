@@ -178,6 +178,12 @@ def known_map(path: Path) -> tuple[ColumnMap, list[str]] | None:
     return parse_column_map(map_text(first, path)), first.notes
 
 
+def is_known(path: Path) -> bool:
+    """Whether a source is of a known kind."""
+    source = open_source(path)
+    return known_lines(source, [table for _, table in _tables(source)[0]]) is not None
+
+
 def _tables(source: Source) -> tuple[list[tuple[str | None, Table]], list[str]]:
     """Tables with the name that ``file`` of a MAP gives them; what cannot be read is a note."""
     if not source.is_folder:

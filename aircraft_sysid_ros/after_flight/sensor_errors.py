@@ -1,0 +1,75 @@
+"""What one flight tells of the constant errors of its sensors, for a comparison with other flights.
+
+Scales and offsets of airspeed and vanes are those of a filter that has them as states
+(``reconstruction.air_data_errors``), beside what the aircraft file says of them; biases of the IMU are those of the
+replay at its end. What a flight has not told keeps the uncertainty that the filter began with: it is held, and so is a
+scale in gusts, which stand for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.reconstruction.air_data_errors import NAMES, UNKNOWN_STD
+from aircraft_sysid_ros.reconstruction.alignment import ACCELEROMETER_BIAS_STD, GYRO_BIAS_STD
+from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Kind, Samples
+
+USE, HOLD = "USE", "HOLD"
+#: Of the standard deviation before the flight that is left where a flight has told a number.
+LEARNT = 0.25
+#: Sensors by the name of their errors in the filter, as the aircraft file calls them.
+_AIR_DATA = {
+    "V": ("airspeed", Kind.AIRSPEED),
+    "alpha": ("angle_of_attack", Kind.ANGLE_OF_ATTACK),
+    "beta": ("sideslip", Kind.SIDESLIP),
+}
+_IMU = {"accelerometer_bias": ACCELEROMETER_BIAS_STD, "gyro_bias": GYRO_BIAS_STD}
+_BEFORE = dict(zip(NAMES, UNKNOWN_STD.tolist(), strict=True))
+Row = dict[str, Any]
+
+
+def air_data_errors(aircraft: Aircraft, samples: Samples) -> dict[str, dict[str, float]]:
+    """Value and standard deviation by the names of the filter; nothing of a flight in pieces or without airspeed."""
+    if np.any(samples.kind == Kind.SEAM) or not np.any(samples.kind == Kind.AIRSPEED):
+        return {}
+    estimator = StateEstimator(aircraft, StateOptions(air_data_errors=True))
+    estimator.push(samples)
+    estimator.flush()
+    return estimator.air_data_errors
+
+
+def sensor_errors(aircraft: Aircraft, samples: Samples, state: Mapping[str, Any], calm: bool) -> list[Row]:
+    """Rows of name, value, std and status. ``state``: the content of state.json; ``calm``: no gust feigns a scale."""
+    return [*_of_air_data(air_data_errors(aircraft, samples), samples, calm), *_of_imu(state)]
+
+
+def _of_air_data(known: Mapping[str, Mapping[str, float]], samples: Samples, calm: bool) -> Iterator[Row]:
+    for name, (sensor, kind) in _AIR_DATA.items():
+        shown = samples.values[samples.kind == kind, 0]
+        if not known or not np.isfinite(shown).any():
+            continue
+        scale, constant = known[f"lambda_{name}"], known[f"b_{name}"]
+        gain = 1.0 / (1.0 + scale["value"])  # y_true = (1 + lambda) y + b
+        is_told = scale["std"] < LEARNT * _BEFORE[f"lambda_{name}"]
+        yield _row(f"{sensor}.scale", gain, scale["std"] * gain**2, is_told and calm)
+        if name != "V":  # at the median angle: what gusts feign as a scale they take off the constant
+            offset = constant["value"] + scale["value"] * float(np.nanmedian(shown))
+            is_told = constant["std"] < LEARNT * _BEFORE[f"b_{name}"]
+            yield _row(f"{sensor}.offset", -offset, constant["std"], is_told)
+
+
+def _of_imu(state: Mapping[str, Any]) -> Iterator[Row]:
+    for name, before in _IMU.items():
+        for axis, value, std in zip("xyz", state[name], state[f"{name}_std"], strict=True):
+            if value is not None and std is not None:
+                yield _row(f"{name}.{axis}", value, std, std < LEARNT * before)
+
+
+def _row(name: str, value: float, std: float, is_told: bool) -> Row:
+    return {"name": name, "value": float(value), "std": float(std), "status": USE if is_told else HOLD}
