@@ -47,7 +47,7 @@ def judged(aircraft: Aircraft, samples: Samples, estimator: EstimatorName) -> di
     learning = pipeline.parameters.learning
 
     def ratios() -> np.ndarray:
-        return np.nan_to_num([learning.integrity.monitor.over_noise(axis) for axis in range(len(AXES))])
+        return np.nan_to_num([learning.integrity.errors.monitor.over_noise(axis) for axis in range(len(AXES))])
 
     for first in range(0, len(samples), BLOCK):
         pipeline.push(samples[first : first + BLOCK])
@@ -56,8 +56,8 @@ def judged(aircraft: Aircraft, samples: Samples, estimator: EstimatorName) -> di
     held = [
         axis
         for axis, ratio in zip(AXES, ratios(), strict=True)
-        if lack_of_fit(axis, learning.integrity.monitor.unexplained(AXES.index(axis)), ratio)
-        and not lack_of_fit(axis, learning.integrity.monitor.unexplained(AXES.index(axis)))
+        if lack_of_fit(axis, learning.integrity.errors.monitor.unexplained(AXES.index(axis)), ratio)
+        and not lack_of_fit(axis, learning.integrity.errors.monitor.unexplained(AXES.index(axis)))
     ]
     reasons = [p.reason for p in pipeline.parameters.snapshot().parameters]
     used = sum(p.status == Trust.USE for p in pipeline.parameters.snapshot().parameters)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from aircraft_sysid_ros.identification.monitoring import integrity, isolation, known_before
+from aircraft_sysid_ros.identification.monitoring import error_watch, hold_end, isolation, known_before
 
 Result = dict[str, Any]
 Table = tuple[list[str], list[list[str]]]
@@ -114,9 +114,9 @@ def isolation_limits() -> Table:
         ["and by which it moves at most", isolation.FARTHEST, "beyond it nothing flies"],
         ["mean square error over the usual that a change of the aeroplane leaves at most", isolation.WHOLLY,
          "twice the usual error, as where a hold ends; noise on the records leaves 6"],
-        ["points of motion, 25 per second, that confirm a change", integrity.CONFIRMED,
+        ["points of motion, 25 per second, that confirm a change", hold_end.CONFIRMED,
          "five seconds: two would let through faults that first show in one axis"],
-        ["mean square error over the usual before anything is asked", integrity.LEAST_ERROR,
+        ["mean square error over the usual before anything is asked", error_watch.LEAST_ERROR,
          "below it noise chooses the explanation"],
     ]  # fmt: skip
     return ["limit", "value", "why"], [[what, f"{value:g}", why] for what, value, why in rows]

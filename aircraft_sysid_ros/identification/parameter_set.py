@@ -12,7 +12,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
 from aircraft_sysid_ros.identification.prior import AxisPrior, helped
-from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, Verdict, disagree, judge
+from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
 
 Array = npt.NDArray[np.float64]
 
@@ -85,29 +85,33 @@ def axis_estimates(
         effect = per_unit * np.sqrt(np.diag(estimate.covariance))
     if estimate.excitation is not None:
         excitation = estimate.excitation
-    std_known, std_own = np.sqrt(np.diag(known.covariance)), np.sqrt(np.diag(estimate.covariance))
-    apart = disagree(estimate.theta, known.theta, std_own, std_known, per_unit)
+    apart = [False] * n if own is None else _apart(estimate, known, per_unit)
     with_help = helped(estimate.theta, estimate.covariance, prior)
     if with_help is not None:
         estimate = estimate._replace(theta=with_help.theta, covariance=with_help.covariance)
         excitation, effect = excitation * with_help.gain, effect / with_help.gain
+    values, stds = estimate.theta.tolist(), np.sqrt(np.diag(estimate.covariance)).tolist()
+    effects, ages = effect.tolist(), (now - estimate.last_learnt).tolist()
+    rules, anywhere = TrustRules(), (-np.inf, np.inf)
     estimates = []
-    for j, name in enumerate(names):
-        value, std = float(estimate.theta[j]), float(np.sqrt(estimate.covariance[j, j]))
-        excited = float(excitation[j])
-        limits = (bounds or {}).get(name, (-np.inf, np.inf))
-        unexcited = not missing and excited < TrustRules.excitation
+    for j, (name, excited) in enumerate(zip(names, excitation.tolist(), strict=True)):
+        limits = bounds.get(name, anywhere) if bounds else anywhere
+        unexcited = not missing and excited < rules.excitation
         follows = told_apart(AXES[axis], names, correlation, j) if unexcited else ""
-        evidence = Evidence(name, value, std, excited, float(effect[j]), estimate.samples, missing, limits, follows)
-        verdict = judge(evidence, TrustRules())
-        if verdict.status == Trust.USE and apart[j]:
-            verdict = Verdict(Trust.HOLD, f"recursive least squares says {known.theta[j]:.3g}")
-        reason = verdict.reason
-        if verdict.status == Trust.HOLD and np.isfinite(changed):
+        evidence = Evidence(name, values[j], stds[j], excited, effects[j], estimate.samples, missing, limits, follows)
+        status, reason = judge(evidence, rules)
+        if status == Trust.USE and apart[j]:
+            status, reason = Trust.HOLD, f"recursive least squares says {known.theta[j]:.3g}"
+        if status == Trust.HOLD and np.isfinite(changed):
             reason = f"relearning since a change at {changed:.1f} s: {reason}"
-        age = float(now - estimate.last_learnt[j])
-        estimates.append(ParameterEstimate(name, value, std, verdict.status, reason, age, excited))
+        estimates.append(ParameterEstimate(name, values[j], stds[j], status, reason, ages[j], excited))
     return estimates, estimate.covariance
+
+
+def _apart(estimate: AxisEstimate, known: AxisEstimate, per_unit: Array) -> list[bool]:
+    """Which parameters another estimator and least squares do not agree on; ``per_unit`` effect of one unit."""
+    std, std_known = np.sqrt(np.diag(estimate.covariance)), np.sqrt(np.diag(known.covariance))
+    return disagree(estimate.theta, known.theta, std, std_known, per_unit).tolist()
 
 
 def _with_sampling(estimate: AxisEstimate, square: float) -> AxisEstimate:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,8 +33,7 @@ class TrustRules:
     samples: int = 100  # evaluations before anything is trusted
 
 
-@dataclass(frozen=True)
-class Evidence:
+class Evidence(NamedTuple):
     """What is known of one parameter."""
 
     name: str
@@ -47,8 +47,7 @@ class Evidence:
     follows: str = ""  # what its term moves with, as the reason says it; empty: nothing
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """Status and reason."""
 
     status: Trust

@@ -148,7 +148,7 @@ def test_noise_of_the_imu_makes_of_coefficients_what_it_says(aircraft, rate, fac
 def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_so(aircraft):
     flight = simulate_samples(aircraft, 3, 100.0, hidden=[("flaps", 2.0)], manoeuvres="flaps", rate=200.0)
     identifier = flown(aircraft, flight.samples)
-    found, unexplained = identifier.snapshot(), identifier.learning.integrity.monitor.unexplained
+    found, unexplained = identifier.snapshot(), identifier.learning.integrity.errors.monitor.unexplained
     lacking = [axis for i, axis in enumerate(AXES) if unexplained(i) > 0.25]
     assert "Cm" in lacking and "Cl" not in lacking
     for axis in lacking:
@@ -156,7 +156,7 @@ def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_
         assert all(p.status == Trust.HOLD for p in held)
         assert any(p.reason.startswith("the model explains") and f"of {axis}" in p.reason for p in held)
     assert all(p.status == Trust.USE for p in of_axis(found, "Cl"))
-    over_noise = identifier.learning.integrity.monitor.over_noise
+    over_noise = identifier.learning.integrity.errors.monitor.over_noise
     assert over_noise(AXES.index("CZ")) > BEYOND_NOISE and unexplained(AXES.index("CZ")) < 0.2
     assert not any(p.status == Trust.USE for p in of_axis(found, "CZ"))
     assert any("times its noise: the model explains " in p.reason for p in of_axis(found, "CZ"))
@@ -170,8 +170,8 @@ def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_
 def test_gusts_are_no_lack_of_fit(aircraft, turbulence):
     flight = simulate_samples(aircraft, 8, 90.0, turbulence=turbulence, rate=200.0)
     identifier = flown(aircraft, flight.samples)
-    assert max(identifier.learning.integrity.monitor.unexplained(i) for i in range(6)) < 0.1
-    assert 0.5 < max(identifier.learning.integrity.monitor.over_noise(i) for i in range(6)) < 2.0
+    assert max(identifier.learning.integrity.errors.monitor.unexplained(i) for i in range(6)) < 0.1
+    assert 0.5 < max(identifier.learning.integrity.errors.monitor.over_noise(i) for i in range(6)) < 2.0
     assert not any("the model explains" in p.reason for p in identifier.snapshot().parameters)
 
 

@@ -42,7 +42,7 @@ from aircraft_sysid_ros.identification.estimators.contract import (
     nothing_known,
 )
 from aircraft_sysid_ros.identification.estimators.reset_prior import within_prior
-from aircraft_sysid_ros.identification.estimators.vane_noise import compensation, follow_vane_noise
+from aircraft_sysid_ros.identification.estimators.vane_noise import correction, follow_vane_noise, freed, widened
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.samples import Samples
 
@@ -221,11 +221,13 @@ class RecursiveLeastSquares:
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, what two seconds of level flight do not reach."""
-        n = len(self.state.theta[0])
-        sums = self.state.sums[0, :, : n + 2, : n + 2]
-        _corrected(sums, np.zeros(n), self.state.p[0, :n, :n], 0.0, np.zeros(n), 0.0, np.zeros(n))
+        state = self.checkpoint()
+        state.updates[:], state.prior_variance[:] = len(state.theta[0]) + 1, 1.0
+        least_squares(self.model, 0, state)
+        state.prior[:] = np.eye(len(state.theta[0]))
+        least_squares(self.model, 0, state)
         columns = TERMS_OF_SAMPLE + int(self.model.offsets[-1])
-        learn_again(0, np.empty((0, columns)), np.empty((0, WEIGHT_COLUMNS)), self.checkpoint(), self.tuning)
+        learn_again(0, np.empty((0, columns)), np.empty((0, WEIGHT_COLUMNS)), state, self.tuning)
 
 
 # -- the loop -------------------------------------------------------------------------------------------------------
@@ -386,15 +388,54 @@ def least_squares(model: AerodynamicModel, axis: int, state: RlsState) -> tuple[
     sums, last_learnt = state.sums[axis, :, : n + 2, : n + 2], state.last_learnt[part]
     if not _is_known(axis, n, state):
         return AxisEstimate(theta, np.full((n, n), np.nan), samples, last_learnt), sums
+    if state.prior[axis].any():
+        return AxisEstimate(*_with_prior(axis, theta, state, model.constants[axis]), samples, last_learnt), sums
+    return AxisEstimate(*_without_prior(axis, theta, state, model.constants[axis]), samples, last_learnt), sums
+
+
+@njit(cache=True, error_model="numpy")
+def _without_prior(axis: int, theta: Array, state: RlsState, constant: Array) -> tuple[Array, Array]:
+    """Parameters (n,) freed of the pull of the vanes, and their covariance (n, n), of an axis that has not changed."""
+    n = len(theta)
+    p, sums = state.p[axis, :n, :n], state.sums[axis, :, : n + 2, : n + 2]
+    matrix, effective, pull = _pull(axis, theta, state)
+    coloured, white, autocovariance = coloured_covariance(sums, theta)
+    variance, widening = autocovariance[0] * effective / max(effective - n, 1.0), np.empty(n)
+    for i in range(n):
+        grown = coloured[i, i] / white[i, i]
+        widening[i] = np.sqrt(1.0 if grown < 1.0 else grown)
+    covariance = _widened(variance, p, widening, pull, state.bias_variance[axis], constant)
+    return freed(matrix, theta), widened(matrix, covariance, theta)
+
+
+def _with_prior(axis: int, theta: Array, state: RlsState, constant: Array) -> tuple[Array, Array]:
+    """The same of an axis that has changed, see ``covariance_reset``."""
+    n, variance_before = len(theta), float(state.prior_variance[axis])
+    p, prior = state.p[axis, :n, :n], state.prior[axis, :n, :n]
+    matrix, _, pull = _pull(axis, theta, state)
+    sums = np.ascontiguousarray(state.sums[axis, :, : n + 2, : n + 2])
+    variance, widening = variance_with_prior(sums, theta, prior, variance_before)
+    grown = _widened(variance, p, widening, pull, float(state.bias_variance[axis]), constant)
+    covariance = within_prior(grown, prior / variance_before)
+    return np.asarray(freed(matrix, theta)), np.asarray(widened(matrix, covariance, theta))
+
+
+@njit(cache=True)
+def _pull(axis: int, theta: Array, state: RlsState) -> tuple[Array, float, Array]:
+    """What puts right the pull of the vanes (n, n), the samples that an axis rests on, and the pull that is left (n,).
+
+    Noise in the terms pulls parameters towards zero; that of the vanes is put right as far as it is known.
+    """
+    n, first = len(theta), state.offsets[axis]
     p, of_vanes = state.p[axis, :n, :n], state.vane_covariance[axis, :n, :n]
-    put_right = compensation(p, _effective(axis, n, state), of_vanes)
-    covariance = _covariance(model, axis, state, theta, np.diag(put_right.covariance))
-    return AxisEstimate(put_right.freed(theta), put_right.widened(covariance, theta), samples, last_learnt), sums
-
-
-def _effective(axis: int, n: int, state: RlsState) -> float:
-    """Samples that an axis rests on."""
-    return float(min(int(state.updates[axis]), state.sums[axis, 0, n + 1, n + 1]))
+    effective = min(float(state.updates[axis]), state.sums[axis, 0, n + 1, n + 1])
+    matrix, share = correction(p, effective, of_vanes)
+    pull = np.zeros(n)
+    for j in range(n):
+        left = max(state.noise_square[first + j] - share * of_vanes[j, j], 0.0)
+        for i in range(n):
+            pull[i] += p[i, j] * (effective * left * theta[j])
+    return matrix, effective, pull
 
 
 def known_theta(model: AerodynamicModel, axis: int, state: RlsState) -> Array:
@@ -407,42 +448,13 @@ def _is_known(axis: int, n: int, state: RlsState) -> bool:
     return bool(state.updates[axis] > n or state.prior[axis].any())
 
 
-def _covariance(model: AerodynamicModel, axis: int, state: RlsState, theta: Array, put_right: Array) -> Array:
-    """Covariance of the recursion, widened by what coloured residuals do to its diagonal.
-
-    Two systematic parts are added: the pull of noise in the terms towards zero, without that of the variances (n,) that
-    is ``put_right``, and the bias of the accelerometer as far as it is not known, which stands in the constant term.
-    """
-    n, first, constant = len(theta), int(model.offsets[axis]), model.constants[axis]
-    sums = state.sums[axis, :, : n + 2, : n + 2]
-    noise = np.maximum(state.noise_square[first : first + n] - put_right, 0.0)
-    p, prior, bias_variance = state.p[axis, :n, :n], state.prior[axis, :n, :n], float(state.bias_variance[axis])
-    effective = _effective(axis, n, state)
-    pull = p @ (effective * noise * theta)
-    if not prior.any():
-        return np.asarray(_corrected(sums, theta, p, effective, pull, bias_variance, constant))
-    variance_before = float(state.prior_variance[axis])
-    variance, widening = variance_with_prior(np.ascontiguousarray(sums), theta, prior, variance_before)
-    return within_prior(_widened(variance, p, widening, pull, bias_variance, constant), prior / variance_before)
-
-
-@njit(cache=True, error_model="numpy")
-def _corrected(
-    sums: Array, theta: Array, p: Array, effective: float, pull: Array, bias_variance: float, constant: Array
-) -> Array:
-    """``_covariance`` (n, n) of an axis that has not changed."""
-    n = len(theta)
-    coloured, white, autocovariance = coloured_covariance(sums, theta)
-    variance, widening = autocovariance[0] * effective / max(effective - n, 1.0), np.empty(n)
-    for i in range(n):
-        grown = coloured[i, i] / white[i, i]
-        widening[i] = np.sqrt(1.0 if grown < 1.0 else grown)
-    return _widened(variance, p, widening, pull, bias_variance, constant)
-
-
 @njit(cache=True)
 def _widened(variance: float, p: Array, widening: Array, pull: Array, bias_variance: float, constant: Array) -> Array:
-    """The covariance (n, n) from that of the recursion, ``widening`` (n,) of its standard errors, and what is added."""
+    """The covariance (n, n) of the recursion, with standard errors widened by what coloured residuals do to them (n,).
+
+    Two systematic parts are added: the pull (n,) of noise in the terms towards zero, and the bias of the accelerometer
+    as far as it is not known, which stands in the constant term.
+    """
     covariance = np.empty_like(p)
     for i in range(len(p)):
         for j in range(len(p)):

@@ -32,35 +32,71 @@ class Compensation(NamedTuple):
 
     def freed(self, theta: Array) -> Array:
         """Parameters (n,) without the pull; NaN stays NaN."""
-        known, out = np.isfinite(theta), theta.copy()
-        if known.all():
-            return np.asarray(self.matrix @ theta)
-        out[known] = self.matrix[np.ix_(known, known)] @ theta[known]
-        return out
+        return np.asarray(freed(self.matrix, theta))
 
     def widened(self, covariance: Array, theta: Array) -> Array:
         """Covariance (n, n) of ``freed`` from that of theta (n,), with the error of the correction; NaN stays NaN."""
-        known, correction = np.isfinite(covariance.diagonal()) & np.isfinite(theta), self.freed(theta) - theta
-        if known.all():
-            return self._widened(self.matrix, covariance, correction)
-        block, out = np.ix_(known, known), covariance.copy()
-        out[block] = self._widened(self.matrix[block], covariance[block], correction[known])
-        return out
-
-    @staticmethod
-    def _widened(matrix: Array, covariance: Array, correction: Array) -> Array:
-        error = CORRECTION_ERROR**2 * np.outer(correction, correction)
-        return np.asarray(matrix @ covariance @ matrix.T + error)
+        return np.asarray(widened(self.matrix, covariance, theta))
 
 
 def compensation(inverse: Array, amount: float, covariance: Array) -> Compensation:
     """For P = ``inverse`` (n, n), N = ``amount`` and S = ``covariance`` (n, n)."""
-    nothing = Compensation(np.eye(len(inverse)), np.zeros_like(inverse))
-    share = amount * inverse @ covariance
-    if not (share.any() and np.all(np.isfinite(share))):
-        return nothing
-    scale = min(1.0, LARGEST_SHARE / max(float(np.max(np.linalg.eigvals(share).real)), 1e-300))
-    return Compensation(np.asarray(np.linalg.inv(nothing.matrix - scale * share)), scale * covariance)
+    matrix, share = correction(inverse, amount, covariance)
+    return Compensation(matrix, share * covariance)
+
+
+@njit(cache=True, error_model="numpy")
+def correction(inverse: Array, amount: float, covariance: Array) -> tuple[Array, float]:
+    """(I - P N S)^-1 (n, n) as ``compensation`` has it, and which share of S is put right in it."""
+    n = len(inverse)
+    matrix, share, trace, largest = np.eye(n), np.zeros((n, n)), 0.0, 0.0
+    for i in range(n):
+        for j in range(n):
+            for k in range(n):
+                share[i, j] += amount * inverse[i, k] * covariance[k, j]
+            largest = max(largest, abs(share[i, j]))
+        trace += share[i, i]
+    if not (largest > 0.0 and np.isfinite(trace) and np.isfinite(largest)):
+        return matrix, 0.0
+    scale = 1.0
+    if trace > LARGEST_SHARE:  # of a product of two positive matrices no eigenvalue is negative, or above the trace
+        scale = min(1.0, LARGEST_SHARE / np.max(np.linalg.eigvals(share.astype(np.complex128)).real))
+    matrix[:] = np.linalg.inv(matrix - scale * share)
+    return matrix, scale
+
+
+@njit(cache=True)
+def freed(matrix: Array, theta: Array) -> Array:
+    """Parameters (n,) without the pull, by ``matrix`` (n, n) of ``correction``; NaN stays NaN."""
+    out = theta.copy()
+    for i in range(len(theta)):
+        if np.isfinite(theta[i]):
+            out[i] = 0.0
+            for j in range(len(theta)):
+                out[i] += matrix[i, j] * theta[j] if np.isfinite(theta[j]) else 0.0
+    return out
+
+
+@njit(cache=True)
+def widened(matrix: Array, covariance: Array, theta: Array) -> Array:
+    """Covariance (n, n) of ``freed`` from that of theta (n,), with the error of the correction; NaN stays NaN."""
+    n, moved, out = len(theta), freed(matrix, theta) - theta, covariance.copy()
+    known, half = np.empty(n, np.bool_), np.zeros((n, n))
+    for i in range(n):
+        known[i] = np.isfinite(covariance[i, i]) and np.isfinite(theta[i])
+    for i in range(n):
+        for j in range(n):
+            for k in range(n):
+                if known[i] and known[j] and known[k]:
+                    half[i, j] += matrix[i, k] * covariance[k, j]
+    for i in range(n):
+        for j in range(n):
+            if known[i] and known[j]:
+                total = 0.0
+                for k in range(n):
+                    total += half[i, k] * matrix[j, k] if known[k] else 0.0
+                out[i, j] = total + CORRECTION_ERROR**2 * (moved[i] * moved[j])
+    return out
 
 
 @njit(cache=True)

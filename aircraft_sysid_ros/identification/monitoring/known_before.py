@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
@@ -25,6 +26,7 @@ from aircraft_sysid_ros.identification.monitoring.isolation import INPUTS, Expla
 from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 #: A value contradicts one that was known where it differs by this share of that, and by so many standard errors.
 SHARE, SIGMA = 0.2, 4.0
@@ -96,13 +98,9 @@ class KnownBefore:
         if not np.isnan(best[0]).all() and not (np.abs(now[0] - best[0]) > NEAR * np.abs(best[0])).any():
             self._kept[axis] = kept
 
-    def may_differ(self, axis: int, kept: ParameterCheckpoint) -> bool:
-        """Whether the values of an axis alone, which are quickly had, leave it open that one is a change."""
-        part = self._model.axis_slice(AXES[axis])
-        now, best = kept.theta[part][None], self._best[:, part]
-        return bool(
-            (np.isfinite(best[0]) & ~_is_near(now, best, NEAR) & ~_is_near(now, self._whole[:, part], NEAR)).any()
-        )
+    def may_differ(self, kept: ParameterCheckpoint) -> npt.NDArray[np.bool_]:
+        """Of which axes (6,) the values alone, which are quickly had, leave it open that one is a change."""
+        return np.asarray(_differ(self._model.offsets, kept.theta, self._best[0], self._whole[0]))
 
     def changes(self, kept: ParameterCheckpoint, axes: range = range(len(AXES)), strict: bool = False) -> list[Change]:
         """What a checkpoint surely says otherwise than was known best, and before the aeroplane changed.
@@ -160,6 +158,18 @@ def _contradicts(now: Array, before: Array) -> npt.NDArray[np.bool_]:
     """Which values (2, n) with standard errors differ surely, and by a size that matters; none that is not known."""
     apart = np.abs(now[0] - before[0])
     return np.asarray((apart > SHARE * np.abs(before[0])) & (apart > SIGMA * np.hypot(now[1], before[1])))
+
+
+@njit(cache=True)
+def _differ(offsets: Integers, now: Array, best: Array, whole: Array) -> npt.NDArray[np.bool_]:
+    """Which axes (6,) have a value, of all (parameters,), that is known and near neither the best nor what it was."""
+    found = np.zeros(len(offsets) - 1, np.bool_)
+    for axis in range(len(found)):
+        for j in range(offsets[axis], offsets[axis + 1]):
+            from_best, from_whole = abs(now[j] - best[j]), abs(now[j] - whole[j])
+            is_near = from_best <= NEAR * abs(best[j]) or from_whole <= NEAR * abs(whole[j])
+            found[axis] |= np.isfinite(best[j]) and not is_near
+    return found
 
 
 def _is_near(now: Array, before: Array, share: float = SHARE) -> npt.NDArray[np.bool_]:

@@ -191,6 +191,23 @@ def excesses(summary: Summary, out: Array) -> None:
 
 
 @njit(cache=True)
+def _fits(errors: Errors, out: Array) -> None:
+    """``ResidualMonitor.unexplained`` and ``over_noise`` of all axes (6, 2), in place; NaN where there are too few."""
+    for axis in range(6):
+        count, error, mean, square, over, known = errors.fit_count[axis], 0.0, 0.0, 0.0, 0.0, 0
+        for i in range(count):
+            error += errors.fit_error[axis, i]
+            mean += errors.fit_mean[axis, i]
+            square += errors.fit_square[axis, i]
+            if errors.fit_noise[axis, i] > 0.0:
+                over += errors.fit_error[axis, i] / errors.fit_noise[axis, i]
+                known += 1
+        variance = square / count - (mean / count) ** 2 if count > 0 else 0.0
+        out[axis, 0] = error / count / variance if count >= LEAST_BLOCKS and variance > 0.0 else np.nan
+        out[axis, 1] = np.sqrt(over / known) if known >= LEAST_BLOCKS else np.nan
+
+
+@njit(cache=True)
 def _follow(
     samples: Array,
     predicted: Array,
@@ -271,28 +288,25 @@ class ResidualMonitor:
         count = self._errors.block_count[axis]
         return float(self._errors.blocks[axis, :count].mean()) if count else 0.0
 
+    def fits(self) -> Array:
+        """Of each axis (6, 2) ``unexplained`` and ``over_noise``."""
+        out = np.full((6, 2), np.nan)
+        _fits(self._errors, out)
+        return out
+
     def unexplained(self, axis: int) -> float:
         """Share of the variance of a coefficient that the model does not explain; NaN before there are enough blocks.
 
         Each sample was predicted before it was learnt from.
         """
-        count = int(self._errors.fit_count[axis])
-        if count < LEAST_BLOCKS:
-            return np.nan
-        mean = self._errors.fit_mean[axis, :count].mean()
-        variance = self._errors.fit_square[axis, :count].mean() - mean * mean
-        return float(self._errors.fit_error[axis, :count].mean() / variance) if variance > 0.0 else np.nan
+        return float(self.fits()[axis, 0])
 
     def over_noise(self, axis: int) -> float:
         """Rms error over what noise makes of it, the mean over the blocks of ``unexplained`` in which that is known.
 
         NaN before there are enough.
         """
-        count = int(self._errors.fit_count[axis])
-        known = np.flatnonzero(self._errors.fit_noise[axis, :count] > 0.0)
-        if len(known) < LEAST_BLOCKS:
-            return np.nan
-        return float(np.sqrt(np.mean(self._errors.fit_error[axis, known] / self._errors.fit_noise[axis, known])))
+        return float(self.fits()[axis, 1])
 
     def excess(self, axis: int) -> float:
         """Variance in the window that the blocks do not explain, over RATIO^2; negative or NaN: there is no alarm."""

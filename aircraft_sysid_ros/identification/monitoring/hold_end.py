@@ -1,0 +1,146 @@
+"""How a hold ends: learning goes back to the good parameters, on from the newest, or the axis stays held.
+
+There must have been no sign for CLEAR seconds and, where the error of the axis was large, EVIDENCE samples of motion
+since then, which say which set is right. With e_g the errors of the good checkpoint, e of the newest, s^2 what is
+usual,
+
+    D = sum (e_g^2 - e^2) / s^2
+
+is twice the log likelihood of the newest over the good. After a sensor the good parameters stand unless D speaks
+against them for SURE seconds, and learning goes back to them, in all axes at once. Without any sign of a sensor the
+newest stand unless D speaks against them. Either way they are believed only where they are what was known before, or
+an aeroplane of which one surface lost effect or the centre of gravity moved (``known_before``, ``isolation``); else the
+axis stays at the good parameters until those predict again. A surface of which nothing is left is taken for one that
+is stuck: its axis stays at the good parameters, and so do all others in which that surface has a term. So they do
+where the record of a surface stopped to the last bit when the error rose: then only motion after it goes on says which
+is right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.history import Checkpoints, ParameterCheckpoint, SampleHistory
+from aircraft_sysid_ros.identification.monitoring.error_levels import NORMAL
+from aircraft_sysid_ros.identification.monitoring.error_watch import DECIDES, EVIDENCE, ErrorWatch
+from aircraft_sysid_ros.identification.monitoring.hold import SURFACES, Hold, Release
+from aircraft_sysid_ros.identification.monitoring.known_before import KnownBefore, cause
+from aircraft_sysid_ros.identification.trust import Trust
+
+#: Time [s] without a sign after which sensors are sound; points from SETTLED [s] on are asked which set is right.
+CLEAR, SETTLED, MOST_EVIDENCE = 5.0, 2.0, 100
+#: Points of motion that confirm that the aeroplane has changed.
+CONFIRMED = 125
+#: Signs that last for less time [s] than this do not make learning go back.
+BRIEF = 3.0
+#: Time [s] without a sign after which the newest may stand after a sensor.
+SURE = 20.0
+#: A record [rad] that moves less than this for so long [s], and stopped so near [s] to the first sign, stands still.
+STILL, STILL_TIME, STILL_SINCE = 1e-6, 2.0, 3.0
+#: Share of its effectiveness below which a surface is taken for stuck.
+STUCK = 0.2
+
+
+@dataclass
+class Signs:
+    """The newest signs that sensors are at odds."""
+
+    first: float = -np.inf  # [s]
+    last: float = -np.inf  # [s]
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class HoldEnd:
+    """What decides it."""
+
+    model: AerodynamicModel
+    history: SampleHistory
+    checkpoints: Checkpoints
+    known_before: KnownBefore
+    errors: ErrorWatch
+
+    def decide(self, axis: int, hold: Hold, now: float, signs: Signs, joint: bool) -> Release | None:
+        """How the hold of an axis ends, None while it does not; ``joint``: all axes would go back for one."""
+        if now - signs.last < CLEAR:
+            return None
+        if not hold.high:  # a short contradiction that no axis felt spoils nothing
+            return Release.ON if signs.last - signs.first < BRIEF else Release.BACK
+        if not hold.sensor and self._stands_still(axis, hold):
+            hold.still = now
+            return None
+        quiet = max(hold.begun, signs.last + SETTLED, hold.still + SETTLED)
+        times, newest = self.errors.of(axis, quiet, MOST_EVIDENCE)
+        if len(times) < EVIDENCE:
+            return None
+        is_normal = not self.errors.exceeds(axis, float(newest[-EVIDENCE:].mean()), NORMAL)
+        if hold.good is None:
+            return Release.ON if is_normal else None
+        good = self.errors.of(axis, quiet, MOST_EVIDENCE, hold.good.theta)[1]
+        bar = DECIDES if hold.sensor else -DECIDES
+        newest_better = float(np.sum(good - newest)) > bar * self.errors.monitor.usual(axis)[0]
+        if not newest_better and joint and not hold.sensor:
+            return Release.ON if is_normal and self._is_believed(axis, hold, quiet) else None
+        if not newest_better:
+            return None if self.errors.exceeds(axis, float(good.mean()), NORMAL) else Release.BACK
+        hold.stuck = self._stuck(axis, hold.good)
+        if hold.stuck or (hold.sensor and now - signs.last < SURE):
+            return None
+        if not is_normal and (hold.sensor or not self.errors.is_far_better(axis, quiet, hold.good)):
+            return None
+        if not self._is_believed(axis, hold, quiet):
+            return None
+        if not is_normal:
+            self.errors.monitor.forget(axis)  # what is usual is another now
+        return Release.ON
+
+    def _is_believed(self, axis: int, hold: Hold, quiet: float) -> bool:
+        """Whether the newest are what was known, or an aeroplane that lost something; else says what may be wrong."""
+        newest = self.checkpoints.newest()
+        assert newest is not None  # since there is a good one
+        changes, best = self.known_before.changes(newest, strict=True), self.errors.explanation(quiet)
+        if not changes and (best is None or not best.is_sure or self.known_before.regain(newest)):
+            return True
+        if best is not None and best.is_aeroplane and not hold.sensor:
+            mixed = {c.axis for c in changes if not best.touches(c.axis, c.label)}  # of what was and what is
+            new = [c for c in changes if c.axis not in mixed]
+            if not new or axis in mixed or len(self.errors.of(axis, quiet, CONFIRMED)[0]) < CONFIRMED:
+                return False
+            self.known_before.accept(new, newest, best.words)
+            return True
+        hold.sensor = True
+        hold.rename(cause(changes, best))
+        return False
+
+    def _stands_still(self, axis: int, hold: Hold) -> bool:
+        """Whether the record of a surface of the axis stopped when the trouble began, and still stands; notes which."""
+        samples = self.history.since(0)
+        times = samples[:, CoefficientSample.TIME]
+        for surface in SURFACES if len(samples) else ():  # none yet after a restart
+            if surface not in self.model.terms[AXES[axis]]:
+                continue
+            record = samples[:, CoefficientSample.SIGNALS.start + SIGNAL_INDEX[surface]]
+            moved = np.flatnonzero(np.abs(record - record[-1]) > STILL)
+            last = times[moved[-1]] if len(moved) else -np.inf
+            began = hold.stuck == surface and hold.still > -np.inf
+            if times[-1] - last > STILL_TIME and (began or abs(last - hold.since) < STILL_SINCE):
+                hold.stuck = surface
+                return True
+        return False
+
+    def _stuck(self, axis: int, good: ParameterCheckpoint) -> str:
+        """The surface of which nothing is left in an axis, or nothing."""
+        newest = self.checkpoints.newest()
+        assert newest is not None  # since there is a good one
+        for i in range(*self.model.axis_slice(AXES[axis]).indices(len(good.theta))):
+            surface = self.model.parameter_names[i].partition("_")[2]
+            before, now = good.found.parameters[i], newest.found.parameters[i]
+            known = before.status == Trust.USE and now.std < 0.25 * abs(before.value)
+            if surface in SURFACES and known and now.value * np.sign(before.value) < STUCK * abs(before.value):
+                return surface
+        return ""
