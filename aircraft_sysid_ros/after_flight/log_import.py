@@ -87,10 +87,9 @@ def _import_known_tables(path: Path, out: str | Path, calibration: str | None, o
     from aircraft_sysid_ros.recordings.tabular.guess.first_map import known_map
     from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
 
-    if calibration:
-        raise InputError("--calibration is for logs of autopilots: say units and signs in a map")
+    mapping = _outputs_of(calibration)
     try:
-        known = known_map(path)
+        known = known_map(path, mapping)
     except InputError as error:
         raise _unknown(path, f" ({error})") from None
     if known is None:
@@ -100,14 +99,30 @@ def _import_known_tables(path: Path, out: str | Path, calibration: str | None, o
     return {**report, "notes": [*left_out, *report["notes"]]}
 
 
-def guess_columns(log: str | Path, target: str | Path, *, overwrite: bool = False) -> dict[str, Any]:
+def _outputs_of(calibration: str | None) -> ServoMapping | None:
+    """A calibration file whose outputs alone are of use for tables. Raises InputError."""
+    from dataclasses import replace
+
+    from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping, load_servo_mapping
+
+    if not calibration:
+        return None
+    mapping = load_servo_mapping(calibration)
+    if replace(mapping, outputs={}) != ServoMapping():
+        raise InputError(f"calibration file {calibration}: of tables only 'outputs' are read, say all else in a map")
+    return mapping
+
+
+def guess_columns(
+    log: str | Path, target: str | Path, *, calibration: str | None = None, overwrite: bool = False
+) -> dict[str, Any]:
     """Write a first MAP of tables from names, units, values and physics; returns what it holds. Raises InputError."""
     from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map, report_of, write_map
 
     path, target = _there(log), Path(target)
     if target.exists() and not overwrite:
         raise InputError(f"{target} is already there: give another name or overwrite it (--overwrite)")
-    first = guess_map(path)
+    first = guess_map(path, _outputs_of(calibration))
     write_map(first, target, path)
     return report_of(first, path, target)
 

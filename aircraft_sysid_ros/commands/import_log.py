@@ -34,7 +34,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--calibration",
         metavar="FILE",
-        help="what servo outputs and airspeed of an autopilot mean (YAML); without it no control surfaces",
+        help="what servo outputs and airspeed of an autopilot mean (YAML); without it no control surfaces. "
+        "Of tables that an autopilot wrote its outputs alone are read",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
     return parser
@@ -43,9 +44,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Import; returns what was found, mapped and missing. Raises InputError."""
     if args.guess:
-        if args.out or args.calibration:
-            raise InputError("--guess writes a MAP and imports nothing: leave --out and --calibration out")
-        return guess_columns(args.log, args.guess, overwrite=args.overwrite)
+        if args.out:
+            raise InputError("--guess writes a MAP and imports nothing: leave --out out")
+        return guess_columns(args.log, args.guess, calibration=args.calibration, overwrite=args.overwrite)
     return import_log(args.log, args.out, columns=args.map, calibration=args.calibration, overwrite=args.overwrite)
 
 

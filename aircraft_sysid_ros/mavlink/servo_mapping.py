@@ -154,7 +154,7 @@ def servo_mapping_from_dict(content: Any) -> ServoMapping:
     airspeed = _mapping(data.get("airspeed"), "airspeed", ("source", "meaning", "scale", "offset"))
     propeller = _mapping(data.get("propeller"), "propeller", ("engine", "gear"))
     attitude = _mapping(data.get("attitude"), "attitude", ("std",))
-    meaning = airspeed.get("meaning")
+    meaning = "true" if airspeed.get("meaning") is True else airspeed.get("meaning")  # to YAML the word is a truth
     if meaning is not None and meaning not in MEANINGS:
         raise InputError(f"the meaning of airspeed must be one of {', '.join(MEANINGS)}, not {meaning}")
     std = None if attitude.get("std") is None else _number(attitude["std"], "the std of attitude", 1e-4, 1.0)

@@ -154,3 +154,8 @@ def test_a_file_that_is_none(tmp_path):
         load_servo_mapping(tmp_path / "twice.yaml")
     (tmp_path / "empty.yaml").write_text("")
     assert not load_servo_mapping(tmp_path / "empty.yaml").outputs
+
+
+def test_the_meaning_true_is_the_word_that_yaml_takes_for_a_truth(tmp_path):
+    (tmp_path / "calibration.yaml").write_text("airspeed: {meaning: true}\n")
+    assert load_servo_mapping(tmp_path / "calibration.yaml").airspeed_meaning == "true"

@@ -20,6 +20,7 @@ from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tabular.column_map import load_column_map, parse_column_map
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map, map_text
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_name
+from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column, Grid, fit
 from aircraft_sysid_ros.samples import Kind
 
@@ -126,6 +127,29 @@ def test_without_any_speed_the_rates_of_turn_are_told_by_what_turns_the_path(fli
     lines = lines_with(flight, tmp_path, signs, without)
     for name in ("q_rps", "r_rps", "theta_rad", "psi_rad", "alpha_rad", "beta_rad"):
         assert (lines[name].active, lines[name].sign) == (True, signs.get(name, 1.0)), name
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_touchdown_does_not_hide_which_way_the_elevator_counts(seed):
+    """q' = 6 de - 3 q in the air; when it touches down its wheels pitch it harder, against what the pilot holds."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 120.0, 0.04)
+    speed = np.interp(time, [0, 90, 105, 120], [20, 16, 6, 0])
+    elevator = np.repeat(rng.normal(size=120), 25) * np.where(time < 90, 0.03, 0.15)
+    wheels = np.where((time > 90) & (time < 96), -24.0 * elevator, 0.0)
+    rate = np.zeros_like(time)
+    for i in range(1, len(time)):
+        rate[i] = rate[i - 1] + 0.04 * (6.0 * elevator[i - 1] - 3.0 * rate[i - 1] + wheels[i - 1])
+    columns = {
+        signal: Column("t", signal, signal, values, time, unit=unit, sign=sign, factor=1.0)
+        for signal, values, unit, sign in (
+            ("true_airspeed", speed, "m/s", 1.0),
+            ("angular_velocity.y", rate, "rad/s", 1.0),
+            ("elevator", elevator, "rad", 0.0),
+        )
+    }
+    resolve(columns)
+    assert (columns["elevator"].sign, columns["elevator"].doubt) == (-1.0, "")
 
 
 def test_the_t_value_of_a_chance_likeness_of_slow_signals_is_small():
@@ -298,6 +322,8 @@ def test_thor_from_a_csv_of_itself(shared_data, tmp_path):
         ("KTAS", "true_airspeed", "kt"),
         ("field.latitude", "latitude", ""),
         ("vane_alpha_deg", "angle_of_attack", "deg"),
+        ("Ps_hPa", "static_pressure", "hPa"),
+        ("Qc_inHg", "dynamic_pressure", "inHg"),
     ],
 )
 def test_names_say_signal_and_unit(column, signal, unit):

@@ -20,6 +20,7 @@ UTC, GPS = "utc", "gps"
 #: Units of a time that is a text: a date-time or a time of day, and day of the year:hour:minute:second.
 TEXT_TIMES = ("iso", "irig")
 _LARGEST_MAP = 1_000_000  # characters
+_LONGEST_SOURCE = 60
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,10 @@ class MappedSignal:
 
     @property
     def source(self) -> str:
-        """What it is made of, for a report."""
-        return self.expression.text if self.expression else str(self.column)
+        """What it is made of, for a report: of a long expression its columns."""
+        if self.expression is None:
+            return str(self.column)
+        return self.expression.text if len(self.expression.text) <= _LONGEST_SOURCE else " ".join(self.columns)
 
 
 @dataclass(frozen=True)

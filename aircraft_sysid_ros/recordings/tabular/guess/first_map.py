@@ -11,9 +11,11 @@ import numpy.typing as npt
 import yaml
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE
 from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, ColumnMap, parse_column_map
-from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import KnownLine, known_lines
+from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import known_lines
+from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 from aircraft_sysid_ros.recordings.tabular.guess.manoeuvre_tables import joined_manoeuvres
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
@@ -61,13 +63,18 @@ class FirstMap:
     notes: list[str]
 
 
-def guess_map(path: Path) -> FirstMap:
-    """What the columns of a file or folder may be; raises InputError where it holds no tables."""
+def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
+    """What the columns of a file or folder may be; raises InputError where it holds no tables.
+
+    ``mapping``: what the outputs of an autopilot move, for tables of a known kind.
+    """
     source = open_source(path)
     tables, notes = _tables(source)
-    known = known_lines(source, [table for _, table in tables])
+    known = known_lines(source, [table for _, table in tables], mapping)
     if known is not None:
-        return _of_known_kind(tables, known, notes)
+        return _of_known_kind(tables, known[0], notes + known[1])
+    if mapping is not None:
+        raise InputError(f"--calibration is for logs of autopilots, and {path} is none that is known")
     notes += [note for _, table in tables if (note := table.note or _without_names(table))]
     looked_at: dict[str | None, tuple[dict[str, npt.NDArray[Any]], TimeGuess | None]] = {}
 
@@ -167,14 +174,14 @@ def _apart(parts: list[TablePart]) -> list[str]:
     ]
 
 
-def known_map(path: Path) -> tuple[ColumnMap, list[str]] | None:
+def known_map(path: Path, mapping: ServoMapping | None = None) -> tuple[ColumnMap, list[str]] | None:
     """The MAP of a source of a known kind, whose columns say what they are, and what it leaves out; None of others."""
     source = open_source(path)
     tables, notes = _tables(source)
-    known = known_lines(source, [table for _, table in tables])
+    known = known_lines(source, [table for _, table in tables], mapping)
     if known is None:
         return None
-    first = _of_known_kind(tables, known, notes)
+    first = _of_known_kind(tables, known[0], notes + known[1])
     return parse_column_map(map_text(first, path)), first.notes
 
 

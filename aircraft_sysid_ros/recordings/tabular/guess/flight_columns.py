@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_dilation
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, altitude_at
 from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit, Grid, fit
@@ -14,6 +15,7 @@ HEIGHTS = ("altitude", "pressure_altitude", "height_above_ground")
 GOOD, FAIR = 0.8, 0.55  # correlations
 SURE_T = 5.0  # t-values that are believed
 RATE_SECONDS, SLOW_SECONDS = 0.25, 1.0
+_ROLL_SECONDS = 20.0  # that an aeroplane rolls faster than a third of its speed in flight
 SLOWEST, FASTEST = 6.0, 340.0  # [m/s] of an aeroplane
 #: [s] that manoeuvres and the slower motions of an aeroplane last: rows nearer to each other are not independent.
 BLOCK = 10.0
@@ -99,6 +101,13 @@ class Flight:
         if speed is None or not np.isfinite(speed).any():
             return np.ones(len(self.grid.time), dtype=bool)
         return np.nan_to_num(speed) > 0.35 * np.nanpercentile(speed, 90)
+
+    def airborne(self) -> npt.NDArray[np.bool_]:
+        """Where the air alone turns it: flying, and not just before or after it rolls, when wheels push it, too."""
+        flying = self.flying()
+        rolls = max(int(_ROLL_SECONDS / self.grid.step), 1)
+        away = ~binary_dilation(~flying, iterations=rolls)
+        return away if 2 * away.sum() > flying.sum() else flying
 
 
 def body_rates(f: Flight) -> tuple[Array, Array, Array] | None:

@@ -4,39 +4,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
+from aircraft_sysid_ros.recordings.tabular.guess.servo_lines import calibrated, outputs_topic, uncalibrated
 from aircraft_sysid_ros.recordings.tabular.source import Source
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.recordings.tabular.text_files import MessageTable
 
 _ULOG, _ROSTOPIC, _MESSAGES = "file of ulog2csv", "file of rostopic echo -p", "message of Paparazzi"
+#: Names of their tables.
+_ULOG_NAME, _ROSTOPIC_NAME, _MESSAGE_NAME = r"(?:^|_)({})_0\.csv$", r"(?:^|[-_])({})\.csv$", "^({})$"
 _VECTOR = "xyz"
 _ROWS = 100_000
 #: Messages do not wait longer [ms]: a log in which they seem to has two clocks.
 _LONGEST_DELAY = 1000.0
 _NED = ("north", "east", "down")
-
-
-@dataclass(frozen=True)
-class KnownLine:
-    """What a column of such a file is."""
-
-    signal: str
-    column: str
-    unit: str
-    sign: float = 1.0
-    expression: str = ""
-    kind: str = ""
-    time: str = ""
-    time_unit: str = ""
-    is_unix: bool = False
-    why: str = ""
-    unless_zero: bool = False  # some drivers leave 0 where nothing is measured
-    time_offset: float = 0.0  # in the unit of the time
-    doubt: str = ""  # why it is left to the user
 
 
 def _vector(
@@ -108,6 +94,7 @@ _PX4: dict[str, list[KnownLine]] = {
     "airflow_aoa": [KnownLine("angle_of_attack", "aoa_rad", "rad")],
     "airflow_slip": [KnownLine("sideslip", "slip_rad", "rad")],
     "actuator_controls_0": _COMMANDS,
+    **{topic: uncalibrated(topic) for topic in ("actuator_servos", "actuator_motors", "actuator_outputs")},
 }  # fmt: skip
 _PX4["sensor_gps"] = _PX4["vehicle_gps_position"]
 _MAVROS: dict[str, list[KnownLine]] = {
@@ -132,6 +119,7 @@ _MAVROS: dict[str, list[KnownLine]] = {
     "imu-static_pressure": [KnownLine("static_pressure", "field.fluid_pressure", "Pa")],
     "imu-atm_pressure": [KnownLine("static_pressure", "field.fluid_pressure", "Pa")],
     "imu-diff_pressure": [KnownLine("dynamic_pressure", "field.fluid_pressure", "Pa")],
+    "rc-out": uncalibrated("rc-out"),
 }  # fmt: skip
 
 
@@ -150,35 +138,55 @@ _PAPARAZZI: dict[str, list[KnownLine]] = {
         KnownLine("velocity.east", "", "cm/s", expression="`6`*sin(`4`*pi/1800)"),
         KnownLine("velocity.down", "7", "cm/s", -1.0),
     ],
-    "ACTUATORS": [KnownLine(f"inputs.pulse_{i}", str(i), "1", why="a pulse [us], no angle") for i in range(1, 9)],
+    "ACTUATORS": uncalibrated("ACTUATORS"),
     "COMMANDS": [KnownLine(f"inputs.command_{i}", str(i), "1", why="up to 9600, no angle") for i in range(1, 9)],
 }  # fmt: skip
 
 
-def known_lines(source: Source, tables: Sequence[Table]) -> dict[str, list[KnownLine]] | None:
-    """Lines by table where the source is of a known kind; None where it is not."""
+def known_lines(
+    source: Source, tables: Sequence[Table], mapping: ServoMapping | None = None
+) -> tuple[dict[str, list[KnownLine]], list[str]] | None:
+    """Lines by table where the source is of a known kind, and what is lacking for ``mapping``; None where it is not.
+
+    ``mapping``: what the outputs of the autopilot move.
+    """
     messages = [table for table in tables if isinstance(table, MessageTable)]
     if messages:
-        return _of_paparazzi({table.name: table for table in messages})
+        known, lost = _with_outputs(messages, _PAPARAZZI, _MESSAGE_NAME, mapping)
+        return _of_paparazzi({table.name: table for table in messages}, known), lost
     if not source.is_folder:
         return None
     ulog = [table for table in tables if "timestamp" in table.columns and re.search(r"_\d+\.csv$", table.name)]
     if len(ulog) >= 2 and len(ulog) >= 0.8 * len(tables):
-        return _chosen(ulog, _PX4, r"(?:^|_)({})_0\.csv$", _ULOG)
+        known, lost = _with_outputs(ulog, _PX4, _ULOG_NAME, mapping)
+        return _chosen(ulog, known, _ULOG_NAME, _ULOG), lost
     rostopic = [table for table in tables if "%time" in table.columns]
     if rostopic and len(rostopic) >= 0.8 * len(tables):
-        return _chosen(rostopic, _MAVROS, r"(?:^|[-_])({})\.csv$", _ROSTOPIC)
+        known, lost = _with_outputs(rostopic, _MAVROS, _ROSTOPIC_NAME, mapping)
+        return _chosen(rostopic, known, _ROSTOPIC_NAME, _ROSTOPIC), lost
     return None
 
 
-def _of_paparazzi(messages: dict[str, MessageTable]) -> dict[str, list[KnownLine]]:
+def _with_outputs(
+    tables: Sequence[Table], known: dict[str, list[KnownLine]], pattern: str, mapping: ServoMapping | None
+) -> tuple[dict[str, list[KnownLine]], list[str]]:
+    """The outputs of a calibration file before all others, and in place of their pulses; what it lacks."""
+    if mapping is None or not mapping.outputs:
+        return known, []
+    columns_of = {topic: table.columns for table in tables if (topic := outputs_topic(table.name, pattern))}
+    lines, lost = calibrated(mapping, columns_of)
+    others = {topic: lines_of for topic, lines_of in known.items() if topic not in columns_of}
+    return {**lines, **others}, lost
+
+
+def _of_paparazzi(messages: dict[str, MessageTable], known: dict[str, list[KnownLine]]) -> dict[str, list[KnownLine]]:
     """The lines of a log of Paparazzi.
 
     A message is logged when it is sent, and that of the GPS holds a solution that is up to one period older: it counts
     by the time of the receiver, on the clock of the log by the least delay. Without a magnetometer the yaw follows the
     course over ground, which no heading does in wind.
     """
-    found = _chosen(list(messages.values()), _PAPARAZZI, "^({})$", _MESSAGES)
+    found = _chosen(list(messages.values()), known, _MESSAGE_NAME, _MESSAGES)
     if "GPS" in found and (offset := _delay_of_solutions(messages["GPS"])) is not None:
         told = "the receiver's time of the solution, by the least delay of its messages"
         found["GPS"] = [
@@ -233,7 +241,9 @@ def _has(table: Table, line: KnownLine) -> bool:
         return False
     if not line.unless_zero:
         return True
-    return any(np.any(numbers(piece[line.column])[0] != 0.0) for piece in table.read([line.column], _ROWS))
+    return any(
+        np.any(np.nan_to_num(numbers(piece[line.column])[0]) != 0.0) for piece in table.read([line.column], _ROWS)
+    )
 
 
 def _timed(table: Table, line: KnownLine, kind: str) -> KnownLine:

@@ -193,7 +193,7 @@ def _side_force(f: Flight, seconds: float) -> Slopes:
 
 
 def control_sign(f: Flight, signal: str) -> Slopes:
-    """Angular acceleration per deflection, by its signal."""
+    """Angular acceleration per deflection, by its signal; the push of a touchdown is none."""
     return _clearest(lambda seconds: _control(f, signal, seconds), (0.12, 0.3, 0.6))
 
 
@@ -206,7 +206,7 @@ def _control(f: Flight, signal: str, seconds: float) -> Slopes:
     rate = turn_rate(f, axis)
     if rate is None:
         return {}
-    reference = np.where(f.flying(), f.grid.rate(rate, seconds), np.nan)
+    reference = np.where(f.airborne(), f.grid.rate(rate, seconds), np.nan)
     columns = [f.smooth(f.raw(signal), seconds), f.smooth(rate, seconds)]
     columns += [f.smooth(f.raw(other), seconds) for other in others if f.has(other)]
     beside = turn_rate(f, 2 - axis) if axis != 1 else None
