@@ -365,7 +365,8 @@ def effect_terms() -> str:
 
     rows = []
     for effect in LIBRARY:
-        for variant in effect.variants:
+        shown = (effect.in_coefficients,) if effect.in_coefficients is not None else ()
+        for variant in (*effect.variants, *shown):
             terms = [f"{axis}: `{', '.join(texts)}`" for axis, texts in variant.terms.items()]
             what = "; ".join(terms) or f"file: `{'.'.join(variant.setting)}`"
             numbers = str(variant.numbers) if variant.terms else "1"

@@ -35,19 +35,20 @@ def out_of_reach(
     """Effects of a library that a flight cannot show."""
     kinds = set(samples.kind[np.isfinite(samples.values[:, 0])].tolist())
     reasons = (
-        (effect, _of_sensor(effect, kinds, is_calm) if effect.kind == MEASUREMENT else _of_force(effect, bench))
+        (effect, _of_sensor(effect, kinds, is_calm, bench) if effect.kind == MEASUREMENT else _of_force(effect, bench))
         for effect in library
     )
     return [OutOfReach(effect, why) for effect, why in reasons if why]
 
 
-def _of_sensor(effect: Effect, kinds: Collection[int], is_calm: bool) -> str:
+def _of_sensor(effect: Effect, kinds: Collection[int], is_calm: bool, bench: CandidateEvaluator) -> str:
     settings = [variant.setting for variant in effect.variants if variant.setting]
     sensors = {setting[1] for setting in settings if setting[0] == "sensors"}
     lacking = [name for name in sorted(sensors & set(AIR_DATA)) if int(AIR_DATA[name]) not in kinds]
     if lacking and len(lacking) == len(sensors):
         return f"{_listed(lacking)} is not measured"
-    if not is_calm and settings and all(feigns_wind(setting) for setting in settings):
+    shown = effect.as_terms is not None and not _of_force(effect.as_terms, bench)  # gusts or none
+    if not is_calm and not shown and settings and all(feigns_wind(setting) for setting in settings):
         return "gusts may be stronger in one direction than in another"
     return ""
 

@@ -68,12 +68,28 @@ class Finding:
     @property
     def matters(self) -> bool:
         """It has size, moves the coefficient, and explains more than its numbers cost."""
-        gain = self.trial.gains[self.trial.main_axis]
+        return not self._weakness
+
+    @property
+    def _weakness(self) -> str:
+        """The first rule of size that refuses it, in words; empty where none does."""
+        effect, gain = self.trial.candidate.effect, self.trial.gains[self.trial.main_axis]
         moved = np.sqrt(max(gain.nrmse_before**2 - gain.nrmse_after**2, 0.0))
-        sizeable = self.size >= THRESHOLDS.size and moved >= THRESHOLDS.least_moved
         if not self._shows_where_it_must():
-            return False
-        return bool(sizeable and self.above_floor >= THRESHOLDS.above_floor and self.excess > self.trial.price)
+            axes = " and ".join(f"{axis[0]}_{axis[1]}" for axis in (effect.shows_in if effect else ()))
+            return f"it does not show in {axes}, where it cannot be absent"
+        if self.size < THRESHOLDS.size:
+            return f"that is less than {THRESHOLDS.size:.0%}"
+        if moved < THRESHOLDS.least_moved:
+            return f"it moves the coefficient by less than {THRESHOLDS.least_moved:.0%} of its spread"
+        if self.above_floor < THRESHOLDS.above_floor:
+            return f"the error is only {self.above_floor:.2g} times what noise makes of it"
+        return "" if self.excess > self.trial.price else "it explains no more than its numbers cost"
+
+    def refusal(self, first: bool) -> str:
+        """Why it is no verdict, in words; empty where nothing but what was found before it is in the way."""
+        level = THRESHOLDS.verdict if first else THRESHOLDS.further
+        return self._weakness or (f"chance does as much (p = {self.p_value:.2g})" if self.p_value >= level else "")
 
     def lowers_the_error(self) -> bool:
         """Whether what is left falls as ``add`` adds it: the search has shapes of what was found before besides."""

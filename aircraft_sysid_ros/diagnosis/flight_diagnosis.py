@@ -15,10 +15,10 @@ from scipy.special import chdtrc, chdtri
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
-from aircraft_sysid_ros.diagnosis.diagnose import diagnose
+from aircraft_sysid_ros.diagnosis.diagnose import Finding, diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.measurement import CONTROLS, Setting, is_a_fault, measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement import CONTROLS, Setting, is_a_fault, measurement_faults, setting_of
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, replicas_of
@@ -27,7 +27,10 @@ from aircraft_sysid_ros.diagnosis.words import FlightDiagnosis, MeasurementFindi
 from aircraft_sysid_ros.effects import LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Kind, Samples
+
+#: Times that an error of a sensor, as the coefficients show it, is corrected by what they show then.
+_CORRECTIONS = 2
 
 
 def diagnose_flight(
@@ -50,21 +53,36 @@ def diagnose_flight(
     check_flight("the flight", data, samples)
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]
     others = [effect for effect in library if effect.kind != MEASUREMENT]
+    if not np.any(samples.kind == Kind.SEAM):  # a drift begins anew with each manoeuvre
+        others += [effect.as_terms for effect in measuring if effect.as_terms is not None]
     settings: list[MeasurementFinding] = []
     given = aircraft
     for _ in range(THRESHOLDS.most_settings):
         faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
-        done = {s.setting.effect.identifier for s in settings}  # out of a process an effect is another object
-        faults = _left_out_first([f for f in faults if f.effect.identifier not in done], given, samples)
-        mended = with_best_setting(faults, aircraft, flight, calm, len(measuring))
+        done = {_name(s.setting) for s in settings}  # out of a process an effect is another object
+        faults = _left_out_first([f for f in faults if _name(f) not in done], given, samples)
+        sure = [
+            f for f in faults if _p_value(f, len(measuring)) < THRESHOLDS.verdict or not is_a_fault(f, given, samples)
+        ]
+        mended = with_best_setting(sure, aircraft, flight, calm, len(measuring))
         if mended is None:
             break
         aircraft, flight, calm, finding = mended
         data = settled_flight(flight)
         settings.append(replace(finding, matters=finding.matters and is_a_fault(finding.setting, given, samples)))
-    bench = CandidateEvaluator(data)
-    repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
-    result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
+    while True:
+        bench = CandidateEvaluator(data)
+        repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
+        result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
+        shown = next((f for f in result.found if _is_of_sensor(f)), None)
+        if shown is None:
+            break
+        others = [effect for effect in others if effect.identifier != shown.trial.candidate.family]
+        corrected = with_setting_of(shown, measuring, aircraft, flight)
+        if corrected is not None:
+            aircraft, flight, finding = corrected
+            data = settled_flight(flight)
+            settings.append(finding)
     data = replace(data, names=tuple(names), runs=tuple(runs))
     unseen = out_of_reach(bench, library, samples, calm)
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen))
@@ -90,11 +108,54 @@ def with_best_setting(
             continue
         if CONTROLS in fault.variant.setting and flight.data.inferred and not _explains_moments(finding):
             continue
-        sized = any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values())
-        matters = calm or fault.feigns_wind or sized
+        matters = calm or fault.feigns_wind or _has_size(finding)
         if matters or fault.of_motion or fault.is_place:
             return better, mended, calm or fault.feigns_wind, replace(finding, matters=matters)
     return None
+
+
+def _is_of_sensor(finding: Finding) -> bool:
+    effect = finding.trial.candidate.effect
+    return effect is not None and effect.kind == MEASUREMENT
+
+
+def with_setting_of(
+    finding: Finding, measuring: Sequence[Effect], aircraft: Aircraft, flight: Reconstruction
+) -> tuple[Aircraft, Reconstruction, MeasurementFinding] | None:
+    """The aircraft and the flight with an error of a sensor that forces and moments show, which gusts hide from the
+    likelihood of the first step; None where the flight that is reconstructed with it does not keep what it promises.
+    """
+    setting, terms = setting_of(finding.trial, measuring, aircraft, finding.evidence), finding.trial.candidate.effect
+    for left in range(_CORRECTIONS, -1, -1):
+        try:
+            better = with_setting(aircraft, setting.variant.setting, setting.value)
+        except InputError:  # no file may hold so much
+            return None
+        mended, _ = reconstruct_as_flown(better, flight.samples, with_covariance=False)
+        more = CandidateEvaluator(settled_flight(mended)).best_of(terms) if terms is not None and left else None
+        if more is None or more.score <= more.price:
+            break
+        setting = replace(setting, value=setting_of(more, measuring, better, 0.0).value)
+    found = _judged([setting], settled_flight(flight), settled_flight(mended), 1)
+    if _is_worse(found) or not _has_size(found):
+        return None
+    return better, mended, replace(found, p_value=finding.p_value, confounded_with=finding.confounded_with)
+
+
+def _has_size(finding: MeasurementFinding) -> bool:
+    """Whether a setting lowers the error of an axis by ``Thresholds.size``."""
+    return any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values())
+
+
+def _name(setting: Setting) -> str:
+    """What is tried once: a place has three numbers."""
+    return setting.label if setting.is_place else setting.effect.identifier
+
+
+def _p_value(setting: Setting, tried: int) -> float:
+    """Of one of so many settings: at evidence 1 it is just significant."""
+    level = chdtri(1, THRESHOLDS.false_alarm / tried)
+    return float(min(1.0, tried * chdtrc(1, level * setting.evidence)))
 
 
 def _left_out_first(faults: Sequence[Setting], given: Aircraft, samples: Samples) -> list[Setting]:
@@ -123,12 +184,10 @@ def _judged(faults: Sequence[Setting], before: FlightData, after: FlightData, tr
     best = faults[0]
     near = [f.effect.identifier for f in faults[1:] if f.evidence >= THRESHOLDS.setting_as_good * best.evidence]
     company = tuple(dict.fromkeys(name for name in near if name != best.effect.identifier))
-    level = chdtri(1, THRESHOLDS.false_alarm / tried)  # at evidence 1 the setting is just significant
-    p_value = float(min(1.0, tried * chdtrc(1, level * best.evidence)))
     errors = {}
     for axis in AXES:
         try:
             errors[axis] = (held_out_error(before, axis), held_out_error(after, axis))
         except InputError:
             continue
-    return MeasurementFinding(best, p_value, company, errors or {"CZ": (np.nan, np.nan)})
+    return MeasurementFinding(best, _p_value(best, tried), company, errors or {"CZ": (np.nan, np.nan)})

@@ -33,6 +33,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     flight_data_of,
     log_likelihood,
 )
+from aircraft_sysid_ros.diagnosis.search.evaluator import Score
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, Variant, with_setting
@@ -73,6 +74,12 @@ class Setting:
     gain: float  # of the log-likelihood
     evidence: float  # the gain over what is needed: above 1 it is significant
     std: float  # of the value, from the curvature of the likelihood
+    of_coefficients: bool = False  # forces and moments tell it, and not the likelihood of the sensors
+
+    @property
+    def judges(self) -> str:
+        """What it fits better, in words."""
+        return "forces and moments" if self.of_coefficients else "the sensors"
 
     @property
     def feigns_wind(self) -> bool:
@@ -111,6 +118,16 @@ def measurement_faults(
         if setting.evidence > 1.0:
             found.append(setting)
     return sorted(found, key=lambda s: -s.evidence)
+
+
+def setting_of(trial: Score, library: Sequence[Effect], aircraft: Aircraft, evidence: float) -> Setting:
+    """The setting that an error of a sensor is which a trial of its terms has shown in the coefficients."""
+    axis, candidate = trial.main_axis, trial.candidate
+    number = float(trial.gains[axis].parameters[0]) / candidate.ties[axis][0].factor
+    effect = next(each for each in library if each.identifier == candidate.family)
+    start = nominal(aircraft, effect.variants[0].setting)
+    value = float(f"{start + number:.4g}")
+    return Setting(effect, effect.variants[0], start, value, trial.score, evidence, np.nan, of_coefficients=True)
 
 
 def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:

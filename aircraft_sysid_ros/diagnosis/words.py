@@ -22,6 +22,9 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect
 
+#: Candidates of which it is said why they are no verdict.
+_MOST_REFUSED = 2
+
 
 @dataclass(frozen=True)
 class MeasurementFinding:
@@ -194,6 +197,19 @@ class FlightDiagnosis:
                 continue
             yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
 
+    def _nearest(self) -> Iterator[str]:
+        """What explains enough to be named and is not, with the rule that refuses it."""
+        refused = [(f, f.refusal(first=True)) for f in self.diagnosis.candidates if f.size >= THRESHOLDS.size]
+        refused = [(finding, why) for finding, why in refused if why]
+        if not refused:
+            yield f"no effect explains {THRESHOLDS.size:.0%} of the error of an axis on flight that was held out."
+        for finding, why in refused[:_MOST_REFUSED]:
+            axis = finding.trial.main_axis
+            yield (
+                f"{self._label(finding.trial.candidate)} would explain {finding.size:.0%} of the error of "
+                f"{axis[0]}_{axis[1]} but is not named, since {why}."
+            )
+
     def _advice(self) -> Iterator[str]:
         found = self.diagnosis.found
         for axis, times in self.diagnosis.unknown.items():
@@ -203,11 +219,11 @@ class FlightDiagnosis:
             )
         if self.verdict == NONE and not self.diagnosis.unknown:
             yield "Nothing is missing that this flight could show:"
-            yield f"no effect explains {THRESHOLDS.size:.0%} of the error of an axis on flight that was held out."
+            yield from self._nearest()
             if self.flight.runs:
                 yield "Nothing that they could show changed between the flights."
         if not self.is_calm:
-            yield "In these gusts a wrong scale, offset or drift of the air data could not be seen:"
+            yield "In these gusts a wrong scale or offset of the air data could not be seen:"
             yield "fly in calm air for that."
         yield from self._of_measurement()
         for finding in found:
@@ -252,7 +268,7 @@ def _of_sensors(setting: Setting) -> str:
     speed = setting.variant.setting[1] == "airspeed"
     each = 60.0 * (setting.value - setting.nominal) * (100.0 if speed else 180.0 / np.pi)
     change = f"{abs(each):.2g} {'%' if speed else 'deg'} per minute {'less' if each < 0.0 else 'more'}"
-    return f"it shows {change} since the flight began, which fits the sensors better"
+    return f"it shows {change} since the flight began, which fits {setting.judges} better"
 
 
 def _spans(blocks: Sequence[int]) -> list[tuple[float, float]]:

@@ -2,10 +2,10 @@
 
 An effect in the forces and moments is terms per axis: ``C_axis += sum_j value_j * term_j``. A term is an
 expression over the signals of ``aircraft.expression`` in which ``{name}`` stands for an inner number (a stall
-onset, the time of a change) and ``{CZ}`` for what the present model says of that coefficient, so that a change
-of mass or of the centre of gravity is a term as well. An effect in the measurement is a change of one number of
-the aircraft file that says how a sensor measures. With either, the model stays an aircraft file: a new version
-is a new file.
+onset, the time of a change), ``{CZ}`` for what the present model says of that coefficient, so that a change
+of mass or of the centre of gravity is a term as well, and ``{CZ_alpha}`` for its slope in that signal. An effect in
+the measurement is a change of one number of the aircraft file that says how a sensor measures. With either, the model
+stays an aircraft file: a new version is a new file.
 
 Several variants (the elevator, the aileron or the rudder is damaged) share one name; the best one counts.
 """
@@ -125,6 +125,16 @@ class Effect:
     domain: Domain | None = None
     #: Axes of which it must explain a part to be what it says: flow that separates loses lift.
     shows_in: tuple[str, ...] = ()
+    #: Of an effect in the measurement, what it makes of coefficients that are told by what the sensor shows; the one
+    #: number of its terms is the value of the setting.
+    in_coefficients: Variant | None = None
+
+    @property
+    def as_terms(self) -> Effect | None:
+        """The same as an effect in forces and moments; None of what they do not show."""
+        if self.in_coefficients is None:
+            return None
+        return replace(self, variants=(self.in_coefficients,), inner=(), in_coefficients=None)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -136,9 +146,9 @@ class Effect:
     def reads(self) -> tuple[str, ...]:
         """Axes whose present model stands in a term or a tie."""
         terms = (term for variant in self.variants for term in _terms(variant.terms.values()))
-        read = [name for term in terms for name in placeholders(term) if name in AXES]
+        read = [name for term in terms for name in placeholders(term)]
         read += [tie.of[:2] for variant in self.variants for ties in variant.ties.values() for tie in ties if tie.of]
-        return tuple(dict.fromkeys(axis for axis in read if axis in AXES))
+        return tuple(dict.fromkeys(name[:2] for name in read if name[:2] in AXES))
 
     @property
     def signals(self) -> frozenset[str]:

@@ -5,7 +5,17 @@ Each changes numbers of the aircraft file; ``effect.with_setting`` says how a va
 
 from __future__ import annotations
 
-from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, ShapeParameter, Variant
+from collections.abc import Iterable
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, ShapeParameter, Tie, Variant
+
+
+def _of_drift(axes: Iterable[str], slope: str, factor: float) -> Variant:
+    """Coefficients C(x) with x + d t in the place of x: C - d t dC/dx, with one d in all axes."""
+    terms = {axis: (f"time*{{{axis}{slope}}}",) for axis in axes}
+    return Variant("in forces and moments", terms, ties=dict.fromkeys(terms, (Tie(0, factor),)))
+
 
 EFFECTS: tuple[Effect, ...] = (
     Effect(
@@ -87,6 +97,7 @@ EFFECTS: tuple[Effect, ...] = (
         "The wind that is found turns with the heading, more from minute to minute.",
         "Turns through all headings in steady wind, at the beginning and at the end.",
         (ShapeParameter("drift", "1/s", -0.001, 0.001, 9),),
+        in_coefficients=_of_drift(AXES, "", -2.0),
     ),
     Effect(
         "alpha_drift",
@@ -101,6 +112,7 @@ EFFECTS: tuple[Effect, ...] = (
         "A vertical wind that grows and turns with the bank of the aeroplane; constants of C_Z and C_m that change.",
         "Straight flight and steep turns in calm air, at the beginning and at the end.",
         (ShapeParameter("drift", "rad/s", -0.001, 0.001, 9),),
+        in_coefficients=_of_drift(("CZ", "CX", "Cm"), "_alpha", -1.0),
     ),
     Effect(
         "beta_drift",
@@ -115,6 +127,7 @@ EFFECTS: tuple[Effect, ...] = (
         "A wind that turns with the heading and grows; constants of C_Y, C_l and C_n that change.",
         "Turns through all headings in calm air, at the beginning and at the end.",
         (ShapeParameter("drift", "rad/s", -0.001, 0.001, 9),),
+        in_coefficients=_of_drift(("CY", "Cl", "Cn"), "_beta", -1.0),
     ),
     Effect(
         "air_data_lag",

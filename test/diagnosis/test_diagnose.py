@@ -322,6 +322,30 @@ def test_what_rests_on_inferred_angles_is_listed_and_not_named(aircraft, inferre
     assert text.startswith("model m: nothing can be named, since the angles of flow are not measured")
 
 
+def test_the_rule_that_refuses_an_effect_of_size_is_said(aircraft):
+    """Noise that the replicas have as well: what explains a part of it is no verdict, and the answer says why."""
+
+    def lacking(c, after, f):
+        c[:, 3] -= 0.27 * f["alpha"] * f["beta"]
+        return c
+
+    library = [BY_ID["dihedral_alpha"]]
+    benches = [CandidateEvaluator(random_flight(aircraft, seed=seed)) for seed in range(1, 5)]
+    repeated = [Replica(b.data, {e.identifier: b.best_of(e).score for e in library}, {}) for b in benches]
+    flight = random_flight(aircraft, lacking)
+    found = diagnose(CandidateEvaluator(flight), repeated, library)
+    said = FlightDiagnosis(flight, (), found, repeated, True).json
+    (candidate,) = found.candidates
+    assert candidate.size > THRESHOLDS.size and candidate.above_floor < THRESHOLDS.above_floor
+    assert said["verdict"] == "none" and "no effect explains" not in said["advice"]
+    assert f"dihedral_alpha would explain {candidate.size:.0%} of the error of C_l" in said["advice"]
+    assert "times what noise makes of it" in said["advice"]
+    far = replace(candidate, above_floor=3.0)
+    assert far.refusal(first=True) == "" and far.matters
+    assert "p = 0.02" in replace(far, p_value=0.02).refusal(first=True)
+    assert "less than 10%" in replace(far, size=0.05).refusal(first=True)
+
+
 def test_a_clean_flight_without_vanes_is_given_nothing():
     """Of JSBSim: what its inferred angles get wrong had been called propwash."""
     flight = hidden_flight("c172p", None, seed=9303, duration=60.0)

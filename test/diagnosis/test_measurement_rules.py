@@ -116,3 +116,17 @@ def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(airc
     for evidence, first in ((1.8, "probe_offset"), (1.1, "alpha_scale")):
         place = replace(setting_of(BY_ID["probe_offset"], 0.3), evidence=evidence)
         assert _left_out_first([fault, place], without, imu_at(100.0))[0].effect.identifier == first
+
+
+def test_calmer_air_is_looked_for_below_what_the_filter_found(aircraft, monkeypatch):
+    """The filter has gone below its file: half of the file's walk is gustier than that, and less likely."""
+    silent = aircraft_from_dict({k: v for k, v in aircraft.source.items() if k != "process_noise"})
+
+    def likelier_in_still_air(changed, _):
+        walk = 0.04 if changed is silent else changed.process_noise["wind"]
+        return likelihood(-5e4 * walk**1.5, walk=0.04)
+
+    monkeypatch.setattr(reconstruction, "log_likelihood", likelier_in_still_air)
+    flown, calm = fit_wind_noise(silent, None)
+    assert calm and silent.process_noise["wind"] == 0.2
+    assert flown.process_noise["wind"] == pytest.approx(0.0025)

@@ -267,7 +267,7 @@ def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool
         return climbed(itertools.takewhile(lambda walk: walk <= LARGEST_WALK, walks), None, 0.0)
 
     def calmer() -> Aircraft:
-        walks = _in_steps(CALMER_STEP * given, CALMER_STEP)
+        walks = _in_steps(CALMER_STEP * min(given, of_file.walk), CALMER_STEP)  # the filter has looked below its file
         return climbed(
             itertools.takewhile(lambda walk: walk >= SMALLEST_WALK, walks), of_file, THRESHOLDS.setting_total
         )

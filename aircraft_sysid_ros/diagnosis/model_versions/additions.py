@@ -26,6 +26,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     Job,
     Setting,
     jobs_of,
+    setting_of,
     stretch_of,
     try_setting,
 )
@@ -80,7 +81,7 @@ def add(path: str | Path, text: str, progress: Progress = lambda share: None) ->
             if parsed.kind == MEASUREMENT and label in run.current.changes:
                 raise InputError(f"'{label}' is in the model already: remove it first")
             if parsed.kind == MEASUREMENT:
-                change, setting = _of_setting(run, parsed, progress)
+                change, setting = _of_setting(run, flight, parsed, progress)
             else:
                 change = _of_effect(flight, parsed)
         else:
@@ -183,11 +184,12 @@ def _of_effect(flight: FlightData, effect: Effect) -> Change:
     return Change(terms=new)
 
 
-def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, Setting]:
+def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress) -> tuple[Change, Setting]:
     """The setting that the first step's likelihood prefers, as ``diagnose`` finds it.
 
     Held-out errors of the second step are no judge of the measurement: a lag or a scale that smooths the regressors
-    lowers them on flights whose sensors are as the file says.
+    lowers them on flights whose sensors are as the file says. In gusts, which hide a drift of the air data from the
+    likelihood, it is that which forces and moments show.
     """
     if run.samples is None:
         raise InputError(f"{run.path} holds no samples to reconstruct from: replay the recording again")
@@ -195,6 +197,12 @@ def _of_setting(run: Run, effect: Effect, progress: Progress) -> tuple[Change, S
     flown, calm = as_flown(run.current.aircraft, samples)
     if not calm and all(variant.setting[-1] == "scale" for variant in effect.variants):
         raise _only_gusts(effect)
+    if not calm and effect.as_terms is not None:
+        trial = CandidateEvaluator(flight).best_of(effect.as_terms)
+        if trial is None or trial.score <= trial.price:
+            raise _only_gusts(effect)
+        shown = setting_of(trial, [effect], run.current.aircraft, trial.score / trial.price)
+        return Change(settings=((shown.variant.setting, shown.value),)), shown
     jobs = list(_gust_jobs(run.current.aircraft, samples, effect))
     jobs = jobs or list(jobs_of(reconstruct(flown, samples, with_covariance=False), [effect], calm))
     tried: list[Setting] = []
@@ -337,7 +345,7 @@ def _on_shared_points(before: AxisFit, after: AxisFit) -> tuple[AxisFit, AxisFit
 
 def _verdict_of(setting: Setting, axes: Mapping[str, Mapping[str, float]]) -> str:
     """In words, for a setting of the aircraft file: the sensors decide, not the errors of the coefficients."""
-    better = f"{setting.value:.4g} fits the sensors better than {setting.nominal:.4g}"
+    better = f"{setting.value:.4g} fits {setting.judges} better than {setting.nominal:.4g}"
     errors = f"the held-out error goes from {_largest_change(axes)}"
     if setting.evidence > 1.0:
         return f"{better}: {errors}"

@@ -7,6 +7,7 @@ file could hold. ``{CZ}`` in a term of the library becomes what the present mode
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -20,6 +21,8 @@ from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
+#: Signals in which the slope of a model may stand in a term, and the step of its central difference [rad].
+SLOPES_IN, _SLOPE_STEP = ("alpha", "beta"), 0.01
 #: Inner numbers that are times at which something changes.
 MOMENTS_OF_CHANGE = ("t0", "t1")
 
@@ -85,12 +88,28 @@ class Candidate:
 
 def base_texts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dict[str, str]:
     """What the model says of each coefficient, as one expression per axis: ``{CZ}`` of a term."""
+    return {axis: "+".join(parts) or "0" for axis, parts in _parts(model, parameters).items()}
+
+
+def slope_texts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dict[str, str]:
+    """Slopes of the model in the angles of flow, as expressions: ``{CZ_alpha}`` of a term."""
     texts = {}
-    for axis in AXES:
-        values = [parameters[name] for name in model.parameter_names[model.axis_slice(axis)]]
-        parts = [f"{value:.5g}*({term})" for value, term in zip(values, model.terms[axis], strict=True)]
-        texts[axis] = "+".join(parts) if parts else "0"
+    for axis, parts in _parts(model, parameters).items():
+        for name in SLOPES_IN:
+            signal = re.compile(rf"\b{name}\b")
+            read = "+".join(part for part in parts if signal.search(part)) or "0"
+            more, less = (signal.sub(f"({name}{sign}{_SLOPE_STEP})", read) for sign in "+-")
+            texts[f"{axis}_{name}"] = f"(({more})-({less}))/{2.0 * _SLOPE_STEP:g}"
     return texts
+
+
+def _parts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dict[str, list[str]]:
+    """Each parameter of the model times its term, by axis."""
+    values = {axis: [parameters[name] for name in model.parameter_names[model.axis_slice(axis)]] for axis in AXES}
+    return {
+        axis: [f"{value:.5g}*({term})" for value, term in zip(values[axis], model.terms[axis], strict=True)]
+        for axis in AXES
+    }
 
 
 def can_act(effect: Effect, data: FlightData) -> bool:

@@ -25,6 +25,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     candidates_of,
     lasts,
     limits,
+    slope_texts,
     spans,
     with_inner,
 )
@@ -128,12 +129,18 @@ class CandidateEvaluator:
     @cached_property
     def parameters(self) -> dict[str, float]:
         """Parameters of the fitted model, 0 where the flight does not determine them."""
+        return self._parameters()
+
+    def _parameters(self, beside: Sequence[str] = ()) -> dict[str, float]:
+        """The same, fitted beside other terms in every axis."""
         parameters = dict.fromkeys(self.data.model.parameter_names, 0.0)
         for axis in self.fits:
             with contextlib.suppress(InputError):
                 fit = fit_axis(self.data, axis)
+                if beside:
+                    fit = fit.extended(self.data.columns(self.data.parsed(beside)), beside)
                 known = np.where(fit.determined, fit.parameters, 0.0)
-                parameters |= dict(zip(fit.names, known.tolist(), strict=True))
+                parameters |= {k: v for k, v in zip(fit.names, known.tolist(), strict=True) if k in parameters}
         return parameters
 
     @cached_property
@@ -155,8 +162,12 @@ class CandidateEvaluator:
 
     @cached_property
     def base(self) -> dict[str, str]:
-        """Text of the fitted model by axis, for candidates that are made of it."""
-        return base_texts(self.data.model, self.parameters)
+        """Text of the fitted model by axis and of its slopes, for candidates that are made of it.
+
+        An angle that drifts moves while the coefficient does not, and hides its slope: that is fitted beside the drift.
+        """
+        model = self.data.model
+        return {**base_texts(model, self.parameters), **slope_texts(model, self._parameters(beside=("time",)))}
 
     def _tied(self, candidate: Candidate) -> dict[str, Gain]:
         """Gains of a candidate whose axes share numbers."""
