@@ -191,8 +191,11 @@ def _lag_of(node: ast.Call, text: str, inputs: tuple[str, ...]) -> Lag:
     if inner.lags:
         raise InputError(f"'{echo(text)}' has a lag within a lag: write two terms instead")
     tau = _parsed(ast.unparse(node.args[1]), inputs)
-    value = float(evaluate_program(tau.code, 0, len(tau.code), np.empty(0), np.empty(STACK_SIZE)))
-    if tau.signals or tau.lags or not 0.0 <= value <= LONGEST_LAG:
+    stack = np.full((STACK_SIZE, 1), np.nan)
+    if not (tau.signals or tau.lags):
+        evaluate_program(tau.code, 0, len(tau.code), np.empty((1, 0)), stack)
+    value = float(stack[0, 0])
+    if not 0.0 <= value <= LONGEST_LAG:
         raise InputError(f"the time constant of lag in '{echo(text)}' must be a number from 0 to {LONGEST_LAG:g} s")
     return Lag(ast.unparse(node).replace(" ", ""), inner, value)
 
@@ -245,98 +248,13 @@ def evaluate_program(  # noqa: C901  one flat switch is the plainest form
     code: npt.NDArray[np.float64],
     first: int,
     last: int,
-    signals: npt.NDArray[np.float64],
-    stack: npt.NDArray[np.float64],
-) -> float:
-    """Value of the program in the rows ``first`` to ``last`` of linked code, on one row of SIGNALS.
-
-    ``stack`` (STACK_SIZE,) is working memory.
-    """
-    top = -1
-    for i in range(first, last):
-        operation = int(code[i, 0])
-        if operation == _CONSTANT:
-            top += 1
-            stack[top] = code[i, 1]
-        elif operation == _SIGNAL:
-            top += 1
-            stack[top] = signals[int(code[i, 1])]
-        elif operation == _ADD:
-            top -= 1
-            stack[top] += stack[top + 1]
-        elif operation == _SUBTRACT:
-            top -= 1
-            stack[top] -= stack[top + 1]
-        elif operation == _MULTIPLY:
-            top -= 1
-            stack[top] *= stack[top + 1]
-        elif operation == _DIVIDE:
-            top -= 1
-            divisor = stack[top + 1]
-            stack[top] = stack[top] / divisor if divisor != 0.0 else np.nan
-        elif operation == _NEGATE:
-            stack[top] = -stack[top]
-        elif operation == _POWER:
-            base, value = stack[top], stack[top]
-            for _ in range(int(code[i, 1]) - 1):
-                value *= base
-            stack[top] = value
-        elif operation == _ABS:
-            stack[top] = abs(stack[top])
-        elif operation == _SIN:
-            stack[top] = np.sin(stack[top])
-        elif operation == _COS:
-            stack[top] = np.cos(stack[top])
-        elif operation == _EXP:
-            stack[top] = np.exp(stack[top])
-        elif operation == _SQRT:
-            stack[top] = np.sqrt(stack[top]) if stack[top] >= 0.0 else np.nan
-        elif operation == _TANH:
-            stack[top] = np.tanh(stack[top])
-        elif operation == _SIGN:
-            stack[top] = np.sign(stack[top])
-        elif operation == _MAX:
-            top -= 1
-            stack[top] = np.maximum(stack[top], stack[top + 1])  # NaN of either
-        else:
-            top -= 1
-            stack[top] = np.minimum(stack[top], stack[top + 1])
-    return float(stack[0])
-
-
-@njit(cache=True)
-def evaluate_programs(
-    code: npt.NDArray[np.float64],
-    offsets: npt.NDArray[np.int64],
-    signals: npt.NDArray[np.float64],
-    out: npt.NDArray[np.float64],
-) -> None:
-    """Evaluate linked programs on one row of SIGNALS, into ``out`` of shape (len(offsets) - 1,)."""
-    stack = np.empty(STACK_SIZE)
-    for k in range(len(offsets) - 1):
-        out[k] = evaluate_program(code, offsets[k], offsets[k + 1], signals, stack)
-
-
-@njit(cache=True)
-def reads_signal(code: npt.NDArray[np.float64], first: int, last: int, signal: int) -> bool:
-    """Whether the program in the rows ``first`` to ``last`` of linked code reads a signal."""
-    found = False
-    for i in range(first, last):
-        found = found or (int(code[i, 0]) == _SIGNAL and int(code[i, 1]) == signal)
-    return found
-
-
-@njit(cache=True)
-def _evaluate_side_by_side(  # noqa: C901  as evaluate_program
-    code: npt.NDArray[np.float64],
-    first: int,
-    last: int,
     rows: npt.NDArray[np.float64],
     stack: npt.NDArray[np.float64],
 ) -> None:
-    """``evaluate_program`` on some rows at a time, operation by operation, into the first row of the stack.
+    """Values of the program in the rows ``first`` to ``last`` of linked code, on some rows of SIGNALS side by side.
 
-    ``stack`` (STACK_SIZE, at least len(rows)). The same bits: each row meets the same operations.
+    ``stack`` (STACK_SIZE, at least len(rows)) is working memory; its first row is the result. However many rows there
+    are, each meets the same operations.
     """
     count, top = len(rows), -1
     for i in range(first, last):
@@ -405,6 +323,29 @@ def _evaluate_side_by_side(  # noqa: C901  as evaluate_program
 
 
 @njit(cache=True)
+def evaluate_programs(
+    code: npt.NDArray[np.float64],
+    offsets: npt.NDArray[np.int64],
+    signals: npt.NDArray[np.float64],
+    out: npt.NDArray[np.float64],
+) -> None:
+    """Evaluate linked programs on one row of SIGNALS, into ``out`` of shape (len(offsets) - 1,)."""
+    stack, row = np.empty((STACK_SIZE, 1)), np.expand_dims(signals, 0)
+    for k in range(len(offsets) - 1):
+        evaluate_program(code, offsets[k], offsets[k + 1], row, stack)
+        out[k] = stack[0, 0]
+
+
+@njit(cache=True)
+def reads_signal(code: npt.NDArray[np.float64], first: int, last: int, signal: int) -> bool:
+    """Whether the program in the rows ``first`` to ``last`` of linked code reads a signal."""
+    found = False
+    for i in range(first, last):
+        found = found or (int(code[i, 0]) == _SIGNAL and int(code[i, 1]) == signal)
+    return found
+
+
+@njit(cache=True)
 def evaluate_rows(
     code: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.int64],
@@ -416,7 +357,7 @@ def evaluate_rows(
     for begin in range(0, len(rows), _SIDE_BY_SIDE):
         part = rows[begin : begin + _SIDE_BY_SIDE]
         for k in range(len(offsets) - 1):
-            _evaluate_side_by_side(code, offsets[k], offsets[k + 1], part, stack)
+            evaluate_program(code, offsets[k], offsets[k + 1], part, stack)
             for n in range(len(part)):
                 out[begin + n, k] = stack[0, n]
 
@@ -436,11 +377,11 @@ def follow_lags(
     The exact solution of tau y' + y = x for an x that is linear between rows. ``memory`` holds time, x and y of each
     lag; what does not follow on within ``longest`` [s], or was NaN, begins in the steady state y = x.
     """
-    stack = np.empty(STACK_SIZE)
+    stack = np.empty((STACK_SIZE, 1))
     for i in range(len(rows)):
         for k in range(len(taus)):
-            x = evaluate_program(code, offsets[k], offsets[k + 1], rows[i], stack)
-            past, x0, y = memory[k]
+            evaluate_program(code, offsets[k], offsets[k + 1], rows[i : i + 1], stack)
+            x, (past, x0, y) = stack[0, 0], memory[k]
             step = times[i] - past
             if not (0.0 < step <= longest and np.isfinite(y)) or taus[k] <= 0.0:
                 y = x

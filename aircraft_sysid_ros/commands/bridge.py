@@ -110,8 +110,7 @@ def render(result: dict[str, Any]) -> str:
     clock = result["clock"]
     heard = f"{result['vehicle']} on {result['connection']}"
     lines = [heard if result["vehicle"] else f"no autopilot was heard on {result['connection']}: does it send there?"]
-    lines += [f"  {name:<28} {count:>8} received" for name, count in sorted(result["received"].items())]
-    lines += [f"  /{topic:<27} {count:>8} published" for topic, count in sorted(result["published"].items())]
+    lines += bridge_px4.counts(result)
     if clock["std"] is not None:
         lines.append(f"clock known to {1e3 * clock['std']:.2f} ms, drift {clock['drift_ppm']:.1f} ppm")
     refused = {

@@ -55,13 +55,18 @@ def node(args: argparse.Namespace) -> Callable[[], Any]:
     return lambda: Px4BridgeNode(parameter_overrides=overrides, namespace=absolute_namespace(args.namespace))
 
 
+def counts(result: Mapping[str, Any]) -> list[str]:
+    """How many messages of each kind were received and published, a line each; of MAVLink, too."""
+    received = [f"  {name:<28} {count:>8} received" for name, count in sorted(result["received"].items())]
+    return received + [f"  /{topic:<27} {count:>8} published" for topic, count in sorted(result["published"].items())]
+
+
 def render(result: Mapping[str, Any]) -> str:
     """The result for people."""
     place = str(result["connection"]).removeprefix(SCHEME) or FMU_OUT
     nothing = f"no topic of PX4 was heard under {place}: does the agent run, with the same ROS_DOMAIN_ID and namespace?"
     lines = [f"PX4 under {place}" if result["vehicle"] else nothing]
-    lines += [f"  {name:<28} {count:>8} received" for name, count in sorted(result["received"].items())]
-    lines += [f"  /{topic:<27} {count:>8} published" for topic, count in sorted(result["published"].items())]
+    lines += counts(result)
     if result["clock"]:
         lines.append(f"clock: {result['clock']}")
     if result["not_finite"] or result["unstamped"]:

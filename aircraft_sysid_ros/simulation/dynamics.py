@@ -205,11 +205,10 @@ def signal_row(airframe: Airframe, place: Place, state: Array, air_velocity: Arr
 @njit(cache=True)
 def lagging(airframe: Airframe, signals: Array) -> Array:
     """What the lags of the aerodynamics follow, (lags,), of one signal row: their values in steady flight."""
-    out, stack = np.empty(len(airframe.lag_times)), np.empty(STACK_SIZE)
+    out, stack, row = np.empty(len(airframe.lag_times)), np.empty((STACK_SIZE, 1)), np.expand_dims(signals, 0)
     for k in range(len(out)):
-        out[k] = evaluate_program(
-            airframe.lag_code, airframe.lag_offsets[k], airframe.lag_offsets[k + 1], signals, stack
-        )
+        evaluate_program(airframe.lag_code, airframe.lag_offsets[k], airframe.lag_offsets[k + 1], row, stack)
+        out[k] = stack[0, 0]
     return out
 
 

@@ -155,17 +155,17 @@ def imu_response(body: Body) -> Array:
 def term_noise(code: Array, code_offsets: Integers, signals: Array, noise: Array, terms: Array, out: Array) -> None:
     """One sigma of each term (n,) from the noise of the signals it reads, by finite differences."""
     out[:] = 0.0
-    stack = np.empty(STACK_SIZE)
-    moved = signals.copy()
+    stack, moved = np.empty((STACK_SIZE, 1)), signals.copy()
+    row = np.expand_dims(moved, 0)
     for k in range(len(signals)):
         if noise[k] > 0.0 and np.isfinite(noise[k]) and np.isfinite(signals[k]):
             moved[k] = signals[k] + noise[k]
             for j in range(len(terms)):
                 first, last = code_offsets[j], code_offsets[j + 1]
                 if reads_signal(code, first, last, k):
-                    shifted = evaluate_program(code, first, last, moved, stack)
-                    if np.isfinite(shifted):
-                        out[j] += (shifted - terms[j]) ** 2
+                    evaluate_program(code, first, last, row, stack)
+                    if np.isfinite(stack[0, 0]):
+                        out[j] += (stack[0, 0] - terms[j]) ** 2
             moved[k] = signals[k]
     for j in range(len(terms)):
         out[j] = np.sqrt(out[j])
@@ -175,7 +175,8 @@ def term_noise(code: Array, code_offsets: Integers, signals: Array, noise: Array
 def term_shifts(code: Array, code_offsets: Integers, signals: Array, noise: Array, terms: Array, out: Array) -> None:
     """By how much one sigma of the noise (2,) of each vane moves each term, into ``out`` (2, n)."""
     out[:] = 0.0
-    stack, moved = np.empty(STACK_SIZE), signals.copy()
+    stack, moved = np.empty((STACK_SIZE, 1)), signals.copy()
+    row = np.expand_dims(moved, 0)
     for k in range(len(ANGLE_SIGNALS)):
         signal = ANGLE_SIGNALS[k]
         if not (noise[k] > 0.0 and np.isfinite(signals[signal])):
@@ -184,7 +185,8 @@ def term_shifts(code: Array, code_offsets: Integers, signals: Array, noise: Arra
         for j in range(len(terms)):
             first, last = code_offsets[j], code_offsets[j + 1]
             if reads_signal(code, first, last, signal):
-                shift = evaluate_program(code, first, last, moved, stack) - terms[j]
+                evaluate_program(code, first, last, row, stack)
+                shift = stack[0, 0] - terms[j]
                 out[k, j] = shift if np.isfinite(shift) else 0.0
         moved[signal] = signals[signal]
 
