@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, one_line
 from aircraft_sysid_ros.processes import CORES, end_with
 
 #: How often a process is begun anew that was killed from outside.
@@ -42,7 +42,7 @@ class Failed(Exception):
 
     def __init__(self, sentence: str, lasting: bool = True, took_all_time: bool = False) -> None:
         super().__init__(sentence)
-        self.sentence, self.lasting, self.took_all_time = " ".join(sentence.split()), lasting, took_all_time
+        self.sentence, self.lasting, self.took_all_time = one_line(sentence), lasting, took_all_time
 
 
 def run_apart(work: Callable[..., Mapping[str, Any]], *args: Any, limits: Limits, preload: Sequence[str] = ()) -> Any:

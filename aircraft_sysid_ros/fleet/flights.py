@@ -19,6 +19,7 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.log_import import holds_known_tables, holds_tables
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.raw_messages import printable
 from aircraft_sysid_ros.run_reader import PARAMETERS
 from aircraft_sysid_ros.yaml_file import read_yaml
 
@@ -67,14 +68,18 @@ class Files:
 def flights_of(sources: Sequence[str], files: Files, out: Path) -> list[Flight]:
     """All flights, by airframe and name. Raises InputError where there are none, and for a name that two have.
 
-    ``out`` is not searched. With a map every table is a flight.
+    What two sources find alike, or a list says twice, is one flight. ``out`` is not searched. With a map every table
+    is a flight.
     """
     if any(Path(source).resolve() == out.resolve() for source in sources):
         raise InputError(
             f"--out {out} is the SOURCE itself, and what a fleet writes is not searched for flights: give --out a "
             f"folder of its own, such as {out / 'fleet'}"
         )
-    found = [flight for source in sources for flight in _of_source(source, files, out)]
+    try:
+        found = list(dict.fromkeys(flight for source in sources for flight in _of_source(source, files, out)))
+    except OSError as error:
+        raise InputError(f"cannot look for flights in {error.filename}: {error.strerror or error}") from None
     if not found:
         raise InputError(
             f"no flight is in {' '.join(sources)}: give recordings (rosbag2), logs ({' '.join(LOGS)}), folders or "
@@ -154,7 +159,7 @@ def _found(recording: Path, base: Path, files: Files) -> Flight:
     inside = recording.relative_to(base) if recording.is_relative_to(base) else Path(recording.name)
     airframe = inside.parts[0] if len(inside.parts) > 1 else base.resolve().name or "fleet"
     name = str(inside if recording.is_dir() else inside.with_suffix(""))
-    return _with_files(Flight(name, airframe, recording, Path()), files)
+    return _with_files(Flight(printable(name), printable(airframe), recording, Path()), files)
 
 
 def _with_files(flight: Flight, files: Files, said: Mapping[str, str] = MappingProxyType({})) -> Flight:

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.flight_task import Answer
 from aircraft_sysid_ros.fleet.flights import Flight
 from aircraft_sysid_ros.installation import MissingExtra
+from aircraft_sysid_ros.recordings.raw_messages import printable
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -83,7 +84,7 @@ def tables_of(flown: Sequence[Flown]) -> dict[str, list[Row]]:
 def _flight(flown: Flown) -> Iterator[Row]:
     answer = flown.answer
     said = {"ok": answer["ok"], "reason": answer["reason"], "duration": answer.get("duration")}
-    yield {**flown.head, **said, "recording": str(flown.flight.recording)}
+    yield {**flown.head, **said, "recording": printable(str(flown.flight.recording))}
 
 
 def _parameters(flown: Flown) -> Iterator[Row]:

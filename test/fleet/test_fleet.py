@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 
 import numpy as np
 import pandas as pd
@@ -161,10 +162,22 @@ def test_a_recording_that_is_there_twice_counts_once(place, flown):
     assert "it holds the same as A/0" in bad.answer["reason"] and bad.flight.name == "A/copy"
 
 
+def test_names_of_all_kinds_come_into_tables_and_page(place, flown):
+    """A name that is no text at all must not cost the tables of the others."""
+    folder = os.fsencode(place / "flights" / "C 1 ü\udcff")
+    os.mkdir(folder)
+    for number, name in enumerate(["名 '前\".mcap", "no\udcfftext.mcap", "two\nlines.mcap"]):
+        with open(folder + b"/" + os.fsencode(name), "w", encoding="utf8") as file:
+            file.write(f"{number} C -1.0" if number else r"Failed('no \udcff')")
+    _, out = fly(place)
+    flights = pd.read_parquet(out / "flights.parquet").query("airframe == 'C 1 ü�'")
+    assert sorted(flights.flight) == [f"C 1 ü�/{name}" for name in ("no�text", "two�lines", "名 '前\"")]
+    assert flights.ok.sum() == 2 and flights.query("not ok").reason.tolist() == ["no "]
+    assert "名 &#39;前&#34;" in (out / "fleet.html").read_text()
+
+
 def test_a_pipe_is_not_waited_for(place, flown, monkeypatch):
     """What hangs when it is opened is left to the process of its flight, which has a limit."""
-    import os
-
     os.mkfifo(place / "flights" / "A" / "pipe.mcap")
     monkeypatch.setattr(module, "fly_all", lambda client, jobs, work, limits, done: [
         done(job, Failed("too slow") if job.recording.stem == "pipe" else answer(job.recording)) for job in jobs

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
@@ -54,6 +56,27 @@ def test_the_source_itself_is_no_place_for_results(place):
 def test_patterns_and_files(place):
     assert found(place, "fleet/*/*.mcap") == {"N1/1": "N1"}
     assert found(place, "fleet/N1/1.mcap", "fleet/N2/bag") == {"1": "N1", "bag": "N2"}
+
+
+def test_what_is_named_twice_is_one_flight(place):
+    (place / "list.yaml").write_text("- {recording: fleet/N1/1.mcap}\n" * 2)
+    assert found(place, "list.yaml") == {"N1/1": "N1"}
+    assert len(found(place, "fleet", "fleet")) == 5
+
+
+@pytest.mark.parametrize("source", ["fleet", "fleet/N1/1.mcap", "fleet/*/*.mcap"])
+def test_a_folder_that_may_not_be_read_is_one_sentence(place, source, monkeypatch):
+    """Also for root, who may read all."""
+    true = Path.stat
+
+    def refused(path, **more):
+        if path.parent.name == "N1":
+            raise PermissionError(13, "Permission denied", str(path))
+        return true(path, **more)
+
+    monkeypatch.setattr(Path, "stat", refused)
+    with pytest.raises(InputError, match=r"^cannot look for flights in .*N1/.*: Permission denied$"):
+        found(place, source)
 
 
 def test_tables_are_flights_with_a_map(place):
@@ -140,4 +163,5 @@ def test_what_is_not_there(place):
     with pytest.raises(InputError, match="no aircraft file is named"):
         found(place, "fleet", aircraft=None)
     with pytest.raises(InputError, match="two flights have the name bag"):
-        found(place, "fleet/N2/bag", "fleet/N2/bag")
+        (place / "fleet" / "N1" / "bag.mcap").touch()
+        found(place, "fleet/N2/bag", "fleet/N1/bag.mcap")
