@@ -1,11 +1,12 @@
 """A simulated fleet with stated truth through `aircraft-sysid fleet`, and what the fleet costs beside its flights.
 
-    python benchmarks/fleet.py [--small] [--costs N] [--flights N] [--workers N] [--place FOLDER]
+    python benchmarks/fleet.py [--small] [--costs N] [--flights N] [--diagnosed] [--workers N] [--place FOLDER]
 
 The whole fleet has 400 flights of 60 s of 8 airframes, 50 of each (--flights): an elevator that wears by 0.5 % per
 flight, a new propeller, an aileron bent on a date, one 10 % heavier than its file says, two in light turbulence,
-two healthy; ten damaged files and one that hangs. The small one has 2 airframes and 20 flights, with twice as much wear
-and the bent aileron. Flights that are there are not simulated again, nor flown again.
+two healthy; ten damaged files and one that hangs. It is flown without diagnosis, which takes most of the time and says
+nothing of what changes; --diagnosed flies it with. The small one has 2 airframes and 20 flights, with twice the wear
+and the bent aileron, all diagnosed. Flights that are there are not simulated again, nor flown again.
 """
 
 from __future__ import annotations
@@ -211,6 +212,7 @@ def main() -> None:
     parser.add_argument("--small", action="store_true")
     parser.add_argument("--place", type=Path, default=ROOT / "build" / "fleet")
     parser.add_argument("--flights", type=int, metavar="N", help="of each airframe (default 50, small 10)")
+    parser.add_argument("--diagnosed", action="store_true")
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)), metavar="N")
     parser.add_argument("--costs", type=int, default=0, metavar="N", help="times of N flights in place of the fleet")
     args = parser.parse_args()
@@ -228,11 +230,15 @@ def main() -> None:
     else:
         listed = place / "list.yaml"
         listed.write_text(yaml.safe_dump([*entries, *damage(entries, place)]), encoding="utf8")
-        answer, _ = fly(listed, place / "out", *words, "--workers", str(args.workers))
-        each = costs(place / "out")
+        is_diagnosed = args.small or args.diagnosed
+        out = place / ("out" if is_diagnosed else "out-not-diagnosed")
+        words += [] if is_diagnosed else ["--no-diagnosis"]
+        answer, _ = fly(listed, out, *words, "--workers", str(args.workers))
+        each = costs(out)
         name = "fleet_small" if args.small else "fleet"
-        result = found_of(fleet, answer, place / "out")
-        result |= {"cpu_per_flight": sum(each) / len(each), "bytes_per_answer": _bytes_of(place / "out") / len(each)}
+        result = found_of(fleet, answer, out)
+        result |= {"cpu_per_flight": sum(each) / len(each), "bytes_per_answer": _bytes_of(out) / len(each)}
+        result["diagnosed"] = is_diagnosed
     result |= {"duration": DURATION, "replicas": REPLICAS}
     (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf8")
 

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import as_flown
+from aircraft_sysid_ros.reconstruction.absences import has_airspeed
 from aircraft_sysid_ros.reconstruction.air_data_errors import NAMES, UNKNOWN_STD
 from aircraft_sysid_ros.reconstruction.alignment import ACCELEROMETER_BIAS_STD, GYRO_BIAS_STD
 from aircraft_sysid_ros.reconstruction.options import StateOptions
@@ -44,9 +46,12 @@ def air_data_errors(aircraft: Aircraft, samples: Samples) -> dict[str, dict[str,
     return estimator.air_data_errors
 
 
-def sensor_errors(aircraft: Aircraft, samples: Samples, state: Mapping[str, Any], calm: bool) -> list[Row]:
-    """Rows of name, value, std and status. ``state``: the content of state.json; ``calm``: no gust feigns a scale."""
-    return [*_of_air_data(air_data_errors(aircraft, samples), samples, calm), *_of_imu(state)]
+def sensor_errors(aircraft: Aircraft, samples: Samples, state: Mapping[str, Any]) -> list[Row]:
+    """Rows of name, value, std and status; noise and gusts are those of the flight. ``state``: of state.json."""
+    if np.any(samples.kind == Kind.SEAM) or not has_airspeed(samples):
+        return [*_of_imu(state)]
+    flown, calm = as_flown(aircraft, samples)
+    return [*_of_air_data(air_data_errors(flown, samples), samples, calm), *_of_imu(state)]
 
 
 def _of_air_data(known: Mapping[str, Mapping[str, float]], samples: Samples, calm: bool) -> Iterator[Row]:

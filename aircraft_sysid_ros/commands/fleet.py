@@ -34,6 +34,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add("--workers", type=int, metavar="N", help="flights at a time on this machine (default: its cores)")
     add("--time-limit", type=float, default=1800.0, metavar="S", help="a flight may take so long (default %(default)s)")
     add("--replicas", type=int, default=COUNT, metavar="N", help="as of diagnose (default %(default)s)")
+    add("--no-diagnosis", action="store_true",
+        help="leave out diagnose, which takes most of the time: what changes is learnt without it")  # fmt: skip
     add("--map", metavar="MAP", help="which column is which signal, as of import: tables are flights, too")
     add("--servos", metavar="FILE", help="what the outputs of an autopilot mean, as --calibration of import")
     add("--runs", action="store_true", help="keep the run of every flight, in DIR/runs")
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         sources=args.sources,
         files=Files(args.aircraft, args.map, args.servos),
         out=Path(args.out),
-        replicas=args.replicas,
+        replicas=0 if args.no_diagnosis else args.replicas,
         time_limit=args.time_limit,
         runs=args.runs,
         scheduler=args.scheduler,

@@ -66,7 +66,6 @@ class FlightDiagnosis:
             "verdict": self.verdict,
             "candidates": [*map(self._of_setting, self.settings), *map(self._of_finding, self.diagnosis.candidates)],
             "advice": " ".join(self._advice()),
-            "calm": self.is_calm,
             "p_value": self.diagnosis.p_value,
             "false_alarm_rate": THRESHOLDS.false_alarm,
             "least_size": THRESHOLDS.size,

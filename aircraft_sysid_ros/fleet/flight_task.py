@@ -44,7 +44,7 @@ Answer = dict[str, Any]
 class Options:
     """What is asked for of every flight."""
 
-    replicas: int
+    replicas: int  # of the diagnosis; 0: there is none
     map: Path | None = None  # columns of tables
     servos: Path | None = None  # what the outputs of an autopilot mean
 
@@ -129,10 +129,11 @@ def _answer_of(job: Job, folder: Path) -> Answer:
     reasons = []
     answer["axes"], told = _tried(lambda: compare_run(run).json["axes"], "not compared", {})
     reasons.append(told)
-    answer["diagnosis"], told = _tried(lambda: _diagnosis(run, job.options.replicas), "not diagnosed", None)
-    reasons.append(told)
-    calm = bool((answer["diagnosis"] or {}).get("calm"))
-    answer["sensors"] = sensor_errors(load_aircraft(run / AIRCRAFT), read_samples(run), read_state(run), calm)
+    answer["diagnosis"] = None
+    if job.options.replicas:
+        answer["diagnosis"], told = _tried(lambda: _diagnosis(run, job.options.replicas), "not diagnosed", None)
+        reasons.append(told)
+    answer["sensors"] = sensor_errors(load_aircraft(run / AIRCRAFT), read_samples(run), read_state(run))
     answer["reason"] = "; ".join(filter(None, reasons))
     if job.keep is not None:
         _keep(run, job.keep)
@@ -184,7 +185,7 @@ def _diagnosis(run: Path, replicas: int) -> dict[str, Any]:
     found = diagnose([run], replicas)
     kept = ("effect", "label", "axes", "main_axis", "p_value", "error_before", "error_after", "confounded_with")
     candidates = [{key: c.get(key) for key in kept} for c in found["candidates"] if c["found"]]
-    shown = {key: found.get(key) for key in ("verdict", "advice", "false_alarm_rate", "calm")}
+    shown = {key: found.get(key) for key in ("verdict", "advice", "false_alarm_rate")}
     return {**shown, "candidates": candidates}
 
 

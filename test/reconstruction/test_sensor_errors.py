@@ -8,6 +8,7 @@ import pytest
 
 from aircraft_sysid_ros.after_flight.sensor_errors import sensor_errors
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 STATE = {
     "accelerometer_bias": [0.1, -0.2, None], "accelerometer_bias_std": [0.01, 0.2, None],
@@ -17,20 +18,21 @@ STATE = {
 
 @pytest.fixture(scope="module")
 def found(aircraft, flight):
-    """Rows by name of a flight as it is, and of one whose sensors show more."""
+    """Rows by name of a flight as it is, of one whose sensors show more, and of one in gusts."""
 
-    def of(samples, calm=True):
-        return {row["name"]: row for row in sensor_errors(aircraft, samples, STATE, calm)}
+    def of(samples):
+        return {row["name"]: row for row in sensor_errors(aircraft, samples, STATE)}
 
     values = flight.samples.values.copy()
     kind = flight.samples.kind
     values[kind == Kind.AIRSPEED, 0] *= 1.04
     values[kind == Kind.ANGLE_OF_ATTACK, 0] += 0.02
-    return of(flight.samples), of(replace(flight.samples, values=values), calm=False)
+    in_gusts = simulate_samples(aircraft, seed=5, duration=60.0, turbulence="light")
+    return of(flight.samples), of(replace(flight.samples, values=values)), of(in_gusts.samples)
 
 
 def test_what_a_sensor_shows_too_much_comes_out(found):
-    true, wrong = found
+    true, wrong, _ = found
     assert true["airspeed.scale"]["value"] == pytest.approx(1.0, abs=3.0 * true["airspeed.scale"]["std"])
     assert true["airspeed.scale"]["std"] < 0.01
     by = wrong["airspeed.scale"]["value"] / true["airspeed.scale"]["value"]
@@ -40,7 +42,7 @@ def test_what_a_sensor_shows_too_much_comes_out(found):
 
 
 def test_what_gusts_or_the_flight_do_not_tell_is_held(found):
-    true, gusty = found
+    true, _, gusty = found
     assert (true["airspeed.scale"]["status"], gusty["airspeed.scale"]["status"]) == ("USE", "HOLD")
     assert gusty["angle_of_attack.offset"]["status"] == "USE"
     assert (true["accelerometer_bias.x"]["status"], true["accelerometer_bias.y"]["status"]) == ("USE", "HOLD")
