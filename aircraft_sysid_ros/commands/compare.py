@@ -1,6 +1,7 @@
 """``compare``: how good the model of a run is on flight that it was not fitted to, and where it fails.
 
-With another run it says, too, which parameters differ beyond doubt and how well each model does on each flight.
+With another run it says, too, which parameters differ beyond doubt and how well each model does on each flight; of two
+fleets, or of two airframes of one, what differs by more than their flights do.
 """
 
 from __future__ import annotations
@@ -10,8 +11,11 @@ import math
 from typing import Any
 
 from aircraft_sysid_ros.after_flight.compare import compare_run, compare_runs
+from aircraft_sysid_ros.commands import compare_fleets
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import telling
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.fleet.side_by_side import is_fleet
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
 
 FIGURE = "compare.png"
@@ -22,16 +26,21 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "compare", help="how good the model is, and where it fails", description=__doc__
     )
-    parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
+    parser.add_argument("run", metavar="RUN", help="folder written by replay or live, or by fleet")
     parser.add_argument(
         "--with", dest="other", metavar="RUN2",
         help="another run, or the id of another version of this one: both side by side",
     )  # fmt: skip
+    parser.add_argument("--airframes", nargs=2, metavar=("A", "B"), help="of a fleet: two airframes side by side")
     return parser
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compare and draw; returns the JSON of INTERFACE.md with the model and the figure. Raises InputError."""
+    if is_fleet(args.run):
+        return compare_fleets.run(args)
+    if args.airframes:
+        raise InputError(f"--airframes is for the folder of a fleet, and {args.run} is none")
     with telling("compare") as tell:
         beside = None
         if args.other is None:
@@ -46,6 +55,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
+    if "between" in result:
+        return compare_fleets.render(result)
     lines = [f"model {result['model']}, errors in % of the spread of each coefficient", ""]
     header = f"{'axis':<6}{'fit':>8}{'held out':>10}{'floor':>8}  residual"
     lines += [header, "-" * (len(header) + 12)]

@@ -36,7 +36,7 @@ _BLOCK = 1 << 20
 #: In the folder of a flight: its run, and what a log was imported to.
 _RUN, _IMPORTED = "run", "recording"
 #: Folders of the program that have no part in an answer.
-_NO_PART = ("consumer", "fleet", "nodes", "report", "simulation", "workbench")
+_NO_PART = ("commands", "consumer", "fleet", "nodes", "report", "simulation", "workbench")
 Answer = dict[str, Any]
 
 

@@ -144,6 +144,22 @@ def write_tables(out: Path, tables: Mapping[str, Sequence[Row]]) -> list[Path]:
     return written
 
 
+def read_table(path: Path) -> list[Row]:
+    """The rows of one of these files, times in ns. Raises InputError."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path)
+        names = table.column_names
+        if "start" in names:
+            table = table.set_column(names.index("start"), "start", table["start"].cast(pa.int64()))
+        rows: list[Row] = table.to_pylist()
+    except (OSError, ValueError) as error:  # those of pyarrow are both
+        raise InputError(f"cannot read {path}: {error}") from None
+    return rows
+
+
 def _write(path: Path, columns: Mapping[str, str], rows: Sequence[Row]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -48,6 +48,7 @@ NOT_RUN = {
     "aircraft-sysid recover": "test/nodes/test_killed_in_flight.py kills a flight first",
     "aircraft-sysid explain": "test/commands/test_explain.py explains a recording, and refuses bad ones",
     "aircraft-sysid compare --with": "test/diagnosis/test_several_runs.py, of flights and of versions",
+    "aircraft-sysid compare --airframes": "test/fleet/test_side_by_side.py, of fleets and of airframes",
     "aircraft-sysid name": "test/workbench/test_names_of_versions.py names, undoes and refuses",
     "aircraft-sysid workbench": "test/workbench drives the page, of a run, of a calibration and of a node",
     "aircraft-sysid replay --calm-air": "test/test_real_failures.py, and test/commands/test_replay_without_sensors.py",

@@ -16,7 +16,7 @@ from fake_flights import below, until, words_of
 from aircraft_sysid_ros.commands.main import main
 
 PROGRAM = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "fleet"]
-TABLES = ("flights", "parameters", "verdicts", "errors", "findings", "changes", "airframes")
+TABLES = ("flights", "parameters", "verdicts", "errors", "findings", "sensors", "changes", "airframes")
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +67,14 @@ def test_a_fleet(flights, undisturbed, capsys):
         assert row["value"] == alone[row["parameter"]]["value"] or pd.isna(row["value"])
     assert main(["compare", str(run)]) == 0  # what was kept is a run
     capsys.readouterr()
+
+
+@pytest.mark.long
+def test_without_diagnosis_all_else_is_the_same(flights, undisturbed):
+    subprocess.run(command(flights, "quick", "--no-diagnosis"), stdout=subprocess.DEVNULL, check=True)
+    quick, whole = tables(flights, "quick"), tables(flights, "out")
+    assert {name for name in TABLES if quick[name] != whole[name]} == {"flights", "verdicts"}
+    assert pd.read_parquet(flights / "quick" / "verdicts.parquet").empty
 
 
 @pytest.mark.long
