@@ -58,8 +58,8 @@ class Comparison:
         """What the user should know about the noise that the aircraft file states, a slow IMU, and missing sensors."""
         inferred = [name for name in self.flight.inferred if not self.flight.lacks([name])]
         if inferred:  # how well they are known no noise of a sensor says
-            return [*self._between_samples, self._about_inferred(inferred)]
-        return [*self._between_samples, *self._odd_noise, *self._not_known]
+            return [*self.flight.notes, *self._between_samples, self._about_inferred(inferred)]
+        return [*self.flight.notes, *self._between_samples, *self._odd_noise, *self._not_known]
 
     @staticmethod
     def _about_inferred(names: Sequence[str]) -> str:

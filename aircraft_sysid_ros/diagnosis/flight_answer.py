@@ -70,12 +70,13 @@ def answer(
         notes.append("the library was not searched: without airspeed its effects cannot be told from wind")
         return report_json(report, notes)
     try:
-        found = diagnose_flight(aircraft, samples, replicas=replicas, progress=progress, names=names, runs=runs).json
+        found = diagnose_flight(aircraft, samples, replicas=replicas, progress=progress, names=names, runs=runs)
     except InputError as error:
         if report is None:
             raise
         return report_json(report, [*notes, f"the library was not searched: {error}"])
-    return {**found, "notes": [*notes, *([] if report is None else notes_of(report))]}
+    said = [*notes, *found.flight.notes, *([] if report is None else notes_of(report))]
+    return {**found.json, "notes": said}
 
 
 def _has_vanes(samples: Samples) -> bool:

@@ -18,7 +18,7 @@ the moments.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     flight_data_of,
     log_likelihood,
 )
+from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
 from aircraft_sysid_ros.diagnosis.search.evaluator import Score
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -328,6 +329,8 @@ def control_errors(flight: Reconstruction, aircraft: Aircraft) -> Errors:
     """
     points = coefficient_samples(aircraft, OF_FILTER, flight.samples, flight.rows, flight.epoch)
     data, errors = flight_data_of(aircraft, points), {}
+    aloft = off_wheels(data)
+    data = replace(data, time=data.time[aloft], measured=data.measured[aloft], signals=data.signals[aloft])
     for axis in MOMENTS:
         try:
             fit = fit_axis(data, axis)

@@ -53,6 +53,17 @@ class Thresholds:
         "A state that was given up, since GPS contradicted it, was wrong for so long [s]. A judgement.",
     )
 
+    rolling: float = _of(
+        20.0,
+        "What lies so near [s] to a time at which it was too slow to fly is left out: wheels may have pushed it. A jet",
+        "that touches down at twice the least airspeed and slows down by 0.2 g needs as long. A judgement.",
+    )
+    rolling_speed: float = _of(
+        1.2,
+        "A flight begins or ends too slow to fly where its airspeed there is below so many times the least one: slower",
+        "points are none. A judgement.",
+    )
+
     # -- significance and size
     false_alarm: float = _of(
         0.05,

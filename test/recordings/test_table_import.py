@@ -111,6 +111,28 @@ def test_slow_columns_that_are_held_give_their_own_samples(flown, tmp_path):
     assert any("only repeat the one before" in note for note in report["notes"])
 
 
+def test_an_altitude_in_whole_feet_that_stands_still_in_level_flight_keeps_its_rows(tmp_path):
+    """Rounding repeats a value for as long as the flight has it, a slow sensor for as many rows each time."""
+    time = np.arange(0.0, 200.0, 0.1)
+    climb = np.interp(time, [0, 40, 160, 200], [0, 280, 280.6, 560])
+    slow = np.repeat(np.random.default_rng(0).normal(17.0, 0.5, len(time) // 5), 5)
+    columns = [time, np.round(climb / 0.3048), slow, *np.random.default_rng(1).normal(size=(6, len(time)))]
+    names = ["t", "alt", "tas", "fx", "fy", "fz", "p", "q", "r"]
+    layouts.write_rows(tmp_path / "x.csv", names, columns)
+    vectors = [("specific_force", "fx fy fz", "m/s^2"), ("angular_velocity", "p q r", "rad/s")]
+    lines = [
+        f"{v}.{a}: {{column: {c}, unit: {u}}}" for v, cs, u in vectors for a, c in zip("xyz", cs.split(), strict=True)
+    ]
+    lines += ["pressure_altitude: {column: alt, unit: ft}", "true_airspeed: {column: tas, unit: m/s}"]
+    text = "tables: [{time: {column: t, unit: s}, signals: {" + ", ".join(lines) + "}}]"
+    report, samples, _ = imported(tmp_path / "x.csv", text, tmp_path)
+    assert (samples.kind == Kind.AIR).sum() == len(time)
+    assert np.ptp(np.diff(samples.stamp[samples.kind == Kind.AIRSPEED])) == 0
+    assert (samples.kind == Kind.AIRSPEED).sum() == len(time) // 5
+    (note,) = (note for note in report["notes"] if "only repeat the one before" in note)
+    assert note.startswith("true_airspeed")
+
+
 def test_the_attitude_is_carried_once_to_the_stamps_of_the_imu(tmp_path):
     """Roll turns at 0.5 rad/s; 10 Hz of attitude, 3 ms off, among 50 Hz of IMU."""
     imu, at = np.arange(0.0, 4.0, 0.02), np.arange(0.003, 3.9, 0.1)

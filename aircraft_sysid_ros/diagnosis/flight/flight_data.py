@@ -64,6 +64,7 @@ class FlightData:
     runs: tuple[str, ...] = ()  # their names
     blocks_only: bool = False  # blocks are held out even where there are enough runs or manoeuvres
     inferred: tuple[str, ...] = ()  # signals of the air data that no sensor measures
+    rolled: float = 0.0  # [s] that are left out, since wheels may have pushed it
     #: Newest columns by text: a search tries the same in several axes.
     _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -78,6 +79,17 @@ class FlightData:
         since_start = self.signal("time") - self.time
         known = since_start[np.isfinite(since_start)]
         return float(np.median(known)) if len(known) else 0.0
+
+    @property
+    def notes(self) -> list[str]:
+        """What is left out of the flight."""
+        if not self.rolled > 0.0:
+            return []
+        slow = THRESHOLDS.rolling_speed * self.aircraft.minimum_airspeed
+        return [
+            f"{self.rolled:.0f} s beside an airspeed below {slow:.2g} m/s are left out: wheels may have pushed the "
+            "aeroplane there (minimum_airspeed of the aircraft file says how slowly it can fly)"
+        ]
 
     @cached_property
     def block(self) -> Integers:

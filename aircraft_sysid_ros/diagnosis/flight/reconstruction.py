@@ -19,6 +19,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_sparse_rates
+from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
@@ -296,7 +297,8 @@ def flight_data_of(aircraft: Aircraft, points: Array) -> FlightData:
 def settled_flight(made: Reconstruction) -> FlightData:
     """The flight, or each of its manoeuvres, from when the filter has settled, with what is said of its air data.
 
-    It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is.
+    It starts by allowing for gusts, and knows the flow angles worse until the air data have said how gusty it is. What
+    wheels may have pushed is left out.
     """
     data, times = made.data, made.points[:, CoefficientSample.TIME]
     number = np.zeros(len(times), np.int64) if data.manoeuvre is None else data.manoeuvre
@@ -310,6 +312,9 @@ def settled_flight(made: Reconstruction) -> FlightData:
         for begin, end in given_up(made.rows[at]):
             inside &= (times < begin) | (times > end)
         keep |= inside
+    aloft = off_wheels(data)
+    rolled = float((keep & ~aloft).sum()) * data.step
+    keep &= aloft
     return replace(
         data,
         time=data.time[keep],
@@ -320,6 +325,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
         manoeuvre=None if data.manoeuvre is None else data.manoeuvre[keep],
         flown=None if data.flown is None else data.flown[keep],
         run=None if data.run is None else data.run[keep],
+        rolled=rolled,
     )
 
 

@@ -31,6 +31,7 @@ _FEWEST_ROWS = 3  # between restarts of a time
 _MAY_STAND_STILL = ("controls", "inputs", "mass")
 _DAY = 86_400.0  # [s]
 _HELD_SHARE, _FEWEST_NEW = 0.5, 10  # fewer new ones are no sensor but a constant
+_LONGEST_HELD = 2.5  # times the usual number of rows, of nine in ten
 
 
 @dataclass(eq=False)
@@ -80,9 +81,16 @@ class Stream:
 
     @property
     def is_held(self) -> bool:
-        """Whether most rows repeat the one before: a slow sensor in the rows of a fast one."""
+        """Whether most rows repeat the one before: a slow sensor in the rows of a fast one, and it comes regularly.
+
+        What was rounded off repeats itself, too, but for as long as the flight has it: an altitude in whole feet.
+        """
         is_slow = self.repeated > _HELD_SHARE * self.count and self.count - self.repeated >= _FEWEST_NEW
-        return is_slow and self.name not in _MAY_STAND_STILL
+        if not is_slow or self.name in _MAY_STAND_STILL:
+            return False
+        runs = np.diff(np.flatnonzero(np.concatenate([fresh for _, fresh in self._fresh()])))
+        usual, longer = np.percentile(runs, (50, 90))
+        return bool(usual >= 2 and longer <= _LONGEST_HELD * usual)
 
     @property
     def stamp(self) -> Stamps:
@@ -138,16 +146,22 @@ class Stream:
     def without_repeats(self) -> Stream:
         """The rows that differ from the one before."""
         new = Stream(self.name, self.signals, self.source, self.folder)
+        for first, fresh in self._fresh():
+            rows = slice(first, first + ROWS)
+            new.add(self.stamp[rows][fresh], self.values[rows][fresh])
+            self.forget()
+        return new
+
+    def _fresh(self) -> Iterator[tuple[int, npt.NDArray[np.bool_]]]:
+        """Piece by piece its first row, and which of its rows differ from the one before."""
         last = np.full((1, len(self.signals)), np.inf)
         for first in range(0, self.count, ROWS):
-            stamp, values = (np.array(part[first : first + ROWS]) for part in self._mapped())
+            values = np.array(self.values[first : first + ROWS])
             rows = np.concatenate([last, values])
             same = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
             last = values[-1:]
-            fresh = ~same.all(axis=1)
-            new.add(stamp[fresh], values[fresh])
             self.forget()
-        return new
+            yield first, ~same.all(axis=1)
 
     def forget(self) -> None:
         """Take what was read out of memory: pages of a mapped file count as this process's until they are given up."""
