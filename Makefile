@@ -180,6 +180,7 @@ fleet: env ## 400 simulated flights of 8 airframes with stated truth; goes on wh
 	$(BIN)/python benchmarks/fleet_prior.py
 	$(BIN)/python benchmarks/fleet_health.py
 	$(BIN)/python benchmarks/fleet.py
+	$(BIN)/python benchmarks/fleet_killed.py
 	$(BIN)/python benchmarks/fleet.py --small
 	$(BIN)/python benchmarks/fleet.py --small --costs 4
 	$(BIN)/python benchmarks/fleet_constants.py

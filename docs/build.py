@@ -696,6 +696,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "fleet_changed": fleet(fleet_tables.changed, "fleet_changes"),
     "fleet_prior": fleet(fleet_tables.prior, "fleet_prior"),
     "fleet_health": fleet(fleet_tables.health, "fleet_health"),
+    "fleet_whole": fleet(fleet_tables.whole, "fleet"),
+    "fleet_killed": fleet(fleet_tables.killed, "fleet_killed"),
     "fleet_small": fleet(fleet_tables.small, "fleet_small"),
     "fleet_million": fleet(fleet_tables.million, "fleet_small", "fleet_costs", "fleet_constants"),
     "fleet_costs": fleet(fleet_tables.costs, "fleet_costs"),

@@ -39,8 +39,45 @@ def _share(count: int, of: int) -> str:
     return f"{100.0 * count / of:.0f} %" if of else "–"
 
 
+def whole(result: Mapping[str, Any]) -> Table:
+    """What was hidden in the whole simulated fleet, what was named, and what was named that is none."""
+    true = {(row["airframe"], row["parameter"]) for row in result["truth"]}
+    heavy, others = [], []
+    for each in result["differences"]:
+        is_force = each["airframe"] == "heavy" and each["parameter"].startswith(("CX_", "CY_", "CZ_"))
+        if is_force:
+            heavy.append(each["parameter"])
+        elif (each["airframe"], each["parameter"]) not in true:
+            others.append(f"{each['airframe']} {each['parameter']}")
+    failed = ", ".join(f["flight"] for f in result["other_failures"]) or "none"
+    header, rows = _truths(result)
+    rows += [
+        [
+            "heavy",
+            "forces, 10 % more mass than its file says",
+            "all smaller by 9 %",
+            f"{len(heavy)} differ from the others",
+        ],
+        ["all", "differences named that are none", "", ", ".join(others) or "none"],
+        ["all", "flights", f"{result['flights'] - result['damaged']}", f"not used: {failed}"],
+    ]
+    return header, rows
+
+
 def small(result: Mapping[str, Any]) -> Table:
-    """What was hidden in the simulated fleet, and what was named."""
+    """The same of the small one, and what a flight costs with its diagnosis."""
+    header, rows = _truths(result)
+    each = result["cpu_per_flight"]
+    hours = f"{each * 1e6 / 3600.0:,.0f}".replace(",", " ")
+    rows += [
+        ["each flight", "processor time, bytes of its answer", f"{each:.1f} s", f"{result['bytes_per_answer']:.0f}"],
+        ["a million", "core hours, of answers", hours, f"{result['bytes_per_answer'] / 1e3:.1f} GB"],
+    ]
+    return header, rows
+
+
+def _truths(result: Mapping[str, Any]) -> Table:
+    """What was hidden in a simulated fleet, and what was named."""
     rows = []
     for row in result["truth"]:
         since = f" from {row['airframe']}/{row['flight']:03d}" if row["kind"] == "jump" else " per flight"
@@ -54,13 +91,20 @@ def small(result: Mapping[str, Any]) -> Table:
     rows.append(["all", "changes named that are none", "", others])
     rows.append(["damaged", "files named, of those that are damaged or hang", str(result["damaged"]),
                  str(result["damaged_named"])])  # fmt: skip
-    each = result["cpu_per_flight"]
-    hours = f"{each * 1e6 / 3600.0:,.0f}".replace(",", " ")
-    rows += [
-        ["each flight", "processor time, bytes of its answer", f"{each:.1f} s", f"{result['bytes_per_answer']:.0f}"],
-        ["a million", "core hours, of answers", hours, f"{result['bytes_per_answer'] / 1e3:.1f} GB"],
-    ]
     return ["airframe", "parameter", "truth", "named, with 95 % interval"], rows
+
+
+def killed(result: Mapping[str, Any]) -> Table:
+    """A fleet whose workers are killed, and the same undisturbed."""
+    rows = []
+    for name, words in (("undisturbed", "one worker"), ("killed", f"two, one killed every {result['every']:g} s")):
+        one = result[name]
+        rows.append([words, str(one["flights"]), str(one["ok"]), str(one["kills"]), f"{one['wall']:.0f} s"])
+    same = f"{len(result['same'])} of {len(result['tables'])}"
+    return ["workers", "flights", "used", "workers killed", "took"], [
+        *rows,
+        ["tables that are the same to the last byte", same, "", "", ""],
+    ]
 
 
 def costs(result: Mapping[str, Any]) -> Table:

@@ -93,7 +93,9 @@ def render(result: dict[str, Any]) -> str:
     lines = [f"{result['ok']} of {result['flights']} flights of {len(result['airframes'])} airframes", ""]
     lines += [f"  {f['flight']}: {f['reason']}" for f in result["failures"]]
     lines += [""] if result["failures"] else []
-    lines += [_change_line(change) for change in result["changes"]] or ["nothing changes between flights"]
+    lines += [_change_line(change) for change in result["changes"]] or [
+        result["too_few"] or "nothing changes between flights"
+    ]
     lines += [_difference_line(each) for each in result["differences"]]
     lines += [_effect_line(each) for each in result["effects"]]
     return "\n".join(["", *lines, "", *note_lines(result["notes"]), f"page {result['page']}"][1:])

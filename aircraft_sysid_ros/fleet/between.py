@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
-from aircraft_sysid_ros.fleet.changes import RATE, Change, Mean, Series, change_of, difference, mean_of, named
+from aircraft_sysid_ros.fleet.changes import FEWEST, RATE, Change, Mean, Series, change_of, difference, mean_of, named
 from aircraft_sysid_ros.fleet.priors import SeriesOf, priors_of
 from aircraft_sysid_ros.fleet.tables import Flown, Row
 
@@ -27,12 +27,23 @@ class Between:
     airframes: Sequence[Row]  # values by airframe and parameter
     effects: Sequence[Row]
     priors: Mapping[str, Any]  # of the next flights, see ``priors``
+    longest: int  # flights of the longest series
     rate: float = RATE
 
     @property
     def differences(self) -> list[Row]:
         """Airframes that are not like the others."""
         return [row for row in self.airframes if row["differs"]]
+
+    @property
+    def too_few(self) -> str:
+        """Why no change can be named, where there are too few flights for any; else nothing."""
+        if self.longest >= FEWEST:
+            return ""
+        has = f"{self.longest} at most" if self.longest else "none"
+        return (
+            f"a change can be named from {FEWEST} flights of an airframe on with a value to use: here there are {has}"
+        )
 
 
 def all_series(tables: Mapping[str, Sequence[Row]], flown: Sequence[Flown]) -> tuple[SeriesOf, SeriesOf]:
@@ -76,7 +87,8 @@ def between_flights(tables: Mapping[str, Sequence[Row]], flown: Sequence[Flown])
     parameters, sensors = all_series(tables, flown)
     series = {**parameters, **sensors}
     changes = _changes(series, flown)
-    return Between(changes, _airframes(series), _effects(tables["verdicts"], flown), priors_of(parameters, changes))
+    effects, priors = _effects(tables["verdicts"], flown), priors_of(parameters, changes)
+    return Between(changes, _airframes(series), effects, priors, max(map(len, series.values()), default=0))
 
 
 def _changes(series: SeriesOf, flown: Sequence[Flown]) -> list[Row]:

@@ -63,6 +63,7 @@ class Fleet:
             "airframes": sorted({flown.flight.airframe for flown in self.flown}),
             "failures": failures,
             "changes": self.between.changes,
+            "too_few": self.between.too_few,
             "differences": self.between.differences,
             "effects": self.between.effects,
             "false_discovery_rate": self.between.rate,

@@ -57,6 +57,7 @@ def page_html(flown: Sequence[Flown], between: Between) -> str:
         "ok": sum(each.answer["ok"] for each in flown),
         "hours": sum(each.answer.get("duration") or 0.0 for each in flown) / 3600.0,
         "rate": between.rate,
+        "too_few": between.too_few,
         "changes": [_change(row, between.airframes) for row in between.changes],
         "differences": between.differences,
         "effects": between.effects,

@@ -121,6 +121,16 @@ def test_a_scale_that_creeps_from_flight_to_flight_is_found_and_no_parameter_of_
     assert "airspeed" not in (out / "prior.json").read_text()
 
 
+def test_too_few_flights_are_no_sign_that_nothing_changes(place, flown, capsys):
+    assert fly(place)[0].json["too_few"] == ""
+    for path in (place / "flights").glob("*/*.mcap"):
+        if int(path.stem) >= 5:
+            path.unlink()
+    fleet, out = fly(place)
+    assert fleet.json["too_few"].endswith("here there are 5 at most") and not fleet.between.changes
+    assert "from 6 flights of an airframe on" in (out / "fleet.html").read_text()
+
+
 def test_begun_again_nothing_is_flown_twice(place, flown):
     _, out = fly(place)
     assert len(flown) == 20
