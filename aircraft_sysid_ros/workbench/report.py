@@ -10,10 +10,20 @@ from typing import Any
 from markupsafe import Markup
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.frequency_responses import rate_responses
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView
-from aircraft_sysid_ros.workbench.views import calibration, candidates, coefficients, places, residuals, states, track
+from aircraft_sysid_ros.workbench.views import (
+    calibration,
+    candidates,
+    coefficients,
+    places,
+    residuals,
+    responses,
+    states,
+    track,
+)
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
 from aircraft_sysid_ros.workbench.views.history import effect_names, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
@@ -25,8 +35,8 @@ _MAPS = (("alpha", "beta"), ("V", "height"))
 _MOST_MAPS = 4
 #: Parts of the file of a run, by the name of their place.
 _PARTS = {
-    "model": "Model", "residuals": "Residuals", "where": "Where it fails", "why": "Why", "versions": "Versions",
-    "parameters": "Parameters", "state": "State", "calibration": "Calibration",
+    "model": "Model", "residuals": "Residuals", "responses": "Frequency responses", "where": "Where it fails",
+    "why": "Why", "versions": "Versions", "parameters": "Parameters", "state": "State", "calibration": "Calibration",
 }  # fmt: skip
 
 
@@ -78,6 +88,7 @@ def report_html(
     run = (
         _model(figures, view)
         | _residuals(figures, view)
+        | _responses(figures, view)
         | _where(figures, view)
         | _why(figures, view)
         | _parameters(view, truth)
@@ -108,7 +119,12 @@ def _whole(
     from plotly.offline import get_plotlyjs
 
     found = _calibration(figures, calibrated) if calibrated is not None else None
-    there = {"why": bool(run and run["diagnosis"]), "state": state is not None, "calibration": found is not None}
+    there = {
+        "responses": bool(run and run["responses"]),
+        "why": bool(run and run["diagnosis"]),
+        "state": state is not None,
+        "calibration": found is not None,
+    }
     return markup.page(
         "report.html",
         aircraft=aircraft,
@@ -149,6 +165,15 @@ def _residuals(figures: _Figures, view: RunView) -> dict[str, Any]:
         made = residuals.residual_figure(view.comparison, name, figures.theme)
         drawn.append((name, figures.add(made, f"residual of {name}: histogram and autocorrelation")))
     return {"residuals": drawn, "residual_rows": residuals.residual_rows(view.comparison)}
+
+
+def _responses(figures: _Figures, view: RunView) -> dict[str, Any]:
+    drawn = []
+    for found in rate_responses(view.flight):
+        words = responses.title(found)
+        made = responses.response_figure(found, figures.theme)
+        drawn.append((words, figures.add(made, f"frequency response of {words}: magnitude, phase and coherence")))
+    return {"responses": drawn, "responses_words": responses.WORDS}
 
 
 def _where(figures: _Figures, view: RunView) -> dict[str, Any]:

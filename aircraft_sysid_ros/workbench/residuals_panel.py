@@ -1,11 +1,13 @@
-"""The view of the residuals: how they are distributed against the noise, and how they go on in time."""
+"""The view of the residuals against the noise, and of the frequency responses, which need no model."""
 
 from __future__ import annotations
 
 from nicegui import ui
 
+from aircraft_sysid_ros.diagnosis.frequency_responses import rate_responses
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot
+from aircraft_sysid_ros.workbench.views import responses
 from aircraft_sysid_ros.workbench.views.coefficients import ORDER
 from aircraft_sysid_ros.workbench.views.numbers import coefficients_csv
 from aircraft_sysid_ros.workbench.views.residuals import residual_figure, residual_rows
@@ -28,6 +30,9 @@ class ResidualsPanel(Panel):
                 button = ui.button("Coefficients as CSV", icon="download", on_click=self._download)
                 button.props("flat dense data-testid=save-coefficients").style("margin-top:8px")
             self._place = ui.element("div").classes("grid2")
+            with card("Frequency responses").props("data-testid=responses") as self._responses:
+                ui.label(responses.WORDS).classes("soft small")
+            self._of_rates = ui.element("div").classes("grid2")
         self.update()
 
     def update(self) -> None:
@@ -42,6 +47,21 @@ class ResidualsPanel(Panel):
                     made = residual_figure(comparison, name, self.page.look.theme)
                     plot(made, f"residual of {name}: histogram and autocorrelation").props(
                         f"data-testid=distribution-{name}"
+                    )
+
+        self._update_responses()
+
+    def _update_responses(self) -> None:
+        found = rate_responses(self.page.view.flight)
+        self._responses.set_visibility(bool(found))
+        self._of_rates.clear()
+        with self._of_rates:
+            for each in found:
+                words = responses.title(each)
+                with card(words):
+                    made = responses.response_figure(each, self.page.look.theme)
+                    plot(made, f"frequency response of {words}: magnitude, phase and coherence").props(
+                        f"data-testid=response-{each.rate}-{each.control}"
                     )
 
     def _download(self) -> None:

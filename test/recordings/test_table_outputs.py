@@ -89,6 +89,25 @@ def test_outputs_of_tables_become_what_the_calibration_says(kind, outputs, tmp_p
     np.testing.assert_allclose(inputs, mapping.input_values(columns)[:, 0], atol=1e-6)
 
 
+def test_a_map_of_a_folder_reads_the_one_file_of_it(outputs, tmp_path):
+    """`import LOG.data --map paparazzi_commands.yaml` of docs/real-flights.md, whose tables are `*/GPS` and so on."""
+    (tmp_path / "log").mkdir()
+    source = paparazzi(tmp_path / "log", outputs)
+    vectors = [("IMU_GYRO", "angular_velocity", "rad/s"), ("IMU_ACCEL", "specific_force", "m/s^2")]
+    tables = [
+        f'- file: "*/{name}"\n  time: {{column: time, unit: s}}\n  signals: {{'
+        + ", ".join(f'{vector}.{axis}: {{column: "{i}", unit: {unit}}}' for i, axis in enumerate("xyz", 1))
+        + "}\n"
+        for name, vector, unit in vectors
+    ]
+    (tmp_path / "map.yaml").write_text("tables:\n" + "".join(tables))
+    found = []
+    for name, log in (("file", source), ("folder", source.parent)):
+        assert main(["import", str(log), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / name)]) == 0
+        found.append(read_recording(tmp_path / name).samples)
+    np.testing.assert_array_equal(found[0].values, found[1].values)
+
+
 def test_without_a_calibration_pulses_are_inputs_and_those_that_nothing_is_at_are_not(outputs, tmp_path, capsys):
     assert main(["import", str(rostopic(tmp_path, outputs)), "--guess", str(tmp_path / "map.yaml"), "--json"]) == 0
     tables = {table["file"]: table for table in json.loads(capsys.readouterr().out)["tables"]}

@@ -14,6 +14,7 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.frequency_responses import RateResponse, rate_responses
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.guard import SameOrigin
@@ -27,6 +28,7 @@ from aircraft_sysid_ros.workbench.views import (
     parameters,
     places,
     residuals,
+    responses,
     states,
     words,
 )
@@ -131,10 +133,29 @@ def test_residuals_of_noise_alone_look_like_noise_and_others_do_not(view) -> Non
     assert of_flight["Cl"].rms > 3.0 > 1.5 > of_flight["CZ"].rms  # what is hidden is in the roll axis
 
 
+def test_a_response_is_drawn_bold_where_it_is_coherent_alone() -> None:
+    """A lag of 0.2 s and gain 8: at 1 / (2 pi 0.2 s) it is 3 dB down and 45 degrees late."""
+    frequency = np.linspace(0.2, 5.0, 49)
+    lag = 8.0 / (1.0 + 2j * np.pi * 0.2 * frequency)
+    coherence = np.where(frequency < 2.0, 0.9, 0.3)
+    found = RateResponse("q", "de", frequency, lag, coherence, np.full(49, 0.05), 9)
+    _, size, _, phase, shown, least = responses.response_figure(found, figure.LIGHT)["data"]
+    bold = np.isfinite(numbers(size["y"]))
+    np.testing.assert_array_equal(bold, coherence >= 0.6)
+    np.testing.assert_array_equal(np.isfinite(numbers(phase["y"])), bold)
+    corner = 1.0 / (2.0 * np.pi * 0.2)
+    assert np.interp(corner, numbers(size["x"])[bold], numbers(size["y"])[bold]) == pytest.approx(8 / 2**0.5, rel=0.01)
+    assert np.interp(corner, numbers(phase["x"])[bold], numbers(phase["y"])[bold]) == pytest.approx(-45.0, abs=0.5)
+    np.testing.assert_allclose(numbers(size["error_y"]["array"]), 2.0 * 0.05 * np.abs(lag), rtol=1e-6)
+    np.testing.assert_allclose(numbers(shown["y"]), coherence, rtol=1e-6)
+    assert set(numbers(least["y"])) == {np.float32(0.6)}
+
+
 def test_every_axis_of_a_figure_has_a_unit(view, hidden_effect) -> None:
     record = load_flight_record(hidden_effect, view.zero)
     made = [residuals.residual_figure(view.comparison, name, figure.LIGHT) for name in view.comparison.axes]
     made += [coefficients.coefficient_figure(view.comparison, name, figure.LIGHT) for name in AXES]
+    made += [responses.response_figure(found, figure.LIGHT) for found in rate_responses(view.flight)]
     made += [found for _, found in states.all_figures(record.state, figure.LIGHT, {})]
     for found in made:
         for name, axis in found["layout"].items():
@@ -265,7 +286,7 @@ def test_a_file_needs_nothing_else(view, hidden_effect) -> None:
     own = text[: text.index("<script>")] + text[text.index('id="figures"') :]
     assert "http://" not in own and "https://" not in own and "src=" not in own
     contents = re.findall(r'<a href="#(\w+)">', own)
-    assert contents == ["model", "residuals", "where", "versions", "parameters", "state"]
+    assert contents == ["model", "residuals", "responses", "where", "versions", "parameters", "state"]
     assert all(f'id="{name}"' in own for name in contents)
     begin = text.index('id="figures">') + len('id="figures">')
     figures = json.loads(text[begin : text.index("</script>", begin)])

@@ -58,6 +58,9 @@ class Source:
             tables = open_file(self.path)[1]
             if pattern is None or pattern == self.path.name:
                 return tables
+            outer, _, inner = pattern.partition("/")
+            if inner and fnmatchcase(self.path.name, outer):  # as in a folder that holds it
+                pattern = inner
             return _matching(tables, pattern, str(self.path))
         names = [file.name for file in self.files]
         outer, _, inner = (pattern or "*").partition("/")
