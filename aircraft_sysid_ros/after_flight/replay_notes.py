@@ -41,6 +41,8 @@ _START_WITH = {
 _WHAT_TO_RECORD = (
     "record the airspeed or GPS; with GPS and no airspeed calm_air (--calm-air) takes the speed over ground for it"
 )
+#: So long [s] it is too slow to fly before it flies, or after.
+_STANDING = 1.0
 #: A silence [s] of a sensor that is worth a note.
 LONGEST_SILENCE = 2.0
 
@@ -57,7 +59,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found += length_notes(pipeline, writer) + rate_notes(pipeline.parameters.stream)
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += estimator_notes(pipeline.parameters)
-    found += bound_notes(aircraft) + place_notes(aircraft) + segment_notes(body)
+    found += bound_notes(aircraft) + place_notes(aircraft) + segment_notes(body) + landing_notes(body, aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
     found += prior_notes(pipeline.parameters)
@@ -167,10 +169,13 @@ def length_notes(pipeline: Pipeline, writer: RunWriter) -> list[str]:
             f"{seconds:.0f} s are too short for parameters, none of them is to be used: record at least "
             f"{least:g} s of flight with motion about every axis"
         ]
-    return [
-        f"{judged:.0f} s in flight with air data: compare, diagnose, add and remove need {least:g} s in all, so "
-        "record more or replay more manoeuvres together"
-    ]
+    needed = f"compare, diagnose, add and remove need {least:g} s in all, so"
+    if seconds >= least and not {Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP} <= usable:
+        return [
+            f"wind and attitude tell the angles of flow for {judged:.0f} s of this flight only: {needed} fit a vane, "
+            "or fly more turns at several speeds in calmer air"
+        ]
+    return [f"{judged:.0f} s in flight with air data: {needed} record more or replay more manoeuvres together"]
 
 
 def rate_notes(stream: CoefficientStream) -> list[str]:
@@ -209,6 +214,27 @@ def segment_notes(body: Body) -> list[str]:
     if body.manoeuvres or not beside.is_file():
         return []
     return [f"{beside} lists the manoeuvres of this recording: give it with --segments"]
+
+
+def landing_notes(body: Body, aircraft: Aircraft) -> list[str]:
+    """A recording that goes on until the aeroplane stands: what wheels did is the last that parameters have seen."""
+    samples = body.recording.samples
+    known = (samples.kind == Kind.AIRSPEED) & np.isfinite(samples.values[:, 0])
+    stamp, speed = samples.stamp[known], samples.values[known, 0]
+    flying = np.flatnonzero(speed >= aircraft.minimum_airspeed)
+    if body.manoeuvres or not len(flying) or not (samples.kind == Kind.IMU).any():
+        return []
+    time = (np.sort(stamp) - int(samples.stamp[samples.kind == Kind.IMU].min())) / NANOSECONDS
+    begin, end = float(time[flying[0]]), float(time[flying[-1]])
+    start = begin + THRESHOLDS.rolling if begin - time[0] > _STANDING else 0.0
+    stop = end - THRESHOLDS.rolling
+    if time[-1] - end < _STANDING or stop - start < THRESHOLDS.shortest:
+        return []
+    return [
+        "the recording ends on the ground, and its parameters have seen what wheels do: for those of the flight give "
+        f"--segments a file with [{{name: flight, start: {start:.0f}, stop: {stop:.0f}}}]; compare and diagnose leave "
+        "that out by themselves"
+    ]
 
 
 def bound_notes(aircraft: Aircraft) -> list[str]:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.after_flight.replay_notes import landing_notes
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.recordings.manoeuvres import Body
+from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
 
 STEP = 0.04
 
@@ -73,3 +77,20 @@ def test_both_sides_of_a_landing_between_two_flights_are_left_out(aircraft):
     left = flight.time[~off_wheels(flight)]
     assert left.min() == pytest.approx(110.0 - THRESHOLDS.rolling, abs=0.1)
     assert left.max() == pytest.approx(150.0 + THRESHOLDS.rolling, abs=0.1)
+
+
+def recorded(aircraft, speed_over_least):
+    """Airspeed at 10 Hz and one sample of the IMU at the start, as a body of data."""
+    speed = np.asarray(speed_over_least) * aircraft.minimum_airspeed
+    imu = samples_of(Kind.IMU, 0, np.zeros((1, 6)))
+    airspeed = samples_of(Kind.AIRSPEED, np.arange(len(speed)) * 100_000_000, speed)
+    return Body(SimpleNamespace(samples=concatenate([imu, airspeed])))
+
+
+def test_replay_says_which_part_of_a_recording_was_in_the_air(aircraft):
+    stands, flies = np.zeros(100), np.full(2000, 2.0)
+    (note,) = landing_notes(recorded(aircraft, np.concatenate([stands, flies, stands])), aircraft)
+    assert "start: 30, stop: 190" in note
+    (note,) = landing_notes(recorded(aircraft, np.concatenate([flies, stands])), aircraft)
+    assert "start: 0, stop: 180" in note
+    assert not landing_notes(recorded(aircraft, np.concatenate([stands, flies])), aircraft)
