@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.quick_motion import QuickMotion, quick_motion
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Fit, fits_of
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place, failing_places
 from aircraft_sysid_ros.diagnosis.significance.noise_floor import HALF_WIDTH, NoiseFloor, noise_floor, noise_seen
@@ -37,6 +38,7 @@ class AxisComparison:
     noise_seen: float  # fast part of the residual over what the aircraft file says of the sensors
     predicted: Array  # (n,) by the fit to all points
     places: tuple[Place, ...]
+    quick: QuickMotion | None = None  # of a moment whose trim the model does not know
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,10 @@ class Comparison:
     def notes(self) -> list[str]:
         """What the user should know about the noise that the aircraft file states, a slow IMU, and missing sensors."""
         inferred = [name for name in self.flight.inferred if not self.flight.lacks([name])]
+        said = [*self.flight.notes, *(axis.quick.words for axis in self.axes.values() if axis.quick is not None)]
         if inferred:  # how well they are known no noise of a sensor says
-            return [*self.flight.notes, *self._between_samples, self._about_inferred(inferred)]
-        return [*self.flight.notes, *self._between_samples, *self._odd_noise, *self._not_known]
+            return [*said, *self._between_samples, self._about_inferred(inferred)]
+        return [*said, *self._between_samples, *self._odd_noise, *self._not_known]
 
     @staticmethod
     def _about_inferred(names: Sequence[str]) -> str:
@@ -166,4 +169,5 @@ def compare_axis(flight: FlightData, fit: AxisFit) -> AxisComparison:
     )
     places = tuple(failing_places(flight, fit.axis, result.held_out, std, fit.spread))
     seen = noise_seen(floor, flight.time, residual)
-    return AxisComparison(fit.axis, result, fit.spread, floor, whiteness, seen, predicted, places)
+    quick = quick_motion(fit) if fit.axis in MOMENTS else None
+    return AxisComparison(fit.axis, result, fit.spread, floor, whiteness, seen, predicted, places, quick)
