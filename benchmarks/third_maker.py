@@ -89,12 +89,17 @@ def said_of(folder: Path) -> dict[str, Any]:
         "found": [{key: each.get(key) for key in keys} for each in said["candidates"] if each["found"]],
         "listed": [each["label"] for each in said["candidates"] if not each["found"]],
         "unknown": said.get("unknown"),
+        "unseen": [each["effect"] for each in said["cannot_show"]],
     }
 
 
 def true_besides(result: dict[str, Any]) -> set[str]:
-    """What is true of flights of this maker and stands in no file: places and smoothing of sensors, the wake's lag."""
-    true = {"alpha_dot", "thrust_offset"}
+    """What is true of flights of this maker and stands in no file: places and smoothing of sensors, the wake's lag.
+
+    Of strips roll and yaw derivatives are in proportion to lift: from an angle of attack of 0 to 0.1 C_l,r doubles, and
+    C_n,p and C_n,da begin at none (test/test_third_maker.py).
+    """
+    true = {"alpha_dot", "thrust_offset", "lateral_rates_alpha", "adverse_yaw"}
     true |= {"imu_offset"} if any(result["imu_place"]) else set()
     true |= {"probe_offset"} if result["boom"] else set()
     true |= {"gps_lag"} if result["gps_delay"] else set()

@@ -159,6 +159,8 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
         false = sum(flight["outcome"] != "none" for flight in clean)
         counts = [str(sum(flight["outcome"] == outcome for flight in hidden)) for outcome in outcomes]
         others = sum(bool(flight["besides"]) for flight in hidden if flight["outcome"] != "wrong")
+        said = sum(flight["outcome"] == "none" and flight["effect"] in flight.get("unseen", ()) for flight in hidden)
+        counts.insert(-1, str(said))
         rows.append([words, f"{false} of {len(clean)}", str(len(hidden)), *counts, str(others)])
     heads = [
         "named first",
@@ -166,6 +168,7 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
         "named later",
         "unexplained",
         "none",
+        "of these said to be out of reach",
         "another name",
         "and a name more",
     ]

@@ -88,3 +88,30 @@ def test_gusts_flow_without_sources_and_have_their_size():
     field = gust_field(np.random.default_rng(0), 2.0, 150.0)
     np.testing.assert_allclose(np.sum(field[:, :3] * field[:, 3:6], axis=1), 0.0, atol=1e-12)
     assert np.sum(field[:, 3:6] ** 2) / 2.0 == pytest.approx(3 * 4.0)  # a wave's mean square is half of its size's
+
+
+def test_roll_and_yaw_derivatives_of_strips_are_in_proportion_to_lift():
+    """What the benchmark counts as true of every flight: C_l,r, C_n,p and C_n,da at two angles of attack."""
+    plane = drawn_aeroplane(np.random.default_rng(1), "light")
+    pressure, arms = 0.5 * 1.2 * plane.cruise**2 * plane.area, np.array([plane.span, plane.chord, plane.span])
+
+    def moment(alpha, rates=(0.0, 0.0, 0.0), aileron=0.0):
+        flow, controls = (
+            plane.cruise * np.array([np.cos(alpha), 0.0, np.sin(alpha)]),
+            np.array([0.0, aileron, 0.0, 0.0]),
+        )
+        still = np.zeros((len(plane.strips), 3))
+        _, made, _ = forces_of(plane.strips, flow, np.array(rates), still, controls, np.array(CLEAN), 0.0, 1.2, 1e3)
+        return made / (pressure * arms)
+
+    def slopes(alpha, h=0.02):
+        rate = 2.0 * plane.cruise / plane.span * h
+        yawed = (moment(alpha, (0.0, 0.0, rate)) - moment(alpha, (0.0, 0.0, -rate))) / (2.0 * h)
+        rolled = (moment(alpha, (rate, 0.0, 0.0)) - moment(alpha, (-rate, 0.0, 0.0))) / (2.0 * h)
+        steered = (moment(alpha, aileron=h) - moment(alpha, aileron=-h)) / (2.0 * h)
+        return np.array([yawed[0], rolled[2], steered[2]])
+
+    low, high = slopes(0.0), slopes(0.1)
+    assert high[0] > 1.7 * low[0] > 0.0  # C_l,r
+    assert high[1] < -0.08 and abs(low[1]) < 0.02  # C_n,p
+    assert high[2] < -0.01 and abs(low[2]) < 0.006  # C_n,da

@@ -18,7 +18,15 @@ from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.diagnose import Finding, diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.measurement import CONTROLS, Setting, is_a_fault, measurement_faults, setting_of
+from aircraft_sysid_ros.diagnosis.measurement import (
+    CONTROLS,
+    Setting,
+    in_file,
+    is_a_fault,
+    measurement_faults,
+    setting_of,
+    sharpened,
+)
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, replicas_of
@@ -68,8 +76,10 @@ def diagnose_flight(
         if mended is None:
             break
         aircraft, flight, calm, finding = mended
-        data = settled_flight(flight)
+        settings = [_moved(each, finding.setting.beside) for each in settings]
         settings.append(replace(finding, matters=finding.matters and is_a_fault(finding.setting, given, samples)))
+        aircraft, flight, calm, settings = _sharpened(settings, aircraft, flight, calm)
+        data = settled_flight(flight)
     while True:
         bench = CandidateEvaluator(data)
         repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
@@ -88,6 +98,29 @@ def diagnose_flight(
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen))
 
 
+def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], float]]) -> MeasurementFinding:
+    """A setting that was mended, where another one has moved it."""
+    values = [value for key, value in beside if key == finding.setting.variant.setting]
+    return replace(finding, setting=replace(finding.setting, value=values[0])) if values else finding
+
+
+def _sharpened(
+    settings: Sequence[MeasurementFinding], aircraft: Aircraft, flight: Reconstruction, calm: bool
+) -> tuple[Aircraft, Reconstruction, bool, list[MeasurementFinding]]:
+    """All settings that were mended, each worked out again beside the others and in the wind that is left."""
+    found = []
+    for finding in settings:
+        better = sharpened(finding.setting, flight)
+        moved = better.value - (finding.setting.value if better.is_place else 0.0)  # a place is moved on
+        if better.value != finding.setting.value:
+            changed = with_setting(aircraft, better.variant.setting, moved)
+            again, calm_then = reconstruct_as_flown(changed, flight.samples, with_covariance=False)
+            if not _is_worse(_judged([better], settled_flight(flight), settled_flight(again), 1)):
+                aircraft, flight, calm, finding = changed, again, calm_then, replace(finding, setting=better)
+        found.append(finding)
+    return aircraft, flight, calm, found
+
+
 def with_best_setting(
     faults: Sequence[Setting], aircraft: Aircraft, flight: Reconstruction, calm: bool, tried: int
 ) -> tuple[Aircraft, Reconstruction, bool, MeasurementFinding] | None:
@@ -99,7 +132,7 @@ def with_best_setting(
     that a place, or what is of the motion over ground, which gusts do not touch, is counted with, and is no fault.
     """
     for number, fault in enumerate(faults):
-        better = with_setting(aircraft, fault.variant.setting, fault.value)
+        better = in_file(fault, aircraft)
         mended, calm_then = reconstruct_as_flown(better, flight.samples, with_covariance=False)
         if fault.feigns_wind and not calm_then:  # gusts do what it explains
             continue
@@ -110,7 +143,7 @@ def with_best_setting(
             continue
         matters = calm or fault.feigns_wind or _has_size(finding)
         if matters or fault.of_motion or fault.is_place:
-            return better, mended, calm or fault.feigns_wind, replace(finding, matters=matters)
+            return better, mended, calm or calm_then or fault.feigns_wind, replace(finding, matters=matters)
     return None
 
 
@@ -163,6 +196,7 @@ def _left_out_first(faults: Sequence[Setting], given: Aircraft, samples: Samples
 
     def accuses(setting: Setting) -> bool:
         near = setting.evidence >= THRESHOLDS.left_out * faults[0].evidence
+        near = near or setting.gain >= faults[0].gain  # in gusts a place needs more to be believed
         return is_a_fault(setting, given, samples) or not near
 
     return sorted(faults, key=accuses)

@@ -57,6 +57,9 @@ _OF_MOTION = {"imu": Kind.IMU, "gps": Kind.GPS_VELOCITY}
 #: Errors of the air data that feign a wind.
 _OF_WIND = ("scale", "offset", "drift")
 CONTROLS = "control_surfaces"
+#: A probe ahead is early where a late one is not: of the two one alone stands for both, so that the place is looked for
+#: along the valley of both once there is a lag. Its longest value [s].
+_AHEAD, AIR_DATA_LAG, _LONGEST_LAG = ("air_data_position", "x"), ("sensors", "air_data", "delay"), 0.3
 
 
 def feigns_wind(setting: tuple[str, ...]) -> bool:
@@ -76,6 +79,7 @@ class Setting:
     evidence: float  # the gain over what is needed: above 1 it is significant
     std: float  # of the value, from the curvature of the likelihood
     of_coefficients: bool = False  # forces and moments tell it, and not the likelihood of the sensors
+    beside: tuple[tuple[tuple[str, ...], float], ...] = ()  # other settings that it moves, and where to
 
     @property
     def judges(self) -> str:
@@ -129,6 +133,13 @@ def setting_of(trial: Score, library: Sequence[Effect], aircraft: Aircraft, evid
     start = nominal(aircraft, effect.variants[0].setting)
     value = float(f"{start + number:.4g}")
     return Setting(effect, effect.variants[0], start, value, trial.score, evidence, np.nan, of_coefficients=True)
+
+
+def in_file(setting: Setting, aircraft: Aircraft) -> Aircraft:
+    """The aircraft file with a setting. Raises InputError where no file may hold it."""
+    for key, value in ((setting.variant.setting, setting.value), *setting.beside):
+        aircraft = with_setting(aircraft, key, value)
+    return aircraft
 
 
 def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:
@@ -196,6 +207,8 @@ def try_setting(job: Job) -> Setting:
     of_imu = variant.setting[1] in _OF_MOTION  # gusts do not touch it: others of them tell it, without the air data too
     feigns = feigns_wind(variant.setting)
     total = calm or of_imu or feigns
+    lag, lags = nominal(flight.aircraft, AIR_DATA_LAG), dict[float, float]()
+    beside_lag = variant.setting == _AHEAD and lag >= THRESHOLDS.gust_lag
     of_sensors = THRESHOLDS.setting_total if total else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
     needed = THRESHOLDS.control_gain if of_controls else of_sensors
 
@@ -210,6 +223,13 @@ def try_setting(job: Job) -> Setting:
             return -np.inf
         if of_controls:
             return control_gain(controls, control_errors(flight, changed))
+        if beside_lag:
+
+            def later(delay: float) -> float:
+                return log_likelihood(with_setting(changed, AIR_DATA_LAG, delay), samples).over(sensors)
+
+            lags[value], gained, _ = maximum(later, lag, 0.0, _LONGEST_LAG, THRESHOLDS.half_against)
+            return gained
         tried = log_likelihood(changed, samples)
         gained = tried.over(sensors)
         return min(gained, tried.over(sensors, tuple(AIR_DATA.values()))) if of_imu else gained
@@ -221,12 +241,47 @@ def try_setting(job: Job) -> Setting:
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if variant.setting[-1] == "delay" and not of_controls and not of_imu:
         needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
+    beside = ((AIR_DATA_LAG, float(f"{lags[value]:.4g}")),) if value in lags else ()
+    found_so = Setting(effect, variant, start, float(f"{value:.4g}"), best, 0.0, std, beside=beside)
     if feigns and (_is_small(variant.setting, value, flight) or not (calm or walk <= THRESHOLDS.calm)):
         best = 0.0
     elif best > needed and not of_controls and variant.setting[-1] != "drift":  # which begins anew with each half
         without = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
-        best = best if _in_both_halves(with_setting(without, variant.setting, value), without, samples) else 0.0
-    return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std)
+        best = best if _in_both_halves(in_file(found_so, without), without, samples) else 0.0
+    return replace(found_so, gain=best, evidence=best / needed)
+
+
+def sharpened(setting: Setting, flight: Reconstruction) -> Setting:
+    """A setting that the flight has been reconstructed with, at its likeliest value in the wind that is left then.
+
+    It was found while all that was wrong stood for a wind that walks, and hid a part of it.
+    """
+    key, inner, now = (
+        setting.variant.setting,
+        setting.effect.inner[0],
+        nominal(flight.aircraft, setting.variant.setting),
+    )
+    if CONTROLS in key or setting.of_coefficients:
+        return setting
+    samples = stretch_of(flight)
+    as_it_is = log_likelihood(flight.aircraft, samples)
+
+    def gain(value: float) -> float:
+        if value == now:
+            return 0.0
+        try:
+            return log_likelihood(with_setting(flight.aircraft, key, value), samples).over(as_it_is)
+        except InputError:
+            return -np.inf
+
+    # a place counts from where the aircraft has it, and so do its limits
+    moved, width = setting.value - now, (inner.high - inner.low) / 16.0
+    low, high = max(inner.low - moved, now - width), min(inner.high - moved, now + width)
+    place, best, curvature = maximum(gain, now, low, high, THRESHOLDS.half_against)
+    if not best > THRESHOLDS.half_against:
+        return setting
+    std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else setting.std
+    return replace(setting, value=float(f"{moved + place:.4g}"), std=std)
 
 
 def _in_its_wind(

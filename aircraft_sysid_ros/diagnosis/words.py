@@ -263,7 +263,8 @@ def _of_sensors(setting: Setting) -> str:
         value, nominal = np.degrees((setting.value, setting.nominal))
         return f"{value:.2g} deg too much fit the sensors better than {nominal:.2g}"
     if inner.name != "drift":
-        return f"{setting.value:.3g} {inner.unit} fits the sensors better than {setting.nominal:.3g}"
+        beside = "".join(f", with {value:.2g} in {'.'.join(key)}" for key, value in setting.beside)
+        return f"{setting.value:.3g} {inner.unit} fits the sensors better than {setting.nominal:.3g}{beside}"
     speed = setting.variant.setting[1] == "airspeed"
     each = 60.0 * (setting.value - setting.nominal) * (100.0 if speed else 180.0 / np.pi)
     change = f"{abs(each):.2g} {'%' if speed else 'deg'} per minute {'less' if each < 0.0 else 'more'}"

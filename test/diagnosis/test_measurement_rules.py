@@ -1,6 +1,7 @@
 """Rules by which a sensor is said to be wrong: in its own wind, in both halves, and not where the file says nothing."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from aircraft_sysid_ros.diagnosis import measurement
 from aircraft_sysid_ros.diagnosis.flight import reconstruction
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Likelihood, fit_wind_noise, reconstruct_as_flown
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import _left_out_first
-from aircraft_sysid_ros.diagnosis.measurement import Setting, is_a_fault, jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.measurement import Setting, in_file, is_a_fault, jobs_of, sharpened, try_setting
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
@@ -130,3 +131,41 @@ def test_calmer_air_is_looked_for_below_what_the_filter_found(aircraft, monkeypa
     flown, calm = fit_wind_noise(silent, None)
     assert calm and silent.process_noise["wind"] == 0.2
     assert flown.process_noise["wind"] == pytest.approx(0.0025)
+
+
+def valley(aircraft, place=0.15, lag=0.2):
+    """A likelihood in which a probe ahead and a lag stand for each other, along a line that bends at the truth."""
+
+    def likelihood_of(changed, _):
+        x = changed.air_data_position[0] / changed.span - aircraft.air_data_position[0] / aircraft.span - place
+        d = changed.sensors["airspeed"].delay - lag
+        return likelihood(-4e4 * (d + 0.3 * x) ** 2 * 10.0 - 4e3 * (d - 0.3 * x) ** 2)
+
+    return likelihood_of
+
+
+def test_the_place_of_a_probe_is_looked_for_along_the_valley_of_its_lag(aircraft, monkeypatch):
+    """With the lag that alone is best, no other place is better; with the lag moved along, the true one is."""
+    of = valley(aircraft)
+    monkeypatch.setattr(measurement, "log_likelihood", of)
+    monkeypatch.setattr(measurement, "_in_both_halves", lambda *_: True)
+    effect, late = BY_ID["probe_offset"], with_setting(aircraft, measurement.AIR_DATA_LAG, 0.245)
+    flight = SimpleNamespace(aircraft=late)
+    job = (flight, imu_at(100.0), effect, effect.variants[0], effect.inner[0], of(late, None), {}, True)
+    found = try_setting(job)
+    assert found.evidence > 1.0 and found.value == pytest.approx(0.15, abs=0.02)
+    assert dict(found.beside)[measurement.AIR_DATA_LAG] == pytest.approx(0.2, abs=0.01)
+    assert in_file(found, late).sensors["sideslip"].delay == dict(found.beside)[measurement.AIR_DATA_LAG]
+
+
+def test_what_was_mended_is_worked_out_again_beside_what_was_mended_later(aircraft, monkeypatch):
+    monkeypatch.setattr(measurement, "log_likelihood", valley(aircraft, place=0.0))
+    monkeypatch.setattr(measurement, "stretch_of", lambda flight: flight.samples)
+    lag, place = BY_ID["air_data_lag"], BY_ID["probe_offset"]
+    flight = SimpleNamespace(aircraft=with_setting(aircraft, measurement.AIR_DATA_LAG, 0.21), samples=None)
+    again = sharpened(Setting(lag, lag.variants[0], 0.0, 0.21, 100.0, 5.0, 0.01), flight)
+    assert again.value == pytest.approx(0.2, abs=1e-3)
+    late = with_setting(aircraft, measurement.AIR_DATA_LAG, 0.2)
+    ahead = SimpleNamespace(aircraft=with_setting(late, ("air_data_position", "x"), 0.1), samples=None)
+    moved = sharpened(Setting(place, place.variants[0], 0.0, 0.1, 100.0, 5.0, 0.01), ahead)
+    assert moved.value == pytest.approx(0.0375)  # no further than half a step of the search from where it was found

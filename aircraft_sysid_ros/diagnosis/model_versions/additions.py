@@ -25,6 +25,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
 from aircraft_sysid_ros.diagnosis.measurement import (
     Job,
     Setting,
+    in_file,
     jobs_of,
     setting_of,
     stretch_of,
@@ -43,7 +44,7 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, ne
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.errors import InputError, one_line
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.processes import in_parallel
@@ -216,12 +217,9 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
         raise InputError(
             f"'{effect.identifier}' is not missing: the sensors of this flight fit best with the aircraft file as it is"
         )
-    if (
-        best.feigns_wind
-        and not as_flown(with_setting(run.current.aircraft, best.variant.setting, best.value), samples)[1]
-    ):
+    if best.feigns_wind and not as_flown(in_file(best, run.current.aircraft), samples)[1]:
         raise _only_gusts(effect)
-    return Change(settings=((best.variant.setting, best.value),)), best
+    return Change(settings=((best.variant.setting, best.value), *best.beside)), best
 
 
 def _only_gusts(effect: Effect) -> InputError:
