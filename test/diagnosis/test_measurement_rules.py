@@ -113,9 +113,10 @@ def test_a_gps_that_is_late_is_found_in_gusts(aircraft):
 
 def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(aircraft):
     without = aircraft_from_dict({k: v for k, v in aircraft.source.items() if k != "air_data_position"})
-    fault = replace(setting_of(BY_ID["alpha_scale"], 0.8), nominal=1.0, evidence=2.4)
-    for evidence, first in ((1.8, "probe_offset"), (1.1, "alpha_scale")):
-        place = replace(setting_of(BY_ID["probe_offset"], 0.3), evidence=evidence)
+    fault = replace(setting_of(BY_ID["alpha_scale"], 0.8), nominal=1.0, evidence=2.4, gain=48.0)
+    likelier = (1.1, 60.0, "probe_offset")  # in gusts a place needs more to be believed at all
+    for evidence, gain, first in ((1.8, 36.0, "probe_offset"), (1.1, 22.0, "alpha_scale"), likelier):
+        place = replace(setting_of(BY_ID["probe_offset"], 0.3), evidence=evidence, gain=gain)
         assert _left_out_first([fault, place], without, imu_at(100.0))[0].effect.identifier == first
 
 
