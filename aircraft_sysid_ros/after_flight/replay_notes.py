@@ -41,6 +41,8 @@ _START_WITH = {
 _WHAT_TO_RECORD = (
     "record the airspeed or GPS; with GPS and no airspeed calm_air (--calm-air) takes the speed over ground for it"
 )
+#: Places of throttle and thrust in a sample of the controls.
+_THROTTLE, _THRUST = 4, 5
 #: So long [s] it is too slow to fly before it flies, or after.
 _STANDING = 1.0
 #: A silence [s] of a sensor that is worth a note.
@@ -59,7 +61,8 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found += length_notes(pipeline, writer) + rate_notes(pipeline.parameters.stream)
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += estimator_notes(pipeline.parameters)
-    found += bound_notes(aircraft) + place_notes(aircraft) + segment_notes(body) + landing_notes(body, aircraft)
+    found += bound_notes(aircraft) + place_notes(aircraft) + segment_notes(body)
+    found += landing_notes(body, aircraft) + thrust_notes(recording.samples, aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
     found += prior_notes(pipeline.parameters)
@@ -214,6 +217,23 @@ def segment_notes(body: Body) -> list[str]:
     if body.manoeuvres or not beside.is_file():
         return []
     return [f"{beside} lists the manoeuvres of this recording: give it with --segments"]
+
+
+def thrust_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
+    """What may stand for a thrust that the model reads and nothing measures."""
+    controls = samples.values[samples.kind == Kind.CONTROLS]
+    reads = [axis for axis, terms in aircraft.model.terms.items() if "Tc" in terms]
+    moves = len(controls) > 1 and np.nanmax(controls[:, _THROTTLE], initial=0.0) > 0.0
+    if not reads or not moves or np.isfinite(controls[:, _THRUST]).any():
+        return []
+    instead = "; ".join(
+        f"{axis}: [{', '.join('throttle' if term == 'Tc' else term for term in aircraft.model.terms[axis])}]"
+        for axis in reads
+    )
+    return [
+        f"thrust is not measured, and {listed(reads)} cannot be judged without it: under 'model' of the aircraft file "
+        f"{instead} has the throttle in its place"
+    ]
 
 
 def landing_notes(body: Body, aircraft: Aircraft) -> list[str]:

@@ -56,7 +56,7 @@ def parse_address(text: str) -> Address:
     if kind not in _KINDS or not place or not number.isdigit() or not 0 < int(number) < 10_000_000:
         raise InputError(
             f"the connection '{text}' is not understood: write udp:0.0.0.0:14550, udpout:HOST:PORT, tcp:HOST:PORT "
-            "or serial:/dev/ttyACM0:57600"
+            "or serial:/dev/ttyACM0:57600; 'bridge dds:' hears PX4's own topics"
         )
     if kind != "serial" and int(number) > 65535:
         raise InputError(f"the connection '{text}' has no port: ports are 1 to 65535, not {number}")

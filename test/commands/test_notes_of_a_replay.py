@@ -1,0 +1,29 @@
+"""What `replay` says of a recording that an aircraft file of mass and shape does not fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.after_flight.replay_notes import thrust_notes
+from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
+from aircraft_sysid_ros.samples import Kind, samples_of
+
+
+def controls(throttle, thrust):
+    columns = np.full((50, 7), np.nan)
+    columns[:, 4], columns[:, 5] = throttle, thrust
+    return samples_of(Kind.CONTROLS, np.arange(50), columns)
+
+
+def test_the_throttle_is_offered_where_a_thrust_is_read_and_not_measured(aircraft):
+    (note,) = thrust_notes(controls(0.6, np.nan), aircraft)
+    text = note.split("of the aircraft file ")[1].split(" has the throttle")[0]
+    axis, terms = text.split(": ")
+    model = model_from_terms({**aircraft.model.terms, axis: terms.strip("[]").split(", ")})
+    assert "CX_throttle" in model.parameter_names and "CX_Tc" not in model.parameter_names
+
+
+@pytest.mark.parametrize(("throttle", "thrust"), [(0.6, 4.0), (np.nan, np.nan), (0.0, np.nan)])
+def test_nothing_is_offered_where_thrust_is_measured_or_nothing_stands_for_it(throttle, thrust, aircraft):
+    assert thrust_notes(controls(throttle, thrust), aircraft) == []
