@@ -13,10 +13,7 @@ from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
-
-HEADLINES = {
-    "none": "nothing is missing", "missing": "an effect is missing", "unexplained": "something is unexplained",
-}  # fmt: skip
+from aircraft_sysid_ros.diagnosis.words import headline
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -45,10 +42,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
     searched = result["replicas"] or result["verdict"] != "none"
-    headline = HEADLINES[result["verdict"]] if searched else "no input has stopped acting, more was not looked for"
-    if result.get("unknown") and result["verdict"] == "none":
-        headline = "nothing can be named, since the angles of flow are not measured"
-    lines = [f"model {result['model']}: {headline}", ""]
+    answer = headline(result) if searched else "no input has stopped acting, more was not looked for"
+    lines = [f"model {result['model']}: {answer}", ""]
     if "runs" in result:
         lines[1:] = [f"{len(result['runs'])} runs: {', '.join(result['runs'])}; held out: {result['held_out']}", ""]
     for candidate in result["candidates"]:

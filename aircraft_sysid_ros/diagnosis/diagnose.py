@@ -118,6 +118,8 @@ class Diagnosis:
     p_value: float
     #: By axis in which inferred angles allow no name: the error, over that of replicas.
     unknown: Mapping[str, float] = field(default_factory=dict)
+    #: By axis of which most is left and nothing explains it: the held-out error, and that over the replicas'.
+    left: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def diagnose(
@@ -163,7 +165,10 @@ def diagnose(
     unknown = _unknown(bench, floor, resting, listed)
     names = {f.trial.candidate.family for f in found}
     order = found + [f for f in listed if f.trial.candidate.family not in names]
-    return Diagnosis(_verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench, p_value, unknown)
+    left = _left(bench, floor, resting)
+    return Diagnosis(
+        _verdict(found), tuple(found), tuple(order), floor, tried, len(replicas), bench, p_value, unknown, left
+    )
 
 
 def _null_of(replicas: Sequence[Replica], library: Sequence[Effect], axes: Collection[str]) -> Null:
@@ -201,6 +206,18 @@ def _unknown(
     """Axes in which something could be named if the angles of flow were measured: their error over that of replicas."""
     axes = {f.trial.main_axis for f in listed if f.matters} & set(resting)
     return {axis: bench.fits[axis].nrmse_held_out / floor[axis] for axis in sorted(axes, key=AXES.index)}
+
+
+def _left(
+    bench: CandidateEvaluator, floor: Mapping[str, float], resting: Collection[str]
+) -> dict[str, tuple[float, float]]:
+    """Axes of which most is left, far above the replicas: their error, and that over the replicas'."""
+    errors = {a: fit.nrmse_held_out for a, fit in bench.fits.items() if a not in resting and floor.get(a, 0.0) > 0.0}
+    return {
+        axis: (error, error / floor[axis])
+        for axis, error in errors.items()
+        if error > THRESHOLDS.left and error > THRESHOLDS.left_times * floor[axis]
+    }
 
 
 def resting_on(inferred: Collection[str]) -> set[str]:

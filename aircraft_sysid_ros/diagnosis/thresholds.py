@@ -114,6 +114,12 @@ class Thresholds:
         "Where angles of flow are inferred a delay of the controls must leave no more of the spread of a moment: half",
         "of its variance must be explained.",
     )
+    left: float = _of(
+        0.5,
+        "What is left of an axis, as a share of its spread, above which the answer says so even where it has no name",
+        "for it: the limit at which parameters are held for lack of fit.",
+    )
+    left_times: float = _of(3.0, "And over the error of the replicas, as for parameters that are held.")
     most_effects: int = _of(4, "Effects that are looked for one after another, each with those before it in the model.")
 
     # -- which name

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.cannot_show import OutOfReach
-from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, Diagnosis, Finding
+from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Diagnosis, Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
@@ -21,6 +21,22 @@ from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Repli
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect
+from aircraft_sysid_ros.identification.conditions import listed
+
+_HEADLINES = {
+    NONE: "nothing is missing", MISSING: "an effect is missing", UNEXPLAINED: "something is unexplained",
+}  # fmt: skip
+
+
+def headline(said: Mapping[str, Any]) -> str:
+    """The answer in a few words, of the JSON that is said of a flight or of a part of it."""
+    if said["verdict"] == NONE and said.get("unknown"):
+        return "nothing can be named, since the angles of flow are not measured"
+    if said["verdict"] == NONE and said.get("left"):
+        axes = listed([f"{axis[0]}_{axis[1]}" for axis in said["left"]])
+        return f"nothing is named, and most of {axes} is not explained"
+    return _HEADLINES[said["verdict"]]
+
 
 #: Candidates of which it is said why they are no verdict.
 _MOST_REFUSED = 2
@@ -71,6 +87,7 @@ class FlightDiagnosis:
             "least_size": THRESHOLDS.size,
             "noise_floor": dict(self.diagnosis.floor),
             "unknown": dict(self.diagnosis.unknown),
+            "left": {axis: {"error": e, "times_noise": n} for axis, (e, n) in self.diagnosis.left.items()},
             "cannot_show": [
                 {"effect": e.effect.identifier, "name": e.effect.name, "why": e.why, "manoeuvre": e.effect.manoeuvre}
                 for e in self.unseen
@@ -209,6 +226,16 @@ class FlightDiagnosis:
                 f"{axis[0]}_{axis[1]} but is not named, since {why}."
             )
 
+    def _of_what_is_left(self) -> Iterator[str]:
+        """Axes that the model does not describe, and no candidate either."""
+        left = self.diagnosis.left
+        if left:
+            parts = [f"{e:.0%} of {a[0]}_{a[1]} ({n:.0f} times what noise makes of it)" for a, (e, n) in left.items()]
+            yield (
+                f"The model leaves {listed(parts)}, which neither an effect nor an expression explains: look at what "
+                "it is given first (deflections that are commands, clocks that differ, an input that is not recorded)."
+            )
+
     def _advice(self) -> Iterator[str]:
         found = self.diagnosis.found
         for axis, times in self.diagnosis.unknown.items():
@@ -217,10 +244,11 @@ class FlightDiagnosis:
                 "given: it rests on angles of flow that no vane measures, and may be their error. Measure them."
             )
         if self.verdict == NONE and not self.diagnosis.unknown:
-            yield "Nothing is missing that this flight could show:"
+            yield "Nothing is named:" if self.diagnosis.left else "Nothing is missing that this flight could show:"
             yield from self._nearest()
             if self.flight.runs:
                 yield "Nothing that they could show changed between the flights."
+        yield from self._of_what_is_left()
         if not self.is_calm:
             yield "In these gusts a wrong scale or offset of the air data could not be seen:"
             yield "fly in calm air for that."

@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
+from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.effects import LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.workbench import markup
@@ -16,11 +17,12 @@ from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, SidePanel
 from aircraft_sysid_ros.workbench.views import live, states, track
-from aircraft_sysid_ros.workbench.views.candidates import VERDICTS, Card
+from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import ORDER
 from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.history import effect_name
 from aircraft_sysid_ros.workbench.views.parameters import parameter_rows
+from aircraft_sysid_ros.workbench.views.words import sentence
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE
 
 #: Least time [s] between two drawings: a playback at ten times real time must not choke the browser.
@@ -129,7 +131,7 @@ class LiveWhyPanel(SidePanel):
             self._verdict.text = "Not looked for yet"
             self._words.text = "The node searches by itself, from about a minute and a half of flight on."
             return
-        self._verdict.text = "Of an earlier model" if stale else VERDICTS.get(found["verdict"], found["verdict"])
+        self._verdict.text = "Of an earlier model" if stale else sentence(headline(found))
         self._words.text = found["advice"]
         if stale:
             self._words.text = f"This was found for model {found['model']}. The node searches again by itself."

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.frequency_responses import rate_responses
+from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView
@@ -201,8 +202,7 @@ def _why(figures: _Figures, view: RunView) -> dict[str, Any]:
             made = candidates.evidence_figure(card.evidence, figures.theme)
             drawn = figures.add(made, f"the residual against the signal of {card.title}")
         listed.append((card, noise, drawn))
-    verdict = candidates.VERDICTS.get(found["verdict"], "").lower()
-    return {"diagnosis": found, "verdict": verdict, "candidates": listed}
+    return {"diagnosis": found, "verdict": headline(found), "candidates": listed}
 
 
 def _parameters(view: RunView, truth: TruthView) -> dict[str, Any]:

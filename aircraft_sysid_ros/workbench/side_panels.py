@@ -14,15 +14,16 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
+from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, plot
 from aircraft_sysid_ros.workbench.views import places
-from aircraft_sysid_ros.workbench.views.candidates import VERDICTS, Card, cards, evidence_figure
+from aircraft_sysid_ros.workbench.views.candidates import Card, cards, evidence_figure
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
 from aircraft_sysid_ros.workbench.views.history import effect_name
-from aircraft_sysid_ros.workbench.views.words import quantity_of
+from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")
@@ -155,7 +156,7 @@ class WhyPanel(SidePanel):
             )
             return
         stale = found["model"] != view.current
-        self._verdict.text = VERDICTS.get(found["verdict"], found["verdict"])
+        self._verdict.text = sentence(headline(found))
         self._words.text = found["advice"]
         if stale:
             self._verdict.text = "Of an earlier model"

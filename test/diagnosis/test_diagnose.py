@@ -346,6 +346,30 @@ def test_the_rule_that_refuses_an_effect_of_size_is_said(aircraft):
     assert "less than 10%" in replace(far, size=0.05).refusal(first=True)
 
 
+@pytest.mark.parametrize("size", [0.0, 0.3])
+def test_what_nothing_explains_is_said_though_it_has_no_name(aircraft, size):
+    """A pitching moment that follows nothing that is recorded: the answer is not that nothing is missing."""
+
+    def unrecorded(c, after, f):
+        time = np.arange(len(c)) * 0.04
+        c[:, 4] += size * np.sin(2.3 * time + 3.0 * np.sin(0.4 * time))
+        return c
+
+    library = [BY_ID["dihedral_alpha"], BY_ID["sideslip_pitching"]]
+    flight = random_flight(aircraft, unrecorded)
+    benches = [CandidateEvaluator(random_flight(aircraft, seed=seed)) for seed in range(1, 5)]
+    repeated = [Replica(b.data, {e.identifier: b.best_of(e).score for e in library}, {}) for b in benches]
+    said = FlightDiagnosis(flight, (), diagnose(CandidateEvaluator(flight), repeated, library), repeated, True).json
+    text = render({**said, "model": "m", "notes": []})
+    assert said["verdict"] == "none"
+    if not size:
+        assert said["left"] == {} and text.startswith("model m: nothing is missing")
+        return
+    assert list(said["left"]) == ["Cm"] and said["left"]["Cm"]["times_noise"] > THRESHOLDS.left_times
+    assert text.startswith("model m: nothing is named, and most of C_m is not explained")
+    assert "The model leaves" in said["advice"] and "Nothing is missing" not in said["advice"]
+
+
 def test_a_clean_flight_without_vanes_is_given_nothing():
     """Of JSBSim: what its inferred angles get wrong had been called propwash."""
     flight = hidden_flight("c172p", None, seed=9303, duration=60.0)

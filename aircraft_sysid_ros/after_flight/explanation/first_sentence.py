@@ -159,7 +159,7 @@ def _nothing(evidence: Evidence) -> Said:
     used, all_of_them = evidence.used
     if evidence.diagnosis is None:
         return Said("nothing", f"Nothing in this log looks wrong, and {used} of {all_of_them} parameters can be used.")
-    if evidence.diagnosis.get("unknown"):
+    if evidence.diagnosis.get("unknown") or evidence.diagnosis.get("left"):
         return Said("unknown", str(evidence.diagnosis["advice"]))
     return Said(
         "nothing", f"Nothing is missing that this flight could show: the sensors agree, and {used} of {all_of_them} "

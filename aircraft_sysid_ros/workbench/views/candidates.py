@@ -25,12 +25,6 @@ Array = npt.NDArray[np.float64]
 _MOST_DOTS, _BINS = 1500, 18
 _LEAST_IN_BIN = 12
 
-VERDICTS = {
-    "none": "Nothing is missing",
-    "missing": "An effect is missing",
-    "unexplained": "Something is unexplained",
-}
-
 
 @dataclass(frozen=True)
 class Evidence:

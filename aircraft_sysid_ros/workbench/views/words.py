@@ -90,6 +90,11 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.1f}"
 
 
+def sentence(text: str) -> str:
+    """With a capital letter, the rest as it is: C_m stays C_m."""
+    return text[:1].upper() + text[1:]
+
+
 def chance(p_value: float) -> str:
     """How likely the evidence is where nothing is missing, in words."""
     if p_value < 1e-6:
