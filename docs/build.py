@@ -28,6 +28,7 @@ import gusts_tables
 import mavlink_tables
 import node_tables
 import paper_tables
+import polar_tables
 import topic_tables
 import trust_tables
 from params_file import params_file
@@ -443,6 +444,12 @@ def third_maker() -> str:
     return table(*diagnosis_tables.third_maker([json.loads(line) for line in lines]))
 
 
+def polar_truth() -> str:
+    """Drag polars of another maker's flights."""
+    lines = (RESULTS / "polar.jsonl").read_text(encoding="utf8").splitlines()
+    return table(*polar_tables.truth([json.loads(line) for line in lines]))
+
+
 def further_effects() -> str:
     """Flights with one hidden effect, and with two."""
     lines = (RESULTS / "further_effects.jsonl").read_text(encoding="utf8").splitlines()
@@ -687,6 +694,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
     "third_maker": third_maker,
+    "polar_truth": polar_truth,
+    "polar_seaway": lambda: table(*polar_tables.seaway(load("polar_seaway"))),
     "faults": faults,
     "isolation_limits": lambda: table(*trust_tables.isolation_limits()),
     "jet": jet,

@@ -54,6 +54,7 @@ INPUT_UNITS: dict[str, tuple[float, float, float]] = {
     "1": (1.0, 0.01, 10.0),
     "N": (1.0, 1.0, 1e7),
     "rad/s": (1.0, 1.0, 1e5),
+    "W": (1.0, 1.0, 1e9),
 }
 #: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad,
 #: rad, Pa, Pa, rad, m.

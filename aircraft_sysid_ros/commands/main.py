@@ -38,6 +38,7 @@ COMMANDS = {
     "report": ("report", "the page of a run as one HTML file"),
     "fleet": ("fleet", "many flights at once, and what changes between them"),
     "refine": ("refine", "maximum likelihood on a run, after the flight"),
+    "polar": ("polar", "the drag polar and the power of level flight, from the energy of a flight"),
     "play": ("play", "a recording onto ROS 2 topics"),
     "live": ("live", "all nodes on ROS 2 topics"),
     "recover": ("recover", "the run of a flight that a crash or a power cut ended"),

@@ -41,6 +41,7 @@ NOT_RUN = {
     "aircraft-sysid fleet": "test/fleet/test_whole_fleet.py, with workers that are killed",
     "aircraft-sysid import": "test/recordings/test_autopilot_import.py imports a log of every kind",
     "aircraft-sysid export": "test/export/test_export_command.py writes a file of every target",
+    "aircraft-sysid polar": "test/commands/test_polar.py, from a table to the polar",
     "aircraft-sysid gains": "test/export/test_export_command.py, for either autopilot",
     "aircraft-sysid calibrate": "test/commands/test_calibrate.py, from the flight to the corrected replay",
     "aircraft-sysid simulate calibration": "test/commands/test_calibrate.py flies it",

@@ -95,6 +95,9 @@ _PX4: dict[str, list[KnownLine]] = {
     "airflow_slip": [KnownLine("sideslip", "slip_rad", "rad")],
     "actuator_controls_0": _COMMANDS,
     **{topic: uncalibrated(topic) for topic in ("actuator_servos", "actuator_motors", "actuator_outputs")},
+    "battery_status": [
+        KnownLine("inputs.electric_power", "", "W", expression="voltage_v*current_a", why="of the battery"),
+    ],
 }  # fmt: skip
 _PX4["sensor_gps"] = _PX4["vehicle_gps_position"]
 _MAVROS: dict[str, list[KnownLine]] = {
@@ -158,8 +161,10 @@ def known_lines(
         return None
     ulog = [table for table in tables if "timestamp" in table.columns and re.search(r"_\d+\.csv$", table.name)]
     if len(ulog) >= 2 and len(ulog) >= 0.8 * len(tables):
-        known, lost = _with_outputs(ulog, _PX4, _ULOG_NAME, mapping)
-        return _chosen(ulog, known, _ULOG_NAME, _ULOG), lost
+        batteries = [table.name for table in ulog if re.search(r"(?:^|_)battery_status_\d+\.csv$", table.name)]
+        name = _ULOG_NAME if len(batteries) != 1 else r"(?:^|_)({})(?:(?<=battery_status)_\d+|_0)\.csv$"
+        known, lost = _with_outputs(ulog, _PX4, name, mapping)
+        return _chosen(ulog, known, name, _ULOG), lost
     rostopic = [table for table in tables if "%time" in table.columns]
     if rostopic and len(rostopic) >= 0.8 * len(tables):
         known, lost = _with_outputs(rostopic, _MAVROS, _ROSTOPIC_NAME, mapping)
