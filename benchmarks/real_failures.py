@@ -3,7 +3,8 @@
     python benchmarks/real_failures.py [--data ../shared/data]
 
 ALFA (Carnegie Mellon): an engine that is cut. Paparazzi (ENAC): an elevon that is held by software, read as commanded
-and as its servo was told. Each goes through import, replay and diagnose as a user types them.
+and as its servo was told. Each goes through import, replay and diagnose as a user types them. What a model makes of the
+elevon's flight before and after the diagnosis is in results/real_story.json.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 
 ROOT = Path(__file__).resolve().parents[1]
 MAPS = Path(__file__).parent / "maps"
+RESULTS = Path(__file__).parent / "results" / "real_story.json"
 #: Folder of the data, map, aircraft file, and what replay is told besides.
 FLIGHTS = {
     "alfa": ("alfa_engine_failure", "alfa.yaml", "alfa_carbon_z.yaml", ()),
@@ -89,6 +91,57 @@ def draw(said: dict[str, dict[str, Any]], folder: Path, figures: Path) -> None:
     figure.savefig(figures / "paparazzi_elevon.png", dpi=100)
 
 
+#: What is shown of the roll rate [s], from where it is simulated on, and how far from the failure the model is fitted [s].
+_SHOWN, _BEFORE, _AWAY = (70.0, 79.0), 2.0, 1.0
+
+
+def story(flight: ForceBalance, said: dict[str, Any], figures: Path) -> dict[str, Any]:
+    """The roll rate that a model makes of the elevons as commanded, and with what was found in it; rms errors [deg/s].
+
+    The model, one roll mode with an effect of each elevon, is fitted to the flight before and after the failure and
+    simulated through it without looking at the motion.
+    """
+    (found,) = (each for each in said["candidates"] if each["found"])
+    begin, end = (found["inner"][key] for key in ("t0", "t1"))
+    position = found["level"]
+    rate = np.degrees(flight.signal("p") * 2.0 * flight.signal("V") / flight.aircraft.span)
+    time, pressure = flight.time, flight.signal("qbar") / np.mean(flight.signal("qbar"))
+    right, left = flight.signal("elevon_right"), flight.signal("elevon_left")
+    held = np.where((time >= begin) & (time <= end), position, right)
+    outside = (time[:-1] < begin - _AWAY) | (time[:-1] > end + _AWAY)
+    steps = np.isclose(np.diff(time), flight.step, rtol=0.2)
+
+    def columns(elevon: Any, rates: Any) -> Any:
+        return np.column_stack([rates, pressure * elevon, pressure * left, np.ones(len(time))])
+
+    chosen = outside & steps & np.isfinite(columns(right, rate)[:-1]).all(axis=1) & np.isfinite(rate[1:])
+    gains = np.linalg.lstsq(columns(right, rate)[:-1][chosen], rate[1:][chosen], rcond=None)[0]
+    through = np.flatnonzero((time >= begin - _BEFORE) & (time <= end))
+    errors, flown = {}, {}
+    for name, elevon in (("before", right), ("after", held)):
+        rates = rate.copy()
+        for k in through[:-1]:
+            rates[k + 1] = columns(elevon, rates)[k] @ gains
+        flown[name] = rates
+        inside = (time >= begin) & (time <= end)
+        errors[name] = float(np.sqrt(np.mean((rates[inside] - rate[inside]) ** 2)))
+    import matplotlib.pyplot as plt
+
+    figure, plot = plt.subplots(figsize=(10, 3.4), layout="constrained")
+    plot.plot(time, rate, color="k", lw=2.0, label="measured")
+    plot.plot(time[through], flown["before"][through], color="#D55E00", label="model, elevons as commanded")
+    plot.plot(time[through], flown["after"][through], color="#0072B2", label="model, with what diagnose found")
+    for edge in (begin, end):
+        plot.axvline(edge, color="#0072B2", ls="--", lw=1.0)
+    plot.set_xlim(*_SHOWN)
+    plot.set_xlabel("time in log [s]")
+    plot.set_ylabel("roll rate [deg/s]")
+    plot.legend(fontsize=9, loc="upper left")
+    plot.grid(alpha=0.3)
+    figure.savefig(figures / "real_story.png", dpi=100)
+    return {"begin": begin, "end": end, "position": position, "rms": errors, "label": found["label"]}
+
+
 def _mark(axes: Any, said: dict[str, Any]) -> None:
     for candidate in said["candidates"]:
         for time in candidate["inner"].values():
@@ -105,6 +158,8 @@ def main() -> None:
         folder = Path(place)
         said = {name: said_of(name, data, folder) for name in FLIGHTS}
         draw(said, folder, ROOT / "docs" / "figures")
+        told = story(balance_of("commands", folder, 4.0), said["commands"], ROOT / "docs" / "figures")
+    RESULTS.write_text(json.dumps(told, indent=1) + "\n", encoding="utf8")
     for name, answer in said.items():
         print(f"{name}: {answer['verdict']}\n  {answer['advice']}")
 

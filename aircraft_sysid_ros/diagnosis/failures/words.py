@@ -119,6 +119,7 @@ def candidate_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
         "inner_error": {"t0": failure.begin_error} | ({} if failure.end is None else {"t1": failure.end_error}),
         "stamps": {key: begin + int(1e9 * time) for key, time in inner.items()},
         "input": failure.name,
+        "level": failure.level if np.isfinite(failure.level) else None,
         "terms": terms,
         "parameters": [],
         "found": True,
