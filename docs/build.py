@@ -391,6 +391,15 @@ def story() -> str:
     return table(["error on held-out flight", *(f"C_{axis[1]}" for axis in told["axes"])], rows)
 
 
+def real_story() -> str:
+    """A real flight before and after its diagnosis."""
+    told = load("real_story")
+    before, after = (f"{told['rms'][key]:.0f}°/s" for key in ("before", "after"))
+    found = f"`{told['label']}`, {told['begin']:.1f} to {told['end']:.1f} s, near {told['position']:.3f} rad"
+    return table(["found by `diagnose`", "error of the roll rate, elevons as commanded", "with what was found"],
+                 [[found, before, after]])  # fmt: skip
+
+
 def story_truth() -> str:
     """The demo against the truth."""
     told = load("story")
@@ -724,6 +733,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "commands": commands,
     "story": story,
     "story_truth": story_truth,
+    "real_story": real_story,
     "figures": figures,
     "import_guess": import_guess,
     "campaign": campaign,
