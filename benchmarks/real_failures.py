@@ -91,7 +91,7 @@ def draw(said: dict[str, dict[str, Any]], folder: Path, figures: Path) -> None:
     figure.savefig(figures / "paparazzi_elevon.png", dpi=100)
 
 
-#: What is shown of the roll rate [s], from where it is simulated on, and how far from the failure the model is fitted [s].
+#: What is shown of the roll rate, from where it is simulated on, how far from the failure the model is fitted [s].
 _SHOWN, _BEFORE, _AWAY = (70.0, 79.0), 2.0, 1.0
 
 
