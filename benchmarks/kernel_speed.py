@@ -29,6 +29,7 @@ import numpy.typing as npt
 from numba import njit
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.aircraft.earth import ned_along
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
 from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
@@ -37,7 +38,7 @@ from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.fusion import fuse
 from aircraft_sysid_ros.reconstruction.process import propagate
 from aircraft_sysid_ros.reconstruction.state import Setup, new_memory
-from aircraft_sysid_ros.samples import WIDTH, Kind
+from aircraft_sysid_ros.samples import GPS_NED, WIDTH, Kind
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, simulate_samples
 
 Array = npt.NDArray[np.float64]
@@ -105,12 +106,14 @@ def make_input(flight: SimulatedFlight, n: int) -> Input:
     return Input(
         imu=np.ascontiguousarray(at(Kind.IMU, stamps, 6)),
         air=np.hstack([at(Kind(kind), stamps, 1) for kind in _AIR_DATA]),
-        fixes=np.hstack([at(Kind.GPS_POSITION, stamps, 3), at(Kind.GPS_VELOCITY, stamps, 3)]),
+        fixes=np.hstack(
+            [ned_along(at(Kind.GPS_POSITION, stamps, 3), setup.origin), at(Kind.GPS_VELOCITY, stamps, 3)]
+        ),
         terms=np.ascontiguousarray(points[repeat, CoefficientSample.TERMS :]),
         measured=np.ascontiguousarray(points[repeat, CoefficientSample.MEASURED]),
         offsets=model.offsets,
         # every update makes three iterations, and none is rejected
-        setup=setup._replace(maximum_iterations=ITERATIONS, tolerance=0.0, gate=np.full(4, np.inf)),
+        setup=setup._replace(maximum_iterations=ITERATIONS, tolerance=0.0, gate=4 * (np.inf,)),
         x=x,
         p=p,
     )  # fmt: skip
@@ -132,7 +135,7 @@ def run_ours(n, every, imu, air, fixes, terms, measured, offsets, dt, forgetting
                 values[0] = air[k, i]
                 fuse(_AIR_DATA[i], values, x, p, rate, 0.0, setup, memory)
         if every[2] and k % every[2] == 0:
-            values[:3] = fixes[k, :3]
+            values[GPS_NED] = fixes[k, :3]
             fuse(_POSITION, values, x, p, rate, 0.0, setup, memory)
             values[:3] = fixes[k, 3:]
             fuse(_VELOCITY, values, x, p, rate, 0.0, setup, memory)
@@ -155,7 +158,7 @@ class SetupOfC(ctypes.Structure):
         *((name, ctypes.c_double) for name in (
             "dt", "gravity", "accelerometer_variance", "gyro_variance", "accelerometer_walk", "gyro_walk", "wind_walk"
         )),
-        ("probe", ctypes.c_double * 3), ("gps", ctypes.c_double * 3), ("origin", ctypes.c_double * 3),
+        ("probe", ctypes.c_double * 3), ("gps", ctypes.c_double * 3),
         ("variance", ctypes.c_double * 9), ("forgetting", ctypes.c_double),
         ("iterations", ctypes.c_long), ("lags", ctypes.c_long), ("offsets", ctypes.c_long * 7),
     ]  # fmt: skip
@@ -167,7 +170,7 @@ def setup_of_c(data: Input) -> SetupOfC:
     three, nine = ctypes.c_double * 3, ctypes.c_double * 9
     return SetupOfC(
         DT, s.gravity, s.accelerometer_variance, s.gyro_variance, s.accelerometer_walk, s.gyro_walk, s.wind_walk,
-        three(*s.probe_from_imu), three(*s.gps_from_imu), three(*s.origin), nine(*variance), FORGETTING,
+        three(*s.probe_from_imu), three(*s.gps_from_imu), nine(*variance), FORGETTING,
         ITERATIONS, LAGS, (ctypes.c_long * 7)(*data.offsets),
     )  # fmt: skip
 

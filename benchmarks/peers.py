@@ -60,18 +60,6 @@ def right_jacobian(v: Array) -> Array:
     return I3 - (1.0 - np.cos(angle)) / angle2 * s + (angle - np.sin(angle)) / (angle2 * angle) * (s @ s)
 
 
-def ecef(latitude: float, longitude: float, altitude: float) -> Array:
-    s, c = np.sin(latitude), np.cos(latitude)
-    n = 6378137.0 / np.sqrt(1.0 - 6.69437999014e-3 * s * s)
-    return np.array(
-        [
-            (n + altitude) * c * np.cos(longitude),
-            (n + altitude) * c * np.sin(longitude),
-            (n * (1.0 - 6.69437999014e-3) + altitude) * s,
-        ]
-    )
-
-
 class ErrorStateFilter(ExtendedKalmanFilter):
     """filterpy's filter over the error (18,) of a nominal state (19,), laid out as in reconstruction.state."""
 
@@ -79,10 +67,6 @@ class ErrorStateFilter(ExtendedKalmanFilter):
         super().__init__(dim_x=18, dim_z=3)
         self.nominal, self.x, self.P = nominal.copy(), np.zeros(18), covariance.copy()
         self.setup, self.dt, self.iterations = setup, dt, iterations
-        sa, ca = np.sin(setup.origin[0]), np.cos(setup.origin[0])
-        so, co = np.sin(setup.origin[1]), np.cos(setup.origin[1])
-        self.axes = np.array([[-sa * co, -sa * so, ca], [-so, co, 0.0], [-ca * co, -ca * so, -sa]])
-        self.origin = ecef(*setup.origin)
 
     # -- prediction: filterpy asks to override this for a model that is not linear ---------------------------
 
@@ -158,12 +142,6 @@ class ErrorStateFilter(ExtendedKalmanFilter):
         h[:, 6:9] = -c @ skew(arm)
         return state + c @ arm, h
 
-    def measured(self, kind: Kind, values: Array) -> Array:
-        """Measurement (m,); GPS positions are geodetic."""
-        if kind == Kind.GPS_POSITION:
-            return np.asarray(self.axes @ (ecef(values[0], values[1], values[2]) - self.origin))
-        return values
-
     def retract(self, x: Array, delta: Array) -> Array:
         attitude = quaternion_product(x[6:10], quaternion_exp(delta[6:9]))
         attitude /= np.sqrt(attitude @ attitude)
@@ -171,7 +149,7 @@ class ErrorStateFilter(ExtendedKalmanFilter):
 
     def fuse(self, kind: Kind, values: Array, rate: Array) -> None:
         """Iterated update (3.15) with one measurement; the last iteration is filterpy's."""
-        y, r = self.measured(kind, values), np.diag(self.setup.variance[kind][: len(values)])
+        y, r = values, np.diag(self.setup.variance[kind][: len(values)])
         delta = np.zeros(18)
         for iteration in range(self.iterations):
             expected, h = self.output(kind, self.retract(self.nominal, delta), rate)

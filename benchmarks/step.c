@@ -14,7 +14,7 @@ enum { XV, XP = 3, XQ = 6, XBA = 10, XBG = 13, XU = 16, X = 19 };   /* and of th
 
 typedef struct {
     double dt, gravity, accelerometer_variance, gyro_variance, accelerometer_walk, gyro_walk, wind_walk;
-    double probe[3], gps[3], origin[3];      /* from the IMU [m]; latitude, longitude [rad], altitude [m] */
+    double probe[3], gps[3];                 /* from the IMU [m] */
     double variance[9];                      /* V, alpha, beta, GPS position, GPS velocity */
     double forgetting;
     long iterations, lags, offsets[7];
@@ -194,21 +194,6 @@ enum { AIRSPEED, ALPHA, BETA, GPS_POSITION, GPS_VELOCITY };
 
 static double wrap(double angle) { return angle - 2.0 * M_PI * floor((angle + M_PI) / (2.0 * M_PI)); }
 
-static void ecef(double latitude, double longitude, double altitude, double *out) {
-    double s = sin(latitude), c = cos(latitude), e2 = 6.69437999014e-3, n = 6378137.0 / sqrt(1.0 - e2 * s * s);
-    out[0] = (n + altitude) * c * cos(longitude);
-    out[1] = (n + altitude) * c * sin(longitude);
-    out[2] = (n * (1.0 - e2) + altitude) * s;
-}
-static void ned_from_geodetic(const double *place, const double *origin, double *ned) {
-    double a[3], b[3], d[3], sa = sin(origin[0]), ca = cos(origin[0]), so = sin(origin[1]), co = cos(origin[1]);
-    double axes[3][3] = {{-sa * co, -sa * so, ca}, {-so, co, 0.0}, {-ca * co, -ca * so, -sa}};
-    ecef(place[0], place[1], place[2], a);
-    ecef(origin[0], origin[1], origin[2], b);
-    for (int i = 0; i < 3; i++) d[i] = a[i] - b[i];
-    times(axes, d, ned);
-}
-
 static inline void air_data(int kind, double value, const double *x, const double *omega, const Setup *s,
                             double *residual, double h[1][N]) {
     double v[3], g[3], by_bias[3];
@@ -234,11 +219,10 @@ static inline void gps(int kind, const double *values, const double *x, const do
     double c[3][3], m[3][3], by[3][3], arm[3], place[3], turned[3];
     int block = kind == GPS_POSITION ? P_ : V;
     rotation_matrix(x + XQ, c);
+    memcpy(place, values, sizeof place);
     if (kind == GPS_POSITION) {
-        ned_from_geodetic(values, s->origin, place);
         memcpy(arm, s->gps, sizeof arm);
     } else {
-        memcpy(place, values, sizeof place);
         cross(omega, s->gps, arm);
         cross_matrix(s->gps, m);
         product(c, m, by);

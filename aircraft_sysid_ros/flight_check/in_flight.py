@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -22,6 +23,7 @@ from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, St
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 #: Times of flight [s] of the first two looks; later ones each after twice the time, over so much flight [s] at most.
 FIRST, SECOND, LONGEST = 30.0, 60.0, 240.0
@@ -46,10 +48,13 @@ _SENSORS = {
 
 _STATIC_PRESSURE = next(code for code, sensor in CONTRADICTED.items() if sensor == "static pressure")
 #: Statuses of a state whose height rests on GPS.
-_ON_GPS = (
+_ON_GPS = tuple(float(status) for status in (
     Status.OK, Status.NO_AIR_DATA, Status.INFERRED_ALPHA, Status.INFERRED_BETA, Status.INFERRED_ANGLES, Status.CALM_AIR,
     Status.CALM_AIR_ALPHA, Status.CALM_AIR_BETA, Status.CALM_AIR_ANGLES,
-)  # fmt: skip
+))  # fmt: skip
+_KNOWN = tuple(float(code) for code in CONTRADICTED)
+_ALTITUDE, _DOWN = StateField.ORIGIN.stop - 1, StateField.POSITION.stop - 1
+_AIR_DENSITY, _STATUS, _CONTRADICTION = StateField.AIR_DENSITY, StateField.STATUS, StateField.CONTRADICTION
 
 
 def watch_of(aircraft: Aircraft) -> InFlightCheck:
@@ -125,20 +130,9 @@ class InFlightCheck:
         if self._code:
             rows[:, StateField.CONTRADICTION] = self._code
 
-    def _mark_density(self, rows: Array, flies: npt.NDArray[np.bool_]) -> None:
+    def _mark_density(self, rows: Array, flies: Bools) -> None:
         """Mark rows whose density left the height that GPS shows, as a blocked or leaking static port has it."""
-        altitude = rows[:, StateField.ORIGIN.stop - 1] - rows[:, StateField.POSITION.stop - 1]
-        density = rows[:, StateField.AIR_DENSITY]
-        shown = np.isin(rows[:, StateField.STATUS], _ON_GPS) & np.isfinite(altitude) & (density > 0.0) & flies
-        if not shown.any():
-            return
-        ratio = density[shown] / np.array([air_density(height) for height in altitude[shown]])
-        if np.isnan(self._density):
-            self._density = float(ratio[0])
-        left = np.zeros(len(rows), np.bool_)
-        left[shown] = np.abs(ratio / self._density - 1.0) > DENSITY
-        known = np.isin(rows[:, StateField.CONTRADICTION], [*CONTRADICTED])
-        rows[left & ~known, StateField.CONTRADICTION] = _STATIC_PRESSURE
+        self._density = _mark_density(rows, flies, self._density)
 
     def _keep(self, epoch: int, since: float) -> Samples:
         """Forget samples from before a time [s]; returns the others."""
@@ -181,6 +175,23 @@ class InFlightCheck:
             elsewhere = elsewhere or [f for f in self.findings if (f.kind, f.severity, *f.signals) == vane_place.MARKS]
         found += elsewhere
         return known
+
+
+@njit(cache=True)
+def _mark_density(rows: Array, flies: Bools, usual: float) -> float:
+    """``InFlightCheck._mark_density``; ``usual`` density over that of the standard atmosphere, NaN before any is known.
+
+    Returns it. What is known of another sensor stands.
+    """
+    for i in range(len(rows)):
+        altitude, density = rows[i, _ALTITUDE] - rows[i, _DOWN], rows[i, _AIR_DENSITY]
+        if not (flies[i] and density > 0.0 and np.isfinite(altitude) and rows[i, _STATUS] in _ON_GPS):
+            continue
+        ratio = density / air_density(altitude)
+        usual = ratio if np.isnan(usual) else usual
+        if abs(ratio / usual - 1.0) > DENSITY and rows[i, _CONTRADICTION] not in _KNOWN:
+            rows[i, _CONTRADICTION] = _STATIC_PRESSURE
+    return usual
 
 
 def _matters(finding: Finding) -> bool:

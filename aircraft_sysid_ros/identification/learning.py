@@ -39,6 +39,7 @@ Array = npt.NDArray[np.float64]
 LONGEST_LOOK = 1.0
 #: Without a sample for so long [s] what is published has the time of the newest state.
 STALE = 1.0
+_RULES = TrustRules()
 
 
 def newest_count(options: ParameterOptions) -> int:
@@ -356,20 +357,21 @@ class Learning:
     def _missing(self, axis: int) -> str:
         """What keeps an axis from being learnt, in words; empty where nothing but motion does."""
         updates, controls_pace = int(self.least_squares.state.updates[axis]), self._pace_of_controls
-        few = updates < TrustRules().samples
-        if few and self._pace.is_too_slow:
+        if updates >= _RULES.samples:
+            return ""
+        if self._pace.is_too_slow:
             return too_slow(self._pace.rate)
         needed, unseen = self.conditions.signals_of(self.aircraft.model, axis)
         controls = [name for name in needed if name in CONTROL_SIGNALS]
         nothing = self.newest is not None and not updates
-        never = (few and self._pace.is_sparse) or (nothing and {*unseen} & CONTROL_SIGNALS)
+        never = self._pace.is_sparse or (nothing and {*unseen} & CONTROL_SIGNALS)
         if controls and never and controls_pace.interval > SPARSEST_CONTROLS:
             rate = f"{controls_pace.rate:.2g} Hz"
             come = "come" if len(controls) > 1 else "comes"
             return f"needs {listed(controls)}, which {come} at {rate}: at least {LOWEST_RATE:g} Hz are needed"
         if nothing and unseen:
             return needs(unseen)
-        return self._not_inferred(needed) if few else ""
+        return self._not_inferred(needed)
 
     def _not_inferred(self, needed: tuple[str, ...]) -> str:
         """That angles are neither measured nor known just now from wind and attitude; empty: they are."""

@@ -7,9 +7,10 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_GROUPS, Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
+from aircraft_sysid_ros.aircraft.frames import three
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance
-from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Setup
+from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Gate, Setup
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
@@ -43,15 +44,16 @@ def sensor_scales(aircraft: Aircraft) -> Array:
     return scales
 
 
-def gate_thresholds(sigma: float) -> Array:
+def gate_thresholds(sigma: float) -> Gate:
     """Largest normalised innovation squared for 0 to 3 outputs, as probable as ``sigma`` in one output."""
     from scipy.special import erf, gammaincinv  # here: 0.3 s that other users of this module do not need
 
     inside = float(erf(sigma / np.sqrt(2.0)))
-    return np.array([0.0] + [2.0 * float(gammaincinv(0.5 * m, inside)) for m in (1, 2, 3)])
+    one, two, three_outputs = (2.0 * float(gammaincinv(0.5 * m, inside)) for m in (1, 2, 3))
+    return 0.0, one, two, three_outputs
 
 
-def with_options(setup: Setup, options: StateOptions, gate: Array) -> Setup:
+def with_options(setup: Setup, options: StateOptions, gate: Gate) -> Setup:
     """The setup with other options, of which ``gate`` is that of ``gate_thresholds``."""
     return setup._replace(
         gate=gate,
@@ -75,7 +77,7 @@ def held_wind(options: StateOptions, guide: int) -> Array:
 
 
 def new_setup(
-    aircraft: Aircraft, options: StateOptions, gate: Array, origin: Array, imu: Array, guide: int = Kind.GPS_VELOCITY
+    aircraft: Aircraft, options: StateOptions, gate: Gate, origin: Array, imu: Array, guide: int = Kind.GPS_VELOCITY
 ) -> Setup:
     """Setup of a flight with the origin (3,) of its positions; the first IMU sample may carry variances.
 
@@ -88,17 +90,17 @@ def new_setup(
     declination = aircraft.magnetic_declination
     return Setup(
         gravity=float(gravity(origin[0], origin[2])),
-        origin=origin,
-        imu_position=aircraft.imu_position,
-        gps_from_imu=aircraft.gps_position - aircraft.imu_position,
-        probe_from_imu=aircraft.air_data_position - aircraft.imu_position,
+        origin=three(origin),
+        imu_position=three(aircraft.imu_position),
+        gps_from_imu=three(aircraft.gps_position - aircraft.imu_position),
+        probe_from_imu=three(aircraft.air_data_position - aircraft.imu_position),
         declination=np.nan if declination is None else float(declination),
         minimum_airspeed=float(aircraft.minimum_airspeed),
         variance=variance,
         given=given,
         accelerometer_variance=_imu_variance(aircraft, "accelerometer", float(imu[6])),
         gyro_variance=_imu_variance(aircraft, "gyro", float(imu[7])),
-        imu_given=np.array([aircraft.sensors[name].noise_is_given for name in ("accelerometer", "gyro")]),
+        imu_given=(aircraft.sensors["accelerometer"].noise_is_given, aircraft.sensors["gyro"].noise_is_given),
         learns_wind=learns_wind(aircraft) and guide != NO_GUIDE and not options.calm_air,
         accelerometer_walk=float(aircraft.process_noise["accelerometer_bias"]),
         gyro_walk=float(aircraft.process_noise["gyro_bias"]),
@@ -109,7 +111,7 @@ def new_setup(
         maximum_gap=float(options.maximum_gap),
         divergence_time=float(options.divergence_time),
         guide=int(guide),
-        wind_std=held_wind(options, guide),
+        wind_std=three(held_wind(options, guide)),
         is_calm=bool(options.calm_air and guide != NO_GUIDE),
     )
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from types import NoneType
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 _BASE, _NAME, _ARRAY = 1, 2, 3  # rosbags.interfaces.Nodetype
+_TIME = "builtin_interfaces/msg/Time"
 _IDL_SEPARATOR = "=" * 80 + "\n"
+_Converter = Callable[[Any], Any]
 
 
 @cache
@@ -89,35 +91,50 @@ def message_from_dict(type_name: str, values: Mapping[str, Any]) -> Any:
     Fields that are not given are empty or 0, but NaN in our own messages. Raises KeyError for an unknown
     field.
     """
-    types = known_types()
-    members = dict(types.fielddefs[type_name][1])
-    for name in values.keys() - members.keys():
+    message, converters = _fields(type_name)
+    for name in values.keys() - converters.keys():
         raise KeyError(f"{type_name} has no field {name}")
-    missing = np.nan if type_name.startswith(PACKAGE) else 0.0
-    fields = {name: _field_value(description, values.get(name), missing) for name, description in members.items()}
-    return types.types[type_name](**fields)
+    return message(**{name: converted(values.get(name)) for name, converted in converters.items()})
 
 
-def _field_value(description: Any, value: Any, missing: float) -> Any:
-    """Value of a field as rosbags serialises it, from what the caller gave (None: nothing)."""
+@cache
+def _fields(type_name: str) -> tuple[Any, dict[str, _Converter]]:
+    """The class of a message, and what makes each of its fields from what the caller gave."""
+    types, missing = known_types(), np.nan if type_name.startswith(PACKAGE) else 0.0
+    members = types.fielddefs[type_name][1]
+    return types.types[type_name], {name: _converter(description, missing) for name, description in members}
+
+
+def _converter(description: Any, missing: float) -> _Converter:
+    """What makes a field, as rosbags serialises it, from what the caller gave (None: nothing)."""
     node, content = int(description[0]), description[1]
     if node == _BASE:
-        return _base_value(content[0], value, missing)
+        return _base_converter(content[0], missing)
     if node == _NAME:
-        if content == "builtin_interfaces/msg/Time" and isinstance(value, (int, np.integer)):
-            value = {"sec": int(value) // NANOSECONDS, "nanosec": int(value) % NANOSECONDS}
-        return message_from_dict(content, value or {}) if isinstance(value, (Mapping, NoneType)) else value
+        return partial(_time if content == _TIME else _message, content)
     inner, count = content
     if int(inner[0]) == _BASE and inner[1][0] != "string":
         scalar = np.dtype(PRIMITIVES[inner[1][0]])
         empty = np.full(count if node == _ARRAY else 0, missing if scalar.kind == "f" else 0, scalar)
-        return empty if value is None else np.asarray(value, dtype=scalar).ravel()
-    return [_field_value(inner, item, missing) for item in value or ()]
+        return lambda value: empty.copy() if value is None else np.asarray(value, dtype=scalar).ravel()
+    one = _converter(inner, missing)
+    return lambda value: [one(item) for item in value or ()]
 
 
-def _base_value(base: str, value: Any, missing: float) -> Any:
-    if value is None:
-        return "" if base == "string" else missing if base.startswith("float") else 0
+def _message(type_name: str, value: Any) -> Any:
+    return message_from_dict(type_name, value or {}) if isinstance(value, (Mapping, NoneType)) else value
+
+
+def _time(type_name: str, value: Any) -> Any:
+    if isinstance(value, (int, np.integer)):
+        value = {"sec": int(value) // NANOSECONDS, "nanosec": int(value) % NANOSECONDS}
+    return _message(type_name, value)
+
+
+def _base_converter(base: str, missing: float) -> _Converter:
     if base == "string":
-        return str(value)
-    return bool(value) if base == "bool" else float(value) if base.startswith("float") else int(value)
+        return lambda value: "" if value is None else str(value)
+    if base.startswith("float"):
+        return lambda value: missing if value is None else float(value)
+    kind = bool if base == "bool" else int
+    return lambda value: 0 if value is None else kind(value)

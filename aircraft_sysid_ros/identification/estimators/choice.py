@@ -22,6 +22,7 @@ the flight: in calm air it is as near to the truth. All of this goes by stamps, 
 from __future__ import annotations
 
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +58,14 @@ _KINDS = [int(kind) for kind in (
 _LEAST_SQUARES = "nothing calls for another: calm air, or vanes in the regressors, or no vane at all"
 
 
+class _Waiting(NamedTuple):
+    """Samples that came together."""
+
+    times: Array  # (n,) [s]
+    samples: Samples
+    newest: float  # [s]
+
+
 class EstimatorChoice:
     """What the flight has shown so far, and ``successor``, which learns unseen until it can take over, and goes on."""
 
@@ -81,7 +90,7 @@ class EstimatorChoice:
 
     def restart_clock(self) -> None:
         """The clock began anew: what the flight has shown stays."""
-        self._waiting: deque[tuple[Array, Samples]] = deque()  # with times [s]
+        self._waiting: deque[_Waiting] = deque()
         self._epoch = 0
         self._vane = np.empty(0), np.empty(0)  # times [s] and values
         if self.successor is not None:
@@ -117,7 +126,7 @@ class EstimatorChoice:
         if self.successor is not None:
             self.successor.push_samples(samples, epoch)
         else:
-            self._waiting.append((times, samples))
+            self._waiting.append(_Waiting(times, samples, float(times.max())))
 
     def _hear(self, times: Array, values: Array) -> None:
         """Samples of the vane; what repeats the one before is none."""
@@ -147,7 +156,7 @@ class EstimatorChoice:
             self._late = min(max(self._late + (elapsed if late else -elapsed), 0.0), PATIENCE)
         if self._late >= PATIENCE and self.successor is None and not self._refused:
             self._begin(time, interval)
-        while self._waiting and (self.successor is not None or self._waiting[0][0].max() < time):
+        while self._waiting and (self.successor is not None or self._waiting[0].newest < time):
             self._waiting.popleft()
 
     def _interval(self, time: float) -> float:
@@ -176,7 +185,7 @@ class EstimatorChoice:
             return
         self.why = why
         self.successor.keep_pace(self._pace)
-        for times, samples in self._waiting:
+        for times, samples, _ in self._waiting:
             self.successor.push_samples(samples[times > time], self._epoch)
 
     def is_ready(self) -> bool:

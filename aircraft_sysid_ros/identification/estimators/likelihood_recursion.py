@@ -364,7 +364,7 @@ def run(
     times (m,) ascending, samples (m, 18) with NaN where nothing was measured, offsets (7,) of the axes; known_times
     (n,) and known (n, coefficients) receive the coefficients at the end of each block of scores.
     """
-    clock, at, count = recursion.clock, 0, 0
+    clock, at, count = recursion.clock, int(np.int64(0)), 0  # a literal 0 would be compiled for itself
     for k in range(len(knots.time)):
         now = knots.time[k]
         if not knots.usable[k] or now - clock[TIME] > tuning.largest_gap:
