@@ -85,13 +85,13 @@ def simulate(airframe: Airframe, flight: int, seed: int, place: Path) -> dict[st
 
 
 def damage(entries: list[dict[str, Any]], place: Path) -> list[dict[str, Any]]:
-    """Files that end in the middle, are empty or something else, and one that is a pipe in which nothing comes."""
+    """Files that end in the middle, are empty or something else, no two alike, and a pipe in which nothing comes."""
     (place / "damaged").mkdir(exist_ok=True)
     found = []
     for number in range(DAMAGED):
         path = place / "damaged" / f"{number:03d}.mcap"
         sound = Path(entries[number]["recording"]).read_bytes()
-        path.write_bytes((b"", b"no recording" * 100, sound[: 40 + 10 * number])[number % 3])
+        path.write_bytes((bytes(number), b"no recording" * (100 + number), sound[: 40 + 10 * number])[number % 3])
         found.append({"recording": str(path), "airframe": "damaged"})
     pipe = place / "damaged" / "hangs.mcap"
     if not pipe.exists():
@@ -138,6 +138,7 @@ def plain(entries: list[dict[str, Any]], place: Path, replicas: int) -> list[flo
 def found_of(fleet: tuple[Airframe, ...], answer: dict[str, Any], out: Path) -> dict[str, Any]:
     """What was named, beside the truth."""
     flights = pd.read_parquet(out / "flights.parquet")
+    used = pd.read_parquet(out / "parameters.parquet").query("status == 'USE'")
     known = yaml.safe_load((ROOT / "config" / "ultra_stick_25e.yaml").read_text(encoding="utf8"))["coefficients"]
     truth = []
     for airframe in fleet:
@@ -148,6 +149,7 @@ def found_of(fleet: tuple[Airframe, ...], answer: dict[str, Any], out: Path) -> 
     for airframe, parameter, kind, size, at in truth:
         row: dict[str, Any] = {
             "airframe": airframe, "parameter": parameter, "kind": kind, "size": size, "flight": at, "found": None,
+            "std_of_a_flight": float(used[(used.airframe == airframe) & (used.parameter == parameter)]["std"].median()),
         }  # fmt: skip
         if (change := changes.pop((airframe, parameter), None)) is not None:
             row["found"] = {key: change[key] for key in ("kind", "size", "std", "flight", "p_value")}

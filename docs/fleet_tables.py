@@ -56,7 +56,7 @@ def whole(result: Mapping[str, Any]) -> Table:
             "heavy",
             "forces, 10 % more mass than its file says",
             "all smaller by 9 %",
-            f"{len(heavy)} differ from the others",
+            f"{' '.join(heavy) or 'none'} differ",
         ],
         ["all", "differences named that are none", "", ", ".join(others) or "none"],
         ["all", "flights", f"{result['flights'] - result['damaged']}", f"not used: {failed}"],
@@ -82,7 +82,8 @@ def _truths(result: Mapping[str, Any]) -> Table:
     for row in result["truth"]:
         since = f" from {row['airframe']}/{row['flight']:03d}" if row["kind"] == "jump" else " per flight"
         found = row["found"]
-        said = "not named"
+        std = row.get("std_of_a_flight")
+        said = f"not named: in a flight ± {1.96 * std:.3f}" if std else "not named"
         if found:
             where = f" from {found['flight']}" if found["kind"] == "jump" else " per flight"
             said = f"{found['kind']} {found['size']:+.4f} ± {1.96 * found['std']:.4f}{where}"

@@ -114,7 +114,9 @@ def _airframes(
     parameters, sensors = all_series(tables_of(flown), flown)
     series = {**parameters, **sensors}
     marked = [row["airframe"] for row in (*between.changes, *between.differences)]
-    shown = list(dict.fromkeys([*marked, *airframes]))[:_MOST_AIRFRAMES]
+    known = {airframe for airframe, _ in series}
+    airframes = [airframe for airframe in dict.fromkeys([*marked, *airframes]) if airframe in known]
+    shown = airframes[:_MOST_AIRFRAMES]
     changed = [row["parameter"] for row in between.changes]
     differing = [row["parameter"] for row in between.differences]
     there = {parameter for airframe, parameter in series if airframe in shown}

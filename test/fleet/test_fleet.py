@@ -131,6 +131,14 @@ def test_too_few_flights_are_no_sign_that_nothing_changes(place, flown, capsys):
     assert "from 6 flights of an airframe on" in (out / "fleet.html").read_text()
 
 
+def test_an_airframe_of_which_nothing_is_known_takes_no_curve_from_others(place, flown):
+    (place / "flights" / "AA").mkdir()
+    (place / "flights" / "AA" / "0.mcap").write_text("Failed('damaged')")
+    _, out = fly(place)
+    legend = (out / "fleet.html").read_text().split('class="legend"')[1].split("</div>")[0]
+    assert ">A<" in legend and ">B<" in legend and "AA" not in legend
+
+
 def test_begun_again_nothing_is_flown_twice(place, flown):
     _, out = fly(place)
     assert len(flown) == 20
