@@ -370,6 +370,7 @@ def test_what_nothing_explains_is_said_though_it_has_no_name(aircraft, size):
     assert "The model leaves" in said["advice"] and "Nothing is missing" not in said["advice"]
 
 
+@pytest.mark.long
 def test_a_clean_flight_without_vanes_is_given_nothing():
     """Of JSBSim: what its inferred angles get wrong had been called propwash."""
     flight = hidden_flight("c172p", None, seed=9303, duration=60.0)

@@ -427,7 +427,7 @@ def _pull(axis: int, theta: Array, state: RlsState) -> tuple[Array, float, Array
     Noise in the terms pulls parameters towards zero; that of the vanes is put right as far as it is known.
     """
     n, first = len(theta), state.offsets[axis]
-    p, of_vanes = state.p[axis, :n, :n], state.vane_covariance[axis, :n, :n]
+    p, of_vanes = state.p[axis, :n, :n].copy(), state.vane_covariance[axis, :n, :n].copy()
     effective = min(float(state.updates[axis]), state.sums[axis, 0, n + 1, n + 1])
     matrix, share = correction(p, effective, of_vanes)
     pull = np.zeros(n)

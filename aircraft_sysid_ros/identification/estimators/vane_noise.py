@@ -36,12 +36,12 @@ class Compensation(NamedTuple):
 
     def widened(self, covariance: Array, theta: Array) -> Array:
         """Covariance (n, n) of ``freed`` from that of theta (n,), with the error of the correction; NaN stays NaN."""
-        return np.asarray(widened(self.matrix, covariance, theta))
+        return np.asarray(widened(self.matrix, np.ascontiguousarray(covariance), theta))
 
 
 def compensation(inverse: Array, amount: float, covariance: Array) -> Compensation:
     """For P = ``inverse`` (n, n), N = ``amount`` and S = ``covariance`` (n, n)."""
-    matrix, share = correction(inverse, amount, covariance)
+    matrix, share = correction(np.ascontiguousarray(inverse), amount, np.ascontiguousarray(covariance))
     return Compensation(matrix, share * covariance)
 
 
