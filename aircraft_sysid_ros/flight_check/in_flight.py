@@ -34,6 +34,8 @@ LATE = 0.2
 #: The density is not that of its height if it differs by this share from the ratio to the standard atmosphere's that it
 #: had at the begin of the flight: weather changes the ratio by some per cent over thousands of metres.
 DENSITY = 0.1
+#: So near to the standard atmosphere's a density was taken from the height, since none has come yet.
+_BY_HEIGHT = 1e-9
 #: Vectors and sensors of which each must have agreed once.
 _ASKED: dict[Kind, tuple[tuple[str, ...], ...]] = {
     Kind.IMU: (NAMES[Kind.IMU][:3], NAMES[Kind.IMU][3:]),
@@ -188,6 +190,8 @@ def _mark_density(rows: Array, flies: Bools, usual: float) -> float:
         if not (flies[i] and density > 0.0 and np.isfinite(altitude) and rows[i, _STATUS] in _ON_GPS):
             continue
         ratio = density / air_density(altitude)
+        if abs(ratio - 1.0) < _BY_HEIGHT:
+            continue
         usual = ratio if np.isnan(usual) else usual
         if abs(ratio / usual - 1.0) > DENSITY and rows[i, _CONTRADICTION] not in _KNOWN:
             rows[i, _CONTRADICTION] = _STATIC_PRESSURE

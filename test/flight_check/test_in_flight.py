@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.identification.trust import Trust
@@ -120,6 +121,21 @@ def test_a_climb_of_three_kilometres_on_a_hot_day_changes_no_density():
     rows[2000:, StateField.AIR_DENSITY] *= 0.7
     check.mark(rows, 0)
     assert np.all(rows[2000:, StateField.CONTRADICTION] == NUMBER["static pressure"])
+
+
+def test_a_density_that_comes_after_the_begin_of_the_flight_is_that_of_the_day():
+    """A recording that begins in the air, at a place that is far from the standard atmosphere's sea level."""
+    rows = np.full((400, StateField.WIDTH), np.nan)
+    rows[:, StateField.TIME] = 0.05 * np.arange(400)
+    rows[:, StateField.ORIGIN], rows[:, StateField.POSITION] = 0.0, 0.0
+    rows[:, StateField.POSITION.stop - 1] = -5.0 * np.sin(rows[:, StateField.TIME])
+    rows[:, StateField.AIR_DENSITY] = [air_density(-down) for down in rows[:, StateField.POSITION.stop - 1]]
+    rows[7:, StateField.AIR_DENSITY] *= 0.889
+    rows[:, StateField.AIRSPEED], rows[:, StateField.STATUS], rows[:, StateField.CONTRADICTION] = 60.0, 1.0, 0.0
+    check = InFlightCheck(10.0)
+    for part in np.split(rows, [3, 11, 50]):
+        check.mark(part, 0)
+    assert np.all(rows[:, StateField.CONTRADICTION] == 0.0)
 
 
 @pytest.mark.parametrize("signal", ["elevator", "throttle"])
