@@ -59,4 +59,4 @@ class Description(NamedTuple):
             covariance[part, part] = block
         airspeed, alpha, beta = self.ranges
         found = ParameterSet(self.time, model.identifier, tuple(estimates), covariance, airspeed, alpha, beta)
-        return self.constants.doubted(found, model, self.newest)
+        return self.constants.doubted(found, model, self.newest, np.sqrt(self.least_squares.noise_square))

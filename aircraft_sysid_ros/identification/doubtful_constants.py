@@ -7,6 +7,11 @@ large as the first step says. The slopes hardly feel it. The constant of an axis
 
 whatever the number of samples, which no residual shows. Its standard error is widened by that.
 
+Nor are the changes right to the last: what an attitude lags or a wind is late by goes together with what the pilot
+does. An eighth of dC/d(angle) times one sigma of the angle ends in each other term, in flights of a jet without a
+sideslip vane. A parameter has HOLD where that, without the eighth, is above SHARE of what it moves the coefficient by
+on its own: a small one beside a large one, as the yaw of the ailerons.
+
 Without GPS nothing but the attitude, where there is one, tells a bias of the IMU from a constant of an axis, and
 standard errors know too little of it: constants have HOLD. So they have where several short manoeuvres each begin with
 biases of their own.
@@ -29,6 +34,10 @@ Array = npt.NDArray[np.float64]
 
 _NAMES = {"alpha": "angle of attack", "beta": "sideslip"}
 _STEP = 1e-4  # [rad] of the derivative
+#: What the error of an inferred angle does to a coefficient, over what a parameter does, from which it is in doubt.
+SHARE = 1.5
+#: Least share of an angle that is not noise for which its derivative, which noise makes smaller, is put right.
+_LEAST_SHARE = 0.3
 
 
 class DoubtfulConstants:
@@ -56,8 +65,13 @@ class DoubtfulConstants:
             return "without GPS"
         return "over several manoeuvres" if self.of_manoeuvres else ""
 
-    def doubted(self, estimates: ParameterSet, model: AerodynamicModel, point: Array | None) -> ParameterSet:
-        """The parameters with what is doubtful of their constants; the same with GPS where all angles are measured."""
+    def doubted(
+        self, estimates: ParameterSet, model: AerodynamicModel, point: Array | None, noise: Array
+    ) -> ParameterSet:
+        """The parameters with what is doubtful of them; the same with GPS where all angles are measured.
+
+        ``noise`` (parameters,): one sigma of each term while it was learnt from.
+        """
         if why := self.biases:
             estimates = replace(estimates, parameters=tuple(_held_constant(p, why) for p in estimates.parameters))
         if not self.angles or point is None:
@@ -74,6 +88,12 @@ class DoubtfulConstants:
                 covariance[i, i] += extra**2
                 angle = max(of_angle, key=lambda a: abs(of_angle[a]))
                 parameters[i] = _judged(parameters[i], float(np.hypot(parameters[i].std, extra)), angle, self.std)
+            for angle in self.angles:
+                own = next(
+                    (i for i in range(part.start, part.stop) if model.parameter_names[i] == f"{name}_{angle}"), None
+                )
+                if own is not None:
+                    parameters[part] = _not_beside(parameters, part, own, noise, angle)
         return replace(estimates, parameters=tuple(parameters), covariance=covariance)
 
 
@@ -95,9 +115,28 @@ def _slope(model: AerodynamicModel, axis: str, theta: Array, signals: Array, ang
     return (moved[0] - moved[1]) / (2.0 * _STEP)
 
 
+def _not_beside(
+    parameters: list[ParameterEstimate], part: slice, own: int, noise: Array, angle: str
+) -> list[ParameterEstimate]:
+    """Those of an axis, with HOLD where the error of an angle may stand in them; ``own``: its derivative."""
+    excited = parameters[own].excitation
+    whole = max(1.0 - 1.0 / max(excited, 1e-3) ** 2, _LEAST_SHARE)  # noise makes the derivative so much smaller
+    error = abs(parameters[own].value) / whole * noise[own]
+    found = []
+    for i in range(part.start, part.stop):
+        p = parameters[i]
+        moves = abs(p.value) * p.excitation * noise[i]
+        in_doubt = i != own and p.status == Trust.USE and noise[i] > 0.0 and error > SHARE * moves
+        found.append(replace(p, status=Trust.HOLD, reason=_rests_on(angle, noise[own])) if in_doubt else p)
+    return found
+
+
+def _rests_on(angle: str, std: float) -> str:
+    return f"rests on the {_NAMES[angle]}, which no vane measures: inferred to {np.degrees(std):.1f} deg"
+
+
 def _judged(estimate: ParameterEstimate, std: float, angle: str, angle_std: float) -> ParameterEstimate:
     """A constant with its wider standard error; HOLD where it is no longer known well enough."""
     if estimate.status != Trust.USE or std <= TrustRules().relative_error * abs(estimate.value):
         return replace(estimate, std=std)
-    reason = f"rests on the {_NAMES[angle]}, which no vane measures: inferred to {np.degrees(angle_std):.1f} deg"
-    return replace(estimate, std=std, status=Trust.HOLD, reason=reason)
+    return replace(estimate, std=std, status=Trust.HOLD, reason=_rests_on(angle, angle_std))

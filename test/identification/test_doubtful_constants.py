@@ -1,0 +1,46 @@
+"""What rests on an angle that no vane measures: its constants, and what is small beside it."""
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.reconstruction.state import INFERRED, StateField
+
+ANGLE = 0.005  # [rad] one sigma of the sideslip
+
+
+def learnt(aircraft, excited: float):
+    """All parameters as they are true, with USE; the sideslip moves ``excited`` times its noise, all else 10 times."""
+    names = aircraft.model.parameter_names
+    parameters = tuple(
+        ParameterEstimate(
+            name, aircraft.coefficients[name], 1e-4, Trust.USE, "", 0.0, excited if name.endswith("beta") else 10.0
+        )
+        for name in names
+    )
+    noise = np.array([ANGLE if name.endswith("beta") else 0.0 if name.endswith("_0") else 0.002 for name in names])
+    nothing = (np.nan, np.nan)
+    return ParameterSet(0.0, "", parameters, np.eye(len(names)), nothing, nothing, nothing), noise
+
+
+@pytest.mark.parametrize("inferred", [True, False])
+def test_what_an_inferred_sideslip_does_as_much_as_is_held_and_what_it_does_not_is_used(aircraft, inferred):
+    doubt, rows = DoubtfulConstants(), np.zeros((1, StateField.WIDTH))
+    status = next(code for code, angles in INFERRED.items() if angles == (("beta",) if inferred else ()))
+    rows[0, StateField.STATUS], rows[0, StateField.AIRSPEED], rows[0, StateField.AIR_VELOCITY_STD] = status, 17.0, 0.085
+    doubt.note(rows)
+    found, noise = learnt(aircraft, 5.0)
+    point = np.zeros(CoefficientSample.TERMS)
+    held = {p.name for p in doubt.doubted(found, aircraft.model, point, noise).parameters if p.status == Trust.HOLD}
+    error = {
+        axis: abs(aircraft.coefficients[f"{axis}_beta"]) / (1.0 - 1.0 / 25.0) * ANGLE for axis in ("CY", "Cl", "Cn")
+    }
+    for p in found.parameters:
+        axis, _, label = p.name.partition("_")
+        if axis in error and label in ("p", "r", "da", "dr"):
+            assert (p.name in held) == (inferred and error[axis] > 1.5 * abs(p.value) * 0.02), p.name
+    assert not {name for name in held if name.startswith(("CX", "CZ", "Cm"))}
+    assert not inferred or ("CY_da" in held and "Cl_da" not in held)
