@@ -42,12 +42,16 @@ Flight = tuple[Aircraft, Samples]
 
 
 def judged(aircraft: Aircraft, samples: Samples, estimator: EstimatorName) -> dict[str, Any]:
-    """The largest ratio of error to noise at the end and ever, axes that are held for it, and values with USE."""
-    pipeline, ever = Pipeline(aircraft, None, ParameterOptions(estimator=estimator)), np.zeros(len(AXES))
-    learning = pipeline.parameters.learning
+    """The largest ratio of error to noise at the end and ever, axes that are held for it, and values with USE.
+
+    The ratio is that of all of the motion, ``tenth`` what a tenth of it exceeds.
+    """
+    pipeline = Pipeline(aircraft, None, ParameterOptions(estimator=estimator))
+    joint = estimator != "rls"  # see monitoring/doubts.py
+    monitor, ever = pipeline.parameters.learning.integrity.errors.monitor, np.zeros((len(AXES), 2))
 
     def ratios() -> np.ndarray:
-        return np.nan_to_num([learning.integrity.errors.monitor.over_noise(axis) for axis in range(len(AXES))])
+        return np.nan_to_num(monitor.fits()[:, 1:])
 
     for first in range(0, len(samples), BLOCK):
         pipeline.push(samples[first : first + BLOCK])
@@ -55,14 +59,17 @@ def judged(aircraft: Aircraft, samples: Samples, estimator: EstimatorName) -> di
     pipeline.flush()
     held = [
         axis
-        for axis, ratio in zip(AXES, ratios(), strict=True)
-        if lack_of_fit(axis, learning.integrity.errors.monitor.unexplained(AXES.index(axis)), ratio)
-        and not lack_of_fit(axis, learning.integrity.errors.monitor.unexplained(AXES.index(axis)))
+        for axis, (unexplained, ratio, worst) in zip(AXES, monitor.fits().tolist(), strict=True)
+        if lack_of_fit(axis, unexplained, ratio, np.nan if joint else worst) and not lack_of_fit(axis, unexplained)
     ]
     reasons = [p.reason for p in pipeline.parameters.snapshot().parameters]
     used = sum(p.status == Trust.USE for p in pipeline.parameters.snapshot().parameters)
     lost = sum(reason.startswith("the error of") for reason in reasons)
-    return {"end": ratios().tolist(), "ever": float(ever.max()), "held": held, "use": used, "use_without": used + lost}
+    largest, tenth = ever.max(axis=0).tolist()
+    return {
+        "end": ratios()[:, 0].tolist(), "ever": largest, "tenth": tenth,
+        "held": held, "use": used, "use_without": used + lost,
+    }  # fmt: skip
 
 
 def row(name: str, model: str, estimator: EstimatorName, flights: list[Flight]) -> dict[str, Any]:
@@ -72,6 +79,7 @@ def row(name: str, model: str, estimator: EstimatorName, flights: list[Flight]) 
     line = {
         "flights": len(found), "name": name, "model": model, "estimator": estimator,
         "end": float(end.max()), "axis": AXES[int(end.argmax())], "ever": max(each["ever"] for each in found),
+        "tenth": max(each["tenth"] for each in found),
         "held": sorted({axis for each in found for axis in each["held"]}),
         "use": sum(each["use"] for each in found), "use_without": sum(each["use_without"] for each in found),
     }  # fmt: skip

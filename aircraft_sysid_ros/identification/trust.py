@@ -78,16 +78,19 @@ MISFIT = 0.5
 BEYOND_NOISE = 3.0
 
 
-def lack_of_fit(axis: str, unexplained: float, over_noise: float = np.nan) -> str:
+def lack_of_fit(axis: str, unexplained: float, over_noise: float = np.nan, worst: float = np.nan) -> str:
     """What to say of an axis whose model leaves a share of the variance of its coefficient; empty: it explains it.
 
-    ``over_noise``: the rms error over what noise makes of it; NaN where that is not known.
+    ``over_noise``: the rms error over what noise makes of it, ``worst``: what that ratio exceeds in a tenth of the
+    motion; NaN where that is not known.
     """
     explained = max(1.0 - unexplained, 0.0)
     if unexplained > MISFIT**2:
         return f"the model explains {explained:.0%} of {axis}"
     if over_noise > BEYOND_NOISE:
         return f"the error of {axis} is {over_noise:.1f} times its noise: the model explains {explained:.1%} of it"
+    if worst > BEYOND_NOISE:
+        return f"the error of {axis} is {worst:.1f} times its noise or more in a tenth of the motion"
     return ""
 
 

@@ -3,10 +3,11 @@
 Per axis, variances added:
 
 - the response: white noise of accelerometer and gyro through the window of ``estimation.window_average``, which takes
-  means of the one and slopes of the other, and through m A / (qbar S) and (6.19). It is that of the aircraft file, or
-  what fifth differences of the flight's own samples show where that is more (``reconstruction.sensor_noise``): a
-  recording that was smoothed shows less than it had;
-- the condition: noise of the terms, times the parameters, as least squares keeps it;
+  means of the one and slopes of the other, and through m A / (qbar S) and (6.19). What is said of it, by the aircraft
+  file or by default, is the most that it may be, and less counts where the flight shows less in the band of the window
+  (``quiet_noise``). What fifth differences of dense samples show (``reconstruction.sensor_noise``) counts as well;
+- the condition: noise of the terms, times the parameters, as least squares keeps it; that of an angle of the air is at
+  most what the error of the force shows that it makes, since the moments cannot have more of it;
 - the bias of the accelerometer, as far as it is not known yet;
 - what sparse samples may take of a coefficient (``coefficients.pace``);
 - the errors of the parameters, x' P x, since a sample is predicted with what was known before it. A sample of which
@@ -14,6 +15,8 @@ Per axis, variances added:
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +38,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientSample,
 )
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
+from aircraft_sysid_ros.identification.monitoring.quiet_noise import QuietNoise, follow, in_use, new_quiet_noise
 from aircraft_sysid_ros.identification.trust import TrustRules
 from aircraft_sysid_ros.reconstruction.sensor_noise import imu_interval, imu_scales, learn_imu, new_imu_noise
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
@@ -43,8 +47,8 @@ from aircraft_sysid_ros.reconstruction.state import StateField
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-#: Integral of the square of the derivative of the parabola of ``window_average``, times its half-width cubed.
-_SLOPE_WIDTH = 1.5
+#: The force whose error shows what the noise of an angle can be.
+_SHOWN_BY = {"alpha": "CZ", "beta": "CY"}
 #: Variance of a prediction by least squares over that of noise from which the sample says nothing.
 _MOST_RELATIVE = 1.0
 #: The same where another estimator is published: what it knows from little it takes for sure.
@@ -53,13 +57,26 @@ _QBAR = CoefficientSample.SIGNALS.start + SIGNAL_INDEX["qbar"]
 _TIME, _FORCE, _RATES = StateField.TIME, StateField.SPECIFIC_FORCE.start, StateField.ANGULAR_VELOCITY.start
 
 
+def slope_variance(interval: float, half_width: float) -> float:
+    """Variance [1/s^2] of the slope over a window of unit white noise, ``interval`` [s] from sample to sample.
+
+    The parabola of ``window_average`` over straight lines: 1.5 r / half-width^2 for r = interval / half-width far below
+    1; the denominator is fitted to sums of squared weights, to 3 % up to r = 1.25.
+    """
+    r = interval / half_width
+    return 1.5 * r / ((1.0 + 0.74 * r + 0.24 * r * r + 0.70 * r * r * r) * half_width**2)
+
+
 @njit(cache=True)
-def _learn(rows: Array, flying: Array, of_force: float, of_rate: float, noise: Array) -> None:
+def _learn(
+    rows: Array, flying: Array, of_force: float, of_rate: float, half_width: float, noise: Array, quiet: QuietNoise
+) -> None:
     values = np.empty(6)
     for i in range(len(rows)):
         if flying[i] > 0.0:
             values[:3], values[3:] = rows[i, _FORCE : _FORCE + 3], rows[i, _RATES : _RATES + 3]
             learn_imu(rows[i, _TIME], values, of_force, of_rate, noise)
+            follow(rows[i], half_width, quiet)
 
 
 @njit(cache=True)
@@ -80,6 +97,16 @@ def _add_parameters(samples: Array, offsets: Integers, p: Array, own: Array, out
             out[k, axis] = out[k, axis] * (1.0 + relative) + total if known else np.nan
 
 
+def _shares(model: AerodynamicModel, axis: str, over_noise: Sequence[float]) -> Array:
+    """Of the noise of each term of an axis (n,) as much as the error of the force of its angle leaves."""
+    shares = np.ones(len(model.terms[axis]))
+    for j, term in enumerate(model.terms[axis]):
+        force = _SHOWN_BY.get(term.partition("**")[0], axis)
+        if force != axis:
+            shares[j] = np.fmin(over_noise[AXES.index(force)] ** 2, 1.0)
+    return shares
+
+
 class CoefficientNoise:
     """Follows the noise of the IMU, and says what noise makes of samples."""
 
@@ -87,7 +114,7 @@ class CoefficientNoise:
         """``half_width`` [s] of the differentiating window."""
         sensors = aircraft.sensors
         self._said = sensors["accelerometer"].noise[0] ** 2, sensors["gyro"].noise[0] ** 2
-        self._half_width, self._imu = half_width, new_imu_noise()
+        self._half_width, self._imu, self._quiet = half_width, new_imu_noise(), new_quiet_noise()
         self._set_body(body_of(aircraft))
         self._terms = self._sampling = np.zeros(len(AXES))
         self._offsets = np.zeros(len(AXES) + 1, np.int64)
@@ -100,10 +127,10 @@ class CoefficientNoise:
         """Take states that came together."""
         if batch.body is not self._body:
             self._set_body(batch.body)
-        _learn(batch.rows, batch.history[:, FLYING], *self._said, self._imu)
+        _learn(batch.rows, batch.history[:, FLYING], *self._said, self._half_width, self._imu, self._quiet)
 
-    def note(self, kept: ParameterCheckpoint, model: AerodynamicModel) -> None:
-        """Take what is known now."""
+    def note(self, kept: ParameterCheckpoint, model: AerodynamicModel, over_noise: Sequence[float]) -> None:
+        """Take what is known now; ``over_noise`` (6,) rms error of each axis over what noise makes of it, or NaN."""
         known, self._offsets = kept.least_squares, model.offsets
         self._sampling, self._p, self._own = known.sampling, known.p, np.zeros_like(known.p)
         terms = np.zeros(len(AXES))
@@ -111,7 +138,7 @@ class CoefficientNoise:
             part = slice(model.offsets[axis], model.offsets[axis + 1])
             n = part.stop - part.start
             theta = known.theta[axis, :n] if own is None else np.nan_to_num(own.theta)
-            terms[axis] = theta**2 @ known.noise_square[part]
+            terms[axis] = theta**2 @ (known.noise_square[part] * _shares(model, AXES[axis], over_noise))
             if own is not None:
                 enough = own.samples >= TrustRules().samples
                 self._own[axis, :n, :n] = own.covariance if enough else np.nan
@@ -120,10 +147,10 @@ class CoefficientNoise:
     def response(self, samples: Array) -> Array:
         """Variances (m, 6) of samples (m, …) from the noise of the IMU."""
         interval = imu_interval(self._imu)
-        shown = imu_scales(self._imu, 1.0 if interval > LONG else np.inf)
-        force, rate = (said * max(scale, 1.0) for said, scale in zip(self._said, shown, strict=True))
+        shown = (0.0, 0.0) if interval > LONG else imu_scales(self._imu, np.inf)  # beside sparse ones it is motion
+        force, rate = map(in_use, self._said, shown, self._quiet.variance.tolist())
         of_force = self._body.mass**2 * force * share_in_window(interval, self._half_width)
-        of_rate = rate * _SLOPE_WIDTH * interval / self._half_width**3
+        of_rate = rate * slope_variance(interval, self._half_width)
         return np.asarray((self._response @ np.array([of_force, of_rate])) / samples[:, _QBAR, None] ** 2)
 
     def variances(self, samples: Array, weights: Array) -> Array:

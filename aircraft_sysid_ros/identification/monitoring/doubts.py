@@ -1,7 +1,8 @@
 """Parameters in doubt though their axis is not held: it goes on learning, and they have HOLD.
 
 A model that explains less than three quarters of the variance of a coefficient, or whose error is BEYOND_NOISE times
-what noise makes of it (``coefficient_noise``), lacks something, for which its parameters then stand. A parameter of
+what noise makes of it (``coefficient_noise``), in all of the motion or in a tenth of it, lacks something, for which its
+parameters then stand. A parameter of
 which the newest motion says something else than what was before it (``agreement``) is not to be used either.
 """
 
@@ -40,7 +41,9 @@ class Doubts:
         self.restart()
         for axis, (name, fit) in enumerate(zip(AXES, self._monitor.fits().tolist(), strict=True)):
             hold = holds[axis]
-            if words := lack_of_fit(name, *fit):
+            unexplained, over_noise, worst = fit
+            # of what it learnt lately another estimator says too little: a tenth of the motion may be that
+            if words := lack_of_fit(name, unexplained, over_noise, np.nan if joint else worst):
                 self._misfits[axis] = words
                 if hold is not None and hold.contradicts:
                     hold.lacks = words

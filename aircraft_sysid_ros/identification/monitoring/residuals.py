@@ -46,6 +46,8 @@ PATIENCE = 2
 SPREAD = 2.0
 #: Blocks that say how much the model explains; share of the variance of a coefficient with which it hardly moves.
 FIT_BLOCKS, LEAST_MOTION = 30, 0.1
+#: Blocks of which a tenth says something: one is chance, or the first that was learnt from.
+TENTH_BLOCKS = 20
 #: How many axes are quieter than the one that tells by what the errors of all have grown.
 _QUIETEST = 2
 
@@ -192,7 +194,8 @@ def excesses(summary: Summary, out: Array) -> None:
 
 @njit(cache=True)
 def _fits(errors: Errors, out: Array) -> None:
-    """``ResidualMonitor.unexplained`` and ``over_noise`` of all axes (6, 2), in place; NaN where there are too few."""
+    """``ResidualMonitor.fits`` of all axes (6, 3), in place; NaN where there are too few."""
+    ratios = np.empty(FIT_BLOCKS)
     for axis in range(6):
         count, error, mean, square, over, known = errors.fit_count[axis], 0.0, 0.0, 0.0, 0.0, 0
         for i in range(count):
@@ -200,11 +203,16 @@ def _fits(errors: Errors, out: Array) -> None:
             mean += errors.fit_mean[axis, i]
             square += errors.fit_square[axis, i]
             if errors.fit_noise[axis, i] > 0.0:
-                over += errors.fit_error[axis, i] / errors.fit_noise[axis, i]
+                ratios[known] = errors.fit_error[axis, i] / errors.fit_noise[axis, i]
+                over += ratios[known]
                 known += 1
         variance = square / count - (mean / count) ** 2 if count > 0 else 0.0
         out[axis, 0] = error / count / variance if count >= LEAST_BLOCKS and variance > 0.0 else np.nan
-        out[axis, 1] = np.sqrt(over / known) if known >= LEAST_BLOCKS else np.nan
+        out[axis, 1] = out[axis, 2] = np.nan
+        if known >= LEAST_BLOCKS:
+            out[axis, 1] = np.sqrt(over / known)
+        if known >= TENTH_BLOCKS:
+            out[axis, 2] = np.sqrt(np.sort(ratios[:known])[known - 1 - known // 10])
 
 
 @njit(cache=True)
@@ -289,8 +297,8 @@ class ResidualMonitor:
         return float(self._errors.blocks[axis, :count].mean()) if count else 0.0
 
     def fits(self) -> Array:
-        """Of each axis (6, 2) ``unexplained`` and ``over_noise``."""
-        out = np.full((6, 2), np.nan)
+        """Of each axis (6, 3) ``unexplained``, ``over_noise`` and ``worst_over_noise``."""
+        out = np.full((6, 3), np.nan)
         _fits(self._errors, out)
         return out
 
@@ -307,6 +315,13 @@ class ResidualMonitor:
         NaN before there are enough.
         """
         return float(self.fits()[axis, 1])
+
+    def worst_over_noise(self, axis: int) -> float:
+        """What a tenth of the blocks of ``over_noise`` exceed: a model may be right in most of a flight, and not there.
+
+        NaN before there are enough.
+        """
+        return float(self.fits()[axis, 2])
 
     def excess(self, axis: int) -> float:
         """Variance in the window that the blocks do not explain, over RATIO^2; negative or NaN: there is no alarm."""
