@@ -4,8 +4,9 @@
 
 Each seed draws a fault of benchmarks/fault_kinds.py, its onset, whether it ends, the air, the manoeuvres and the
 estimator. Every second what is published is held against the truth. A value is confidently wrong where it has USE, a
-standard error below 5 % of itself and is off by more than 25 %. Each flight is a line in results/faults.jsonl; a run
-that is stopped goes on where it was. Seeds are drawn before and looked at once.
+standard error below 5 % of itself and is off by more than 25 %; while the surface that failed, or that works again, has
+not been moved since, nobody can know, and such seconds are counted by themselves, too. Each flight is a line in
+results/faults.jsonl; a run that is stopped goes on where it was. Seeds are drawn before and looked at once.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from typing import Any
 import numpy as np
 import resumed
 from failure_flights import SHAPE
-from fault_kinds import KINDS, effects_of
+from fault_kinds import KINDS, FaultKind, effects_of
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.errors import InputError
@@ -49,6 +50,8 @@ PLACES = ("imu_position", "air_data_position", "gps_position")
 ESTIMATORS = ("auto", "rls", "fourier", "rml")
 MAIN = ("CZ_alpha", "Cm_alpha", "Cm_q", "Cm_de", "Cl_p", "Cl_da", "Cn_beta", "Cn_r", "Cn_dr", "CY_beta")
 WRONG, SURE, MATTERS = 0.25, 0.05, 0.10
+#: A surface has been moved where its record differs by so much [rad] from that at the onset; columns of the records.
+MOVED, RECORDS = 0.0175, {"de": 0, "da": 1, "dr": 2}
 
 
 def drawn(seed: int) -> dict[str, Any]:
@@ -110,6 +113,18 @@ def users_file(aircraft: Aircraft, what: str) -> Aircraft:
     return aircraft_from_dict({key: aircraft.source[key] for key in keys})
 
 
+def moved_since(samples: Samples, kind: FaultKind | None, since: float) -> float:
+    """When [s] a surface of a fault was first moved after a time [s]; that time, where the fault is of none."""
+    columns = [RECORDS[name] for name in (kind.names if kind else ()) if name in RECORDS]
+    rows = (samples.kind == Kind.CONTROLS) & (samples.stamp >= stamps_of([since])[0])
+    record = samples.values[rows][:, columns]
+    if not columns or not len(record):
+        return since
+    moved = np.abs(record - record[0]).max(axis=1) > MOVED
+    stamps = samples.stamp[rows]
+    return since + float(stamps[np.argmax(moved)] - stamps[0]) * 1e-9 if moved.any() else np.inf
+
+
 def watched(
     aircraft: Aircraft, samples: Samples, truth: dict[str, float], drawing: dict[str, Any], end: float
 ) -> dict[str, Any]:
@@ -155,11 +170,14 @@ def watched(
     touched = [name for name in use_before if name in set(plain_wrong)]
     held = [float(held_at[MAIN.index(name)]) for name in touched]
     late = [t for name, t in sure_wrong if t > begin + 5.0]  # until then what is published may still be the old value
+    begun, over = moved_since(samples, kind, begin), moved_since(samples, kind, end) if end < DURATION else np.inf
+    unmoved = sum(t <= begun + STEP or end < t <= over + STEP for t in late)
     words = " ".join(said)
     return {
         "used_before": len(use_before), "touched": touched,
         "held": max(held) if held and np.isfinite(held).all() else None,
         "wrong": len(wrong), "sure_wrong": len(late), "sure_wrong_at_the_end": after, "nonfinite": nonfinite,
+        "sure_wrong_unmoved": unmoved,
         "sure_wrong_names": sorted({name for name, t in sure_wrong if t > begin + 5.0}),
         "holds": int(pipeline.parameters.learning.integrity.count),
         "named": any(word in words for word in (kind.names if kind else PLACE)),
@@ -200,6 +218,7 @@ def of_faults(records: list[dict[str, Any]]) -> dict[str, Any]:
         "nonfinite": sum(r["nonfinite"] > 0 for r in flown),
         "sure_wrong": sum(r["sure_wrong"] > 0 for r in flown),
         "sure_wrong_at_the_end": sum(r["sure_wrong_at_the_end"] > 0 for r in flown),
+        "sure_wrong_though_moved": sum(r["sure_wrong"] > r["sure_wrong_unmoved"] for r in flown),
         "moved": len(moved), "held": len(delays),
         "median": float(np.median(delays)) if delays else None,
         "slowest": float(np.percentile(delays, 95)) if delays else None,

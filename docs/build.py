@@ -512,12 +512,13 @@ def lack_of_fit() -> str:
         "estimator",
         "error over noise at the end, worst axis",
         "largest on the way",
+        "in a tenth of the motion",
     ]
     header += ["axes in HOLD for it", "USE", "without"]
     rows = [
         [
             r["name"], str(r["flights"]), r["model"], f"`{r['estimator']}`", f"{r['end']:.1f} ({r['axis']})",
-            f"{r['ever']:.1f}", " ".join(r["held"]) or "-", str(r["use"]), str(r["use_without"]),
+            f"{r['ever']:.1f}", f"{r['tenth']:.1f}", " ".join(r["held"]) or "-", str(r["use"]), str(r["use_without"]),
         ]
         for r in load("lack_of_fit")["rows"]
     ]  # fmt: skip

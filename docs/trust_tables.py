@@ -69,24 +69,24 @@ TABLES: dict[str, Callable[[Result], Table]] = {"failures": failures, "clean": c
 def faults(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     """The campaign of faults: all, and the kinds with a value that was confidently wrong or never held."""
     header = ["fault", "flights", "moved a main derivative", "held", "until HOLD, median / 95 %", "cause named"]
-    header += ["confidently wrong", "at the end"]
+    header += ["confidently wrong", "although what failed had been moved", "at the end"]
     rows = [_of_faults("all of them", found["all"])]
     kinds = found["faults"].items()
     worst = [item for item in kinds if item[1]["sure_wrong"] or item[1]["held"] < item[1]["moved"]]
     rows += [_of_faults(name, each) for name, each in worst]
     healthy = found["healthy"]
-    nothing = ["", "", "", "", str(healthy["sure_wrong"]), ""]
+    nothing = ["", "", "", "", str(healthy["sure_wrong"]), "", ""]
     rows.append([f"none; {healthy['held']} with an axis held", str(healthy["flights"]), *nothing])
     if (bare := found.get("bare")) is None:  # flown before that was asked
         return header, rows
     label = f"none, but the file has no place of a vane 0.4 m out on the wing; {bare['named']} named"
-    rows.append([label, str(bare["flights"]), "", "", "", "", str(bare["sure_wrong"]), ""])
+    rows.append([label, str(bare["flights"]), "", "", "", "", str(bare["sure_wrong"]), "", ""])
     return header, rows
 
 
 def _of_faults(name: str, each: dict[str, Any]) -> list[str]:
     until = "" if each["median"] is None else f"{each['median']:.1f} / {each['slowest']:.1f} s"
-    counts = [str(each[key]) for key in ("named", "sure_wrong", "sure_wrong_at_the_end")]
+    counts = [str(each[key]) for key in ("named", "sure_wrong", "sure_wrong_though_moved", "sure_wrong_at_the_end")]
     return [name, str(each["flights"]), str(each["moved"]), str(each["held"]), until, *counts]
 
 

@@ -51,14 +51,27 @@ def test_nothing_breaks(seed):
     assert "exception" not in found and found["nonfinite"] == 0 and found["used_before"] > 0
 
 
+def test_what_has_not_been_moved_cannot_be_known(samples):
+    lost, other = fault_kinds.KINDS["half the elevator"], fault_kinds.KINDS["alpha stuck"]
+    values, stamp = samples.values.copy(), samples.stamp
+    controls = samples.kind == faults.Kind.CONTROLS
+    values[controls, 0] = np.where((stamp - stamp[0])[controls] > 11e9, 0.05, 0.01)
+    still = faults.Samples(stamp, samples.kind, values)
+    assert faults.moved_since(still, lost, BEGIN) == pytest.approx(11.0, abs=0.1)
+    assert faults.moved_since(still, lost, END) == np.inf
+    assert faults.moved_since(still, other, BEGIN) == BEGIN
+
+
 def test_a_summary_counts_what_was_flown():
     moved = {"faulty": True, "fault": "alpha stuck", "touched": ["Cm_q"], "held": 2.0, "sure_wrong": 0, "nonfinite": 0}
-    moved |= {"sure_wrong_at_the_end": 0, "named": True}
+    moved |= {"sure_wrong_at_the_end": 0, "sure_wrong_unmoved": 2, "named": True}
     records = [moved, moved | {"held": None, "sure_wrong": 3}, {"faulty": True, "fault": "GPS lost", "exception": "E"}]
     records += [{"faulty": False, "holds": 1, "sure_wrong": 0}, {"faulty": False, "holds": 0, "sure_wrong": 0}]
     records += [{"faulty": False, "file": "bare", "holds": 6, "sure_wrong": 0, "named": True}]
+    records += [moved | {"sure_wrong": 2}]
     found = faults.summary(records)
-    assert found["all"]["flights"] == 3 and found["all"]["exceptions"] == 1 and found["all"]["sure_wrong"] == 1
-    assert (found["faults"]["alpha stuck"]["moved"], found["faults"]["alpha stuck"]["held"]) == (2, 1)
+    assert found["all"]["flights"] == 4 and found["all"]["exceptions"] == 1
+    assert found["all"]["sure_wrong"] == 2 and found["all"]["sure_wrong_though_moved"] == 1
+    assert (found["faults"]["alpha stuck"]["moved"], found["faults"]["alpha stuck"]["held"]) == (3, 2)
     assert found["bare"] == {"flights": 1, "named": 1, "sure_wrong": 0}
     assert found["healthy"] == {"flights": 2, "held": 1, "sure_wrong": 0, "exceptions": 0}
