@@ -138,7 +138,7 @@ def looks(aircraft, rows: np.ndarray) -> list[list[str]]:
     signs, found = SensorFaultDetector(aircraft), []
     for part in np.split(rows, np.arange(20, len(rows), 20)):
         signs.add(part)
-        found.append(signs.evaluate())
+        found.append([sign.words for sign in signs.evaluate()])
     return found
 
 

@@ -10,10 +10,14 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.history import SampleHistory
+from aircraft_sysid_ros.identification.monitoring.error_watch import LAG
+from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
 from aircraft_sysid_ros.identification.monitoring.isolation import explanations, noisy_records, wrong_gyros
 from aircraft_sysid_ros.identification.monitoring.known_before import BETTER, SHARE, KnownBefore, cause
+from aircraft_sysid_ros.identification.monitoring.residuals import GUARD, WINDOW
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.reconstruction.state import SUSPECTED, contradiction_text
+from aircraft_sysid_ros.reconstruction.state import SUSPECTED
 
 NOISE, STEP, COUNT = 1e-3, 0.04, 250
 
@@ -157,6 +161,55 @@ def test_what_creeps_is_not_followed_and_what_is_known_better_is(aircraft, truth
     assert not known.changes(better, strict=True)
 
 
+def test_what_is_known_far_better_is_a_change_after_something_was_wrong(aircraft, truth):
+    """A record that is another one after a hold gives values that are soon known better than those before."""
+    known, half = noted(aircraft, truth), with_(aircraft, truth, Cm_de=0.5)
+    sure = known_as(aircraft, half, 0.1 * BETTER * 0.01)
+    assert not known.changes(sure) and [c.name for c in known.changes(sure, strict=True)] == ["Cm_de"]
+
+
+def monitor_of(aircraft, truth, status=Trust.USE):
+    """A monitor that knows what is true, with a usual error in all axes."""
+    integrity = IntegrityMonitor(aircraft, STEP, 2.0 * STEP, 0.999, False, SampleHistory(60, 250))
+    for axis in range(6) if status == Trust.USE else ():
+        integrity.known_before.note(axis, known_as(aircraft, truth))
+    samples = np.zeros((GUARD + 20 * WINDOW, CoefficientSample.TERMS))
+    samples[:, CoefficientSample.TIME] = STEP * np.arange(len(samples))
+    samples[:, CoefficientSample.LEARNT], samples[:, CoefficientSample.MEASURED] = 1.0, NOISE
+    integrity.errors.monitor.add(samples, np.zeros((len(samples), 6)), np.ones(6, np.bool_))
+    past = known_as(aircraft, truth)
+    for p in past.found.parameters:
+        p.status = status
+    past.time, past.theta = 5.0, truth
+    integrity.checkpoints.keep(past)
+    return integrity
+
+
+@pytest.mark.parametrize(("status", "held"), [(Trust.HOLD, False), (Trust.USE, True)])
+def test_an_axis_that_changes_when_nothing_of_it_was_to_be_used_is_not_held_and_has_no_usual_error(
+    aircraft, truth, status, held
+):
+    """Its errors were those of cruise, in which it had hardly moved; the first motion would always be worse."""
+    integrity = monitor_of(aircraft, truth, status)
+    assert np.isfinite(integrity.errors.monitor.usual(4)[0])
+    integrity.note_change(4, 5.0 + LAG)
+    assert (integrity.holds[4] is not None) == held == np.isfinite(integrity.errors.monitor.usual(4)[0])
+
+
+def test_what_was_learnt_together_with_a_contradiction_is_not_believed_either(aircraft, truth):
+    """Aileron and rudder exchanged: of the one the effect was known before, of the other it was not."""
+    integrity = monitor_of(aircraft, truth)
+    now, good = known_as(aircraft, with_(aircraft, truth, Cl_da=-0.1), 1e-3), known_as(aircraft, truth)
+    now.time = 100.0
+    for axis in (3, 5):
+        integrity._before[axis] = good
+        integrity.errors.end_hold(axis, 96.0)
+    integrity._compare_with_before(now)
+    assert integrity.holds[3] is not None and "aileron" in integrity.holds[3].words
+    assert integrity.holds[5] is not None and integrity.holds[5].good is good
+    assert all(integrity.holds[axis] is None for axis in (0, 1, 2, 4))
+
+
 def test_an_effect_that_was_lost_may_come_back(aircraft, truth):
     known, half = noted(aircraft, truth), known_as(aircraft, with_(aircraft, truth, Cm_de=0.5, CZ_de=0.5))
     changes = known.changes(half)
@@ -196,9 +249,9 @@ def test_noise_on_a_record_is_told_from_motion_that_is_steered(aircraft, truth, 
 
 def test_a_gyro_is_told_from_the_vane_that_it_predicts():
     """Innovations of the sideslip: if the side force agrees with the vane, and a moment does not, it is the gyro."""
-    sideslip = contradiction_text(next(code for code, sensor in SUSPECTED.items() if sensor == "sideslip"))
-    words, gyro, vane = f"sensors contradict each other: {sideslip}", np.ones(6), np.ones(6)
+    sideslip = next(code for code, sensor in SUSPECTED.items() if sensor == "sideslip")
+    gyro, vane = np.ones(6), np.ones(6)
     gyro[AXES.index("Cn")] = vane[AXES.index("Cn")] = 9.0
     vane[AXES.index("CY")] = 7.0
-    assert "the gyros are wrong" in wrong_gyros(words, gyro)
-    assert wrong_gyros(words, vane) == wrong_gyros("model error", gyro) == wrong_gyros(words, np.full(6, np.nan)) == ""
+    assert "the gyros are wrong" in wrong_gyros(sideslip, gyro)
+    assert wrong_gyros(sideslip, vane) == wrong_gyros(0, gyro) == wrong_gyros(sideslip, np.full(6, np.nan)) == ""

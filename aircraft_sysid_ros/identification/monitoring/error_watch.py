@@ -72,6 +72,10 @@ class ErrorWatch:
         self._released[axis], self._raised[axis], self._uneasy_since[axis] = now, 0, np.nan
         self.monitor.skip(axis)
 
+    def released(self, axis: int) -> float:
+        """Time [s] when the newest hold of an axis ended."""
+        return float(self._released[axis])
+
     def uneasy_since(self, axis: int) -> float:
         """Time [s] since which an axis has been uneasy; NaN: it is not."""
         return float(self._uneasy_since[axis])

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
-from aircraft_sysid_ros.identification.monitoring.sensor_faults import ALONE, LOST
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 
@@ -35,11 +34,12 @@ class Hold:
     stuck: str = ""  # a surface of which nothing is left, or whose record stands still: "de" and so on
     still: float = -np.inf  # [s] when its record was last seen to stand still
     sure: bool = False  # the words say which sensor it is
+    told: bool = False  # they name one that is lost, or that contradicts all others by itself
     leader: int | None = None  # the axis that found it stuck, whose end is the end of this one
 
     def rename(self, words: str) -> None:
         """Say what explains it, unless a sensor is known to be lost or wrong, or contradicts all others by itself."""
-        if not (self.sure or self.words in LOST or self.words.endswith(ALONE)):
+        if not (self.sure or self.told):
             self.words = words
 
     @property

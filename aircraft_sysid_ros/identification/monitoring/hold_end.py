@@ -30,6 +30,7 @@ from aircraft_sysid_ros.identification.monitoring.error_levels import NORMAL
 from aircraft_sysid_ros.identification.monitoring.error_watch import DECIDES, EVIDENCE, ErrorWatch
 from aircraft_sysid_ros.identification.monitoring.hold import SURFACES, Hold, Release
 from aircraft_sysid_ros.identification.monitoring.known_before import KnownBefore, cause
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import Sign
 from aircraft_sysid_ros.identification.trust import Trust
 
 #: Time [s] without a sign after which sensors are sound; points from SETTLED [s] on are asked which set is right.
@@ -52,7 +53,7 @@ class Signs:
 
     first: float = -np.inf  # [s]
     last: float = -np.inf  # [s]
-    words: str = ""
+    newest: Sign = Sign("")  # noqa: RUF009 - it is a tuple
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,10 @@ from aircraft_sysid_ros.identification.monitoring.coefficient_noise import Coeff
 from aircraft_sysid_ros.identification.monitoring.doubts import Doubts
 from aircraft_sysid_ros.identification.monitoring.error_watch import LAG, ErrorWatch
 from aircraft_sysid_ros.identification.monitoring.hold import Hold, Release, Restore, with_holds
-from aircraft_sysid_ros.identification.monitoring.hold_end import CLEAR, HoldEnd, Signs
+from aircraft_sysid_ros.identification.monitoring.hold_end import CLEAR, SURE, HoldEnd, Signs
 from aircraft_sysid_ros.identification.monitoring.isolation import noisy_records, wrong_gyros
 from aircraft_sysid_ros.identification.monitoring.known_before import SHARE, KnownBefore, cause
-from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, SensorFaultDetector
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, SensorFaultDetector, Sign
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 
@@ -56,9 +56,9 @@ NOTED = 5.0
 EXPLAINED = 4.0
 
 
-def _more_precise(words: str, found: list[str]) -> str:
-    """The same sign with the sensor named, if it is among those that were found; else the words as they are."""
-    return next((more for more in found if more.startswith(f"{words}:")), words)
+def _more_precise(sign: Sign, found: list[Sign]) -> Sign:
+    """The same sign with the sensor named, if it is among those that were found; else as it is."""
+    return sign if sign.suspect else next((more for more in found if more.what == sign.what), sign)
 
 
 class IntegrityMonitor:
@@ -107,6 +107,7 @@ class IntegrityMonitor:
         self._seen = self._history.count
         self._signs = Signs()
         self._noted = -np.inf  # [s] when what is known was last remembered
+        self._before: dict[int, ParameterCheckpoint] = {}  # what was good before a hold that ended with the newest
         for hold in self.holds:
             if hold is not None:
                 hold.since, hold.begun = np.nan, -np.inf
@@ -120,16 +121,16 @@ class IntegrityMonitor:
 
         ``known`` axes (6,) have learnt long enough to have a usual error; ``misread``: what is wrong with controls.
         """
-        words = [*self.sensors.evaluate(), *misread]
+        signs = [*self.sensors.evaluate(), *map(Sign, misread)]
         held = self._held()
         self._follow(known & ~held)
         high = self.errors.high_axes(now, known, held)
         if self.sensors.agitated and high:
-            words.append("air data and model contradict each other")
+            signs.append(Sign("air data and model contradict each other"))
         for axis in high:
             self._hold(axis, now)
-        if words:
-            self._distrust(now, words, sure=bool(misread) or words[-1] in CAUSES)
+        if signs:
+            self._distrust(now, signs, sure=bool(misread) or signs[-1].what in CAUSES)
         elif any(hold is not None and hold.sensor for hold in self.holds) and self.sensors.are_too_quiet():
             self._signs.last = now
         return self._release(now) if any(self.holds) else []
@@ -139,6 +140,8 @@ class IntegrityMonitor:
         self.doubts.agreement.forget(axis)
         if self.errors.has_known(axis, now - LAG):
             self._hold(axis, now)
+        elif self.holds[axis] is None and not self.joint:  # usual errors are those of an axis that hardly moved
+            self.errors.monitor.forget(axis)
 
     def _held(self) -> Bools:
         return np.array([hold is not None for hold in self.holds])
@@ -155,7 +158,7 @@ class IntegrityMonitor:
 
     # -- holding ----------------------------------------------------------------------------------------------------
 
-    def _hold(self, axis: int, now: float, since: float | None = None, words: str = "") -> None:
+    def _hold(self, axis: int, now: float, since: float | None = None, sign: Sign | None = None) -> None:
         hold = self.holds[axis]
         if hold is None:
             begin = self.errors.uneasy_since(axis) if since is None else since
@@ -163,27 +166,31 @@ class IntegrityMonitor:
             good = self.checkpoints.before(begin, axis)
             if good is not None and self.known_before.changes(good, range(axis, axis + 1)):
                 good = self.known_before.of(axis)
-            self.holds[axis] = Hold(float(begin), now, words or "model error", good, bool(words), not words)
+            is_sensor = sign is not None
+            hold = Hold(float(begin), now, sign.words if sign else "model error", good, is_sensor, high=not is_sensor)
+            hold.told = sign is not None and sign.tells_sensor
+            self.holds[axis] = hold
             self.count += 1
-        elif not words:
+        elif sign is None:
             hold.high = True
 
-    def _distrust(self, now: float, words: list[str], sure: bool) -> None:
-        """Hold all axes: sensors are at odds; ``sure``: the last of the words say which one."""
+    def _distrust(self, now: float, found: list[Sign], sure: bool) -> None:
+        """Hold all axes: sensors are at odds; ``sure``: the last of the signs says which one."""
         signs = self._signs
         if now - signs.last > CLEAR:
-            signs.words, signs.first = words[0], now
+            signs.newest, signs.first = found[0], now
         if sure:
-            signs.words = words[-1]
-        before, signs.words = signs.words, _more_precise(signs.words, words)
+            signs.newest = found[-1]
+        before, signs.newest = signs.newest, _more_precise(signs.newest, found)
         signs.last = now
         for axis in range(len(AXES)):
             uneasy = self.errors.uneasy_since(axis)
             since = now - BEFORE if np.isnan(uneasy) else min(uneasy, now - BEFORE)
-            self._hold(axis, now, since, signs.words)
+            self._hold(axis, now, since, signs.newest)
             hold = self.holds[axis]
-            if hold is not None and (not hold.sensor or sure or hold.words == before):
-                hold.sensor, hold.words, hold.sure = True, signs.words, sure
+            if hold is not None and (not hold.sensor or sure or hold.words == before.words):
+                hold.sensor, hold.words, hold.sure = True, signs.newest.words, sure
+                hold.told = signs.newest.tells_sensor
 
     def _release(self, now: float) -> list[Restore]:
         """End the holds that are to end; returns those that go back."""
@@ -203,6 +210,9 @@ class IntegrityMonitor:
                 continue
             good = hold.good if ends[axis] is Release.BACK else None
             self._let_go(axis, now, good)
+            self._before.pop(axis, None)
+            if good is None and hold.good is not None and hold.high:
+                self._before[axis] = hold.good
             if good is not None:
                 restores.append(Restore(axis, good))
         return restores
@@ -231,7 +241,7 @@ class IntegrityMonitor:
         self.checkpoints.keep(kept)
         self._compare_with_before(kept)
         self._name_causes(kept.time)
-        self.noise.note(kept, self.model)
+        self.noise.note(kept, self.model, self.errors.monitor.fits()[:, 1].tolist())
         self.doubts.look(kept, self.holds, self.joint)
 
     def _compare_with_before(self, kept: ParameterCheckpoint) -> None:
@@ -240,7 +250,7 @@ class IntegrityMonitor:
         self._noted = kept.time if is_due else self._noted
         asked = ~self._held() & (is_due | self.known_before.may_differ(kept))
         for axis in np.flatnonzero(asked).tolist():
-            changes = self.known_before.changes(kept, range(axis, axis + 1))
+            changes = self.known_before.changes(kept, range(axis, axis + 1), strict=axis in self._before)
             if changes:
                 good = self.known_before.of(axis)
                 hold = Hold(kept.time, kept.time, cause(changes), good, sensor=False, high=True, contradicts=True)
@@ -248,6 +258,24 @@ class IntegrityMonitor:
                 self.count += 1
             else:
                 self.known_before.note(axis, kept)
+        self._doubt_together(kept)
+
+    def _doubt_together(self, kept: ParameterCheckpoint) -> None:
+        """Hold axes whose newest values came with those of one that contradicts what was known, by a record for both.
+
+        When all say for SURE seconds what was known, or an aeroplane that is believed, they are as before.
+        """
+        held = self._held()
+        doubted = [hold for hold in self.holds if hold is not None and hold.contradicts]
+        for axis, good in [*self._before.items()]:
+            released = self.errors.released(axis)
+            if held[axis] or (not doubted and kept.time - released > SURE):
+                del self._before[axis]
+            elif doubted and released > doubted[0].since - SURE:
+                hold = Hold(kept.time, kept.time, doubted[0].words, good, sensor=True, high=True, contradicts=True)
+                self.holds[axis] = hold
+                self.count += 1
+                del self._before[axis]
 
     def _name_causes(self, now: float) -> None:
         """Say of axes whose error is large what one thing explains it ``now`` [s], if one does."""
@@ -256,9 +284,10 @@ class IntegrityMonitor:
             return
         best = self.errors.explanation(now - EXPLAINED)
         since = min(hold.since for hold in asked)
-        if gyros := wrong_gyros(self._signs.words, self.errors.over_usual()):
+        if gyros := wrong_gyros(self._signs.newest.suspect, self.errors.over_usual()):
             for hold in asked:
-                hold.words = hold.words if hold.sure else gyros
+                if not hold.sure:
+                    hold.words, hold.told = gyros, False
         elif noisy := noisy_records(self.model, self._history.since(0), since):
             for hold in asked:
                 hold.rename(noisy)

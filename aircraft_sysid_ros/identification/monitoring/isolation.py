@@ -25,7 +25,7 @@ from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
 from aircraft_sysid_ros.identification.monitoring.error_levels import ALARM, SIGN
 from aircraft_sysid_ros.identification.monitoring.hold import SURFACES
-from aircraft_sysid_ros.reconstruction.state import SUSPECTED, contradiction_text
+from aircraft_sysid_ros.reconstruction.state import SUSPECTED
 
 Array = npt.NDArray[np.float64]
 
@@ -44,13 +44,11 @@ SURELY, WHOLLY = 0.5, 4.0
 SCALE, LATE = 0.15, 0.02
 #: Chords by which a centre of gravity moves that is noticed, and at most.
 MOVED, FARTHEST = 0.02, 0.25
-#: A vane whose innovations are too large: its words, the axis of the force that it makes, and those of the moments.
-_OF_VANES = [
-    (contradiction_text(code), AXES.index(force), [AXES.index(axis) for axis in moments])
-    for name, force, moments in (("angle of attack", "CZ", ("Cm",)), ("sideslip", "CY", ("Cn", "Cl")))
-    for code, sensor in SUSPECTED.items()
-    if sensor == name
-]
+#: By the name of a vane in SUSPECTED: the axis of the force that it makes, and those of the moments.
+_OF_VANES = {
+    "angle of attack": (AXES.index("CZ"), [AXES.index("Cm")]),
+    "sideslip": (AXES.index("CY"), [AXES.index("Cn"), AXES.index("Cl")]),
+}
 INPUTS = {"alpha": "angle of attack", "beta": "sideslip"} | {
     signal: f"record of the {surface}" for signal, surface in SURFACES.items()
 }
@@ -152,15 +150,18 @@ def _effects(time: Array, each: Array, terms: Sequence[str]) -> dict[str, Array]
     }  # fmt: skip
 
 
-def wrong_gyros(words: str, over_usual: Array) -> str:
+def wrong_gyros(suspect: int, over_usual: Array) -> str:
     """That the gyros are wrong, in words: what they predict of a vane fails, and the force that goes with it does not.
 
-    ``words`` of the sign of a sensor; ``over_usual`` (6,) rms errors over the usual. A vane that is wrong spoils the
-    force that depends on it; a gyro that is wrong spoils the moments, as damping does.
+    ``suspect``: number in SUSPECTED of the sensor whose innovations are too large; ``over_usual`` (6,) rms errors over
+    the usual. A vane that is wrong spoils the force that depends on it; a gyro that is wrong spoils the moments, as
+    damping does.
     """
-    for vane, force, moments in _OF_VANES:
-        if words.endswith(vane) and over_usual[force] < SIGN[0] and (over_usual[moments] > ALARM[0]).any():
-            return "the gyros are wrong: they contradict the vanes, and the forces agree with these"
+    if SUSPECTED.get(suspect) not in _OF_VANES:
+        return ""
+    force, moments = _OF_VANES[SUSPECTED[suspect]]
+    if over_usual[force] < SIGN[0] and (over_usual[moments] > ALARM[0]).any():
+        return "the gyros are wrong: they contradict the vanes, and the forces agree with these"
     return ""
 
 

@@ -65,8 +65,6 @@ _WITHOUT_GPS = Status.WITHOUT_GPS
 #: Those about one sensor, which say most, are the last of them.
 CAUSES = tuple(contradiction_text(code) for code in CONTRADICTED)
 LOST = ("no GPS", "no airspeed", "no angle of attack", "no sideslip")
-#: How words end that name one sensor by its innovations.
-ALONE = tuple(contradiction_text(code) for code in SUSPECTED if code < max(SUSPECTED))
 WORDS = (
     "state reconstruction had to begin anew", *LOST,
     "sensors contradict each other", "measurements are rejected", "an IMU bias leaps", *CAUSES,
@@ -81,6 +79,23 @@ _LOOKED_SIZE, _PAST_SIZE = 64, 1024
 _PAST_TIME, _PAST_MOVED, _PAST_CONSISTENCY = 0, 1, 2
 #: Elements of ``Memory.counts``.
 _LOOKED, _PAST = 0, 1
+
+
+class Sign(NamedTuple):
+    """One thing that is wrong."""
+
+    what: str  # one of WORDS, or other words
+    suspect: int = 0  # number in SUSPECTED of whose innovations are too large; 0: nobody knows
+
+    @property
+    def words(self) -> str:
+        """What is wrong, for people."""
+        return f"{self.what}: {contradiction_text(self.suspect)}" if self.suspect else self.what
+
+    @property
+    def tells_sensor(self) -> bool:
+        """Whether it says which sensor: one that is lost, or that contradicts all others by itself."""
+        return self.what in LOST or 0 < self.suspect < max(SUSPECTED)
 
 
 class Limits(NamedTuple):
@@ -244,7 +259,7 @@ class SensorFaultDetector:
     def restart(self) -> None:
         """The clock began anew."""
         self._newest: Array | None = None
-        self._suspect = ""  # whose innovations are too large, in words
+        self._suspect = 0  # number in SUSPECTED of whose innovations are too large
         self._gap = 0.0
         self._memory = Memory(
             looked=np.zeros((_LOOKED_SIZE, StateField.WIDTH)),
@@ -270,19 +285,19 @@ class SensorFaultDetector:
         self._gap = _widest_gap(times, before, self._gap)
         self._newest = rows[-1]
 
-    def evaluate(self) -> list[str]:
-        """What is wrong since the last evaluation, in words; nothing on the ground."""
+    def evaluate(self) -> list[Sign]:
+        """What is wrong since the last evaluation; nothing on the ground."""
         if self._newest is None:
             return []
         signs = _evaluate(self._newest, self._gap, self._memory, self._limits)
-        code = self._newest[_CONTRADICTED]
-        self._suspect = contradiction_text(int(code)) if code in SUSPECTED else self._suspect if signs else ""
+        code = int(np.nan_to_num(self._newest[_CONTRADICTED]))
+        self._suspect = code if code in SUSPECTED else self._suspect if signs else 0
         self._newest, self._gap = None, 0.0
-        return [self._words(i) for i in range(len(WORDS)) if signs >> i & 1] if signs else []
+        return [self._sign(i) for i in range(len(WORDS)) if signs >> i & 1] if signs else []
 
-    def _words(self, i: int) -> str:
-        """Those of a sign; where innovations are too large, of which sensor."""
-        return f"{WORDS[i]}: {self._suspect}" if self._suspect and 1 << i in (_CONTRADICTION, _GATED) else WORDS[i]
+    def _sign(self, i: int) -> Sign:
+        """Where innovations are too large, with the sensor."""
+        return Sign(WORDS[i], self._suspect if 1 << i in (_CONTRADICTION, _GATED) else 0)
 
     def are_too_quiet(self) -> bool:
         """Whether innovations are smaller than they were."""
