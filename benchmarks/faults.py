@@ -39,7 +39,6 @@ from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, sim
 from aircraft_sysid_ros.simulation.varied_plan import PLANS
 
 RESULTS = Path(__file__).parent / "results" / "faults.jsonl"
-SUMMARY = RESULTS.with_suffix(".json")
 DURATION, STEP = 150.0, 1.0  # [s]
 AIR = ("none", "light", "moderate")
 #: What the aircraft file has: everything, or mass, shape and places of the sensors; and the rate of the IMU [Hz].
@@ -246,8 +245,9 @@ def main() -> None:
         print(json.dumps(record), flush=True)
     found = summary(records)
     print(json.dumps(found["all"], indent=1), json.dumps(found["healthy"], indent=1))
-    if arguments.results == RESULTS:
-        SUMMARY.write_text(json.dumps(found, indent=1) + "\n", encoding="utf8")
+    if arguments.results.parent == RESULTS.parent:
+        summed = arguments.results.with_suffix(".json")
+        summed.write_text(json.dumps(found, indent=1) + "\n", encoding="utf8")
 
 
 if __name__ == "__main__":

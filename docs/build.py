@@ -471,9 +471,9 @@ def jet() -> str:
     return table(*diagnosis_tables.jet([json.loads(line) for line in lines]))
 
 
-def faults() -> str:
-    """The campaign of faults."""
-    return table(*trust_tables.faults(load("faults")))
+def faults(name: str = "faults") -> str:
+    """A campaign of faults."""
+    return table(*trust_tables.faults(load(name)))
 
 
 def stalls() -> str:
@@ -512,13 +512,12 @@ def lack_of_fit() -> str:
         "estimator",
         "error over noise at the end, worst axis",
         "largest on the way",
-        "in a tenth of the motion",
     ]
     header += ["axes in HOLD for it", "USE", "without"]
     rows = [
         [
             r["name"], str(r["flights"]), r["model"], f"`{r['estimator']}`", f"{r['end']:.1f} ({r['axis']})",
-            f"{r['ever']:.1f}", f"{r['tenth']:.1f}", " ".join(r["held"]) or "-", str(r["use"]), str(r["use_without"]),
+            f"{r['ever']:.1f}", " ".join(r["held"]) or "-", str(r["use"]), str(r["use_without"]),
         ]
         for r in load("lack_of_fit")["rows"]
     ]  # fmt: skip
@@ -707,6 +706,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "polar_truth": polar_truth,
     "polar_seaway": lambda: table(*polar_tables.seaway(load("polar_seaway"))),
     "faults": faults,
+    "faults_now": lambda: faults("faults_now"),
     "isolation_limits": lambda: table(*trust_tables.isolation_limits()),
     "jet": jet,
     "stalls": stalls,

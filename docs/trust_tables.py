@@ -86,7 +86,8 @@ def faults(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 def _of_faults(name: str, each: dict[str, Any]) -> list[str]:
     until = "" if each["median"] is None else f"{each['median']:.1f} / {each['slowest']:.1f} s"
-    counts = [str(each[key]) for key in ("named", "sure_wrong", "sure_wrong_though_moved", "sure_wrong_at_the_end")]
+    keys = ("named", "sure_wrong", "sure_wrong_though_moved", "sure_wrong_at_the_end")
+    counts = [str(each.get(key, "")) for key in keys]  # the third was not asked of the first campaign
     return [name, str(each["flights"]), str(each["moved"]), str(each["held"]), until, *counts]
 
 
