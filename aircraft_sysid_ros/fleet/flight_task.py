@@ -9,7 +9,8 @@ import hashlib
 import json
 import resource
 import shutil
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -134,6 +135,7 @@ def _answer_of(job: Job, folder: Path) -> Answer:
         answer["diagnosis"], told = _tried(lambda: _diagnosis(run, job.options.replicas), "not diagnosed", None)
         reasons.append(told)
     answer["sensors"] = sensor_errors(load_aircraft(run / AIRCRAFT), read_samples(run), read_state(run))
+    reasons.append(_why_unused(read_parameters(run)))
     answer["reason"] = "; ".join(filter(None, reasons))
     if job.keep is not None:
         _keep(run, job.keep)
@@ -160,6 +162,14 @@ def _tried(work: Callable[[], Any], what: str, nothing: Any) -> tuple[Any, str]:
         return work(), ""
     except InputError as error:
         return nothing, f"{what}: {error}"
+
+
+def _why_unused(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """Of a flight that gives no parameter to USE, the reason that most of them have."""
+    why = Counter(str(p["reason"]) for p in parameters.values())
+    if not why or any(p["status"] == "USE" for p in parameters.values()):
+        return ""
+    return f"no parameter is to USE, most since: {why.most_common(1)[0][0]}"
 
 
 def _parameters(run: Path) -> list[dict[str, Any]]:

@@ -231,6 +231,16 @@ def test_a_fleet_that_never_began_leaves_nothing(place, flown, monkeypatch):
     assert (place / "out" / "fleet.html").exists() and len([*(place / "out" / "results").glob("*/*.json")]) == 20
 
 
+def test_a_flight_of_which_nothing_is_to_use_says_why():
+    from aircraft_sysid_ros.fleet.flight_task import _why_unused
+
+    held = [
+        {"status": "HOLD", "reason": reason} for reason in ("too short", "static pressure contradicts", "too short")
+    ]
+    assert _why_unused(dict(enumerate(held))) == "no parameter is to USE, most since: too short"
+    assert _why_unused(dict(enumerate([*held, {"status": "USE", "reason": ""}]))) == "" == _why_unused({})
+
+
 def test_what_is_said_of_a_flight_does_not_name_the_folder_that_it_was_flown_in(tmp_path, monkeypatch):
     """Otherwise no two tables of one fleet are the same, and they name folders that are gone."""
     from aircraft_sysid_ros.fleet import flight_task
