@@ -400,6 +400,21 @@ def real_story() -> str:
                  [[found, before, after]])  # fmt: skip
 
 
+def real_answers() -> str:
+    """What is said of real flights whose truth nobody knows."""
+    rows = []
+    for flight, parts in load("real_answers").items():
+        for part, said in parts.items():
+            if "refused" in said:
+                rows.append([flight, part, "refused: " + said["refused"].removeprefix("aircraft-sysid diagnose: "), ""])
+                continue
+            left = ", ".join(
+                f"{100 * e['error']:.0f} % of C_{axis[1]} ({e['times_noise']:.0f})" for axis, e in said["left"].items()
+            )
+            rows.append([flight, part, ", ".join(said["found"]) or said["verdict"], left])
+    return table(["flight", "part", "answer", "left unexplained (times noise)"], rows)
+
+
 def story_truth() -> str:
     """The demo against the truth."""
     told = load("story")
@@ -735,6 +750,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "story": story,
     "story_truth": story_truth,
     "real_story": real_story,
+    "real_answers": real_answers,
     "figures": figures,
     "import_guess": import_guess,
     "campaign": campaign,
