@@ -2,9 +2,9 @@
 
     python benchmarks/real_answers.py [--data ../shared/data] [--place FOLDER]
 
-Thor (University of Minnesota), with vanes and commands in place of deflections, and the Solar Surfer (MIT), with neither.
-An answer that holds is the same for both halves. Each goes through import, replay and diagnose as a user types them; runs
-that are in FOLDER are not made again.
+Thor (University of Minnesota), with vanes and commands in place of deflections, and the Solar Surfer (MIT), with
+neither. An answer that holds is the same for both halves. Each goes through import, replay and diagnose as a user types
+them; runs that are in FOLDER are not made again.
 """
 
 from __future__ import annotations

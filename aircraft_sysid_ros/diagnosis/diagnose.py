@@ -39,6 +39,7 @@ from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
+from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.processes import in_parallel
 
 Array = npt.NDArray[np.float64]
@@ -62,6 +63,7 @@ class Finding:
     above_floor: float  # error of its main axis without it, over that of the replicas
     confounded_with: tuple[str, ...] = ()
     blocks: tuple[int, ...] = ()  # numbers of the blocks of time that hold most of the evidence
+    amid: tuple[str, ...] = ()  # axes on which it does not act and of which most is left
     #: By axis the term that explains most of what the effect leaves since it has another shape, if that has size.
     shape: Mapping[str, str] = field(default_factory=dict)
 
@@ -84,12 +86,23 @@ class Finding:
             return f"it moves the coefficient by less than {THRESHOLDS.least_moved:.0%} of its spread"
         if self.above_floor < THRESHOLDS.above_floor:
             return f"the error is only {self.above_floor:.2g} times what noise makes of it"
+        if len(self.amid) >= THRESHOLDS.left_axes and self._share_above_noise() < THRESHOLDS.left_share:
+            return (
+                f"it explains only {self._share_above_noise():.0%} of what is above the noise, while most of "
+                f"{listed([f'{axis[0]}_{axis[1]}' for axis in self.amid])} is left: replicas of a model that fails so "
+                "widely say little of chance"
+            )
         return "" if self.excess > self.trial.price else "it explains no more than its numbers cost"
 
     def refusal(self, first: bool) -> str:
         """Why it is no verdict, in words; empty where nothing but what was found before it is in the way."""
         level = THRESHOLDS.verdict if first else THRESHOLDS.further
         return self._weakness or (f"chance does as much (p = {self.p_value:.2g})" if self.p_value >= level else "")
+
+    def _share_above_noise(self) -> float:
+        """Share of the variance of what is left of its main axis, beyond that of the replicas, that goes."""
+        goes = 1.0 - (1.0 - size_of(self.trial.gains[self.trial.main_axis])) ** 2
+        return goes / max(1.0 - self.above_floor**-2.0, goes)
 
     def lowers_the_error(self) -> bool:
         """Whether what is left falls as ``add`` adds it: the search has shapes of what was found before besides."""
@@ -299,7 +312,11 @@ class _Round:
     def _finding(self, trial: Score, excess: float, evidence: float, p_value: float) -> Finding:
         data = self.bench.judging(trial.candidate).data
         over = self._above_floor(trial)
-        return Finding(trial, data, excess, evidence, p_value, self._size(trial), over, blocks=_blocks(trial))
+        left = _left(self.bench, self.floor, resting_on(self.bench.data.inferred))
+        amid = tuple(axis for axis in left if axis not in trial.gains)
+        return Finding(
+            trial, data, excess, evidence, p_value, self._size(trial), over, blocks=_blocks(trial), amid=amid
+        )
 
     def _above_floor(self, trial: Score) -> float:
         """Error of the main axis of a candidate without it, over what noise makes of it.

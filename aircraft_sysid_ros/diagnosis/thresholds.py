@@ -120,6 +120,13 @@ class Thresholds:
         "for it: the limit at which parameters are held for lack of fit.",
     )
     left_times: float = _of(3.0, "And over the error of the replicas, as for parameters that are held.")
+    left_axes: int = _of(
+        2,
+        "Axes of which so much is left, besides its own, among which an effect must explain most of what is above the",
+        "noise: replicas fly a model that is right, and such a flight has none. On one half of a real flight whose",
+        "surfaces are commands a stall had been named that explained a quarter.",
+    )
+    left_share: float = _of(0.5, "The share of the variance above the noise that it must explain then.")
     most_effects: int = _of(4, "Effects that are looked for one after another, each with those before it in the model.")
 
     # -- which name

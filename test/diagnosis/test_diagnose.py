@@ -370,6 +370,32 @@ def test_what_nothing_explains_is_said_though_it_has_no_name(aircraft, size):
     assert "The model leaves" in said["advice"] and "Nothing is missing" not in said["advice"]
 
 
+@pytest.mark.parametrize("elsewhere", [0.0, 0.3])
+def test_amid_axes_that_nothing_explains_an_effect_must_explain_most(aircraft, elsewhere):
+    """What explains a third of C_l is named where the rest of the model holds, and not where it fails widely."""
+
+    def lacking(c, after, f):
+        time = np.arange(len(c)) * 0.04
+        unrecorded = np.sin(2.3 * time + 3.0 * np.sin(0.4 * time))
+        c[:, 3] -= 1.2 * f["alpha"] * f["beta"]
+        c[:, 3] += 0.006 * np.sin(3.1 * time + 2.0 * np.sin(0.3 * time))
+        c[:, 4] += elsewhere * unrecorded
+        c[:, 5] += elsewhere * unrecorded
+        return c
+
+    library = [BY_ID["dihedral_alpha"]]
+    flight = random_flight(aircraft, lacking)
+    benches = [CandidateEvaluator(random_flight(aircraft, seed=seed)) for seed in range(1, 5)]
+    repeated = [Replica(b.data, {e.identifier: b.best_of(e).score for e in library}, {}) for b in benches]
+    found = diagnose(CandidateEvaluator(flight), repeated, library)
+    if not elsewhere:
+        assert [f.trial.candidate.family for f in found.found] == ["dihedral_alpha"]
+        return
+    (candidate,) = found.candidates
+    assert found.verdict == "none" and candidate.amid == ("Cm", "Cn")
+    assert "most of C_m and C_n is left" in candidate.refusal(first=True)
+
+
 @pytest.mark.long
 def test_a_clean_flight_without_vanes_is_given_nothing():
     """Of JSBSim: what its inferred angles get wrong had been called propwash."""
