@@ -129,3 +129,5 @@ def test_a_real_flight_as_its_notes_have_it(shared_data, tmp_path, capsys):
     level = said["level"]
     power = float(np.interp(10.0, level["airspeed"], level["power"]))
     assert 60.0 < power < 160.0 and float(np.interp(10.0, level["airspeed"], level["std"])) < 0.25 * power
+    assert main(["diagnose", where[2]]) == 0
+    assert "nothing could be looked for" in capsys.readouterr().out

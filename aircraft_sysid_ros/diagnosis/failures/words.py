@@ -160,6 +160,11 @@ def _advice(report: FailureReport) -> Iterator[str]:
     for failure in report.found:
         yield sentence_of(failure)
         yield sure_of(failure)
-    if not report.found:
+    if not report.tried:
+        yield (
+            "Nothing could be looked for: no recorded input moves what this flight tells of a coefficient. The notes "
+            "say why of each axis. Record deflections, and vanes; what such a flight does tell is its drag (polar)."
+        )
+    elif not report.found:
         names = ", ".join(_SURFACES.get(name, name) for name in report.tried)
         yield f"None of the inputs that move in this flight has failed for a while, or for good: {names}."
