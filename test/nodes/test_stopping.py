@@ -156,7 +156,7 @@ def test_samples_that_are_lost_where_none_may_be_are_a_failure(short, aircraft_f
         output, errors = finish(process)
     result = json.loads(output)
     lost = result["lost"]["imu/data"]
-    assert lost > 100
+    assert lost > 0
     assert received(result)["/imu/data"] + lost == sent["/imu/data"]
     assert process.returncode == 1
     assert f"{lost} of imu/data" in errors and "Traceback" not in errors

@@ -19,6 +19,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import is_of_size, 
 from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit, regress
 
 _TRIM = 10.0  # [s] whose mean is the trim
+_MOST = 0.5  # of the points that must be left when it is taken off
 _ANSWER = 3.0  # [s] of a motion about the centre of gravity after a deflection
 _LEFT_OVER = 0.5  # of the largest term of a law, at most, in mean squares
 _NOISE_T = 2.5  # t-values below it contradict nothing
@@ -212,6 +213,9 @@ def _control(f: Flight, signal: str, seconds: float) -> Slopes:
     columns += [f.smooth(f.raw(other), seconds) for other in others if f.has(other)]
     beside = turn_rate(f, 2 - axis) if axis != 1 else None
     columns += [f.smooth(beside, seconds)] if beside is not None else []
-    quick = [f.grid.changes(values, _TRIM) for values in (reference, *columns)]  # what trims it slowly is no answer
-    result = regress(quick[0], quick[1:], [], f.block(_ANSWER))
+    whole = np.array([reference, *columns])
+    quick = np.array([f.grid.changes(values, _TRIM) for values in whole])  # what trims it slowly is no answer
+    of_whole, of_quick = (np.isfinite(series).all(axis=0).sum() for series in (whole, quick))
+    target, *read = whole if of_quick < _MOST * of_whole else quick  # short manoeuvres have no slow trim
+    result = regress(target, read, [], f.block(_ANSWER))
     return {} if result is None else {signal: (float(result[0][0]), float(result[1][0]))}
