@@ -44,7 +44,7 @@ _BLOCK = round(2.0 * WINDOW / BETWEEN)
 #: Least flight [s], number of windows that do not overlap, and range of C_L² of which anything is said.
 LEAST_FLIGHT, _LEAST_RANGE = 8.0 * WINDOW, 0.02
 #: A value of which more than this share is doubt is not to be used, nor any where less is explained, as of parameters.
-_MOST_DOUBT, _LEAST_EXPLAINED = 0.25, 0.5
+_MOST_DOUBT, LEAST_EXPLAINED = 0.25, 0.5
 _FOLDS, _DRAWS = 5, 2000
 #: A best glide is told where drag without lift and of lift are each so many standard errors above nothing.
 _KNOWN = 2.0
@@ -98,7 +98,7 @@ class DragPolar:
     def status(self, position: int) -> tuple[str, str]:
         """USE, or HOLD with the reason."""
         doubt = self.std[position] / abs(self.values[position])
-        if self.explained < _LEAST_EXPLAINED:
+        if self.explained < LEAST_EXPLAINED:
             return "HOLD", f"the balance of energy explains {max(self.explained, 0.0):.0%} of the power"
         if self.values[position] <= 0.0:
             return "REJECT", "it is not positive"

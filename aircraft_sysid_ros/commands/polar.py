@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from aircraft_sysid_ros.after_flight.drag_polar import drag_polar
+from aircraft_sysid_ros.after_flight.drag_polar import LEAST_EXPLAINED, drag_polar
 from aircraft_sysid_ros.commands.pictures import picture_lines
 from aircraft_sysid_ros.report.polar_figure import draw_polar
 
@@ -59,8 +59,9 @@ def render(result: dict[str, Any]) -> str:
         )
     what = "power" if result["method"] == "power" else "power of thrust"
     level = result["level"]
-    lines += ["", f"level flight at   {what}"]
-    for at in range(0, len(level["airspeed"]), 4):
+    told = result["explained"] >= LEAST_EXPLAINED
+    lines += ["", f"level flight at   {what}" if told else "too little is explained to tell the power of level flight"]
+    for at in range(0, len(level["airspeed"]), 4) if told else ():
         lines.append(f"{level['airspeed'][at]:>8.1f} m/s   {level['power'][at]:>8.0f} ± {level['std'][at]:.0f} W")
     lines += ["", f"only between C_L {low:.2f} and {high:.2f}, {slow:.1f} and {fast:.1f} m/s"]
     return "\n".join([*lines, *picture_lines(result), f"file {result['file']}"])
