@@ -11,8 +11,6 @@ in results/polar_seaway.json, with its picture in docs/.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import json
 import os
 import shutil
@@ -25,8 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import resumed
-
-from aircraft_sysid_ros.commands.main import main as command
+from walked import walked
 
 sys.path.insert(0, str(Path(__file__).parent / "makers"))
 
@@ -61,17 +58,6 @@ def fly(seed: int) -> dict[str, Any]:
         "parameters": {p["name"]: [p["value"], p["std"], p["status"]] for p in said["parameters"]},
         "middle": [said["polar"]["drag"][middle], said["polar"]["std"][middle], truth["CD0"] + truth["k"] * lift**2],
     }  # fmt: skip
-
-
-def walked(*commands: list[Any]) -> str:
-    """What the first command that fails says; nothing where none does."""
-    for arguments in commands:
-        errors = io.StringIO()
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
-            status = command([str(argument) for argument in arguments])
-        if status:
-            return f"{arguments[0]}: {errors.getvalue()[-300:]}"
-    return ""
 
 
 def seaway(data: Path) -> dict[str, Any]:

@@ -11,8 +11,6 @@ results/third_maker.jsonl (or _development); a run that is stopped goes on where
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import json
 import os
 import sys
@@ -26,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import resumed
+from walked import walked
 
-from aircraft_sysid_ros.commands.main import main as command
 from aircraft_sysid_ros.effects.aliases import aliases_of
 
 sys.path.insert(0, str(Path(__file__).parent / "makers"))
@@ -71,16 +69,13 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
 def said_of(folder: Path) -> dict[str, Any]:
     """The answer of diagnose about the log in a folder."""
     log, bag, run = folder / "log", folder / "bag", folder / "run"
-    for arguments in (
+    failed = walked(
         ["import", log, "--map", log / "map.yaml", "--out", bag],
         ["replay", bag, "--aircraft", log / "plane.yaml", "--out", run],
         ["diagnose", run],
-    ):
-        errors = io.StringIO()
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
-            status = command([str(argument) for argument in arguments])
-        if status:
-            return {"failed": f"{arguments[0]}: {errors.getvalue()[-300:]}"}
+    )
+    if failed:
+        return {"failed": failed}
     said = json.loads((run / "diagnosis.json").read_text(encoding="utf8"))
     keys = ("label", "effect", "main_axis", "inner", "p_value", "error_before", "error_after", "confounded_with")
     return {

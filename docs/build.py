@@ -43,6 +43,11 @@ def load(name: str) -> dict[str, Any]:
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf8"))
 
 
+def load_lines(name: str) -> list[dict[str, Any]]:
+    lines = (RESULTS / f"{name}.jsonl").read_text(encoding="utf8").splitlines()
+    return [json.loads(line) for line in lines]
+
+
 def table(header: list[str], rows: list[list[str]]) -> str:
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
@@ -456,34 +461,29 @@ def diagnosis_slow() -> str:
 
 def strangers() -> str:
     """The diagnosis on flights whose file has mass and shape only."""
-    lines = (RESULTS / "strangers.jsonl").read_text(encoding="utf8").splitlines()
-    return table(*diagnosis_tables.strangers([json.loads(line) for line in lines]))
+    return table(*diagnosis_tables.strangers(load_lines("strangers")))
 
 
 def third_maker() -> str:
     """The diagnosis on flights of the maker from strip theory."""
     if not (RESULTS / "third_maker.jsonl").exists():
         return "Not flown yet: `python benchmarks/third_maker.py --judging`.\n"
-    lines = (RESULTS / "third_maker.jsonl").read_text(encoding="utf8").splitlines()
-    return table(*diagnosis_tables.third_maker([json.loads(line) for line in lines]))
+    return table(*diagnosis_tables.third_maker(load_lines("third_maker")))
 
 
 def polar_truth() -> str:
     """Drag polars of another maker's flights."""
-    lines = (RESULTS / "polar.jsonl").read_text(encoding="utf8").splitlines()
-    return table(*polar_tables.truth([json.loads(line) for line in lines]))
+    return table(*polar_tables.truth(load_lines("polar")))
 
 
 def further_effects() -> str:
     """Flights with one hidden effect, and with two."""
-    lines = (RESULTS / "further_effects.jsonl").read_text(encoding="utf8").splitlines()
-    return table(*diagnosis_tables.further_effects([json.loads(line) for line in lines]))
+    return table(*diagnosis_tables.further_effects(load_lines("further_effects")))
 
 
 def jet() -> str:
     """A jet at 10 Hz, of another maker."""
-    lines = (RESULTS / "jet.jsonl").read_text(encoding="utf8").splitlines()
-    return table(*diagnosis_tables.jet([json.loads(line) for line in lines]))
+    return table(*diagnosis_tables.jet(load_lines("jet")))
 
 
 def faults(name: str = "faults") -> str:
@@ -493,14 +493,12 @@ def faults(name: str = "faults") -> str:
 
 def stalls() -> str:
     """A transport that is stalled slowly, of another maker."""
-    lines = (RESULTS / "stalls.jsonl").read_text(encoding="utf8").splitlines()
-    return table(*diagnosis_tables.stalls([json.loads(line) for line in lines]))
+    return table(*diagnosis_tables.stalls(load_lines("stalls")))
 
 
 def failures() -> str:
     """Inputs that fail in flights without vanes."""
-    lines = (RESULTS / "failures.jsonl").read_text(encoding="utf8").splitlines()
-    return table(*diagnosis_tables.failures([json.loads(line) for line in lines]))
+    return table(*diagnosis_tables.failures(load_lines("failures")))
 
 
 def choice() -> str:

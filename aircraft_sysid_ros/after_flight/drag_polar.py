@@ -12,9 +12,8 @@ turn, since gusts up and down last longer than a window.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +22,11 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import stdtrit
 
-from aircraft_sysid_ros.aircraft.atmosphere import air_density
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_of, open_run
+from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_to_write, open_run
 from aircraft_sysid_ros.errors import InputError, echo
+from aircraft_sysid_ros.flight_model.modes import THRUST as THRUST_COLUMN
 from aircraft_sysid_ros.identification.coefficients.signals import INPUT_HELD, interpolate
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed
 from aircraft_sysid_ros.run_writer import write_json
@@ -51,8 +51,6 @@ _KNOWN = 2.0
 #: Width [s] of the bell under which samples are averaged.
 _BELL = 0.7
 _LONGEST_GAP, _MOST_IDLE = 1.0, 1e6
-_GRAVITY = 9.80665
-_CONTROL_THRUST = 5
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,12 @@ class Windows:
     number: npt.NDArray[np.int64]  # of the stretch of flight
     lift: Array  # all C_L (m,)
     speed: Array  # all airspeeds (m,) [m/s]
-    density: float
+    density: Array  # (m,) [kg/m^3]
+
+    @staticmethod
+    def joined(parts: Sequence[Windows]) -> Windows:
+        """Those of several manoeuvres, at least one, as one."""
+        return Windows(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Windows)))
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class DragPolar:
         return columns @ self.values, np.sqrt(np.einsum("ij,jk,ik->i", columns, self.covariance, columns))
 
     def status(self, position: int) -> tuple[str, str]:
-        """USE, or HOLD with the reason."""
+        """USE, or HOLD or REJECT with the reason."""
         doubt = self.std[position] / abs(self.values[position])
         if self.explained < LEAST_EXPLAINED:
             return "HOLD", f"the balance of energy explains {max(self.explained, 0.0):.0%} of the power"
@@ -125,9 +128,7 @@ def drag_polar(
     method = _method(aircraft, run.samples, power, gliding)
     if not 0.0 <= idle <= _MOST_IDLE:
         raise InputError(f"the power of standing still must be from 0 to {_MOST_IDLE:g} W, not {idle:g}")
-    folder = folder_of(run, run.current)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"cannot write to {folder}: change its permissions")
+    folder = folder_to_write(run, run.current)
     found = fit(windows_of(aircraft, run.samples, method, power, idle), method)
     content = {
         "model": run.current.identifier, "aircraft": aircraft.name, "method": method,
@@ -156,7 +157,7 @@ def _method(aircraft: Aircraft, samples: Samples, power: str | None, gliding: bo
         return POWER
     if gliding:
         return GLIDING
-    thrust = samples.values[samples.kind == Kind.CONTROLS, _CONTROL_THRUST]
+    thrust = samples.values[samples.kind == Kind.CONTROLS, THRUST_COLUMN]
     if np.isfinite(thrust).any():
         return THRUST
     raise InputError(
@@ -205,44 +206,42 @@ def _height(part: Samples, at: Array, density: Array) -> Array:
     """Height [m] above some level, of static pressure where it is measured, or of GPS."""
     pressure = _smooth(part, Kind.AIR, 1, at)
     if np.isfinite(pressure).any():
-        return np.asarray(-np.nanmean(pressure / density) / _GRAVITY * np.log(pressure / np.nanmean(pressure)))
+        return np.asarray(-np.nanmean(pressure / density) / STANDARD_GRAVITY * np.log(pressure / np.nanmean(pressure)))
     return _smooth(part, Kind.GPS_POSITION, 2, at)
 
 
 def windows_of(aircraft: Aircraft, samples: Samples, method: str, power: str | None, idle: float) -> Windows:
     """Sums over windows of the flight in the air. Raises InputError where there is too little of it."""
-    parts = []
-    for number, part in enumerate(manoeuvres(samples)):
-        parts += _of_stretch(aircraft, part, number, method, power, idle)
-    flown = sum(len(part[0]) for part in parts) * BETWEEN
+    stretches = (
+        _of_stretch(aircraft, part, number, method, power, idle) for number, part in enumerate(manoeuvres(samples))
+    )
+    parts = [stretch for stretch in stretches if stretch is not None]
+    flown = sum(len(part.gained) for part in parts) * BETWEEN
     if flown < LEAST_FLIGHT - WINDOW:
         raise InputError(
             f"{flown:.0f} s of windows above {aircraft.minimum_airspeed:g} m/s with all signals are too few for a drag "
             f"polar: {LEAST_FLIGHT:g} s of flight are needed"
         )
-    gained, brought, pushed, area, induced, number_of, lift, speed, density = (
-        np.concatenate([part[i] for part in parts]) for i in range(9)
-    )
-    low, high = np.percentile(lift**2, (5.0, 95.0))
+    windows = Windows.joined(parts)
+    low, high = np.percentile(windows.lift**2, (5.0, 95.0))
     if high - low < _LEAST_RANGE:
         raise InputError(
-            f"the lift coefficient stays near {np.median(lift):.2f}: drag at one speed is no polar, fly slow and fast"
+            f"the lift coefficient stays near {np.median(windows.lift):.2f}: drag at one speed is no polar, fly slow "
+            "and fast"
         )
-    return Windows(
-        gained, brought, pushed, np.column_stack([area, induced]), number_of.astype(np.int64), lift, speed,
-        float(np.mean(density)),
-    )  # fmt: skip
+    return windows
 
 
 def _of_stretch(
     aircraft: Aircraft, part: Samples, number: int, method: str, power: str | None, idle: float
-) -> list[tuple[Array, ...]]:
-    """Sums of one manoeuvre; none where it is too short."""
+) -> Windows | None:
+    """Those of one manoeuvre; None where it is too short."""
     if not len(part.stamp):
-        return []
+        return None
     at = np.arange(part.stamp[0] / 1e9, part.stamp[-1] / 1e9, STEP)
-    if len(at) < round(WINDOW / STEP) + 2:
-        return []
+    width = round(WINDOW / STEP)
+    if len(at) < width + 2:
+        return None
     density = _smooth(part, Kind.AIR, 0, at)
     if not np.isfinite(density).any():
         density = np.full(len(at), air_density(float(np.nanmedian(_smooth(part, Kind.GPS_POSITION, 2, at)))))
@@ -254,20 +253,22 @@ def _of_stretch(
     if method == POWER:
         brought = _held(part, Kind.INPUTS, [item.name for item in aircraft.inputs].index(str(power)), at) - idle
     elif method == THRUST:
-        pushed = speed * _held(part, Kind.CONTROLS, _CONTROL_THRUST, at)
-    energy = aircraft.mass * (0.5 * speed**2 + _GRAVITY * height)
+        pushed = speed * _held(part, Kind.CONTROLS, THRUST_COLUMN, at)
+    energy = aircraft.mass * (0.5 * speed**2 + STANDARD_GRAVITY * height)
     flies = (speed > aircraft.minimum_airspeed) & np.isfinite(brought + pushed + lift + energy)
-    width = round(WINDOW / STEP)
     first = np.arange(0, len(at) - width, round(BETWEEN / STEP))
     first = first[_sums(flies.astype(float), first, width) > width - 0.5]
     if not len(first):
-        return []
-    sums = (
+        return None
+    brought, pushed, area, induced = (
         _sums(np.where(flies, series, 0.0), first, width) / width
         for series in (brought, pushed, dynamic * speed, dynamic * speed * lift**2)
     )
     gained = (energy[first + width] - energy[first]) / WINDOW
-    return [(gained, *sums, np.full(len(first), number), lift[flies], speed[flies], density[flies])]
+    return Windows(
+        gained, brought, pushed, np.column_stack([area, induced]), np.full(len(first), number),
+        lift[flies], speed[flies], density[flies],
+    )  # fmt: skip
 
 
 def _sums(series: Array, first: npt.NDArray[np.int64], width: int) -> Array:
@@ -291,7 +292,7 @@ def fit(windows: Windows, method: str) -> DragPolar:
     points = np.column_stack([np.sqrt(windows.drag[:, 1] / windows.drag[:, 0]), drag / windows.drag[:, 0]])
     return DragPolar(
         names, values, _covariance(columns, wanted, windows.number), _explained(columns, wanted), len(wanted),
-        len(windows.speed) * STEP, _range(windows.lift), _range(windows.speed), windows.density, points,
+        len(windows.speed) * STEP, _range(windows.lift), _range(windows.speed), float(np.mean(windows.density)), points,
     )  # fmt: skip
 
 
@@ -350,7 +351,7 @@ def polar_json(found: DragPolar, mass: float, area: float, idle: float) -> dict[
             "ratio": float(0.5 / np.sqrt(zero * induced)),
             "std": _spread(ratios[:, None])[0],
             "lift": best,
-            "airspeed": float(np.sqrt(2.0 * mass * _GRAVITY / (found.density * area * best))),
+            "airspeed": float(np.sqrt(2.0 * mass * STANDARD_GRAVITY / (found.density * area * best))),
             "inside": bool(found.lift[0] <= best <= found.lift[1]),
         }
     return {
@@ -372,7 +373,7 @@ def polar_json(found: DragPolar, mass: float, area: float, idle: float) -> dict[
 def _level(values: Array, speed: Array, density: float, mass: float, area: float, idle: float) -> Array:
     """Power [W] that level flight takes from its source, (draws, speeds)."""
     dynamic = 0.5 * density * speed**2 * area
-    drag = values[:, -2:-1] + values[:, -1:] * (mass * _GRAVITY / dynamic) ** 2
+    drag = values[:, -2:-1] + values[:, -1:] * (mass * STANDARD_GRAVITY / dynamic) ** 2
     efficiency = values[:, :1] if values.shape[1] > 2 else np.ones((len(values), 1))
     return np.asarray(dynamic * speed * drag / np.maximum(efficiency, 1e-3) + (idle if values.shape[1] > 2 else 0.0))
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
-from aircraft_sysid_ros.diagnosis.model_versions.versions import Version, folder_of, open_run, run_data, version_named
+from aircraft_sysid_ros.diagnosis.model_versions.versions import (
+    Version,
+    folder_to_write,
+    open_run,
+    run_data,
+    version_named,
+)
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, Refinement, RefineOptions, refine, with_options
 from aircraft_sysid_ros.run_writer import write_json
@@ -33,9 +38,7 @@ def refine_run(
     opened = open_run(path)
     version = opened.current if model is None else version_named(opened, model)
     tell(method, 0.0)
-    data, folder = run_data(opened, version), folder_of(opened, version)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"cannot write to {folder}: change its permissions")
+    data, folder = run_data(opened, version), folder_to_write(opened, version)
     started = time.perf_counter()
     result = refine(
         data, method, options,

@@ -265,6 +265,7 @@ class _Round:
     ) -> None:
         """``first``: held-out errors by axis before anything was found; ``floor``: those of the replicas."""
         self.bench, self.empty, self.null, self.first, self.floor = bench, empty, null, first, floor
+        self.left = _left(bench, floor, resting_on(bench.data.inferred))
         changed = {axis for axis, fit in bench.fits.items() if last is None or fit is not last.bench.fits[axis]}
         tried: dict[str, Score | None] = {}
         if last is not None:
@@ -312,8 +313,7 @@ class _Round:
     def _finding(self, trial: Score, excess: float, evidence: float, p_value: float) -> Finding:
         data = self.bench.judging(trial.candidate).data
         over = self._above_floor(trial)
-        left = _left(self.bench, self.floor, resting_on(self.bench.data.inferred))
-        amid = tuple(axis for axis in left if axis not in trial.gains)
+        amid = tuple(axis for axis in self.left if axis not in trial.gains)
         return Finding(
             trial, data, excess, evidence, p_value, self._size(trial), over, blocks=_blocks(trial), amid=amid
         )

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR
-from aircraft_sysid_ros.report.picture import picture
+from aircraft_sysid_ros.report.picture import whole_picture
 from aircraft_sysid_ros.report.pyplot import pyplot
 
 
 def draw_polar(path: Path, found: dict[str, Any]) -> tuple[str | None, list[str]]:
     """Write the picture whole or not at all; the file and no note, or None and why there is none."""
-    return picture(lambda: _draw(path, found))
+    return whole_picture(path, lambda part: _draw(part, found))
 
 
-def _draw(path: Path, found: dict[str, Any]) -> Path:
+def _draw(path: Path, found: dict[str, Any]) -> None:
     plt = pyplot()
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
     polar, level, points = found["polar"], found["level"], np.array(found["points"])
@@ -39,13 +38,7 @@ def _draw(path: Path, found: dict[str, Any]) -> Path:
         plot.grid(alpha=0.3)
         plot.legend(fontsize=9)
     figure.suptitle(f"{found['aircraft']}, model {found['model']}", fontsize=11)
-    part = path.with_name(f".{path.name}.part.png")
     try:
-        figure.savefig(part, dpi=110)
-        os.replace(part, path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
+        figure.savefig(path, dpi=110)
     finally:
         plt.close(figure)
-    return path

@@ -265,6 +265,14 @@ def folder_of(run: Run, version: Version) -> Path:
     return run.path if is_root else run.path / MODELS / version.identifier
 
 
+def folder_to_write(run: Run, version: Version) -> Path:
+    """The same where something is to be kept beside them; raises InputError where nothing can be."""
+    folder = folder_of(run, version)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"cannot write to {folder}: change its permissions")
+    return folder
+
+
 def run_data(run: Run, version: Version) -> RunData:
     """A run as if one of its versions had flown: its parameters, and its points and biases by the live chain.
 
