@@ -6,7 +6,7 @@ samples → settings that the first step's likelihood prefers → reconstruction
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,9 +18,12 @@ from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.diagnose import Finding, diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
+from aircraft_sysid_ros.diagnosis.imu_place import place_of_forces
 from aircraft_sysid_ros.diagnosis.measurement import (
     CONTROLS,
+    IMU_LAG,
     Setting,
+    imu_explains,
     in_file,
     is_a_fault,
     measurement_faults,
@@ -80,6 +83,13 @@ def diagnose_flight(
         settings.append(replace(finding, matters=finding.matters and is_a_fault(finding.setting, given, samples)))
         aircraft, flight, calm, settings = _sharpened(settings, aircraft, flight, calm)
         data = settled_flight(flight)
+    if not calm and "imu_position" not in given.source:  # in calm air the likelihood tells it
+        known = {each.setting.variant.setting for each in settings}
+        placed = with_place_of_imu(aircraft, flight, measuring, known)
+        if placed is not None:
+            aircraft, flight, calm, places = placed
+            data = settled_flight(flight)
+            settings += places
     while True:
         bench = CandidateEvaluator(data)
         repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
@@ -141,10 +151,46 @@ def with_best_setting(
             continue
         if CONTROLS in fault.variant.setting and flight.data.inferred and not _explains_moments(finding):
             continue
+        if CONTROLS in fault.variant.setting and imu_explains(fault, flight):
+            company = dict.fromkeys((*finding.confounded_with, IMU_LAG))
+            return better, mended, calm, replace(finding, matters=False, confounded_with=tuple(company))
         matters = calm or fault.feigns_wind or _has_size(finding)
         if matters or fault.of_motion or fault.is_place:
             return better, mended, calm or calm_then or fault.feigns_wind, replace(finding, matters=matters)
     return None
+
+
+def with_place_of_imu(
+    aircraft: Aircraft,
+    flight: Reconstruction,
+    measuring: Sequence[Effect],
+    known: Collection[tuple[str, ...]],
+) -> tuple[Aircraft, Reconstruction, bool, list[MeasurementFinding]] | None:
+    """The aircraft and the flight with the IMU where the forces have it, which gusts hide from the likelihood of the
+    first step; what is ``known`` stays. No file states it, so that it is no fault. None where the forces do not tell.
+    """
+    effect = next((each for each in measuring if each.identifier == "imu_offset"), None)
+    ways = [] if effect is None else [k for k, each in enumerate(effect.variants) if k and each.setting not in known]
+    told = place_of_forces(settled_flight(flight), ways)
+    if told is None or effect is None:
+        return None
+    settings = [
+        Setting(effect, effect.variants[k], 0.0, float(f"{told[0][k]:.4g}"), 0.0, told[1], np.nan, of_coefficients=True)
+        for k in ways
+        if told[0][k] != 0.0
+    ]
+    for setting in settings:
+        aircraft = in_file(setting, aircraft)
+    mended, calm = reconstruct_as_flown(aircraft, flight.samples, with_covariance=False)
+    found = _judged(settings, settled_flight(flight), settled_flight(mended), len(ways))
+    if _is_worse(found) or not _has_size(found):
+        return None
+    return (
+        aircraft,
+        mended,
+        calm,
+        [replace(found, setting=each, confounded_with=(), matters=False) for each in settings],
+    )
 
 
 def _is_of_sensor(finding: Finding) -> bool:

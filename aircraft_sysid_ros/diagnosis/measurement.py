@@ -12,7 +12,8 @@ where the air is calm once it is taken off: gusts stay gusts. And no half of the
 wrong with a sensor is wrong always, and what happens once is another matter.
 
 The delay of the recorded controls does not touch the first step; it is judged by the held-out error of the second, in
-the moments.
+the moments. It is one against the IMU: where an IMU that is late explains as much, and neither attitude nor GPS speaks
+against that, the surfaces are not said to be late.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     Reconstruction,
     flight_data_of,
     log_likelihood,
+    reconstruct,
 )
 from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
 from aircraft_sysid_ros.diagnosis.search.evaluator import Score
@@ -57,6 +59,8 @@ _OF_MOTION = {"imu": Kind.IMU, "gps": Kind.GPS_VELOCITY}
 #: Errors of the air data that feign a wind.
 _OF_WIND = ("scale", "offset", "drift")
 CONTROLS = "control_surfaces"
+#: Its rival, and the shares of a delay of the controls that the IMU is tried to be late by.
+IMU_LAG, _IMU_DELAY, _SHARES = "imu_lag", ("sensors", "imu", "delay"), (0.4, 0.6, 0.8, 1.0)
 #: A probe ahead is early where a late one is not: of the two one alone stands for both, so that the place is looked for
 #: along the valley of both once there is a lag. Its longest value [s].
 _AHEAD, AIR_DATA_LAG, _LONGEST_LAG = ("air_data_position", "x"), ("sensors", "air_data", "delay"), 0.3
@@ -403,3 +407,24 @@ def control_gain(before: Errors, after: Errors) -> float:
     """
     axes = before.keys() & after.keys()
     return sum(2.0 * min(float(np.log(b / a)) for b, a in zip(before[x], after[x], strict=True)) for x in axes)
+
+
+def imu_explains(late: Setting, flight: Reconstruction) -> bool:
+    """Whether an IMU that is late explains of the moments what a delay of the controls does.
+
+    Attitude and GPS must not speak against it; the air data may, since gusts reach a probe before the wing.
+    """
+    samples = stretch_of(flight)
+    sensors, controls = log_likelihood(flight.aircraft, samples), control_errors(flight, flight.aircraft)
+    start, delay = nominal(flight.aircraft, _IMU_DELAY), abs(late.value - late.nominal)
+    for share in _SHARES:
+        try:
+            moved = with_setting(flight.aircraft, _IMU_DELAY, start + share * delay)
+        except InputError:  # no file may hold so much
+            break
+        if log_likelihood(moved, samples).over(sensors, tuple(AIR_DATA.values())) <= -THRESHOLDS.half_against:
+            continue
+        again = reconstruct(moved, flight.samples, with_covariance=False)
+        if control_gain(controls, control_errors(again, moved)) >= THRESHOLDS.setting_as_good * late.gain:
+            return True
+    return False

@@ -210,6 +210,8 @@ class FlightDiagnosis:
             fault = mended.setting.effect
             if not mended.matters:
                 yield f"The aircraft file leaves out what is counted with here: {fault.name} (add {fault.identifier})."
+                for other in mended.confounded_with:
+                    yield f"It may as well be {BY_ID[other].name}; to separate them: {fault.manoeuvre}"
                 continue
             yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
 
@@ -292,7 +294,7 @@ def _of_sensors(setting: Setting) -> str:
         return f"{value:.2g} deg too much fit the sensors better than {nominal:.2g}"
     if inner.name != "drift":
         beside = "".join(f", with {value:.2g} in {'.'.join(key)}" for key, value in setting.beside)
-        return f"{setting.value:.3g} {inner.unit} fits the sensors better than {setting.nominal:.3g}{beside}"
+        return f"{setting.value:.3g} {inner.unit} fits {setting.judges} better than {setting.nominal:.3g}{beside}"
     speed = setting.variant.setting[1] == "airspeed"
     each = 60.0 * (setting.value - setting.nominal) * (100.0 if speed else 180.0 / np.pi)
     change = f"{abs(each):.2g} {'%' if speed else 'deg'} per minute {'less' if each < 0.0 else 'more'}"

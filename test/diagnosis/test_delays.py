@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown
-from aircraft_sysid_ros.diagnosis.measurement import control_gain, measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement import (
+    control_gain,
+    imu_explains,
+    jobs_of,
+    measurement_faults,
+    try_setting,
+)
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -23,6 +29,18 @@ def test_a_late_imu_is_told_in_gusts_too(aircraft, late):
     flight, calm = reconstruct_as_flown(aircraft, shifted, with_covariance=False)
     found = measurement_faults(flight, [BY_ID["imu_lag"]], calm)
     assert [setting.value for setting in found] == ([pytest.approx(late, abs=0.01)] if late else [])
+    if late:  # the controls are early beside it, and are not said to be
+        (controls,) = map(try_setting, jobs_of(flight, [BY_ID["actuator_lag"]], calm))
+        assert controls.value < -0.03 and imu_explains(controls, flight)
+
+
+def test_surfaces_that_are_late_are_not_laid_to_the_imu(aircraft):
+    samples = simulate_samples(aircraft, 31, 45.0, turbulence="light", hidden=[("actuator_lag", 1.0)]).samples
+    without = samples[samples.kind != Kind.ATTITUDE]
+    for each in (samples, without):
+        flight, calm = reconstruct_as_flown(aircraft, each, with_covariance=False)
+        (controls,) = map(try_setting, jobs_of(flight, [BY_ID["actuator_lag"]], calm))
+        assert controls.evidence > 1.0 and not imu_explains(controls, flight)
 
 
 def test_a_delay_of_the_controls_must_explain_what_it_was_fitted_to():
