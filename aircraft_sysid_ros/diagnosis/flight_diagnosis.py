@@ -18,7 +18,7 @@ from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.diagnose import Finding, diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.imu_place import place_of_forces
+from aircraft_sysid_ros.diagnosis.imu_place import settings_of
 from aircraft_sysid_ros.diagnosis.measurement import (
     CONTROLS,
     IMU_LAG,
@@ -170,27 +170,17 @@ def with_place_of_imu(
     first step; what is ``known`` stays. No file states it, so that it is no fault. None where the forces do not tell.
     """
     effect = next((each for each in measuring if each.identifier == "imu_offset"), None)
-    ways = [] if effect is None else [k for k, each in enumerate(effect.variants) if k and each.setting not in known]
-    told = place_of_forces(settled_flight(flight), ways)
-    if told is None or effect is None:
+    settings = [] if effect is None else settings_of(settled_flight(flight), effect, known)
+    if not settings:
         return None
-    settings = [
-        Setting(effect, effect.variants[k], 0.0, float(f"{told[0][k]:.4g}"), 0.0, told[1], np.nan, of_coefficients=True)
-        for k in ways
-        if told[0][k] != 0.0
-    ]
     for setting in settings:
         aircraft = in_file(setting, aircraft)
     mended, calm = reconstruct_as_flown(aircraft, flight.samples, with_covariance=False)
-    found = _judged(settings, settled_flight(flight), settled_flight(mended), len(ways))
+    found = _judged(settings, settled_flight(flight), settled_flight(mended), len(settings))
     if _is_worse(found) or not _has_size(found):
         return None
-    return (
-        aircraft,
-        mended,
-        calm,
-        [replace(found, setting=each, confounded_with=(), matters=False) for each in settings],
-    )
+    found = replace(found, confounded_with=(), matters=False)
+    return aircraft, mended, calm, [replace(found, setting=each) for each in settings]
 
 
 def _is_of_sensor(finding: Finding) -> bool:

@@ -15,19 +15,23 @@ force there and turns the aeroplane by it, and in C_Y and C_Z that is the same a
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.flight.flight_data import GUARD, FlightData
+from aircraft_sysid_ros.diagnosis.measurement import Setting
 from aircraft_sysid_ros.diagnosis.search.evaluator import log_ratio, size_of
 from aircraft_sysid_ros.diagnosis.search.fit import Gain, fits_of, tied_gains
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.effects.effect import Effect
 
 Array = npt.NDArray[np.float64]
 
 FORCES = ("CX", "CY", "CZ")
+#: The coordinate that is left to the likelihood.
+AHEAD = 0
 #: Farthest place [spans] that is tried.
 FARTHEST = 0.3
 
@@ -72,6 +76,19 @@ def place_of_forces(data: FlightData, unknown: Sequence[int] = (1, 2)) -> tuple[
     if best is None or not np.all(np.isfinite(number)) or np.max(np.abs(number)) > FARTHEST:
         return None
     return number, best
+
+
+def settings_of(data: FlightData, effect: Effect, known: Collection[tuple[str, ...]] = ()) -> list[Setting]:
+    """The same as settings of the effect "imu_offset", without what is ``known``; none where the forces do not tell."""
+    unknown = [k for k, variant in enumerate(effect.variants) if k != AHEAD and variant.setting not in known]
+    told = place_of_forces(data, unknown)
+    if told is None:
+        return []
+    place, evidence = told
+    return [
+        Setting(effect, effect.variants[k], 0.0, float(f"{place[k]:.4g}"), 0.0, evidence, np.nan, of_coefficients=True)
+        for k in np.flatnonzero(place).tolist()
+    ]
 
 
 def _subsets(unknown: Sequence[int]) -> Iterator[list[int]]:

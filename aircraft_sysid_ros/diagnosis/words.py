@@ -254,7 +254,7 @@ class FlightDiagnosis:
         if not self.is_calm:
             yield "In these gusts a wrong scale or offset of the air data could not be seen:"
             yield "fly in calm air for that."
-        yield from self._of_measurement()
+        yield from dict.fromkeys(self._of_measurement())  # a place has three numbers and one name
         for finding in found:
             effect = finding.trial.candidate.effect
             if effect is None:

@@ -10,7 +10,8 @@ from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
-from aircraft_sysid_ros.diagnosis.imu_place import columns_of, place_of_forces, turning_of
+from aircraft_sysid_ros.diagnosis.imu_place import columns_of, place_of_forces, settings_of, turning_of
+from aircraft_sysid_ros.effects import BY_ID
 
 STEP = 0.04
 
@@ -77,6 +78,10 @@ def test_a_misplaced_imu_is_found(aircraft, place):
     told = place_of_forces(flight(aircraft, place)[0])
     assert told is not None and told[1] > 1.0
     np.testing.assert_allclose(told[0], place, atol=0.003)
+    settings = settings_of(flight(aircraft, place)[0], BY_ID["imu_offset"], known=[("imu_position", "z")])
+    assert {each.variant.setting: each.value for each in settings} == {
+        ("imu_position", "y"): pytest.approx(place[1], abs=0.01)
+    }
 
 
 def test_what_is_no_place_is_none(aircraft):

@@ -22,6 +22,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     log_likelihood,
     reconstruct,
 )
+from aircraft_sysid_ros.diagnosis.imu_place import settings_of
 from aircraft_sysid_ros.diagnosis.measurement import (
     Job,
     Setting,
@@ -190,7 +191,7 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
 
     Held-out errors of the second step are no judge of the measurement: a lag or a scale that smooths the regressors
     lowers them on flights whose sensors are as the file says. In gusts, which hide a drift of the air data from the
-    likelihood, it is that which forces and moments show.
+    likelihood, and the place of an IMU, it is that which forces and moments show.
     """
     if run.samples is None:
         raise InputError(f"{run.path} holds no samples to reconstruct from: replay the recording again")
@@ -204,6 +205,11 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
             raise _only_gusts(effect)
         shown = setting_of(trial, [effect], run.current.aircraft, trial.score / trial.price)
         return Change(settings=((shown.variant.setting, shown.value),)), shown
+    if not calm and effect.identifier == "imu_offset" and "imu_position" not in run.current.aircraft.source:
+        places = settings_of(flight, effect)
+        if places:
+            change = Change(settings=tuple((each.variant.setting, each.value) for each in places))
+            return change, replace(places[0], beside=change.settings[1:])
     jobs = list(_gust_jobs(run.current.aircraft, samples, effect))
     jobs = jobs or list(jobs_of(reconstruct(flown, samples, with_covariance=False), [effect], calm))
     tried: list[Setting] = []
