@@ -479,17 +479,19 @@ def explain(
     calibration: Place | None = None,
     overwrite: bool = False,
     replicas: int = COUNT,
+    calm_air: bool = False,
     tell: Tell = nobody,
 ) -> Explanation:
     """What a log means: all of the above in one go, to the folder ``out`` with the run and explain.html.
 
-    Raises InputError, and then nothing is written.
+    ``calm_air``: the speed over ground stands for an airspeed that is not measured. Raises InputError, and then nothing
+    is written.
     """
     try:
         from aircraft_sysid_ros.workbench.explain_page import explain_html
     except ImportError:
         raise MissingExtra("pages", "jinja2", "workbench") from None
-    options = ExplainOptions(overwrite, text_path(calibration), replicas)
+    options = ExplainOptions(overwrite, text_path(calibration), replicas, calm_air)
     return Explanation(_explain(_path(log), aircraft_of(aircraft), place_of(out), options, tell, explain_html))
 
 

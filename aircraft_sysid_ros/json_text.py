@@ -9,14 +9,15 @@ from typing import Any
 
 def json_text(content: Any) -> str:
     """Indented JSON with null for every number that is not finite."""
-    return json.dumps(_without_nan(content), indent=1, allow_nan=False)
+    return json.dumps(without_nan(content), indent=1, allow_nan=False)
 
 
-def _without_nan(content: Any) -> Any:
+def without_nan(content: Any) -> Any:
+    """The same with None for every number that is not finite."""
     if isinstance(content, dict):
-        return {key: _without_nan(value) for key, value in content.items()}
+        return {key: without_nan(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
-        return [_without_nan(value) for value in content]
+        return [without_nan(value) for value in content]
     if isinstance(content, float) and not math.isfinite(content):
         return None
     return content

@@ -14,9 +14,12 @@ from typing import Any
 from aircraft_sysid_ros import api
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.commands.notes import note_lines
+from aircraft_sysid_ros.commands.options import add_option
 from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.option import options_of
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 
 #: Keys of the aircraft file with unit and words, as they are asked for.
 _SHAPE = {
@@ -42,6 +45,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         )
     add("--out", required=True, metavar="DIR", help="folder to write: the run, and explain.html")
     add("--calibration", metavar="FILE", help="what servo outputs and airspeed of an autopilot mean (YAML)")
+    add_option(parser, "calm_air", options_of(StateOptions)["calm_air"])
     add("--overwrite", action="store_true", help="replace an explanation that is there")
     add("--replicas", type=int, default=COUNT, metavar="N",
         help="flights without the effect that the evidence is compared with (default %(default)s)")  # fmt: skip
@@ -60,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with telling("explain") as tell:
         found = api.explain(
             args.log, aircraft, args.out, calibration=args.calibration, overwrite=args.overwrite,
-            replicas=args.replicas, tell=tell,
+            replicas=args.replicas, calm_air=args.calm_air, tell=tell,
         )  # fmt: skip
     return found.json
 

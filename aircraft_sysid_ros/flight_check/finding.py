@@ -10,6 +10,8 @@ ERROR, WARNING, INFO = "error", "warning", "info"
 SEVERITIES = (ERROR, WARNING, INFO)
 #: How a sentence begins of a stream that is as late as another; a signal of that follows, and a comma.
 KEEPS_TIME = "it keeps time with "
+#: How a sentence begins of a signal that was not recorded.
+ABSENT = "not in the recording"
 
 
 @dataclass(frozen=True)

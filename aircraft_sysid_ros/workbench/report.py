@@ -12,6 +12,7 @@ from markupsafe import Markup
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.frequency_responses import rate_responses
 from aircraft_sysid_ros.diagnosis.words import headline
+from aircraft_sysid_ros.json_text import without_nan
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView
@@ -144,8 +145,8 @@ def _whole(
 
 
 def _script_json(content: object) -> Markup:
-    """JSON that may stand in a script element."""
-    return Markup(json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"))
+    """JSON that may stand in a script element, null for what is not finite: one NaN, and no figure is drawn."""
+    return Markup(json.dumps(without_nan(content), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
 
 def _model(figures: _Figures, view: RunView) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from aircraft_sysid_ros.commands.explain import _mode_line
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import Finding
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
@@ -49,6 +50,8 @@ LATE = ("elevator", "offset", "warning", "it comes 0.15 s late")
 FOLLOWS = ("latitude", "offset", "warning", "it keeps time with elevator, which comes 0.15 s later than it should")
 STALL = {"candidates": [candidate("stall", "aerodynamic")], "advice": "", "unknown": {}}
 SCALE = {"candidates": [candidate("airspeed_scale", "measurement")], "advice": "", "unknown": {}}
+CUT = {"candidates": [candidate("loss_of_thrust", "change in flight")], "advice": "No thrust.", "replicas": 0}
+NO_AIR = ("true_airspeed", "missing", "warning", "not in the recording: dynamic pressure is unknown")
 SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%", "stable in pitch")
 
 
@@ -57,6 +60,9 @@ SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%"
     [
         (Evidence(check_json(WRONG_UNIT, LATE), (3, 32), diagnosis=STALL), ["check unit", "check offset", "stall"]),
         (Evidence(check_json(shown=5), (4, 32)), ["motion"]),
+        (Evidence(check_json(LATE, shown=5), (0, 32), diagnosis=CUT), ["loss_of_thrust", "motion", "check offset"]),
+        (Evidence(check_json(NO_AIR, shown=5), (0, 32)), ["check missing"]),
+        (Evidence(check_json(NO_AIR, shown=5), (0, 32), calm_air=True), ["calm air"]),
         (Evidence(check_json(LATE), **USED, diagnosis=STALL), ["check offset", "stall"]),
         (Evidence(check_json(LATE, FOLLOWS), **USED), ["check offset"]),
         (Evidence(check_json(FOLLOWS), **USED), ["check offset"]),
@@ -140,6 +146,30 @@ def test_what_is_not_to_use_is_not_stated(learnt, aircraft):
     assert modes["Dutch roll"].json["frequency"] > 0.0
     (sentence,) = (text for text in next_flights(check_json(), some, list(modes.values()), None) if "Cm_q" in text)
     assert sentence.startswith("Fly elevator doublets")
+
+
+def test_standard_errors_are_at_least_those_of_the_parameters(learnt):
+    """Least squares know the noise alone: what was learnt in flight knows of times that are off as well."""
+    own, wide = learnt[0], Learnt(learnt[1], {}, {"Cl_p": 0.03, "Cn_r": 1e-9})
+    stds = [dict(zip(each.model.parameter_names, each.draws.std(axis=0), strict=True)) for each in (own, wide)]
+    assert stds[0]["Cl_p"] < 0.01 and stds[1]["Cl_p"] == pytest.approx(0.03, rel=0.15)
+    for name in ("Cn_r", "CZ_alpha"):
+        assert stds[1][name] == pytest.approx(stds[0][name], rel=1e-6)
+
+
+def test_a_run_that_cannot_be_compared_is_diagnosed(monkeypatch, tmp_path):
+    """Inputs that failed can be told where no model can be compared: without vanes, with slow inputs."""
+    from aircraft_sysid_ros.after_flight.explanation import explain as module
+
+    def refuse(*_):
+        raise InputError("the controls come at 3 Hz")
+
+    monkeypatch.setattr(module, "compare_run", refuse)
+    monkeypatch.setattr(module, "diagnose", lambda *_: CUT)
+    found = module._judged(tmp_path, module.ExplainOptions(), lambda *_: None)
+    assert found == (None, CUT, "the controls come at 3 Hz")
+    monkeypatch.setattr(module, "diagnose", refuse)
+    assert module._judged(tmp_path, module.ExplainOptions(), lambda *_: None)[1:] == (None, "the controls come at 3 Hz")
 
 
 def test_what_is_not_recorded_is_to_be_recorded_before_anything_is_flown():

@@ -217,6 +217,20 @@ def test_a_curve_that_leaves_its_plot_is_marked_where_it_does() -> None:
     assert figure.beyond(time, np.clip(np.nan_to_num(values), -1.0, 1.0), [-1.0, 1.0], figure.LIGHT) == []
 
 
+def test_a_wind_that_is_not_estimated_leaves_every_figure_of_a_report(view, hidden_effect) -> None:
+    """Without GPS the wind is unknown: the limits of its figure are none, and nothing in the file is NaN."""
+    record = load_flight_record(hidden_effect, view.zero)
+    lost = np.full_like(record.state.wind, np.nan)
+    state = replace(record.state, wind=lost, wind_std=lost, consistency=np.full_like(record.state.consistency, np.nan))
+    made = dict(states.all_figures(state, figure.LIGHT, {}))
+    (wind,) = (found for title, found in made.items() if title.startswith("Wind"))
+    assert wind["layout"]["yaxis"]["range"] is None
+    json.dumps([*made.values()], allow_nan=False)
+    text = report_html(view, replace(record, state=state), load_truth_view(hidden_effect.parent / "flight"))
+    begin = text.index('id="figures">') + len('id="figures">')
+    json.loads(text[begin : text.index("</script>", begin)], parse_constant=pytest.fail)
+
+
 def test_no_curve_of_the_state_or_of_a_parameter_is_cut_off_silently(view, hidden_effect) -> None:
     record = load_flight_record(hidden_effect, view.zero)
     made = [found for _, found in states.all_figures(record.state, figure.LIGHT, {})]

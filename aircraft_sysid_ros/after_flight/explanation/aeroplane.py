@@ -1,7 +1,9 @@
 """What an aeroplane is like: stability, damping, control power and modes, from the parameters of a whole flight.
 
 Values are the least squares of ``compare`` at the median conditions of the flight, their standard deviations come from
-draws of the parameters' covariance. What rests on a parameter that is not to USE is not stated.
+draws of the parameters' covariance. That knows the noise alone; the standard errors of the parameters that were learnt
+in flight know of times that are off by part of a sample as well, and where they are larger they count. What rests on a
+parameter that is not to USE is not stated.
 """
 
 from __future__ import annotations
@@ -153,8 +155,8 @@ class KnownMode:
 class Learnt:
     """The model of a flight with its parameters, their draws, and the verdict on each."""
 
-    def __init__(self, comparison: Comparison, verdicts: Verdicts) -> None:
-        """``verdicts``: status and reason by name, as in parameters.json."""
+    def __init__(self, comparison: Comparison, verdicts: Verdicts, stds: Mapping[str, float] | None = None) -> None:
+        """``verdicts``: status and reason by name, and ``stds`` standard errors, as in parameters.json."""
         self.flight = comparison.flight
         self.aircraft: Aircraft = comparison.flight.aircraft
         self.model = self.aircraft.model
@@ -168,7 +170,7 @@ class Learnt:
             known = np.isfinite(fit.parameters)
             at = np.arange(part.start, part.stop)[known]
             self.values[at] = fit.parameters[known]
-            covariance = fit.covariance[np.ix_(known, known)]
+            covariance = _not_below(fit.covariance[np.ix_(known, known)], np.array(fit.names)[known], stds or {})
             self.draws[:, at] = rng.multivariate_normal(fit.parameters[known], covariance, DRAWS, method="eigh")
             for name in np.array(fit.names)[known]:
                 status, reason = verdicts.get(str(name), ("HOLD", "it is not in the run"))
@@ -208,6 +210,15 @@ class Learnt:
     def estimate(self, function: Callable[[Array], float]) -> tuple[float, float]:
         """A function of the parameters (p,), and its standard deviation over the draws; half of what 68 % span."""
         return function(self.values), _spread(np.array([function(draw) for draw in self.draws]))
+
+
+def _not_below(covariance: Array, names: Array, stds: Mapping[str, float]) -> Array:
+    """A covariance (k, k) with each standard deviation at least that of ``stds``, and the same correlations."""
+    own = np.sqrt(np.diag(covariance))
+    least = np.array([stds.get(str(name), 0.0) for name in names])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = np.where((own > 0.0) & np.isfinite(least), np.maximum(least / own, 1.0), 1.0)
+    return np.asarray(covariance * np.outer(factor, factor))
 
 
 def _spread(drawn: Array) -> float:

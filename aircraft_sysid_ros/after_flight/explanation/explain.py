@@ -25,11 +25,12 @@ from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentEr
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
 from aircraft_sysid_ros.after_flight.log_import import BAGS, import_log
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody, part_of
-from aircraft_sysid_ros.after_flight.replay import replay
+from aircraft_sysid_ros.after_flight.replay import ReplayOptions, replay
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ERROR
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, read_parameters
 from aircraft_sysid_ros.text_file import put_in_place
@@ -93,6 +94,7 @@ class ExplainOptions:
     overwrite: bool = False
     calibration: str | None = None  # what the servo outputs of an autopilot mean
     replicas: int = COUNT
+    calm_air: bool = False  # the speed over ground stands for an airspeed that is not measured
 
 
 def explain(
@@ -133,7 +135,8 @@ def _explained(
     checked = check_recording(recording, aircraft, part_of(tell, 0.02, 0.15))
     notes += checked.notes
     try:
-        replayed = replay([str(recording)], aircraft, place / RUN, tell=part_of(tell, 0.15, 0.25))
+        chosen = ReplayOptions(state=StateOptions(calm_air=options.calm_air))
+        replayed = replay([str(recording)], aircraft, place / RUN, chosen, part_of(tell, 0.15, 0.25))
     except InputError as error:
         why_not = str(error).replace(str(place), str(out))
         if not any(finding.severity == ERROR for finding in checked.checked.findings):
@@ -144,13 +147,13 @@ def _explained(
     notes += replayed["notes"]
     compared, diagnosis, why_not = _judged(place / RUN, options, tell)
     tell("put it into words", 0.97)
-    learnt = None if compared is None else Learnt(compared.comparison, _verdicts(place / RUN))
+    learnt = None if compared is None else Learnt(compared.comparison, *_learnt_in_flight(place / RUN))
     instruments = _instruments(compared, diagnosis)
     facts = [] if learnt is None else facts_of(learnt, _stall_onset(diagnosis))
     modes = [] if learnt is None else known_modes(learnt)
     weighed = None if learnt is None else apparent_mass(learnt)
     mass = None if weighed is None else (float(aircraft.mass), *weighed)
-    evidence = Evidence(checked.json, _used(replayed), instruments, diagnosis, facts, mass)
+    evidence = Evidence(checked.json, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass)
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
     return Explanation(
@@ -172,15 +175,19 @@ def _explained(
 
 
 def _judged(run: Path, options: ExplainOptions, tell: Tell) -> tuple[ComparedRun | None, Mapping[str, Any] | None, str]:
-    """Comparison and diagnosis of a run, and why there is none of either."""
+    """Comparison and diagnosis of a run, and why there is none of either.
+
+    Where no model can be compared, a diagnosis may still tell inputs that failed.
+    """
+    compared, why_not = None, ""
     try:
         compared = compare_run(run, part_of(tell, 0.25, 0.4))
     except InputError as error:
-        return None, None, str(error)
+        why_not = str(error)
     try:
-        return compared, diagnose([run], options.replicas, part_of(tell, 0.4, 0.97)), ""
+        return compared, diagnose([run], options.replicas, part_of(tell, 0.4, 0.97)), why_not
     except InputError as error:
-        return compared, None, str(error)
+        return compared, None, why_not or str(error)
 
 
 def _instruments(compared: ComparedRun | None, diagnosis: Mapping[str, Any] | None) -> list[InstrumentError]:
@@ -190,8 +197,11 @@ def _instruments(compared: ComparedRun | None, diagnosis: Mapping[str, Any] | No
     return instrument_errors(compared.run.root, compared.run.samples, named)
 
 
-def _verdicts(run: Path) -> dict[str, tuple[str, str]]:
-    return {name: (p["status"], p["reason"]) for name, p in read_parameters(run).items()}
+def _learnt_in_flight(run: Path) -> tuple[dict[str, tuple[str, str]], dict[str, float]]:
+    """The verdict on each parameter, and the standard errors, of those that have one."""
+    parameters = read_parameters(run)
+    stds = {name: float(p["std"]) for name, p in parameters.items() if p["std"] is not None}
+    return {name: (p["status"], p["reason"]) for name, p in parameters.items()}, stds
 
 
 def _used(replayed: Mapping[str, Any]) -> tuple[int, int]:

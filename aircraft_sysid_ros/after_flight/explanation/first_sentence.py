@@ -1,7 +1,8 @@
 """The most important thing that a flight says, in one sentence.
 
-What makes everything after it wrong comes first: a log that contradicts itself, a flight that shows too little, a
-sensor that is off, then what the model lacks, a mass that the thrust contradicts, an aeroplane that is hardly stable.
+What makes everything after it wrong comes first: a log that contradicts itself, an input that failed where nothing but
+the inputs can be judged, a flight that shows too little, a sensor that is off, then what the model lacks, a mass that
+the thrust contradicts, an aeroplane that is hardly stable.
 Rules and limits were made on some seeds of benchmarks/explain.py and judged on others (docs/explain.md).
 """
 
@@ -15,7 +16,7 @@ from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact
 from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
-from aircraft_sysid_ros.flight_check.finding import ERROR, KEEPS_TIME, WARNING, Finding, joined, short_names
+from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, KEEPS_TIME, WARNING, Finding, joined, short_names
 from aircraft_sysid_ros.identification.conditions import listed
 
 #: Share of the parameters below which a flight has too little motion: to USE, and that the check says are shown.
@@ -45,13 +46,14 @@ class Evidence:
     instruments: Sequence[InstrumentError] = ()
     diagnosis: Mapping[str, Any] | None = None
     facts: Sequence[Fact] = ()
+    calm_air: bool = False  # whether the speed over ground stood for the airspeed
     mass: tuple[float, float, float] | None = None  # of the file, by the thrust, and its standard deviation [kg]
 
 
 def what_matters(evidence: Evidence) -> list[Said]:
     """Everything of importance, the most important first; never empty."""
-    return [*_contradictions(evidence), *_motion(evidence), *_sensors(evidence), *_missing(evidence),
-            *_mass(evidence), *_balance(evidence)] or [_nothing(evidence)]  # fmt: skip
+    of_each = (_contradictions, _failed, _motion, _sensors, _missing, _mass, _balance)
+    return [said for find in of_each for said in find(evidence)] or [_nothing(evidence)]
 
 
 def _contradictions(evidence: Evidence) -> Iterator[Said]:
@@ -65,12 +67,29 @@ def _findings(check: Mapping[str, Any], severity: str) -> list[Finding]:
     return [finding for finding in joined(listed_ones) if finding.severity == severity]
 
 
+def _failed(evidence: Evidence) -> Iterator[Said]:
+    """Inputs that failed in a flight of which the library could not be searched: the diagnosis says it in sentences."""
+    if evidence.diagnosis and _inputs_alone(evidence.diagnosis) and (found := _found(evidence)):
+        yield Said(str(found[0]["effect"]), str(evidence.diagnosis["advice"]))
+
+
+def _inputs_alone(diagnosis: Mapping[str, Any]) -> bool:
+    """Whether nothing but the inputs was looked at: what else there is was compared with no replicas."""
+    return diagnosis.get("replicas") == 0
+
+
 def _motion(evidence: Evidence) -> Iterator[Said]:
     (used, all_of_them), shown = evidence.used, list(evidence.check["identifiable"].values())
     lacking = [f for f in _findings(evidence.check, WARNING) if f.kind == "missing"] if not used else []
     if lacking:
         named = listed(short_names(lacking[0].signals).split(", "))
-        yield Said("check missing", f"No parameter can be used. Of {named}: {lacking[0].sentence}.")
+        if evidence.calm_air and "true_airspeed" in lacking[0].signals:
+            yield Said("calm air", "No parameter can be used: no airspeed was recorded, and the air was taken as calm, "
+                       "which nothing confirms. Record true_airspeed.")  # fmt: skip
+            return
+        what, are = lacking[0].sentence, "is" if len(lacking[0].signals) == 1 else "are"
+        why = f", since {named} {are} {what}" if what.startswith(ABSENT) else f". Of {named}: {what}"
+        yield Said("check missing", f"No parameter can be used{why}.")
         return
     if used < LEAST_USED * all_of_them and sum(shown) < (1.0 + LEAST_USED) / 2.0 * len(shown):
         known = f"{used} of {all_of_them} parameters can be used" if used else "no parameter can be used"
@@ -118,6 +137,8 @@ def _found(evidence: Evidence) -> list[Mapping[str, Any]]:
 
 
 def _missing(evidence: Evidence) -> Iterator[Said]:
+    if evidence.diagnosis and _inputs_alone(evidence.diagnosis):
+        return
     for candidate in _found(evidence):
         if candidate["kind"] == MEASUREMENT:
             continue

@@ -9,7 +9,7 @@ import numpy as np
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import KnownMode, Learnt
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.flight_check.finding import INFO
+from aircraft_sysid_ros.flight_check.finding import ABSENT, INFO
 from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD
 from aircraft_sysid_ros.identification.conditions import listed
 
@@ -41,7 +41,7 @@ def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
     missing = [
         finding["signal"]
         for finding in check["findings"]
-        if finding["severity"] != INFO and finding["sentence"].startswith("not in the recording")
+        if finding["severity"] != INFO and finding["sentence"].startswith(ABSENT)
     ]
     if missing:
         yield f"Record {listed(missing)}: nothing that is flown makes up for what is not in the log."

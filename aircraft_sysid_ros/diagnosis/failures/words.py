@@ -69,7 +69,7 @@ def sure_of(failure: Failure) -> str:
     if failure.recorded:
         return said + ". A landing with the engine idle looks the same."
     if failure.name != ENGINE:
-        said += f"; of its effect {100 * failure.left:.0f} ± {200 * failure.left_std:.0f} % is left meanwhile"
+        said += f"; of its effect {round(100 * failure.left)} ± {200 * failure.left_std:.0f} % is left meanwhile"
     if not failure.rivals:
         return said + ". Nothing else that was tried explains it as well."
     return said + f". It could also be {' or '.join(_RIVALS[name] for name in failure.rivals)}."

@@ -112,11 +112,17 @@ def _ends(time: Array) -> list[float]:
     return [float(time[0]), float(time[-1])]
 
 
-def _settled_range(values: Array, std: Array, truth: Sequence[float]) -> list[float]:
-    """Limits of the last four fifths of a flight, and of the truth: at its start nothing is known."""
+def _settled_range(values: Array, std: Array, truth: Sequence[float]) -> list[float] | None:
+    """Limits of the last four fifths of a flight, and of the truth: at its start nothing is known.
+
+    None where nothing is known at all: a wind without GPS is not estimated.
+    """
     late = slice(len(values) // 5, None)
-    low = min(float(np.nanmin((values - 2.2 * std)[late])), *truth, np.inf)
-    high = max(float(np.nanmax((values + 2.2 * std)[late])), *truth, -np.inf)
+    shown = np.concatenate([(values - 2.2 * std)[late].ravel(), (values + 2.2 * std)[late].ravel(), truth])
+    known = shown[np.isfinite(shown)]
+    if not len(known):
+        return None
+    low, high = known.min(), known.max()
     room = 0.08 * (high - low) + 1e-9
     return [float(low - room), float(high + room)]
 
@@ -148,7 +154,8 @@ def consistency_figure(state: StateHistory, theme: Theme, height: int = 250) -> 
         line(*thinned(state.time, state.consistency), theme.residual, "all sensors", width=1.4),
         line(state.time[[0, -1]], np.ones(2), theme.ink, "as expected", dash="dash", width=1.0),
     ]
-    limits = [0.0, max(1.3 * float(np.nanquantile(state.consistency, 0.98)), 2.0)]
+    known = state.consistency[np.isfinite(state.consistency)]
+    limits = [0.0, max(1.3 * float(np.quantile(known, 0.98)), 2.0) if len(known) else 2.0]
     data += beyond(state.time, state.consistency, limits, theme)
     return figure(
         theme, data, height,
