@@ -61,6 +61,7 @@ class Jet:
     inertia_of = (0.019, 1.3925, 0.042, 0.002)
     height, speed, density = 2800.0, 100.0, 0.9281
     every, duration, columns = 5, DURATION, COLUMNS
+    leg = 45.0  # [s] of one speed and bank
 
     def __init__(self, kind: str, seed: int) -> None:
         self.random = np.random.default_rng(seed)
@@ -75,7 +76,7 @@ class Jet:
             shape = str(self.random.choice(["doublet", "3211"]))
             self.events.append((time, ORDER[len(self.events) % len(ORDER)], shape))
             time += self.random.uniform(13.0, 22.0)
-        count = round(self.duration / 45.0) + 1
+        count = round(self.duration / self.leg) + 1
         self.banks, self.speeds = (
             self.random.choice([0.0, 0.0, 0.0, 0.3, -0.3], count),
             self.random.choice([85.0, 95.0, 105.0, 115.0], count),
@@ -147,7 +148,7 @@ class Jet:
         below, climb = self.height + x[12], -(turn @ x[:3])[2]
         wanted = float(np.clip(0.002 * below - 0.012 * climb + integral, -0.2, 0.25))
         integral += STEP * (0.0002 * below - 0.001 * climb)
-        number = int(time // 45.0)
+        number = int(time // self.leg)
         command_of = {
             "elevator": -0.8 * (wanted - pitch) + 1.2 * x[4] - 0.02,
             "aileron": -0.5 * (self.banks[number] - bank) + 0.25 * x[3],

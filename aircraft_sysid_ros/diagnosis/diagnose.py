@@ -66,6 +66,7 @@ class Finding:
     amid: tuple[str, ...] = ()  # axes on which it does not act and of which most is left
     #: By axis the term that explains most of what the effect leaves since it has another shape, if that has size.
     shape: Mapping[str, str] = field(default_factory=dict)
+    told_by: str = ""  # in words, of what is no held-out error of the whole flight
 
     @property
     def matters(self) -> bool:
@@ -133,6 +134,12 @@ class Diagnosis:
     unknown: Mapping[str, float] = field(default_factory=dict)
     #: By axis of which most is left and nothing explains it: the held-out error, and that over the replicas'.
     left: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def after(self, finding: Finding) -> Diagnosis:
+        """The same with what was found before anything was searched for."""
+        found, candidates = (finding, *self.found), (finding, *self.candidates)
+        p_value = min(self.p_value, finding.p_value)
+        return replace(self, verdict=_verdict(found), found=found, candidates=candidates, p_value=p_value)
 
 
 def diagnose(

@@ -30,14 +30,16 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     setting_of,
     sharpened,
 )
-from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, replicas_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
 from aircraft_sysid_ros.diagnosis.words import FlightDiagnosis, MeasurementFinding
 from aircraft_sysid_ros.effects import LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.samples import Kind, Samples
 
 #: Times that an error of a sensor, as the coefficients show it, is corrected by what they show then.
@@ -90,7 +92,12 @@ def diagnose_flight(
             aircraft, flight, calm, places = placed
             data = settled_flight(flight)
             settings += places
+    trim = trim_finding(CandidateEvaluator(data))
     while True:
+        if trim is not None:  # it hides what the moment does otherwise, here and in replicas
+            model = trim.flight.with_terms(new_terms(trim.flight, trim.trial)).model
+            flight = replace(flight, aircraft=replace(flight.aircraft, model=model))
+            data = settled_flight(flight)
         bench = CandidateEvaluator(data)
         repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
         result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
@@ -103,9 +110,13 @@ def diagnose_flight(
             aircraft, flight, finding = corrected
             data = settled_flight(flight)
             settings.append(finding)
+    if trim is not None:
+        result, data = result.after(trim), trim.flight
     data = replace(data, names=tuple(names), runs=tuple(runs))
     unseen = out_of_reach(bench, library, samples, calm)
-    return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen))
+    zero = flight.epoch + int(1e9 * (flight.points[0, CoefficientSample.TIME] - data.begin))
+    first = int(samples.stamp[samples.kind != Kind.SEAM].min())
+    return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen), zero, first)
 
 
 def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], float]]) -> MeasurementFinding:

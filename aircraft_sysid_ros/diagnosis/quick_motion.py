@@ -8,7 +8,6 @@ over some seconds taken off both sides of the regression leaves what is quick, a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 
 Array = npt.NDArray[np.float64]
@@ -52,10 +52,10 @@ def quick_motion(fit: AxisFit) -> QuickMotion | None:
     """What quick motion alone says of an axis; None where the fit to the whole flight does as well."""
     if not fit.fit.nrmse_held_out > _BAD:
         return None
-    pieces = list(_quick_pieces(fit))
-    if sum(len(piece) for piece in pieces) < _LEAST:
+    rows = quick_rows(fit.flight, np.column_stack([fit.measured, fit.columns]))
+    rows = rows[np.isfinite(rows[:, 0])]
+    if len(rows) < _LEAST:
         return None
-    rows = np.concatenate(pieces)
     y, columns = rows[:, 0], rows[:, 1:]
     moving = np.std(columns, axis=0) > 1e-9 * (np.abs(fit.columns[fit.rows]).max(axis=0) + 1e-12)
     if not moving.any() or not y.any():
@@ -74,15 +74,15 @@ def quick_motion(fit: AxisFit) -> QuickMotion | None:
     return QuickMotion(fit.axis, left, left_by_whole, values)
 
 
-def _quick_pieces(fit: AxisFit) -> Iterator[Array]:
-    """Measured coefficient and columns (n, 1 + k) less their means over WINDOW, by stretch without a gap."""
-    flight, size = fit.flight, max(round(WINDOW / fit.flight.step), 1)
-    rows = np.column_stack([fit.measured, fit.columns])
+def quick_rows(flight: FlightData, rows: Array) -> Array:
+    """Rows (n, k) of a flight less their means over WINDOW; NaN in stretches without a gap that are no longer."""
+    size, out = max(round(WINDOW / flight.step), 1), np.full(rows.shape, np.nan)
     known = np.flatnonzero(np.isfinite(rows).all(axis=1))
     ends = np.diff(flight.time[known]) > _GAP * flight.step
     if flight.manoeuvre is not None:
         ends |= np.diff(flight.manoeuvre[known]) != 0
     for begin, end in pairwise([0, *(np.flatnonzero(ends) + 1).tolist(), len(known)]):
-        piece = rows[known[begin:end]]
-        if len(piece) > size:
-            yield piece - uniform_filter1d(piece, size, axis=0, mode="nearest")
+        if end - begin > size:
+            piece = rows[known[begin:end]]
+            out[known[begin:end]] = piece - uniform_filter1d(piece, size, axis=0, mode="nearest")
+    return out

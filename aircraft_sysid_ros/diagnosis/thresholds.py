@@ -127,6 +127,19 @@ class Thresholds:
         "surfaces are commands a stall had been named that explained a quarter.",
     )
     left_share: float = _of(0.5, "The share of the variance above the noise that it must explain then.")
+    trim_size: float = _of(
+        0.5,
+        "Share of what is left of the trim of a long flight that a change must explain: on the simulated flights that",
+        "the rule was made on true ones explain 85 to 95 %, the likeliest of clean ones 5 %.",
+    )
+    trim_left: float = _of(
+        0.05,
+        "What is left of the trim, over what the elevator makes of it, from which it is worth a word. A judgement.",
+    )
+    trim_told: float = _of(
+        3.0,
+        "ln of the likelihood by which a change that follows lift must be told from a constant one. A judgement.",
+    )
     most_effects: int = _of(4, "Effects that are looked for one after another, each with those before it in the model.")
 
     # -- which name

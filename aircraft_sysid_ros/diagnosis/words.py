@@ -13,7 +13,7 @@ from aircraft_sysid_ros.diagnosis.cannot_show import OutOfReach
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Diagnosis, Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
-from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
+from aircraft_sysid_ros.diagnosis.search.candidates import MOMENTS_OF_CHANGE, Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import errors_of, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
@@ -68,6 +68,8 @@ class FlightDiagnosis:
     replicas: Sequence[Replica] = field(repr=False)
     is_calm: bool  # scales of the air data could be told
     unseen: tuple[OutOfReach, ...] = ()
+    zero: int = 0  # stamp [ns] at which the signal ``time`` is 0
+    recorded_from: int = 0  # stamp [ns] of the first sample
 
     @property
     def verdict(self) -> str:
@@ -134,6 +136,7 @@ class FlightDiagnosis:
             "confounded_with": list(finding.confounded_with),
             "where": self._where(finding),
             "inner": dict(trial.candidate.inner),
+            **self._stamps(trial.candidate),
             "terms": terms,
             "parameters": [
                 {"axis": a, "term": text, "value": value}
@@ -156,8 +159,26 @@ class FlightDiagnosis:
         )
         words = unusual(self.flight, inside, judged)
         candidate = finding.trial.candidate
-        since_when = f"{self._when(candidate)}; " if candidate.happens and not candidate.changed else ""
+        since_when = f"{self._when(candidate)}{self._in_recording(candidate)}; " if candidate.happens else ""
+        if finding.told_by:
+            return since_when + finding.told_by
         return f"{since_when}{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
+
+    def _stamps(self, candidate: Candidate) -> dict[str, dict[str, int]]:
+        """Stamps [ns] of when a change begins and ends, of one flight: what was joined has no clock in common."""
+        if not candidate.happens or self.flight.manoeuvre is not None:
+            return {}
+        times = {name: value for name, value in candidate.inner if name in MOMENTS_OF_CHANGE}
+        return {"stamps": {name: self.zero + int(1e9 * value) for name, value in times.items()}}
+
+    def _in_recording(self, candidate: Candidate) -> str:
+        """When that is since the first sample, in words, where the filter started late."""
+        late = (self.zero - self.recorded_from) * 1e-9
+        stamps = self._stamps(candidate).get("stamps", {}).values()
+        if not stamps or late < 1.0:
+            return ""
+        times = " to ".join(f"{(stamp - self.recorded_from) * 1e-9:.0f} s" for stamp in stamps)
+        return f" ({times} since the first sample: the filter started {late:.0f} s late)"
 
     def _runs_of(self, candidate: Candidate | None) -> dict[str, list[str] | None]:
         """Of several runs, those in which something changed between them; None of what is no such change."""

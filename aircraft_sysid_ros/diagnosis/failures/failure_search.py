@@ -33,8 +33,8 @@ Integers = npt.NDArray[np.int64]
 SHORTEST, LEAST_POINTS = 3.0, 6
 #: Share of a flight that is intact before, and in all.
 BEFORE, INTACT = 0.12, 0.3
-#: Edges of intervals of the first pass.
-_EDGES = 65
+#: Edges of intervals of the first pass, and steps to either side between them when they are moved.
+_EDGES, _NEARBY = 65, 24
 #: Levels of an input that are tried first, and how finely they are told, as a share of its range.
 _LEVELS, _FINEST_LEVEL = 9, 0.01
 #: Doubt [s] of a time beyond which nobody looks.
@@ -217,14 +217,22 @@ class FailureSearch:
         return chosen
 
     def _nearby(self, name: str, kind: str, colours: Mapping[str, Array], begin: int, end: int) -> Hypothesis:
-        """The best interval whose edges are within one of those of the first pass: a sudden step is easily missed."""
-        reach = np.arange(-self._every, self._every + 1)
-        first, last = np.meshgrid(begin + reach, np.array([end]) if end >= self.count else end + reach, indexing="ij")
-        first, last = first.ravel(), np.minimum(last.ravel(), self.count)
-        keep = (first > 0) & (last - first >= self._shortest)
-        first, last = first[keep], last[keep]
-        best = int(np.argmax(self._scored(name, kind, colours, first, last)))
-        return Hypothesis(name, kind, float(first[best]), float(last[best]))
+        """The best interval whose edges are within one of those of the first pass: a sudden step is easily missed.
+
+        Of a long flight the edges of the first pass are far apart: the first look is at every so many points.
+        """
+        reach, lasts = self._every, end >= self.count
+        while True:
+            apart = max(reach // _NEARBY, 1)
+            steps = apart * np.arange(-(reach // apart), reach // apart + 1)
+            first, last = np.meshgrid(begin + steps, np.array([end]) if lasts else end + steps, indexing="ij")
+            first, last = first.ravel(), np.minimum(last.ravel(), self.count)
+            keep = (first > 0) & (last - first >= self._shortest)
+            first, last = first[keep], last[keep]
+            best = int(np.argmax(self._scored(name, kind, colours, first, last)))
+            begin, end, reach = int(first[best]), int(last[best]), apart
+            if apart == 1:
+                return Hypothesis(name, kind, float(begin), float(end))
 
     def _scored(self, name: str, kind: str, colours: Mapping[str, Array], begin: Integers, end: Integers) -> Array:
         """Log-likelihood (w,) of intervals with given colours; -inf where too little of the flight is intact."""

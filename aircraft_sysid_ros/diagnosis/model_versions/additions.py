@@ -41,9 +41,10 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     version_with,
     write_version,
 )
-from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms, undetermined
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, new_terms, undetermined
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.errors import InputError, one_line
@@ -175,7 +176,7 @@ def missing_signals(flight: FlightData, *texts: str) -> list[str]:
 
 def _of_effect(flight: FlightData, effect: Effect) -> Change:
     missing = flight.lacks(effect.signals)
-    trial = None if missing else CandidateEvaluator(flight).best_of(effect)
+    trial = None if missing else _best_of(effect, CandidateEvaluator(flight))
     if trial is None:
         raise InputError(
             f"'{effect.identifier}' needs {' and '.join(missing) or 'signals'}, which this flight does not have"
@@ -184,6 +185,13 @@ def _of_effect(flight: FlightData, effect: Effect) -> Change:
     if not new:
         raise InputError(f"this flight does not determine '{effect.identifier}', or the model has it already")
     return Change(terms=new)
+
+
+def _best_of(effect: Effect, bench: CandidateEvaluator) -> Score | None:
+    """An effect as ``diagnose`` finds it: by the trim of the flight, or else by all of it."""
+    trim = trim_finding(bench)
+    known = trim is not None and trim.trial.candidate.family == effect.identifier
+    return trim.trial if trim is not None and known else bench.best_of(effect)
 
 
 def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress) -> tuple[Change, Setting]:

@@ -1,0 +1,1 @@
+"""Changes of the trim of a long flight."""

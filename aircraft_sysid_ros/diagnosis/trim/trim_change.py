@@ -1,0 +1,341 @@
+"""A change of trim: what moves the elevator of steady flight at one moment, and back at another.
+
+In steady flight C_m is about nothing, and the elevator says what it balances: it follows angle of attack and speed, and
+slowly the fuel and the thrust. Where it moves without any of them, something else has changed: a passenger walked
+forward, the gear went down. In a long flight no regression of C_m shows that: what is not in the model and trims the
+aeroplane makes its derivatives look small, and with small derivatives nothing is left to explain (``quick_motion``).
+
+So the derivatives are taken from manoeuvres alone, and what they leave of means over some seconds is searched for a
+change that speed, time and the terms of the model, with numbers of their own, do not explain. What chance does is told
+by series with the same correlation in time: a trim that wanders looks like steps, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.quick_motion import quick_rows
+from aircraft_sysid_ros.diagnosis.search.evaluator import moves
+from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+#: [s] whose mean is one point, and points from which anything is said: shorter flights the ordinary search serves.
+WINDOW, LEAST_WINDOWS = 10.0, 40
+#: [s] to which its times are told.
+_FINE = 2.0
+#: A change lasts for so many points at least, and leaves as many before it.
+SHORTEST = 3
+#: A block is a manoeuvre where the elevator moves so many times as much as in the median block; where there are fewer
+#: than so many, the livelier quarter of the flight stands in for them.
+_EXCITED, _LEAST_BLOCKS = 4.0, 4
+#: Standard errors from which the derivative to the elevator is known, with those of white noise.
+_KNOWN = 10.0
+#: Series that say what chance does, and their seed.
+_SERIES, _SEED = 399, 0
+#: What trims an aeroplane slowly and has a number of its own, whatever the model says.
+_BESIDE = ("time", "V", "Tc", "flaps")
+#: Standard errors, with the correlation in time, from which another axis is said to have changed at the same moments,
+#: and the least change over that of C_m: an elevator that balances it acts a chord behind at least.
+_COMPANY, _LEAST_COMPANY = 4.0, {"CX": 0.2, "CZ": 1.0}
+
+
+@dataclass(frozen=True)
+class Change:
+    """One change in a series of means."""
+
+    first: int  # point from which it is there
+    last: int  # and before which it ends
+    value: float  # of its shape
+    gain: float  # ln of the sums of squares without and with it
+    left: Array  # (k,) what it leaves
+
+
+@dataclass(frozen=True)
+class TrimChange:
+    """What the likeliest change of trim is."""
+
+    begin: float  # the signal ``time`` [s]
+    end: float | None  # None: it lasts to the end of the flight
+    with_lift: float  # change of C_m over C_Z, were it in proportion to that
+    constant: float  # change of C_m, were it a constant
+    #: ln of the likelihood of the one over that of the other.
+    prefers_lift: float
+    p_value: float
+    evidence: float  # in standard deviations
+    before: float  # rms of what is left of the means, over that of what the elevator makes
+    after: float
+    #: Changes of other axes at the same moments that exceed chance.
+    company: dict[str, float]
+    unknown: tuple[str, ...]  # axes of C_X and C_Z that do not tell
+
+
+def trim_change(data: FlightData) -> TrimChange | None:
+    """The likeliest change of trim beside the model of a flight; None where the flight does not tell."""
+    if data.manoeuvre is not None or data.run is not None:  # these are short, or are told apart run by run
+        return None
+    points, derivatives = _points(data, WINDOW), _of_manoeuvres(data)
+    if points is None or derivatives is None or points.count < LEAST_WINDOWS:
+        return None
+    response, trimmed = _left(data, points, derivatives)
+    beside = _beside(data, points, "Cm")
+    lift, one = points.mean(data.coefficient("CZ")), np.ones(points.count)
+    if not np.isfinite(lift).all() or trimmed == 0.0:
+        return None
+    search = {"lift": _Search(beside, lift), "constant": _Search(beside, one)}
+    found = {name: each.best(response) for name, each in search.items()}
+    best = max(found.values(), key=lambda change: change.gain)
+    before = _without(beside, response)
+    chance = [
+        max(each.best(series).gain for each in search.values()) for series in _wandering(before, beside, points.number)
+    ]
+    begin, end = _times(data, points.edge(best.first), points.edge(best.last), derivatives)
+    inside = points.inside(begin, end)
+    at = {name: _at(beside, response, inside * shape) for name, shape in (("lift", lift), ("constant", one))}
+    company, unknown = _company(data, points, inside, at["constant"][0])
+    independent = points.count * _independent(best.left, points.number)
+    return TrimChange(
+        begin=begin,
+        end=None if best.last == points.count else end,
+        with_lift=at["lift"][0],
+        constant=at["constant"][0],
+        prefers_lift=0.5 * independent * float(np.log(at["constant"][1] / at["lift"][1])),
+        evidence=float(np.sqrt(2.0 * independent * best.gain)),
+        p_value=(1.0 + sum(gain >= best.gain for gain in chance)) / (1.0 + len(chance)),
+        before=_rms(before) / trimmed,
+        after=_rms(best.left) / trimmed,
+        company=company,
+        unknown=tuple(unknown),
+    )
+
+
+# -- means over a few seconds ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Points:
+    """The windows of a flight that have values in most of their time."""
+
+    window: Integers  # (n,) of each row
+    rows: Mask  # (n,) that count
+    number: Integers  # (k,) of each window
+    begins: float  # the signal ``time`` [s] of window 0
+    size: float  # [s]
+
+    @property
+    def count(self) -> int:
+        """How many."""
+        return len(self.number)
+
+    def mean(self, values: Array) -> Array:
+        """Means (k,) of a signal (n,)."""
+        place = np.searchsorted(self.number, self.window[self.rows])
+        sums = np.bincount(place, values[self.rows], self.count)
+        return np.asarray(sums / np.bincount(place, minlength=self.count))
+
+    def edge(self, point: int) -> float:
+        """When a point begins, or the last one ends."""
+        number = self.number[point] if point < self.count else self.number[-1] + 1
+        return self.begins + self.size * float(number)
+
+    def inside(self, begin: float, end: float) -> Array:
+        """Share (k,) of the time of each point in which a change is there."""
+        since = self.begins + self.size * self.number
+        return np.clip(np.minimum(since + self.size, end) - np.maximum(since, begin), 0.0, self.size) / self.size
+
+
+def _points(data: FlightData, size: float) -> _Points | None:
+    """Windows in most of which C_m and its terms are known; None where there is none."""
+    known = np.isfinite(data.coefficient("Cm")) & np.isfinite(_terms(data, "Cm")).all(axis=1)
+    known &= np.isfinite(data.coefficient("CZ"))
+    window = np.asarray(data.time // size, dtype=np.int64)
+    number, count = np.unique(window[known], return_counts=True)
+    number = number[count * data.step > 0.5 * size]
+    return _Points(window, known & np.isin(window, number), number, data.begin, size) if len(number) else None
+
+
+def _terms(data: FlightData, axis: str) -> Array:
+    """Columns (n, k) of the model of an axis."""
+    return data.columns(data.model.programs[AXES.index(axis)])
+
+
+def _beside(data: FlightData, points: _Points, axis: str) -> Array:
+    """Orthonormal columns (k, m) of what trims an aeroplane slowly: the terms of its model without controls, and more.
+
+    Angle of attack, speed, time, thrust and every named input that the flight has and moves.
+    """
+    programs = data.model.programs[AXES.index(axis)]
+    still = [j for j, program in enumerate(programs) if not program.signals & CONTROL_SIGNALS]
+    columns = list(data.columns(programs)[:, still].T)
+    columns += [data.signal(name) for name in (*_BESIDE, *data.model.inputs) if moves(data.signal(name))]
+    means = [points.mean(column) for column in columns]
+    table = np.column_stack([np.ones(points.count), *(mean for mean in means if np.isfinite(mean).all())])
+    left, size, _ = np.linalg.svd(table / np.maximum(np.linalg.norm(table, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(left[:, size > 1e-6 * size[0]])
+
+
+def _left(data: FlightData, points: _Points, derivatives: Array) -> tuple[Array, float]:
+    """Means (k,) of C_m less what derivatives make of it, and the spread of what those to the controls make."""
+    programs, columns = data.model.programs[AXES.index("Cm")], _terms(data, "Cm")
+    acting = [j for j, program in enumerate(programs) if program.signals & CONTROL_SIGNALS]
+    trimmed = points.mean(columns[:, acting] @ derivatives[acting])
+    return points.mean(data.coefficient("Cm") - columns @ derivatives), float(np.std(trimmed))
+
+
+def _times(data: FlightData, begin: float, end: float, derivatives: Array) -> tuple[float, float]:
+    """The times of a change of C_m, told more finely, one after the other."""
+    points = _points(data, _FINE)
+    if points is None:
+        return begin, end
+    response, beside = _left(data, points, derivatives)[0], _beside(data, points, "Cm")
+    steps = np.arange(-WINDOW, WINDOW + 0.5 * _FINE, _FINE)
+
+    def left_by(first: float, last: float) -> float:
+        column = points.inside(first, last)
+        return _at(beside, response, column)[1] if column.any() else np.inf
+
+    begin = min((begin + step for step in steps.tolist()), key=lambda time: left_by(time, end))
+    return begin, min((end + step for step in steps.tolist()), key=lambda time: left_by(begin, time))
+
+
+def _of_manoeuvres(data: FlightData) -> Array | None:
+    """Derivatives (k,) of C_m in manoeuvres; None where these do not tell what the elevator does."""
+    programs, columns = data.model.programs[AXES.index("Cm")], _terms(data, "Cm")
+    acting = [j for j, program in enumerate(programs) if program.signals & CONTROL_SIGNALS]
+    quick = quick_rows(data, np.column_stack([data.coefficient("Cm"), columns]))
+    rows = np.asarray(np.isfinite(quick).all(axis=1))
+    if not acting or not rows.any():
+        return None
+    rows = rows & _in_manoeuvres(data, rows, quick[:, 1 + acting[0]])
+    y, x = quick[rows, 0], quick[rows, 1:]
+    size = np.std(x, axis=0)
+    moving = np.flatnonzero(size > 1e-9 * (np.abs(columns[rows]).max(axis=0) + 1e-12))
+    if len(y) < 10 * len(moving) or acting[0] not in moving:
+        return None
+    x = x[:, moving] / size[moving]
+    values = np.linalg.lstsq(x, y, rcond=None)[0]
+    std = np.sqrt(np.diag(np.linalg.pinv(x.T @ x)) * np.mean((y - x @ values) ** 2))
+    place = moving.tolist().index(acting[0])
+    if not abs(values[place]) > _KNOWN * std[place]:
+        return None
+    derivatives = np.zeros(columns.shape[1])
+    derivatives[moving] = values / size[moving]
+    return derivatives
+
+
+def _in_manoeuvres(data: FlightData, rows: Mask, elevator: Array) -> Mask:
+    """Rows (n,) of blocks in which the elevator moves much more than usual."""
+    blocks, place = np.unique(data.block, return_inverse=True)
+    squares = np.bincount(place[rows], elevator[rows] ** 2, len(blocks))
+    motion = np.sqrt(squares / np.maximum(np.bincount(place[rows], minlength=len(blocks)), 1))
+    moved = motion[motion > 0.0]
+    lively = motion > (_EXCITED * float(np.median(moved)) if len(moved) else 0.0)
+    if np.sum(lively) < _LEAST_BLOCKS:
+        lively = motion >= np.quantile(motion, 0.75)
+    return np.asarray(lively[place])
+
+
+# -- the search --------------------------------------------------------------------------------------------------------
+
+
+class _Search:
+    """All changes of one shape: what does not depend on the response is worked out once."""
+
+    def __init__(self, beside: Array, shape: Array) -> None:
+        self.beside, self.shape, count = beside, shape, len(shape)
+        first, last = np.triu_indices(count + 1, SHORTEST)
+        keep = (first >= SHORTEST) & (count - last + first >= SHORTEST)
+        self.first, self.last = first[keep], last[keep]
+        own = self._inside(shape**2) - np.sum(self._inside(beside * shape[:, None]) ** 2, axis=1)
+        scale = np.maximum(self._inside(shape**2), 1e-300)
+        self.own = np.where(own > 1e-6 * scale, own, np.inf)
+
+    def _inside(self, values: Array) -> Array:
+        """Sums of values (k, …) over the points of each change."""
+        sums = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+        return np.asarray(sums[self.last] - sums[self.first])
+
+    def best(self, response: Array) -> Change:
+        """The change that explains most of a response (k,)."""
+        left = _without(self.beside, response)
+        with_it = self._inside(left * self.shape)
+        explained = with_it**2 / self.own
+        at, total = int(np.argmax(explained)), float(left @ left)
+        column = np.zeros(len(left))
+        column[self.first[at] : self.last[at]] = self.shape[self.first[at] : self.last[at]]
+        value = float(with_it[at] / self.own[at])
+        gain = -np.log(max(1.0 - explained[at] / total, 1e-12)) if total > 0.0 else 0.0
+        return Change(
+            int(self.first[at]), int(self.last[at]), value, float(gain), left - value * _without(self.beside, column)
+        )
+
+
+def _at(beside: Array, response: Array, column: Array) -> tuple[float, float]:
+    """Number of a column (k,) that fits best, and the sum of squares that it leaves."""
+    left, column = _without(beside, response), _without(beside, column)
+    value = float(column @ left / (column @ column))
+    return value, float(np.sum((left - value * column) ** 2))
+
+
+def _without(beside: Array, values: Array) -> Array:
+    """Values (k,) without what orthonormal columns explain."""
+    return np.asarray(values - beside @ (beside.T @ values))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+# -- chance ------------------------------------------------------------------------------------------------------------
+
+
+def _correlation(left: Array, number: Integers) -> float:
+    """Correlation of neighbours, from 0 on."""
+    near = np.diff(number) == 1
+    square = float(np.mean(left**2))
+    return float(np.clip(np.mean((left[1:] * left[:-1])[near]) / square, 0.0, 0.999)) if square > 0.0 else 0.0
+
+
+def _independent(left: Array, number: Integers) -> float:
+    """Share of points that are as good as independent."""
+    rho = _correlation(left, number)
+    return (1.0 - rho) / (1.0 + rho)
+
+
+def _wandering(left: Array, beside: Array, number: Integers) -> list[Array]:
+    """Series (k,) with the correlation of what is left, of which nothing changed: autoregressive, of order one."""
+    rho, random = _correlation(left, number), np.random.default_rng(_SEED)
+    noise = random.standard_normal((_SERIES, int(number[-1] - number[0]) + 1)) * np.sqrt(1.0 - rho**2)
+    noise[:, 0] /= np.sqrt(1.0 - rho**2)
+    series = lfilter([1.0], [1.0, -rho], noise, axis=1)
+    return [_without(beside, one[number - number[0]]) for one in series]
+
+
+def _company(data: FlightData, points: _Points, inside: Array, pitching: float) -> tuple[dict[str, float], list[str]]:
+    """Constants of C_X and C_Z that changed with the trim, and the axes that do not tell.
+
+    ``pitching``: the change of C_m, which the elevator balances, and makes some lift and drag by that.
+    """
+    found, unknown = {}, []
+    for axis, least in _LEAST_COMPANY.items():
+        response = points.mean(data.coefficient(axis))
+        if not np.isfinite(response).all() or (axis == "CX" and not moves(data.signal("Tc"))):  # thrust hides drag
+            unknown.append(axis)
+            continue
+        beside = _beside(data, points, axis)
+        column, response = _without(beside, inside), _without(beside, response)
+        value = float(column @ response / (column @ column))
+        left = response - value * column
+        free = max(_independent(left, points.number), 1e-3)
+        std = float(np.sqrt(np.mean(left**2) / (column @ column) / free))
+        if abs(value) > max(_COMPANY * std, least * abs(pitching)):
+            found[axis] = value
+    return found, unknown
