@@ -486,6 +486,11 @@ def jet() -> str:
     return table(*diagnosis_tables.jet(load_lines("jet")))
 
 
+def trimmed_jet() -> str:
+    """The same in minutes of trim."""
+    return table(*diagnosis_tables.trimmed_jet(load_lines("trimmed_jet")))
+
+
 def faults(name: str = "faults") -> str:
     """A campaign of faults."""
     return table(*trust_tables.faults(load(name)))
@@ -722,6 +727,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "faults_now": lambda: faults("faults_now"),
     "isolation_limits": lambda: table(*trust_tables.isolation_limits()),
     "jet": jet,
+    "trimmed_jet": trimmed_jet,
     "stalls": stalls,
     "further_effects": further_effects,
     "fleet_healthy": fleet(fleet_tables.healthy, "fleet_changes"),

@@ -115,6 +115,23 @@ def jet(records: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     return header, rows
 
 
+def trimmed_jet(records: list[dict[str, Any]]) -> Rows:
+    """What was said of each long flight of a jet in trim."""
+    header = ["seed", "flight", "thrust", "true times", "named", "its times", "error of the axis"]
+    rows = []
+    for record in sorted(records, key=lambda record: int(record["seed"])):
+        kind = {"clean": "clean", "cg_shift": "a passenger walks"}.get(record["kind"])
+        words = kind or ("gear down" if record["gear"] else "flaps out")
+        true = "" if kind == "clean" else "{:.0f} to {:.0f} s".format(*record["span"])
+        found = record["found"]
+        times = [" to ".join(f"{value:.0f}" for value in f["inner"].values()) + " s" for f in found]
+        errors = [f"{100 * f['error_before']:.0f} to {100 * f['error_after']:.0f} %" for f in found]
+        named = [f["label"] for f in found] or [record["verdict"]]
+        known = "recorded" if record["thrust"] else "not recorded"
+        rows.append([str(record["seed"]), words, known, true, *map(", ".join, (named, times, errors))])
+    return header, rows
+
+
 def stalls(records: list[dict[str, Any]]) -> Rows:
     """What was said of each flight of a transport that is stalled slowly."""
     header = ["seed", "flight", "GPS", "named", "error of the axis"]
