@@ -22,6 +22,7 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import CONSTANT, FROZ
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -115,13 +116,9 @@ def failures_of(
     jobs += [(engine, name) for name in engine.inputs(of_thrust=True)]
     found: list[Failure] = []
     evidence: dict[str, float] = {}  # the most that freezing an input has
-    for number, (form, name) in enumerate(jobs):
+    for number, ((_, name), (most, failure)) in enumerate(zip(jobs, in_parallel(_searched, jobs), strict=True), 1):
         progress(number / len(jobs))
-        tried = _frozen(form.search, name)
-        evidence[name] = max(evidence.get(name, -np.inf), tried.evidence)
-        failure = _of_input(form, tried)
-        if failure is None and name == ENGINE:
-            failure = _cut(form.balance)
+        evidence[name] = max(evidence.get(name, -np.inf), most)
         if failure is not None:
             found.append(failure)
     found.sort(key=lambda failure: -failure.evidence)
@@ -129,6 +126,14 @@ def failures_of(
     judged = tuple(dict.fromkeys(axis for form, name in jobs for axis in form.search.axes_of(name)))
     progress(1.0)
     return FailureReport(tuple(best), tuple(evidence), judged, _not_judged(motion.balance, judged), motion.balance)
+
+
+def _searched(job: tuple[_Form, str]) -> tuple[float, Failure | None]:
+    """The most evidence that freezing an input has, and what failed of it."""
+    form, name = job
+    tried = _frozen(form.search, name)
+    failure = _of_input(form, tried)
+    return tried.evidence, _cut(form.balance) if failure is None and name == ENGINE else failure
 
 
 def _leads(failure: Failure, evidence: dict[str, float], jobs: Iterable[tuple[_Form, str]]) -> bool:
