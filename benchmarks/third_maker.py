@@ -48,6 +48,9 @@ DEVELOPMENT = _drawn(710_000, 12)
 #: And judged on these. Neither list is changed once it has been committed.
 JUDGING = _drawn(930_000, 17)
 
+#: Number of the rules that a flight was judged by, in its line; 1 where it has none. It rises with the next rules.
+RULES = 2
+
 RIGHT, IN_SET, LATER, UNEXPLAINED, NONE, WRONG = "first", "in its set", "later", "unexplained", "none", "wrong"
 
 
@@ -63,7 +66,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
     if "failed" in result:
         return result
     outcome, besides = judged(result)
-    return {**result, "outcome": outcome, "besides": besides}
+    return {**result, "rules": RULES, "outcome": outcome, "besides": besides}
 
 
 def said_of(folder: Path) -> dict[str, Any]:
@@ -80,11 +83,11 @@ def said_of(folder: Path) -> dict[str, Any]:
     keys = ("label", "effect", "main_axis", "inner", "p_value", "error_before", "error_after", "confounded_with")
     return {
         "verdict": said["verdict"],
-        "p_value": said["p_value"],
+        "p_value": said.get("p_value"),  # none where an input has failed: the library is not searched then
         "found": [{key: each.get(key) for key in keys} for each in said["candidates"] if each["found"]],
         "listed": [each["label"] for each in said["candidates"] if not each["found"]],
         "unknown": said.get("unknown"),
-        "unseen": [each["effect"] for each in said["cannot_show"]],
+        "unseen": [each["effect"] for each in said.get("cannot_show", ())],
     }
 
 

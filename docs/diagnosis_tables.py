@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -165,12 +166,16 @@ def strangers(flown: list[dict[str, Any]]) -> Rows:
 
 
 def third_maker(flown: list[dict[str, Any]]) -> Rows:
-    """What was said of flights from strip theory, by the pace of the log."""
+    """What was said of flights from strip theory, by the rules at that time and the pace of the log."""
     rows = []
+    newest = max(flight.get("rules", 1) for flight in flown)
     outcomes = ("first", "in its set", "later", "unexplained", "none", "wrong")
     paces = {"10 Hz": (10.0,), "20 Hz": (20.0,), "50 Hz": (50.0,)}
-    for words, rates in {**paces, "all": sum(paces.values(), ())}.items():
-        of_pace = [flight for flight in flown if "failed" not in flight and flight["rate"] in rates]
+    rules = {"rules of before": range(1, newest), "rules frozen since": range(newest, newest + 1)}
+    kinds = itertools.product(rules.items(), {**paces, "all": sum(paces.values(), ())}.items())
+    for (when, numbers), (words, rates) in kinds:
+        judged = [flight for flight in flown if "failed" not in flight and flight.get("rules", 1) in numbers]
+        of_pace = [flight for flight in judged if flight["rate"] in rates]
         clean = [flight for flight in of_pace if flight["effect"] is None]
         hidden = [flight for flight in of_pace if flight["effect"] is not None]
         false = sum(flight["outcome"] != "none" for flight in clean)
@@ -178,7 +183,7 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
         others = sum(bool(flight["besides"]) for flight in hidden if flight["outcome"] != "wrong")
         said = sum(flight["outcome"] == "none" and flight["effect"] in flight.get("unseen", ()) for flight in hidden)
         counts.insert(-1, str(said))
-        rows.append([words, f"{false} of {len(clean)}", str(len(hidden)), *counts, str(others)])
+        rows.append([when, words, f"{false} of {len(clean)}", str(len(hidden)), *counts, str(others)])
     heads = [
         "named first",
         "in its stated set",
@@ -189,7 +194,7 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
         "another name",
         "and a name more",
     ]
-    return ["log", "clean, given what is not true", "with an effect", *heads], rows
+    return ["judged by", "log", "clean, given what is not true", "with an effect", *heads], rows
 
 
 def further_effects(flown: list[dict[str, Any]]) -> Rows:
