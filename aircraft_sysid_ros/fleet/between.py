@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binom
 
 from aircraft_sysid_ros.fleet.changes import FEWEST, RATE, Change, Mean, Series, change_of, difference, mean_of, named
 from aircraft_sysid_ros.fleet.priors import SeriesOf, priors_of
@@ -137,6 +136,8 @@ def _airframes(series: SeriesOf) -> list[Row]:
 
 def _effects(verdicts: Sequence[Row], flown: Sequence[Flown]) -> list[Row]:
     """Effects that are found in more flights of an airframe than false alarms would be."""
+    from scipy.stats import binom  # here: 0.5 s that no other use of a fleet's parts needs
+
     airframe_of = {each.flight.name: each.flight.airframe for each in flown}
     diagnosed: Counter[str] = Counter(airframe_of[name] for name in {row["flight"] for row in verdicts})
     seen = Counter({(row["airframe"], row["effect"], row["flight"]) for row in verdicts if row.get("effect")})

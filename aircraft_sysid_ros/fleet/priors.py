@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from aircraft_sysid_ros.aircraft.fleet_prior import FILE
 from aircraft_sysid_ros.errors import InputError
@@ -92,7 +92,7 @@ def _expected_of_another(means: Sequence[Mean]) -> tuple[float, float] | None:
 def _ahead(value: Array, std: Array, columns: Array) -> tuple[float, float]:
     """What the first column stands for, and its standard deviation in one more flight."""
     fitted = fit(value, std, columns)
-    few = float(student.ppf(0.975, fitted.freedom)) / _NORMAL
+    few = float(stdtrit(fitted.freedom, 0.975)) / _NORMAL
     spread = few * float(np.hypot(fitted.std[0], fitted.between))
     expected = float(fitted.value[0])
     return expected, max(spread, LEAST * abs(expected), float(np.median(std)))
