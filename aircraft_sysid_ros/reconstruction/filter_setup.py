@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -17,6 +19,9 @@ Array = npt.NDArray[np.float64]
 
 #: One sigma [m/s] NED of the wind in air that is taken as calm.
 CALM_STD = np.array([0.2, 0.2, 0.2])
+
+#: Innovations that are less probable by chance are not rejected at all: numbers end there, at 37 sigma.
+_NEVER = 1e-300
 
 #: Which sensor of the aircraft file a kind of sample comes from.
 SENSOR_OF_KIND = {
@@ -46,11 +51,23 @@ def sensor_scales(aircraft: Aircraft) -> Array:
 
 def gate_thresholds(sigma: float) -> Gate:
     """Largest normalised innovation squared for 0 to 3 outputs, as probable as ``sigma`` in one output."""
-    from scipy.special import erf, gammaincinv  # here: 0.3 s that other users of this module do not need
+    outside = math.erfc(sigma / math.sqrt(2.0))
+    if outside < _NEVER:
+        return 0.0, math.inf, math.inf, math.inf
+    return 0.0, sigma**2, -2.0 * math.log(outside), _beyond_of_three(sigma, outside) ** 2
 
-    inside = float(erf(sigma / np.sqrt(2.0)))
-    one, two, three_outputs = (2.0 * float(gammaincinv(0.5 * m, inside)) for m in (1, 2, 3))
-    return 0.0, one, two, three_outputs
+
+def _beyond_of_three(sigma: float, outside: float) -> float:
+    """Length that three normal numbers exceed with a probability, beyond that of ``sigma``: Newton's, for its log.
+
+    It is sqrt(2 / pi) r exp(-r^2 / 2) + erfc(r / sqrt(2)). SciPy, which has it, takes 0.3 s to import.
+    """
+    r = math.sqrt(sigma**2 + 2.0)
+    for _ in range(10):
+        density = math.sqrt(2.0 / math.pi) * math.exp(-0.5 * r * r)
+        chance = r * density + math.erfc(r / math.sqrt(2.0))
+        r += math.log(chance / outside) * chance / (r * r * density)
+    return r
 
 
 def with_options(setup: Setup, options: StateOptions, gate: Gate) -> Setup:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 
 from aircraft_sysid_ros.aircraft.atmosphere import pressure
 from aircraft_sysid_ros.aircraft.frames import (
@@ -341,3 +342,14 @@ def test_static_pressure_is_that_of_the_height(aircraft):
     changed = np.empty(1)
     residual_and_jacobian(int(Kind.AIR), values, lower, np.zeros(3), setup, changed, np.zeros((1, ERROR_SIZE)))
     assert (residual[0] - changed[0]) / delta == pytest.approx(h[0, D_POSITION + 2], rel=1e-3)
+
+
+@pytest.mark.parametrize("sigma", [2.0, 3.0, 5.0, 9.0, 30.0])
+def test_each_number_of_outputs_is_rejected_as_often_as_one(sigma):
+    """As the tails of the distributions of chi squared are, which SciPy has from other sources."""
+    chance = 2.0 * norm.sf(sigma)
+    assert gate_thresholds(sigma) == pytest.approx((0.0, *(chi2.isf(chance, m) for m in (1, 2, 3))), rel=1e-9)
+
+
+def test_a_gate_that_nothing_could_pass_by_chance_is_open():
+    assert gate_thresholds(100.0) == (0.0, np.inf, np.inf, np.inf)
