@@ -77,8 +77,7 @@ $(STAMPS)/complete: $(STAMPS)/kernels
 
 test: env ## everything that a change must pass: lint, types, colcon build, tests
 	@$(MAKE) --no-print-directory lint
-	@$(MAKE) --no-print-directory types
-	@$(MAKE) --no-print-directory colcon
+	@$(MAKE) --no-print-directory -j2 -Otarget types colcon
 	@$(MAKE) --no-print-directory pytest
 
 lint: env ## ruff, its format, and the layers of .importlinter

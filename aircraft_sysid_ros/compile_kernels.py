@@ -28,6 +28,8 @@ from aircraft_sysid_ros.calibration.kinematics import integrated_outputs
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains
+from aircraft_sysid_ros.estimation.kalman_filter import LinearSystem, filter_series
+from aircraft_sysid_ros.estimation.smoothing import smooth_series
 from aircraft_sysid_ros.flight_model.bank import filter_bank, simulation_bank
 from aircraft_sysid_ros.flight_model.layout import make_theta
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory
@@ -36,7 +38,9 @@ from aircraft_sysid_ros.identification.model_change import change_model, with_te
 from aircraft_sysid_ros.identification.monitoring.agreement import solved
 from aircraft_sysid_ros.identification.options import EstimatorName, ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.state import STATE_SIZE
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
+from aircraft_sysid_ros.reconstruction.state_row import wind_of
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.ros_messages.output_messages import state_fields
@@ -44,8 +48,11 @@ from aircraft_sysid_ros.samples import Samples
 
 
 def filters() -> None:
-    """The state's filter and smoother."""
+    """The state's filter and smoother, its wind while it still stands, and those of linear systems."""
     warm_up(load_aircraft(config_path(DEFAULT_AIRCRAFT)), smoother=True)
+    wind_of(np.zeros(STATE_SIZE))
+    system = LinearSystem(np.eye(1), np.eye(1), np.eye(1), np.eye(1))
+    smooth_series(system, filter_series(system, np.zeros(1), np.eye(1), np.zeros((2, 1))))
 
 
 def maximum_likelihood() -> None:
@@ -67,6 +74,7 @@ def search() -> None:
     time = np.linspace(0.0, 100.0, count)
     fits, _ = fits_of(FlightData(aircraft, time, draws.standard_normal((count, len(AXES))), signals, 0.1))
     fits["CZ"].gain(signals[:, :2])
+    _ = fits["CZ"].fit
     tied_gains(fits, {"CZ": signals[:, :1]}, {"CZ": np.ones((1, 1))})
 
 
