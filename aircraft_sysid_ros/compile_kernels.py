@@ -36,6 +36,7 @@ from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.identification.monitoring.agreement import solved
+from aircraft_sysid_ros.identification.monitoring.range_agreement import RangeAgreement
 from aircraft_sysid_ros.identification.options import EstimatorName, ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import STATE_SIZE
@@ -98,6 +99,7 @@ def whole_way() -> None:
     pipeline.flush()
     pipeline.parameters.snapshot()
     solved(np.eye(4))  # of the monitor, where two parts of a flight disagree
+    RangeAgreement(aircraft.model).warm_up()
     _refine(aircraft, samples)
     _calibrate()
     SteppedAeroplane(aircraft, seed=1, duration=1.0).look()

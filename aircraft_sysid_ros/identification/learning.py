@@ -351,6 +351,7 @@ class Learning:
         """Compile, or load from the cache, what two seconds of level flight do not reach."""
         self.least_squares.warm_up()
         self.estimator.warm_up()
+        self.integrity.doubts.warm_up()
         if self.choice is not None:
             self.choice.warm_up()
 

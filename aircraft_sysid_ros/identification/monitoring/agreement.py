@@ -159,12 +159,12 @@ def parts_of(now: Array, before: Array) -> _Parts | None:
 
 def solved(sums: Array) -> tuple[Array, Array] | None:
     """Least squares (n,) and the inverse (n, n) from sums (n + 2, n + 2); None where terms are collinear."""
-    theta, inverse, is_regular = _solved(sums)
+    theta, inverse, is_regular = solved_sums(sums)
     return (theta, inverse) if is_regular else None
 
 
 @njit(cache=True, error_model="numpy")
-def _solved(sums: Array) -> tuple[Array, Array, bool]:
+def solved_sums(sums: Array) -> tuple[Array, Array, bool]:
     """``solved``, and whether it could be: by the factor of the matrix of correlations."""
     n = len(sums) - 2
     scale, correlation = np.empty(n), np.empty((n, n))

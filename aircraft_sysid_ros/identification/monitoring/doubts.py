@@ -2,8 +2,10 @@
 
 A model that explains less than three quarters of the variance of a coefficient, or whose error is BEYOND_NOISE times
 what noise makes of it (``coefficient_noise``), in all of the motion or in a tenth of it, lacks something, for which its
-parameters then stand. A parameter of
-which the newest motion says something else than what was before it (``agreement``) is not to be used either.
+parameters then stand. So does one that is another at large angles of attack than at small ones (``range_agreement``).
+C_X has the lift in it that is nearly all of C_Z: where that is not what was known, or is not one model, nor is C_X.
+A parameter of which the newest motion says something else than what was before it (``agreement``) is not to be used
+either.
 """
 
 from __future__ import annotations
@@ -11,12 +13,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import least_squares
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.monitoring.agreement import SplitHalfAgreement
 from aircraft_sysid_ros.identification.monitoring.hold import Hold, held
+from aircraft_sysid_ros.identification.monitoring.range_agreement import RangeAgreement
 from aircraft_sysid_ros.identification.monitoring.residuals import ResidualMonitor
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate
 from aircraft_sysid_ros.identification.trust import lack_of_fit
@@ -28,8 +32,23 @@ class Doubts:
     def __init__(self, model: AerodynamicModel, monitor: ResidualMonitor, forgetting: float) -> None:
         """``forgetting`` per evaluation."""
         self._model, self._monitor = model, monitor
-        self.agreement = SplitHalfAgreement(model, forgetting)
+        self.agreement, self._ranges = SplitHalfAgreement(model, forgetting), RangeAgreement(model)
         self.restart()
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, what is needed late."""
+        self._ranges.warm_up()
+
+    def add(self, asked: npt.NDArray[np.bool_], samples: npt.NDArray[np.float64]) -> None:
+        """New samples (m, …) for the axes (6,) that are asked."""
+        self.agreement.add(asked, samples)
+        self._ranges.add(asked, samples)
+
+    def forget(self, axis: int, goes_back: bool) -> None:
+        """Begin an axis anew; where it ``goes_back`` to what was known, all that was seen of that still counts."""
+        self.agreement.forget(axis)
+        if not goes_back:
+            self._ranges.forget(axis)
 
     def restart(self) -> None:
         """The clock began anew."""
@@ -39,22 +58,35 @@ class Doubts:
     def look(self, kept: ParameterCheckpoint, holds: Sequence[Hold | None], joint: bool) -> None:
         """What is in doubt of what is known now; ``joint`` estimates are not compared with those before."""
         self.restart()
+        ranges = self._not_one_model(kept, holds)
         for axis, (name, fit) in enumerate(zip(AXES, self._monitor.fits().tolist(), strict=True)):
             hold = holds[axis]
             unexplained, over_noise, worst = fit
             # of what it learnt lately another estimator says too little: a tenth of the motion may be that
-            if words := lack_of_fit(name, unexplained, over_noise, np.nan if joint else worst):
+            part = self._model.axis_slice(name)
+            words = lack_of_fit(name, unexplained, over_noise, np.nan if joint else worst)
+            if words := words or ranges[axis]:
                 self._misfits[axis] = words
                 if hold is not None and hold.contradicts:
                     hold.lacks = words
             if joint or hold is not None or not self.agreement.are_apart(axis):
                 continue
-            part = self._model.axis_slice(name)
             std = np.sqrt(np.diag(least_squares(self._model, axis, kept.least_squares)[0].covariance))
             found = self.agreement.disagreeing(axis, std, kept.least_squares.noise_square[part])
             for j, (now, before) in found.items():
                 words = f"the newest motion says {now:.3g}, what was before it {before:.3g}"
                 self._disagreeing[part.start + j] = words
+
+    def _not_one_model(self, kept: ParameterCheckpoint, holds: Sequence[Hold | None]) -> list[str]:
+        """What to say of each axis whose model holds in a part of the angles of attack only; empty: nothing."""
+        noise = [kept.least_squares.noise_square[self._model.axis_slice(name)] for name in AXES]
+        found = [self._ranges.disagreement(axis, noise[axis]) for axis in range(len(AXES))]
+        lift, drag = AXES.index("CZ"), AXES.index("CX")
+        hold = holds[lift]
+        of_lift = hold.what if hold is not None and hold.high and not hold.sure else found[lift]
+        if of_lift and not found[drag]:
+            found[drag] = f"has the lift in it that CZ has: {of_lift}"
+        return found
 
     def gated(self, parameters: Sequence[ParameterEstimate]) -> list[ParameterEstimate]:
         """All parameters, with HOLD where one is in doubt."""

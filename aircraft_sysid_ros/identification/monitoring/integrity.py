@@ -137,8 +137,9 @@ class IntegrityMonitor:
 
     def note_change(self, axis: int, now: float) -> None:
         """An axis is being learnt anew since ``now`` [s], for a change of the aeroplane."""
-        self.doubts.agreement.forget(axis)
-        if self.errors.has_known(axis, now - LAG):
+        is_held = self.errors.has_known(axis, now - LAG)
+        self.doubts.forget(axis, goes_back=is_held)  # it may, until the hold ends
+        if is_held:
             self._hold(axis, now)
         elif self.holds[axis] is None and not self.joint:  # usual errors are those of an axis that hardly moved
             self.errors.monitor.forget(axis)
@@ -154,7 +155,7 @@ class IntegrityMonitor:
         new = self._history.since(first)
         noise = self.noise.variances(new, self._history.weights(first))
         self.errors.monitor.add(new, new[:, CoefficientSample.PREDICTED], free, noise)
-        self.doubts.agreement.add(free, new)
+        self.doubts.add(free, new)
 
     # -- holding ----------------------------------------------------------------------------------------------------
 
@@ -229,9 +230,9 @@ class IntegrityMonitor:
                     self.holds[axis] = replace(follower, stuck=hold.stuck, still=hold.still, leader=leader)
 
     def _let_go(self, axis: int, now: float, good: ParameterCheckpoint | None) -> None:
-        self.holds[axis] = None
+        hold, self.holds[axis] = self.holds[axis], None
         self.checkpoints.begin_anew(axis, now, good or self.checkpoints.newest())
-        self.doubts.agreement.forget(axis)
+        self.doubts.forget(axis, goes_back=good is not None or hold is None or not hold.high)
         self.errors.end_hold(axis, now)
 
     # -- once a second ----------------------------------------------------------------------------------------------
