@@ -62,7 +62,9 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += estimator_notes(pipeline.parameters)
     found += bound_notes(aircraft) + place_notes(aircraft) + segment_notes(body)
-    found += landing_notes(body, aircraft) + thrust_notes(recording.samples, aircraft)
+    parameters = pipeline.parameters
+    on_ground = parameters.learning.landing.words(parameters.stream.start_time or 0.0)
+    found += landing_notes(body, aircraft, on_ground) + thrust_notes(recording.samples, aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
     found += prior_notes(pipeline.parameters)
@@ -236,8 +238,13 @@ def thrust_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
     ]
 
 
-def landing_notes(body: Body, aircraft: Aircraft) -> list[str]:
-    """A recording that goes on until the aeroplane stands: what wheels did is the last that parameters have seen."""
+def landing_notes(body: Body, aircraft: Aircraft, on_ground: str = "") -> list[str]:
+    """A recording that goes on until the aeroplane stands: what wheels did is the last that parameters have seen.
+
+    Unless it was seen to be ``on_ground``, in words.
+    """
+    if on_ground:
+        return [on_ground]
     samples = body.recording.samples
     known = (samples.kind == Kind.AIRSPEED) & np.isfinite(samples.values[:, 0])
     stamp, speed = samples.stamp[known], samples.values[known, 0]

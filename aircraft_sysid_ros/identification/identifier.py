@@ -165,8 +165,7 @@ class Identifier:
 
     def snapshot(self) -> ParameterSet:
         """What is published now: ``estimates`` that have passed the integrity monitor, or what was known before."""
-        changed, start = self.learning.changes.since, self.stream.start_time or 0.0
-        return self.learning.credited(self.learning.integrity.gated(self.estimates(), changed, start))
+        return self.learning.published_now(self.stream.controls.used_until, self.stream.start_time or 0.0)
 
     def estimates(self) -> ParameterSet:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""

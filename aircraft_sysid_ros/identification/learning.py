@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -22,6 +22,7 @@ from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, 
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RecursiveLeastSquares, RlsState
 from aircraft_sysid_ros.identification.health import HealthWatch
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
+from aircraft_sysid_ros.identification.landing import Known, Landing
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
 from aircraft_sysid_ros.identification.monitoring.hold import Restore
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
@@ -78,6 +79,7 @@ class Learning:
         )
         self.conditions = LearntConditions()
         aircraft = self.aircraft
+        self.landing = Landing(float(aircraft.minimum_airspeed))
         self.fleet = FleetKnowledge(aircraft.model, aircraft.prior)
         self.health = HealthWatch(aircraft.model, aircraft.prior, aircraft.chord / aircraft.span)
         self.newest: Array | None = None  # sample
@@ -145,6 +147,7 @@ class Learning:
         self.history.widen(self.columns)
         self.changes.restart()
         self.integrity.adopt(aircraft)
+        self.landing.restart()
         self.fleet.adopt(aircraft.model)
         self.health.adopt(aircraft.model)
 
@@ -160,6 +163,7 @@ class Learning:
         self.history.restart()
         self.changes.restart_clock()
         self.integrity.restart()
+        self.landing.restart()
         self.fleet.restart_clock()
 
     def begin_anew(self, same_flight: bool) -> None:
@@ -186,6 +190,7 @@ class Learning:
     def learn(self, batch: CoefficientBatch) -> None:
         """Learn from samples, each predicted with what was known before it."""
         self.changes.add_states(batch.rows)
+        self.landing.add(batch.rows)
         self.integrity.sensors.add(batch.rows)
         self.integrity.noise.add(batch)
         if self.lends:
@@ -215,7 +220,17 @@ class Learning:
             self._look_at_prior(time, start)
         self._restore(self.integrity.evaluate(time, state.updates >= KNOWN, misread))
         if self.newest is not None and self.integrity.checkpoints.is_due(time):
-            self.integrity.keep(self._checkpoint(time, used_until))
+            kept = self._checkpoint(time, used_until)
+            self.integrity.keep(kept)
+            self.landing.keep(Known(kept, self._as_published(kept, start)))
+        if known := self.landing.touched_down(time):
+            self._restore(self.integrity.land(time, known.kept))
+
+    def _as_published(self, kept: ParameterCheckpoint, start: float) -> Callable[[], ParameterSet]:
+        """What is published now of what is ``kept``, for whoever wants to know it later."""
+        described = kept.describe._replace(priors=[*self.fleet.axes])
+        gates, changed = self.integrity.gates(), self.changes.since.copy()
+        return lambda: gates.gated(described(), changed, start)
 
     def choose(self, batch: CoefficientBatch) -> None:
         """Where the estimator chooses itself: look at the flight, and go over to a successor that knows all axes."""
@@ -305,6 +320,12 @@ class Learning:
     def estimates(self, used_until: float) -> ParameterSet:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
         return self._describe(self.least_squares.state, self.time(used_until), self.fleet.axes)()
+
+    def published_now(self, used_until: float, start: float) -> ParameterSet:
+        """``estimates`` that have passed the integrity monitor, what was known before; or in the air, if it is not."""
+        of_air = self.landing.published(self.time(used_until), start)
+        found = of_air or self.integrity.gated(self.estimates(used_until), self.changes.since, start)
+        return self.credited(found)
 
     def noise_of(self, points: Array) -> tuple[Array, Array]:
         """Variances of samples from the noise of the IMU (m, 6), and of the noise of terms (parameters,)."""

@@ -168,6 +168,7 @@ class ParameterEstimatorNode(EstimatorNode):
             "estimator_because": published["why"],
             "prior": "; ".join(self.estimator.learning.fleet.notes()),
             "health": "; ".join(self.estimator.learning.health.notes()),
+            "ground": self.estimator.learning.landing.words(self.estimator.stream.start_time or 0.0),
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),
         }

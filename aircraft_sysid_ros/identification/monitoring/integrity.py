@@ -22,8 +22,9 @@ The monitor changes no estimator: it returns commands (``Restore``), and the fac
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -304,10 +305,39 @@ class IntegrityMonitor:
         words = ", ".join(sorted(set(held.values())))
         return {"holds": self.count, "held": f"{' '.join(held)}: {words}" if held else ""}
 
+    def gates(self) -> Gates:
+        """The gates as they are now, which nobody changes any more."""
+        holds = [None if hold is None else replace(hold) for hold in self.holds]
+        return Gates(self.model, copy(self.doubts), dict(self.known_before.changed), holds)
+
+    def gated(self, found: ParameterSet, changed: Array, start: float) -> ParameterSet:
+        """What is published of ``found``, see ``Gates``."""
+        return Gates(self.model, self.doubts, self.known_before.changed, self.holds).gated(found, changed, start)
+
+    def land(self, now: float, kept: ParameterCheckpoint) -> list[Restore]:
+        """On the ground ``now`` [s]: all axes go back to what was ``kept`` in the air, or to what was good before."""
+        self._signs = Signs()
+        self._before.clear()
+        restores = []
+        for axis, hold in enumerate(self.holds):
+            good = kept if hold is None or hold.good is None or hold.since > kept.time else hold.good
+            self._let_go(axis, now, good)
+            restores.append(Restore(axis, good))
+        return restores
+
+
+class Gates(NamedTuple):
+    """What stands between an estimate and what is published of it."""
+
+    model: AerodynamicModel
+    doubts: Doubts
+    was: dict[int, tuple[str, float]]  # of parameters of an aeroplane that changed: words, and what they were
+    holds: list[Hold | None]
+
     def gated(self, found: ParameterSet, changed: Array, start: float) -> ParameterSet:
         """What is published of ``found``; ``changed`` (6,) [s] when axes changed last, ``start`` [s] of the flight."""
         parameters = self.doubts.gated(found.parameters)
-        for i, (words, before) in self.known_before.changed.items():
+        for i, (words, before) in self.was.items():
             p = parameters[i]
             if p.status == Trust.USE and abs(p.value - before) > SHARE * abs(before):
                 parameters[i] = replace(p, reason=words)
