@@ -91,6 +91,32 @@ def _of_faults(name: str, each: dict[str, Any]) -> list[str]:
     return [name, str(each["flights"]), str(each["moved"]), str(each["held"]), until, *counts]
 
 
+def stalls_in_flight(found: dict[str, Any]) -> Table:
+    """Flights through stalls and sound ones, with and without looking for two models."""
+    kinds = {
+        "through stalls": [each for each in found["stalls"] if each["kind"] == "stall"],
+        "recovered before them": [each for each in found["stalls"] if each["kind"] == "clean"],
+        "sound, complete file": [each for each in found["sound"] if each["file"] == "complete"],
+        "sound, mass and shape only": [each for each in found["sound"] if each["file"] == "shape"],
+    }
+    rows = []
+    for name, flights in kinds.items():
+        for way in ("without", "with"):
+            each = [flight[way] for flight in flights]
+            wrong = [len(one["wrong"]) for one in each] if not name.startswith("sound") else []
+            covered = f"{sum(one['covered'] for one in each)} of {sum(one['use'] for one in each)}"
+            rows.append([
+                name, str(len(each)), way, str(sum(one["use"] for one in each)),
+                f"{sum(wrong)} in {sum(map(bool, wrong))} flights" if wrong else "",
+                "" if wrong else covered,
+                f"{100 * sum(one['share'] for one in each) / len(each):.1f} %",
+                f"{sum(one['until'] for one in each) / len(each):.1f} s",
+            ])  # fmt: skip
+    header = ["flights", "number", "looking for two models", "USE at the end", "wrong among them",
+              "95 % intervals that hold the truth", "share of USE in time", "until first USE, median"]  # fmt: skip
+    return header, rows
+
+
 def isolation_limits() -> Table:
     """What tells sensor and aeroplane apart: each limit, and why. The code is where it stands."""
     rows = [
