@@ -1,7 +1,8 @@
 """On the ground again: what is published then is what was known in the air.
 
-Nobody says when an aeroplane meets the ground. It has where it was slower than it can fly for SLOW and neither climbed
-nor sank meanwhile, after it had flown: a stall is shorter, and sinks. On its run before that it was fast enough to be
+Nobody says when an aeroplane meets the ground. It has where it was slower than it can fly for SLOW, in the air
+and over ground, and neither climbed nor sank meanwhile, after it had flown: a stall is shorter, and sinks, and where
+the airspeed fails it still moves over ground. On its run before that it was fast enough to be
 learnt from, for ROLLING at most, and what wheels did is in the coefficients. So what was known ROLLING before it became
 too slow is published while it stands, with the statuses of that time, and is what is known when it takes off again.
 """
@@ -55,7 +56,9 @@ class Landing:
     def add(self, rows: Array) -> None:
         """States (n, StateField.WIDTH) in order of time."""
         time = rows[:, StateField.TIME]
-        slow = (rows[:, StateField.AIRSPEED] < self._minimum_airspeed) & (np.abs(rows[:, _DOWN]) < LEVEL)
+        over_ground = np.hypot(rows[:, _DOWN - 2], rows[:, _DOWN - 1])
+        speed = np.maximum(rows[:, StateField.AIRSPEED], over_ground)
+        slow = (speed < self._minimum_airspeed) & (np.abs(rows[:, _DOWN]) < LEVEL)
         steps = np.diff(time, prepend=self._newest if np.isfinite(self._newest) else time[:1])
         self._flown += float(steps[rows[:, StateField.AIRSPEED] >= self._minimum_airspeed].sum())
         self._newest = float(time[-1])

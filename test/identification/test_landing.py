@@ -18,10 +18,11 @@ LEAST, FLIGHT, AFTER = 10.0, 60.0, 35.0  # [m/s], [s], [s]
 AT_SPEED, BRAKING = 6.0, 8.0  # [s] of the run on wheels
 
 
-def rows(begin, end, speed, down=0.0):
+def rows(begin, end, speed, down=0.0, over_ground=0.0):
     found = np.zeros((round(10 * (end - begin)), StateField.WIDTH))
     found[:, StateField.TIME] = begin + 0.1 * np.arange(len(found))
     found[:, StateField.AIRSPEED], found[:, StateField.VELOCITY.start + 2] = speed, down
+    found[:, StateField.VELOCITY.start] = over_ground
     return found
 
 
@@ -49,8 +50,13 @@ def test_what_was_known_before_the_run_is_published_until_it_flies_again():
 
 @pytest.mark.parametrize(
     "slow",
-    [rows(100, 100 + SLOW - 1, 2.0), rows(100, 130, 2.0, down=6.0), rows(100, 130, 1.2 * LEAST)],
-    ids=["a stall", "it sinks", "it glides"],
+    [
+        rows(100, 100 + SLOW - 1, 2.0),
+        rows(100, 130, 2.0, down=6.0),
+        rows(100, 130, 1.2 * LEAST),
+        rows(100, 130, 0.0, over_ground=20.0),
+    ],
+    ids=["a stall", "it sinks", "it glides", "the airspeed fails"],
 )
 def test_what_is_no_landing(slow):
     end = float(slow[-1, StateField.TIME]) + 0.1
