@@ -111,7 +111,7 @@ def prepare_jsbsim(name: str = DEFAULT_MODEL) -> JsbsimSetup:
     time = np.arange(int(_PROBE_TIME * RATE)) / RATE
     commands = trim_commands + _PROBE_SIZE * orthogonal_multisines(time, _PROBE_TIME, 1.0)
     truth = truth_of_log(aircraft, time, _run(executive, lambda i, _: commands[i], np.zeros((len(time), 3))))
-    moved = truth.controls[:, _MOVED]
+    moved = np.ascontiguousarray(truth.controls[:, _MOVED])
     gains = [_slope(commands[:, i], moved[:, i]) for i in range(4)]
     start = truth[:1]
     trim = Trim(
@@ -362,7 +362,7 @@ def log_row(executive: Any) -> Array:
 
 def truth_of_log(aircraft: Aircraft, time: Array, log: Array) -> Truth:
     """Truth of a log, its positions along the way from where it begins."""
-    part = {group: log[:, columns] for group, columns in _AT.items()}
+    part = {group: np.ascontiguousarray(log[:, columns]) for group, columns in _AT.items()}  # as kernels were compiled
     origin = part["place"][0].copy()
     u, v, w = part["air_velocity"].T
     speed, density = np.sqrt(u * u + v * v + w * w), part["density"][:, 0]
