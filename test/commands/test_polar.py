@@ -113,6 +113,12 @@ def test_what_is_refused_in_a_sentence(flown, capsys, words, sentence):
     assert sentence in said and "Traceback" not in said
 
 
+def test_where_only_the_drag_shows_diagnose_says_so(flown, capsys):
+    assert main(["diagnose", flown[0]]) == 0
+    assert "nothing could be looked for" in capsys.readouterr().out
+
+
+@pytest.mark.long
 def test_a_real_flight_as_its_notes_have_it(shared_data, tmp_path, capsys):
     """Solar Surfer: the split between drag and efficiency is loose, the power of level flight at 10 m/s is not."""
     where = [str(tmp_path / name) for name in ("map.yaml", "bag", "run")]
