@@ -6,7 +6,7 @@ samples → settings that the first step's likelihood prefers → reconstruction
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.diagnose import Finding, diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.imu_place import settings_of
+from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces
 from aircraft_sysid_ros.diagnosis.measurement import (
     CONTROLS,
     IMU_LAG,
@@ -86,12 +86,11 @@ def diagnose_flight(
         aircraft, flight, calm, settings = _sharpened(settings, aircraft, flight, calm)
         data = settled_flight(flight)
     if not calm and "imu_position" not in given.source:  # in calm air the likelihood tells it
-        known = {each.setting.variant.setting for each in settings}
-        placed = with_place_of_imu(aircraft, flight, measuring, known)
-        if placed is not None:
-            aircraft, flight, calm, places = placed
+        placed = with_place_of_imu(aircraft, flight, measuring)
+        if placed is not None and placed[-1].setting.label not in {each.setting.label for each in settings}:
+            aircraft, flight, calm, place = placed
             data = settled_flight(flight)
-            settings += places
+            settings.append(place)
     trim = trim_finding(CandidateEvaluator(data))
     while True:
         if trim is not None:  # it hides what the moment does otherwise, here and in replicas
@@ -172,26 +171,21 @@ def with_best_setting(
 
 
 def with_place_of_imu(
-    aircraft: Aircraft,
-    flight: Reconstruction,
-    measuring: Sequence[Effect],
-    known: Collection[tuple[str, ...]],
-) -> tuple[Aircraft, Reconstruction, bool, list[MeasurementFinding]] | None:
-    """The aircraft and the flight with the IMU where the forces have it, which gusts hide from the likelihood of the
-    first step; what is ``known`` stays. No file states it, so that it is no fault. None where the forces do not tell.
+    aircraft: Aircraft, flight: Reconstruction, measuring: Sequence[Effect]
+) -> tuple[Aircraft, Reconstruction, bool, MeasurementFinding] | None:
+    """The aircraft and the flight with the IMU where the forces have it, sideways, which gusts hide from the likelihood
+    of the first step. No file states it, so that it is no fault. None where the forces do not tell.
     """
     effect = next((each for each in measuring if each.identifier == "imu_offset"), None)
-    settings = [] if effect is None else settings_of(settled_flight(flight), effect, known)
-    if not settings:
+    setting = None if effect is None else setting_of_forces(settled_flight(flight), effect)
+    if setting is None:
         return None
-    for setting in settings:
-        aircraft = in_file(setting, aircraft)
-    mended, calm = reconstruct_as_flown(aircraft, flight.samples, with_covariance=False)
-    found = _judged(settings, settled_flight(flight), settled_flight(mended), len(settings))
+    better = in_file(setting, aircraft)
+    mended, calm = reconstruct_as_flown(better, flight.samples, with_covariance=False)
+    found = _judged([setting], settled_flight(flight), settled_flight(mended), 1)
     if _is_worse(found) or not _has_size(found):
         return None
-    found = replace(found, confounded_with=(), matters=False)
-    return aircraft, mended, calm, [replace(found, setting=each) for each in settings]
+    return better, mended, calm, replace(found, matters=False)
 
 
 def _is_of_sensor(finding: Finding) -> bool:

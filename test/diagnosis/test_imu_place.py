@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
-from aircraft_sysid_ros.diagnosis.imu_place import columns_of, place_of_forces, settings_of, turning_of
+from aircraft_sysid_ros.diagnosis.imu_place import columns_of, setting_of_forces, sideways_of_forces, turning_of
 from aircraft_sysid_ros.effects import BY_ID
 
 STEP = 0.04
@@ -73,21 +72,18 @@ def test_the_measured_moments_say_how_it_turns(aircraft):
     np.testing.assert_allclose(turning_of(data), turning, atol=1e-9 * np.abs(turning).max())
 
 
-@pytest.mark.parametrize("place", [(0.0, 0.04, 0.0), (0.0, -0.03, 0.05)])
-def test_a_misplaced_imu_is_found(aircraft, place):
-    told = place_of_forces(flight(aircraft, place)[0])
-    assert told is not None and told[1] > 1.0
-    np.testing.assert_allclose(told[0], place, atol=0.003)
-    settings = settings_of(flight(aircraft, place)[0], BY_ID["imu_offset"], known=[("imu_position", "z")])
-    assert {each.variant.setting: each.value for each in settings} == {
-        ("imu_position", "y"): pytest.approx(place[1], abs=0.01)
-    }
+@pytest.mark.parametrize("aside", [0.04, -0.03])
+def test_an_imu_aside_is_found_wherever_else_it_is(aircraft, aside):
+    data, _ = flight(aircraft, (0.02, aside, 0.03))
+    told = sideways_of_forces(data)
+    assert told is not None and told[0] == pytest.approx(aside, abs=0.004) and told[1] > 1.0
+    setting = setting_of_forces(data, BY_ID["imu_offset"])
+    assert setting is not None and setting.variant.setting == ("imu_position", "y")
+    assert setting.value == pytest.approx(aside, abs=0.004)
 
 
 def test_what_is_no_place_is_none(aircraft):
     """Neither a clean flight, nor a drag that goes with sideslip, and so with the yaw acceleration: one force only."""
     for seed in (1, 11, 21):
-        assert place_of_forces(flight(aircraft, seed=seed)[0]) is None
-        assert place_of_forces(flight(aircraft, of_beta=0.3, seed=seed)[0]) is None
-    assert place_of_forces(flight(aircraft, (0.0, 0.04, 0.0))[0], unknown=()) is None
-    assert AXES[:3] == tuple(columns_of(flight(aircraft)[0]))
+        assert sideways_of_forces(flight(aircraft, seed=seed)[0]) is None
+        assert sideways_of_forces(flight(aircraft, of_beta=0.3, seed=seed)[0]) is None

@@ -10,6 +10,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     as_flown,
@@ -17,7 +18,9 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     log_likelihood,
     reconstruct,
     reconstruct_as_flown,
+    settled_flight,
 )
+from aircraft_sysid_ros.diagnosis.imu_place import sideways_of_forces
 from aircraft_sysid_ros.diagnosis.measurement import jobs_of, try_setting
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.effects import BY_ID
@@ -108,3 +111,16 @@ def test_an_effect_is_looked_for_where_it_can_act(aircraft, effect, signal, far,
         signals[:, SIGNALS.index(signal)] = value
         assert can_act(BY_ID[effect], flight) is possible
     assert can_act(BY_ID["stall"], flight)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("effect", [None, "adverse_yaw", "p_factor", "stuck_control", "asymmetric_thrust"])
+def test_gusts_put_no_imu_aside(effect):
+    """All sensors are at the centre of gravity; errors of the angles of flow had looked like an IMU above it."""
+    setting = strangers.drawn(770_000)
+    known = load_aircraft(config_path(setting["aeroplane"] + ".yaml"))
+    flown = strangers.flown(known, setting)
+    hidden = [(effect, 1.0)] if effect else []
+    samples = simulate_samples(flown, 770_000, 75.0, wind_walk=0.01, turbulence="light", hidden=hidden).samples
+    flight, calm = reconstruct_as_flown(strangers.users(known), samples, with_covariance=False)
+    assert not calm and sideways_of_forces(settled_flight(flight)) is None

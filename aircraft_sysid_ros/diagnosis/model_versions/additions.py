@@ -22,7 +22,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     log_likelihood,
     reconstruct,
 )
-from aircraft_sysid_ros.diagnosis.imu_place import settings_of
+from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces
 from aircraft_sysid_ros.diagnosis.measurement import (
     Job,
     Setting,
@@ -214,10 +214,9 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
         shown = setting_of(trial, [effect], run.current.aircraft, trial.score / trial.price)
         return Change(settings=((shown.variant.setting, shown.value),)), shown
     if not calm and effect.identifier == "imu_offset" and "imu_position" not in run.current.aircraft.source:
-        places = settings_of(flight, effect)
-        if places:
-            change = Change(settings=tuple((each.variant.setting, each.value) for each in places))
-            return change, replace(places[0], beside=change.settings[1:])
+        place = setting_of_forces(flight, effect)
+        if place is not None:
+            return Change(settings=((place.variant.setting, place.value),)), place
     jobs = list(_gust_jobs(run.current.aircraft, samples, effect))
     jobs = jobs or list(jobs_of(reconstruct(flown, samples, with_covariance=False), [effect], calm))
     tried: list[Setting] = []
