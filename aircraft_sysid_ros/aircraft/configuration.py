@@ -15,6 +15,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, Aerody
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name, is_reserved
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior, prior_from_dict, read_prior
+from aircraft_sysid_ros.aircraft.shape import check_shape
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.yaml_file import read_yaml
 
@@ -231,7 +232,9 @@ def aircraft_from_dict(data: Any) -> Aircraft:
     missing = [key for key in _REQUIRED if data.get(key) is None]
     if missing:
         raise InputError(f"the required key '{missing[0]}' is missing: add it")
-    mass, wing_area = _positive(data, "mass"), _positive(data, "wing_area")
+    mass, wing_area, span, chord = (_positive(data, key) for key in ("mass", "wing_area", "span", "chord"))
+    inertia = _inertia(data["inertia"])
+    check_shape(mass, wing_area, span, chord, inertia)
     stall = np.sqrt(2.0 * mass * STANDARD_GRAVITY / (1.225 * wing_area * _MAXIMUM_LIFT))
     inputs = _inputs(_mapping(data, "inputs", "{trim_tab: {unit: deg}}"))
     terms = _mapping(data, "model", "{CZ: [1, alpha, q, de]}")  # axes that are not named keep their terms
@@ -240,9 +243,9 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         name=_name(data["name"]),
         mass=mass,
         wing_area=wing_area,
-        span=_positive(data, "span"),
-        chord=_positive(data, "chord"),
-        inertia=_inertia(data["inertia"]),
+        span=span,
+        chord=chord,
+        inertia=inertia,
         imu_position=_position(data, "imu_position"),
         air_data_position=_position(data, "air_data_position"),
         gps_position=_position(data, "gps_position"),

@@ -62,10 +62,12 @@ class _Parser(argparse.ArgumentParser):
     """Bad options are bad input: one line, exit status 2, with the word that was meant where one is near."""
 
     known: Sequence[str] = ()  # options of the command that was given
+    command = ""  # that command: what it does not know, this parser refuses
 
     def error(self, message: str) -> Any:
         message = f"{message}{self._meant(message)}"
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+        prog = f"{self.prog} {self.command}".rstrip()
+        self.exit(BAD_INPUT, f"{prog}: {message}; see {prog} --help\n")
 
     def _meant(self, message: str) -> str:
         """Of a command, a choice or an option that is not there the nearest that is."""
@@ -93,7 +95,7 @@ def build_parser(command: str | None) -> argparse.ArgumentParser:
         module = import_module(f"aircraft_sysid_ros.commands.{module_name}")
         subparser = module.add_parser(subparsers)
         subparser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-        parser.known = [*subparser._option_string_actions]
+        parser.known, parser.command = [*subparser._option_string_actions], name
         subparser.set_defaults(module=module, prog=f"{parser.prog} {command}")
     return parser
 

@@ -2,7 +2,8 @@
 
 The agent's client puts the time of the companion into every message, once it has synchronised clocks (its parameter
 UXRCE_DDS_SYNCT, on by default): such stamps are Unix time and are used as they are. Stamps that count from the start
-of the autopilot are mapped by the least delay of each second, as MAVLink's are without TIMESYNC.
+of the autopilot are mapped by the least delay of each second, as MAVLink's are without TIMESYNC. So a restart shows in
+two ways: stamps since the start that begin again, and stamps since the start after those of the companion.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ FMU_OUT = "fmu/out"
 _UNIX = 10**18
 _NANOSECONDS = 1_000_000_000
 _LOST_AFTER = 5 * _NANOSECONDS
+#: Synchronised clocks are believed lost after so many messages in a row, over such a time [ns].
+_CONFIRMING, _CONFIRMING_SPAN = 5, _NANOSECONDS // 2
 _VERSION = re.compile(r"_v(\d+)$")
 _IMU = ("sensor_combined", "vehicle_imu")
 
@@ -62,6 +65,8 @@ class Px4Listener:
         self._newest_remote = 0
         self._last = 0
         self._is_synchronised = False
+        self._unsynchronised = 0  # messages in a row
+        self._unsynchronised_since = 0
 
     def receive(self, name: str, fields: Fields) -> list[Output]:
         """What a message (n = 1) of a uORB topic says."""
@@ -83,19 +88,31 @@ class Px4Listener:
     def _stamp(self, taken: int, sent: int, now: int) -> int | None:
         """Our time [ns] of a sample; None while it is not known."""
         if sent >= _UNIX:
+            self._unsynchronised = 0
             if not self._is_synchronised:
                 self._is_synchronised = True
                 self.notes.append("PX4's stamps are those of this computer's clock")
             return taken
-        if sent < self._newest_remote - _NANOSECONDS:
-            self.restarts += 1
-            self.notes.append("the autopilot has started anew")
-            self.clock.reset()
-            self.assembler = Assembler(PX4, self.mapping)
-            self._newest_remote = sent
+        if sent < self._newest_remote - _NANOSECONDS or (self._is_synchronised and self._has_lost_the_clock(now)):
+            self._start_anew(sent)
         self._newest_remote = max(sent, self._newest_remote)
         self.clock.add_one_way(sent, now)
         return self.clock.to_local(taken)
+
+    def _has_lost_the_clock(self, now: int) -> bool:
+        """Whether stamps count from the start for good, and not those of one message among synchronised ones."""
+        if not self._unsynchronised:
+            self._unsynchronised_since = now
+        self._unsynchronised += 1
+        return self._unsynchronised >= _CONFIRMING and now - self._unsynchronised_since >= _CONFIRMING_SPAN
+
+    def _start_anew(self, sent: int) -> None:
+        self.restarts += 1
+        self.notes.append("the autopilot has started anew")
+        self.clock.reset()
+        self.assembler = Assembler(PX4, self.mapping)
+        self._newest_remote = sent
+        self._is_synchronised, self._unsynchronised = False, 0
 
     @property
     def condition(self) -> str:

@@ -32,14 +32,15 @@ class Errors:
 
     def _row(self, name: str) -> None:
         Html(symbol(name)).classes("sym")
-        with ui.element("div").classes("track"):
+        with ui.element("div").classes("track") as track:
             was = ui.element("div").classes("was")
             fill = ui.element("div").classes("fill").props(f"data-testid=bar-{name}")
             tick = ui.element("div").classes("tick")
         error = ui.label("").classes("num").props(f"data-testid=held-out-{name}")
         noise = ui.label("").classes("num soft").props(f"data-testid=noise-{name}")
         words = Html()
-        self._rows[name] = {"fill": fill, "was": was, "tick": tick, "error": error, "noise": noise, "words": words}
+        parts = {"track": track, "fill": fill, "was": was, "tick": tick, "error": error, "noise": noise}
+        self._rows[name] = {**parts, "words": words}
 
     def show(self, rows: Sequence[AxisRow], before: Mapping[str, float], notes: Sequence[str] = ()) -> None:
         """Set lengths and numbers, the style moves them; ``before`` are errors of the model before the change."""
@@ -55,12 +56,12 @@ class Errors:
 
     def _show(self, row: AxisRow, top: float, was: float | None) -> None:
         parts, known = self._rows[row.axis], row.held_out is not None and row.floor is not None
-        for part in ("fill", "tick"):
+        for part in ("track", "fill", "tick", "error", "noise"):
             parts[part].set_visibility(known)
+        parts["words"].classes(add="" if known else "whole", remove="whole" if known else "")
         parts["words"].show(markup.state_words(row))
         parts["was"].set_visibility(False)
         if row.held_out is None or row.floor is None:
-            parts["error"].text = parts["noise"].text = "–"
             return
         parts["fill"].style(f"width:{100.0 * row.held_out / top:.2f}%")
         parts["fill"].classes(add="fails" if row.fails else "", remove="" if row.fails else "fails")

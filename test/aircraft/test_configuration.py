@@ -213,6 +213,13 @@ BAD = {
     "wing area": (MINIMAL.replace("0.3", "1e9"), "wing_area must be between 0.0001 and 10000 m²"),
     "span": (MINIMAL.replace("1.2", "1e300"), "span must be between 0.01 and 500 m, not"),
     "chord": (MINIMAL.replace("0.25", "1e-300"), "chord must be between 0.001 and 100 m, not 1e-300"),
+    "mass in g": (MINIMAL.replace("2.0", "2000"), r"mass over wing_area is 6.67e\+03 kg/m², .*, 2000 kg and 0.3 m²"),
+    "area in cm²": (MINIMAL.replace("0.3", "3000"), r"wing_area is 1e\+04 times span times chord, .*: check the units"),
+    "chord in mm": (MINIMAL.replace("0.25", "25"), "wing_area is 0.01 times span times chord"),
+    "inertia in kg cm²": (
+        MINIMAL.replace("0.07", "700").replace("0.09", "900").replace("0.15", "1500"),
+        "inertia xx is that of 2 kg at 18.7 m from the axis, and the span is 1.2 m: check its unit, 700 kg m²",
+    ),
     "inertia of nothing": (
         MINIMAL.replace("0.07", "1e-300").replace("0.09", "1e-300").replace("0.14", "1e-300").replace("0.014", "0"),
         r"inertia xx must be between 1e-09 and 1e\+10 kg m², not 1e-300",

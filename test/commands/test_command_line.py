@@ -182,6 +182,7 @@ def test_a_folder_without_permission(cli, bag, aircraft_file, tmp_path):
         ("", ("COMMAND", "--help")),
         ("fly", ("invalid choice: 'fly'", "simulate")),
         ("replya BAG", ("invalid choice: 'replya'", ": did you mean replay?; see aircraft-sysid --help")),
+        ("recover RUN --out X", ("unrecognized arguments: --out X", "; see aircraft-sysid recover --help")),
         ("compare RUN --jsno", ("unrecognized arguments: --jsno: did you mean --json?",)),
         ("replay", ("required", "BAG")),
         ("replay BAG --aircraft FILE --out RUN --horizon soon", ("--horizon", "'soon'")),

@@ -73,6 +73,26 @@ def test_stamps_since_the_start_are_late_by_the_least_delay(samples):
     assert listener.restarts == 1 and "started anew" in " ".join(listener.take_notes())
 
 
+def test_a_restart_of_a_synchronised_autopilot_is_said(samples):
+    """It begins with stamps since its start, until clocks are synchronised again; one such message is no restart."""
+    listener = Px4Listener(MAPPING)
+    later = np.flatnonzero(samples.stamp > samples.stamp.min() + 4_000_000_000)[0]
+    flown, restarted = samples[:later], samples[later:]
+    heard(listener, px4_messages(flown)[:500])
+    assert listener.restarts == 0
+    heard(listener, [message for message in px4_messages(flown, start=9_000_000)[500:501]])
+    heard(listener, px4_messages(flown)[501:])
+    assert listener.restarts == 0 and listener.summary()["clock"] == "of this computer"
+    listener.take_notes()
+    outputs = heard(listener, px4_messages(restarted, start=1_000_000), delay=1_000_000)
+    assert listener.restarts == 1 and listener.take_notes() == ["the autopilot has started anew"]
+    assert "least delay" in listener.summary()["clock"]
+    stamps = np.concatenate([output.stamp for output in outputs if output.topic == "imu/data"])
+    assert len(stamps) > 50 and np.all(stamps > flown.stamp.max()) and np.all(stamps <= samples.stamp.max() + 2_000_000)
+    heard(listener, px4_messages(restarted)[-5:])
+    assert listener.restarts == 1 and listener.summary()["clock"] == "of this computer"
+
+
 def airspeed(source):
     fields = {"calibrated_airspeed_m_s": np.array([20.0]), "airspeed_source": np.array([source], np.int8)}
     return PX4["airspeed_validated"][0].values(fields)[0, 0]

@@ -336,6 +336,11 @@ def test_thor_from_a_csv_of_itself(shared_data, tmp_path):
         ("vane_alpha_deg", "angle_of_attack", "deg"),
         ("Ps_hPa", "static_pressure", "hPa"),
         ("Qc_inHg", "dynamic_pressure", "inHg"),
+        ("GyroRoll (deg/s)", "angular_velocity.x", "deg/s"),
+        ("AccDown (g)", "specific_force.z", "g"),
+        ("AoA vane (deg)", "angle_of_attack", "deg"),
+        ("Aileron mean (deg)", "aileron", "deg"),
+        ("thrust_kgf", "thrust", "kgf"),
     ],
 )
 def test_names_say_signal_and_unit(column, signal, unit):

@@ -72,6 +72,7 @@ def _words(name: str) -> list[str]:
     name = _FIELD_OF_ROS.sub("", name)
     name = _INDEX.sub(lambda match: "_" + "xyzw"[min(int(match.group(1)), 3)], name)
     name = name.translate(_LETTERS)
+    name = re.sub("Ao([AS])(?![a-z])", lambda match: f"ao{match.group(1).lower()}", name)  # one word, and no hump
     name = re.sub(r"([a-z])([A-Z])", r"\1_\2", name)
     name = re.sub(r"([A-Z]{2,})([A-Z][a-z]{2,})", r"\1_\2", name)
     return [_plain(word) for word in re.split(r"[^a-zA-Z0-9]+", name.lower()) if word]
