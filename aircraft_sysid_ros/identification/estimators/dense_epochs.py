@@ -53,7 +53,7 @@ def filled(epochs: ImuEpochs, first: int, due: int, longest: float) -> ImuEpochs
     times, number = [], []
     for k in range(first, due):
         span = epochs.time[k] - epochs.time[k - 1] if k else np.inf
-        pieces = int(np.ceil(span / STEP - 0.5)) if span <= longest else 1
+        pieces = max(int(np.ceil(span / STEP - 0.5)), 1) if span <= longest else 1
         times.append(
             epochs.time[k] - span * np.arange(pieces - 1, -1, -1.0) / pieces if pieces > 1 else [epochs.time[k]]
         )
