@@ -33,6 +33,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, replicas_of
+from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
 from aircraft_sysid_ros.diagnosis.words import FlightDiagnosis, MeasurementFinding
@@ -68,23 +69,9 @@ def diagnose_flight(
     others = [effect for effect in library if effect.kind != MEASUREMENT]
     if not np.any(samples.kind == Kind.SEAM):  # a drift begins anew with each manoeuvre
         others += [effect.as_terms for effect in measuring if effect.as_terms is not None]
-    settings: list[MeasurementFinding] = []
     given = aircraft
-    for _ in range(THRESHOLDS.most_settings):
-        faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
-        done = {_name(s.setting) for s in settings}  # out of a process an effect is another object
-        faults = _left_out_first([f for f in faults if _name(f) not in done], given, samples)
-        sure = [
-            f for f in faults if _p_value(f, len(measuring)) < THRESHOLDS.verdict or not is_a_fault(f, given, samples)
-        ]
-        mended = with_best_setting(sure, aircraft, flight, calm, len(measuring))
-        if mended is None:
-            break
-        aircraft, flight, calm, finding = mended
-        settings = [_moved(each, finding.setting.beside) for each in settings]
-        settings.append(replace(finding, matters=finding.matters and is_a_fault(finding.setting, given, samples)))
-        aircraft, flight, calm, settings = _sharpened(settings, aircraft, flight, calm)
-        data = settled_flight(flight)
+    aircraft, flight, calm, settings = _measurement_first(aircraft, flight, calm, measuring, replicas, progress)
+    data = settled_flight(flight)
     if not calm and "imu_position" not in given.source:  # in calm air the likelihood tells it
         placed = with_place_of_imu(aircraft, flight, measuring)
         if placed is not None and placed[-1].setting.label not in {each.setting.label for each in settings}:
@@ -116,6 +103,57 @@ def diagnose_flight(
     zero = flight.epoch + int(1e9 * (flight.points[0, CoefficientSample.TIME] - data.begin))
     first = int(samples.stamp[samples.kind != Kind.SEAM].min())
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen), zero, first)
+
+
+def _measurement_first(
+    given: Aircraft,
+    flight: Reconstruction,
+    calm: bool,
+    measuring: Sequence[Effect],
+    replicas: int,
+    progress: Callable[[str, float], None],
+) -> tuple[Aircraft, Reconstruction, bool, list[MeasurementFinding]]:
+    """The aircraft and the flight with all settings that the sensors prefer, and what they are."""
+    aircraft, settings = given, list[MeasurementFinding]()
+    while len(settings) < THRESHOLDS.most_settings:
+        faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
+        done = {_name(s.setting) for s in settings}  # out of a process an effect is another object
+        faults = _left_out_first([f for f in faults if _name(f) not in done], given, flight.samples)
+        sure = [
+            fault
+            for fault in faults
+            if _p_value(fault, len(measuring)) < THRESHOLDS.verdict or not is_a_fault(fault, given, flight.samples)
+        ]
+        mended = _beyond_chance(sure, given, aircraft, flight, calm, len(measuring), replicas, progress)
+        if mended is None:
+            break
+        aircraft, flight, calm, finding = mended
+        settings = [*(_moved(each, finding.setting.beside) for each in settings), finding]
+        aircraft, flight, calm, settings = _sharpened(settings, aircraft, flight, calm)
+    return aircraft, flight, calm, settings
+
+
+def _beyond_chance(
+    faults: Sequence[Setting],
+    given: Aircraft,
+    aircraft: Aircraft,
+    flight: Reconstruction,
+    calm: bool,
+    tried: int,
+    replicas: int,
+    progress: Callable[[str, float], None],
+) -> tuple[Aircraft, Reconstruction, bool, MeasurementFinding] | None:
+    """``with_best_setting`` without faults that replicas of the flight, whose sensors are right, feign as much."""
+    while (mended := with_best_setting(faults, aircraft, flight, calm, tried)) is not None:
+        finding, chance = mended[-1], 0.0
+        accused = finding.matters and is_a_fault(finding.setting, given, flight.samples)
+        if accused:
+            progress("look at the measurement in replicas", 0.0)
+            chance = chance_of(finding.setting, mended[1], calm, tried, replicas)
+        if chance < THRESHOLDS.verdict:
+            return *mended[:3], replace(finding, matters=accused, p_value=max(finding.p_value, chance))
+        faults = [fault for fault in faults if _name(fault) != _name(finding.setting)]
+    return None
 
 
 def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], float]]) -> MeasurementFinding:

@@ -1,0 +1,68 @@
+"""What the search for one setting of a sensor gains in replicas of the flight, whose sensors are right.
+
+A likelihood knows no gusts but a wind that walks at random, and no errors but white ones; what else is in a flight
+makes some setting likelier than none. A replica flies the motion and the wind that the flight has with the setting
+mended, and with sensors that are as they should be, so that the same search finds in it what such a flight feigns. The
+wind of the flight before it was mended will not do: a vane that is mounted wrong is in it as a wind, and replicas in
+that wind would show the same fault.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
+    Reconstruction,
+    reconstruct_as_flown,
+    repeated_rows,
+    settled_flight,
+)
+from aircraft_sysid_ros.diagnosis.measurement import Setting, jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of
+from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import LONGEST, fitted_parameters
+from aircraft_sysid_ros.effects.effect import with_setting
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.processes import in_parallel
+
+Array = npt.NDArray[np.float64]
+
+
+def chance_of(fault: Setting, mended: Reconstruction, calm: bool, tried: int, count: int) -> float:
+    """Probability that a flight like this one whose sensors are right prefers one of so many settings as much.
+
+    ``mended``: the flight with the setting; ``calm``: whether it was, before. 1 where there are no replicas.
+    """
+    gains = gains_in_replicas(fault, mended, calm, count)
+    if not np.isfinite(gains).any():
+        return 1.0
+    return float(min(1.0, tried * Null({fault.label: gains}).test(fault.label, fault.gain)[2]))
+
+
+def gains_in_replicas(fault: Setting, mended: Reconstruction, calm: bool, count: int) -> Array:
+    """Gains (count,) of the setting at its best value in each replica; NaN where the filter does not start on one."""
+    flight = replace(mended, aircraft=_with_sensors_right(mended.aircraft, fault))
+    stretches, parameters = repeated_rows(flight, LONGEST), fitted_parameters(settled_flight(flight))
+    jobs = [(fault, flight, stretches, parameters, calm, seed) for seed in range(count)]
+    return np.array([*in_parallel(_gain, jobs)])
+
+
+def _with_sensors_right(aircraft: Aircraft, fault: Setting) -> Aircraft:
+    """The aircraft that a flight was mended with, whose sensors are as the file had them."""
+    back = -fault.value if fault.is_place else fault.nominal  # a place is moved on
+    return with_setting(aircraft, fault.variant.setting, back)
+
+
+def _gain(job: tuple[Setting, Reconstruction, list[Array], Array, bool, int]) -> float:
+    fault, flight, stretches, parameters, calm, seed = job
+    world = world_of(flight.aircraft, stretches, flight.samples, flight.epoch, parameters, flight.gusts, seed)
+    try:
+        again, _ = reconstruct_as_flown(world.aircraft, world.samples(seed), with_covariance=False)
+    except InputError:
+        return np.nan
+    alone = replace(fault.effect, variants=(fault.variant,))
+    return max((try_setting(each).gain for each in jobs_of(again, [alone], calm)), default=np.nan)
