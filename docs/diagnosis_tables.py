@@ -116,6 +116,13 @@ def jet(records: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     return header, rows
 
 
+def _named(record: dict[str, Any]) -> tuple[str, str]:
+    """What was named in a flight, and the errors without and with each."""
+    found = record["found"]
+    errors = [f"{100 * f['error_before']:.0f} to {100 * f['error_after']:.0f} %" for f in found]
+    return ", ".join([f["label"] for f in found] or [record["verdict"]]), ", ".join(errors)
+
+
 def trimmed_jet(records: list[dict[str, Any]]) -> Rows:
     """What was said of each long flight of a jet in trim."""
     header = ["seed", "flight", "thrust", "true times", "named", "its times", "error of the axis"]
@@ -125,11 +132,10 @@ def trimmed_jet(records: list[dict[str, Any]]) -> Rows:
         words = kind or ("gear down" if record["gear"] else "flaps out")
         true = "" if kind == "clean" else "{:.0f} to {:.0f} s".format(*record["span"])
         found = record["found"]
-        times = [" to ".join(f"{value:.0f}" for value in f["inner"].values()) + " s" for f in found]
-        errors = [f"{100 * f['error_before']:.0f} to {100 * f['error_after']:.0f} %" for f in found]
-        named = [f["label"] for f in found] or [record["verdict"]]
+        times = [" to ".join(f"{value:.0f}" for value in f["inner"].values()) + " s" for f in found if f["inner"]]
         known = "recorded" if record["thrust"] else "not recorded"
-        rows.append([str(record["seed"]), words, known, true, *map(", ".join, (named, times, errors))])
+        named, errors = _named(record)
+        rows.append([str(record["seed"]), words, known, true, named, ", ".join(times), errors])
     return header, rows
 
 
@@ -138,13 +144,9 @@ def stalls(records: list[dict[str, Any]]) -> Rows:
     header = ["seed", "flight", "GPS", "named", "error of the axis"]
     rows = []
     for record in sorted(records, key=lambda record: int(record["seed"])):
-        found = record["found"]
-        errors = [f"{100 * f['error_before']:.0f} to {100 * f['error_after']:.0f} %" for f in found]
-        named = [f["label"] for f in found] or [record["verdict"]]
+        named, errors = _named(record)
         flight = "stalled" if record["kind"] == "stall" else "clean"
-        rows.append(
-            [str(record["seed"]), flight, "yes" if record["gps"] else "no", ", ".join(named), ", ".join(errors)]
-        )
+        rows.append([str(record["seed"]), flight, "yes" if record["gps"] else "no", named, errors])
     return header, rows
 
 

@@ -78,10 +78,10 @@ def diagnose_flight(
             aircraft, flight, calm, place = placed
             data = settled_flight(flight)
             settings.append(place)
-    trim = trim_finding(CandidateEvaluator(data))
+    trim = trim_finding(data)
+    model = None if trim is None else trim.flight.with_terms(new_terms(trim.flight, trim.trial)).model
     while True:
-        if trim is not None:  # it hides what the moment does otherwise, here and in replicas
-            model = trim.flight.with_terms(new_terms(trim.flight, trim.trial)).model
+        if model is not None:  # what hides what the moment does otherwise, here and in replicas
             flight = replace(flight, aircraft=replace(flight.aircraft, model=model))
             data = settled_flight(flight)
         bench = CandidateEvaluator(data)

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.diagnosis.flight.flight_data import GUARD, FlightData
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
-from aircraft_sysid_ros.diagnosis.search.evaluator import log_ratio, size_of
+from aircraft_sysid_ros.diagnosis.search.evaluator import log_ratio, price_of_one, size_of
 from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
@@ -63,8 +63,7 @@ def sideways_of_forces(data: FlightData) -> tuple[float, float] | None:
     gains = tied_gains(fits, columns, dict.fromkeys(columns, np.eye(1)))
     if not gains.keys() >= {"CX", "CZ"}:
         return None
-    n = max(float(np.sum(gains["CX"].count)) * data.step / GUARD, np.e)
-    price = float(np.log(n) / n)  # description length of a number, as of candidates (Score.price)
+    price = price_of_one(gains["CX"])
     place = float(gains["CX"].parameters[0]) / data.aircraft.span
     told = max(map(size_of, gains.values())) >= THRESHOLDS.size
     told = told and all(log_ratio(gains[axis]) > price for axis in ("CX", "CZ"))

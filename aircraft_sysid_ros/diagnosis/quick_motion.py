@@ -57,7 +57,7 @@ def quick_motion(fit: AxisFit) -> QuickMotion | None:
     if len(rows) < _LEAST:
         return None
     y, columns = rows[:, 0], rows[:, 1:]
-    moving = np.std(columns, axis=0) > 1e-9 * (np.abs(fit.columns[fit.rows]).max(axis=0) + 1e-12)
+    moving = moved_by(columns, fit.columns[fit.rows])
     if not moving.any() or not y.any():
         return None
     scale = np.std(columns[:, moving], axis=0)
@@ -72,6 +72,11 @@ def quick_motion(fit: AxisFit) -> QuickMotion | None:
     names = [name for name, moves in zip(fit.names, moving, strict=True) if moves]
     values = {n: (float(a), float(b)) for n, a, b in zip(names, whole, found, strict=True)}
     return QuickMotion(fit.axis, left, left_by_whole, values)
+
+
+def moved_by(quick: Array, whole: Array) -> npt.NDArray[np.bool_]:
+    """Columns (k,) that quick motion (n, k) moves at all, beside the whole (m, k) of them."""
+    return np.asarray(np.std(quick, axis=0) > 1e-9 * (np.abs(whole).max(axis=0) + 1e-12))
 
 
 def quick_rows(flight: FlightData, rows: Array) -> Array:

@@ -20,9 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtr
 
-from aircraft_sysid_ros.fleet.random_effects import Fitted, fit
+from aircraft_sysid_ros.fleet.random_effects import Fitted, fit, two_sided
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -156,4 +155,4 @@ def difference(one: Mean, others: Sequence[Mean]) -> tuple[float, float, float]:
         value, std, spread = float(weight @ y / weight.sum()), float(weight.sum() ** -0.5), 0.0
         freedom = min([one.flights, *(o.flights for o in others)]) - 1
     apart = (one.value - value) / np.sqrt(one.std**2 + std**2 + spread**2)
-    return value, std, float(2.0 * stdtr(freedom, -abs(apart)))
+    return value, std, two_sided(apart, freedom)

@@ -36,7 +36,12 @@ class Fitted:
 
     def p_value(self, which: int = -1) -> float:
         """Of the hypothesis that one of the numbers is 0."""
-        return float(2.0 * stdtr(self.freedom, -abs(self.value[which]) / self.std[which]))
+        return two_sided(float(self.value[which] / self.std[which]), self.freedom)
+
+
+def two_sided(t: float, freedom: int) -> float:
+    """Probability of a value of Student's t that is as far from 0."""
+    return float(2.0 * stdtr(freedom, -abs(t)))
 
 
 def fit(y: Array, s: Array, x: Array) -> Fitted:

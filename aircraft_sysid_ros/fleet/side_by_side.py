@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtr
 
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.fleet.changes import RATE, Series, difference, mean_of, named
+from aircraft_sysid_ros.fleet.random_effects import two_sided
 from aircraft_sysid_ros.fleet.tables import Row, read_table, require_pyarrow
 
 #: Flights that both fleets have, from which their differences are judged.
@@ -106,7 +106,7 @@ def _mean_of_differences(each: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[f
     size, std = float(np.mean(each)), float(np.std(each, ddof=1) / np.sqrt(len(each)))
     if std == 0.0:
         return size, std, float(size == 0.0)
-    return size, std, float(2.0 * stdtr(len(each) - 1, -abs(size) / std))
+    return size, std, two_sided(size / std, len(each) - 1)
 
 
 def _found(names: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:

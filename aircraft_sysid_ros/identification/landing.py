@@ -28,7 +28,6 @@ SLOW, ROLLING = 5.0, 20.0
 #: [m/s] of climb and descent on the ground at most, and [s] in flight before there is a landing.
 LEVEL, FLOWN = 1.0, 30.0
 _MEMORY = ROLLING + SLOW + 5.0
-_DOWN = StateField.VELOCITY.start + 2
 
 
 class Known(NamedTuple):
@@ -56,9 +55,9 @@ class Landing:
     def add(self, rows: Array) -> None:
         """States (n, StateField.WIDTH) in order of time."""
         time = rows[:, StateField.TIME]
-        over_ground = np.hypot(rows[:, _DOWN - 2], rows[:, _DOWN - 1])
-        speed = np.maximum(rows[:, StateField.AIRSPEED], over_ground)
-        slow = (speed < self._minimum_airspeed) & (np.abs(rows[:, _DOWN]) < LEVEL)
+        north, east, down = rows[:, StateField.VELOCITY].T
+        speed = np.maximum(rows[:, StateField.AIRSPEED], np.hypot(north, east))
+        slow = (speed < self._minimum_airspeed) & (np.abs(down) < LEVEL)
         steps = np.diff(time, prepend=self._newest if np.isfinite(self._newest) else time[:1])
         self._flown += float(steps[rows[:, StateField.AIRSPEED] >= self._minimum_airspeed].sum())
         self._newest = float(time[-1])

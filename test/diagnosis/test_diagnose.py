@@ -158,7 +158,7 @@ def test_a_replica_of_a_flight_with_an_effect_is_as_noisy_as_a_flight_without(ai
     made = reconstruct(aircraft, with_effect.samples)
     rows = flying(made.rows, aircraft.minimum_airspeed)
     parameters = fitted_parameters(settled_flight(made))
-    world = world_of(aircraft, [rows], with_effect.samples, made.epoch, parameters, made.gusts, seed=1)
+    world = world_of(made, [rows], parameters, seed=1)
     replica = CandidateEvaluator(without_excess(world, reconstruct(world.aircraft, world.samples(1))))
     honest = CandidateEvaluator(settled_flight(reconstruct(aircraft, clean.samples)))
     spoilt = CandidateEvaluator(settled_flight(made))

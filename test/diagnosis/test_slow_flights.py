@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,7 @@ def test_a_replica_of_a_sparse_flight_is_as_sparse_and_holds_no_more_motion_than
     made = reconstruct(file_of_users(), samples, with_covariance=False)
     rows = flying(made.rows, made.aircraft.minimum_airspeed)
     parameters = fitted_parameters(settled_flight(made))
-    world = world_of(made.aircraft, [rows], samples, made.epoch, parameters, 0.05, seed=0)
+    world = world_of(replace(made, gusts=0.05), [rows], parameters, seed=0)
     stamps = np.sort((again := world.samples(0)).stamp[again.kind == Kind.IMU])
     assert np.median(np.diff(stamps)) == pytest.approx(1e8, rel=0.01)
     rates = world.truth.rates - world.truth.rates.mean(axis=0)

@@ -8,7 +8,6 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.trim.trim_change import trim_change
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
 
@@ -54,7 +53,7 @@ def flight_of(aircraft, seed: int, kind: str = "clean", manoeuvres: bool = True,
 
 @pytest.mark.parametrize("thrust", [True, False])
 def test_a_passenger_who_walks_forward_and_back_is_a_centre_of_gravity_that_moved(aircraft, thrust):
-    found = trim_finding(CandidateEvaluator(flight_of(aircraft, 3, "cg_shift", thrust=thrust)))
+    found = trim_finding(flight_of(aircraft, 3, "cg_shift", thrust=thrust))
     assert found.trial.candidate.family == "cg_shift"
     times = dict(found.trial.candidate.inner)
     assert times["t0"] == pytest.approx(SPAN[0], abs=3.0)
@@ -72,20 +71,20 @@ def test_the_shift_has_the_size_that_it_has(aircraft):
 
 
 def test_a_gear_is_told_from_it_by_its_drag_or_is_named_with_what_it_could_be(aircraft):
-    known = trim_finding(CandidateEvaluator(flight_of(aircraft, 5, "landing_gear")))
+    known = trim_finding(flight_of(aircraft, 5, "landing_gear"))
     assert known.trial.candidate.family == "landing_gear" and known.confounded_with == ()
-    hidden = trim_finding(CandidateEvaluator(flight_of(aircraft, 5, "landing_gear", thrust=False)))
+    hidden = trim_finding(flight_of(aircraft, 5, "landing_gear", thrust=False))
     assert hidden.trial.candidate.family == "landing_gear" and hidden.confounded_with == ("parameter_change",)
 
 
 def test_what_changes_lift_as_well_has_no_name_of_these(aircraft):
-    found = trim_finding(CandidateEvaluator(flight_of(aircraft, 6, "flaps")))
+    found = trim_finding(flight_of(aircraft, 6, "flaps"))
     assert found.trial.candidate.effect is None
     assert set(found.trial.candidate.changed) >= {"Cm", "CZ"}
 
 
 def test_a_trim_that_follows_speed_and_time_and_wanders_is_no_change(aircraft):
-    assert [trim_finding(CandidateEvaluator(flight_of(aircraft, seed))) for seed in range(20, 36)] == [None] * 16
+    assert [trim_finding(flight_of(aircraft, seed)) for seed in range(20, 36)] == [None] * 16
 
 
 def test_without_manoeuvres_or_in_a_short_flight_nothing_is_said(aircraft):

@@ -176,7 +176,7 @@ def missing_signals(flight: FlightData, *texts: str) -> list[str]:
 
 def _of_effect(flight: FlightData, effect: Effect) -> Change:
     missing = flight.lacks(effect.signals)
-    trial = None if missing else _best_of(effect, CandidateEvaluator(flight))
+    trial = None if missing else _best_of(effect, flight)
     if trial is None:
         raise InputError(
             f"'{effect.identifier}' needs {' and '.join(missing) or 'signals'}, which this flight does not have"
@@ -187,11 +187,11 @@ def _of_effect(flight: FlightData, effect: Effect) -> Change:
     return Change(terms=new)
 
 
-def _best_of(effect: Effect, bench: CandidateEvaluator) -> Score | None:
+def _best_of(effect: Effect, flight: FlightData) -> Score | None:
     """An effect as ``diagnose`` finds it: by the trim of the flight, or else by all of it."""
-    trim = trim_finding(bench)
+    trim = trim_finding(flight)
     known = trim is not None and trim.trial.candidate.family == effect.identifier
-    return trim.trial if trim is not None and known else bench.best_of(effect)
+    return trim.trial if trim is not None and known else CandidateEvaluator(flight).best_of(effect)
 
 
 def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress) -> tuple[Change, Setting]:

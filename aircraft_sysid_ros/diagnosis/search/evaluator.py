@@ -65,13 +65,8 @@ class Score:
 
     @property
     def price(self) -> float:
-        """What its numbers cost in the unit of the score: their description length, ln(n) / n each (Rissanen 1978).
-
-        n is the number of independent points of an axis, one in each time over which residuals are correlated.
-        """
-        gain = next(iter(self.gains.values()))
-        n = max(float(np.sum(gain.count)) * gain.fit.flight.step / GUARD, np.e)
-        return self.candidate.numbers * float(np.log(n) / n)
+        """What its numbers cost in the unit of the score."""
+        return self.candidate.numbers * price_of_one(next(iter(self.gains.values())))
 
     @property
     def main_axis(self) -> str:
@@ -91,6 +86,15 @@ def log_ratio(gain: Gain) -> float:
     )  # fmt: skip
     ratios = [np.log(before / after) if min(before, after) > 0.0 else 0.0 for before, after in (held_out, fitted)]
     return float(min(ratios))
+
+
+def price_of_one(gain: Gain) -> float:
+    """What one number costs in the unit of the score: its description length, ln(n) / n (Rissanen 1978).
+
+    n is the number of independent points of an axis, one in each time over which residuals are correlated.
+    """
+    n = max(float(np.sum(gain.count)) * gain.fit.flight.step / GUARD, np.e)
+    return float(np.log(n) / n)
 
 
 def size_of(gain: Gain) -> float:

@@ -22,7 +22,7 @@ from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT, evaluate_rows, with_lags
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
-from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconstruction
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
@@ -94,21 +94,13 @@ class FlightConditions:
         return out
 
 
-def world_of(
-    aircraft: Aircraft,
-    stretches: list[Array],
-    samples: Samples,
-    epoch: int,
-    parameters: Array,
-    gusts: float,
-    seed: int,
-) -> FlightConditions:
+def world_of(flight: Reconstruction, stretches: list[Array], parameters: Array, seed: int) -> FlightConditions:
     """The world of a flight.
 
-    stretches, each (n, StateField.WIDTH): smoothed states in flight without a gap, of a manoeuvre each; samples of the
-    flight and the epoch [ns] of the rows' time; parameters (p,) of the aircraft's model; gusts: random walk of the wind
-    [m/s per sqrt(s)] that the reconstruction found. The seed draws the gusts that it could not follow.
+    stretches, each (n, StateField.WIDTH): its smoothed states in flight without a gap, of a manoeuvre each; parameters
+    (p,) of its model. The seed draws the gusts that the reconstruction could not follow.
     """
+    aircraft, samples, epoch, gusts = flight.aircraft, flight.samples, flight.epoch, flight.gusts
     stretches = [in_moving_air(stretch) for stretch in stretches]
     rows = np.vstack(stretches)
     motion_band = min(MOTION_BAND, KNOWN_SHARE / float(np.median(np.diff(rows[:, StateField.TIME]))))

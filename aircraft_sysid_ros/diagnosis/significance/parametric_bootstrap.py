@@ -92,7 +92,7 @@ def replicas_of(
 def _replica(arguments: tuple[Reconstruction, list[Array], Array, Sequence[Effect], int]) -> Replica | str:
     """One replica, in a process of its own; or why there is none."""
     flight, stretches, parameters, library, seed = arguments
-    world = world_of(flight.aircraft, stretches, flight.samples, flight.epoch, parameters, flight.gusts, seed)
+    world = world_of(flight, stretches, parameters, seed)
     try:
         again = reconstruct(world.aircraft, world.samples(seed), with_covariance=False)
         bench = CandidateEvaluator(without_excess(world, again))

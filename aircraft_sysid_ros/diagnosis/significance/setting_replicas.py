@@ -59,7 +59,7 @@ def _with_sensors_right(aircraft: Aircraft, fault: Setting) -> Aircraft:
 
 def _gain(job: tuple[Setting, Reconstruction, list[Array], Array, bool, int]) -> float:
     fault, flight, stretches, parameters, calm, seed = job
-    world = world_of(flight.aircraft, stretches, flight.samples, flight.epoch, parameters, flight.gusts, seed)
+    world = world_of(flight, stretches, parameters, seed)
     try:
         again, _ = reconstruct_as_flown(world.aircraft, world.samples(seed), with_covariance=False)
     except InputError:

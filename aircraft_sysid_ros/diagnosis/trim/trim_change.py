@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.quick_motion import quick_rows
+from aircraft_sysid_ros.diagnosis.quick_motion import moved_by, quick_rows
 from aircraft_sysid_ros.diagnosis.search.evaluator import moves
 from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS
 
@@ -53,9 +53,12 @@ class Change:
 
     first: int  # point from which it is there
     last: int  # and before which it ends
-    value: float  # of its shape
     gain: float  # ln of the sums of squares without and with it
-    left: Array  # (k,) what it leaves
+
+    def of(self, shape: Array) -> Array:
+        """A shape (k,), 0 where the change is not."""
+        inside = np.arange(len(shape))
+        return np.where((inside >= self.first) & (inside < self.last), shape, 0.0)
 
 
 @dataclass(frozen=True)
@@ -89,28 +92,27 @@ def trim_change(data: FlightData) -> TrimChange | None:
     lift, one = points.mean(data.coefficient("CZ")), np.ones(points.count)
     if not np.isfinite(lift).all() or trimmed == 0.0:
         return None
-    search = {"lift": _Search(beside, lift), "constant": _Search(beside, one)}
-    found = {name: each.best(response) for name, each in search.items()}
-    best = max(found.values(), key=lambda change: change.gain)
+    searches = [(shape, _Search(beside, shape)) for shape in (lift, one)]
     before = _without(beside, response)
-    chance = [
-        max(each.best(series).gain for each in search.values()) for series in _wandering(before, beside, points.number)
-    ]
+    best, shape = max(((each.best(before), shape) for shape, each in searches), key=lambda found: found[0].gain)
+    left = _at(beside, response, best.of(shape)).left
+    wandering = _wandering(before, beside, points.number)
+    chance = [max(each.best(series).gain for _, each in searches) for series in wandering]
     begin, end = _times(data, points.edge(best.first), points.edge(best.last), derivatives)
     inside = points.inside(begin, end)
-    at = {name: _at(beside, response, inside * shape) for name, shape in (("lift", lift), ("constant", one))}
-    company, unknown = _company(data, points, inside, at["constant"][0])
-    independent = points.count * _independent(best.left, points.number)
+    with_lift, constant = (_at(beside, response, inside * shape) for shape in (lift, one))
+    company, unknown = _company(data, points, inside, constant.value)
+    independent = points.count * _independent(left, points.number)
     return TrimChange(
         begin=begin,
         end=None if best.last == points.count else end,
-        with_lift=at["lift"][0],
-        constant=at["constant"][0],
-        prefers_lift=0.5 * independent * float(np.log(at["constant"][1] / at["lift"][1])),
+        with_lift=with_lift.value,
+        constant=constant.value,
+        prefers_lift=0.5 * independent * float(np.log(constant.squares / with_lift.squares)),
         evidence=float(np.sqrt(2.0 * independent * best.gain)),
         p_value=(1.0 + sum(gain >= best.gain for gain in chance)) / (1.0 + len(chance)),
         before=_rms(before) / trimmed,
-        after=_rms(best.left) / trimmed,
+        after=_rms(left) / trimmed,
         company=company,
         unknown=tuple(unknown),
     )
@@ -166,14 +168,18 @@ def _terms(data: FlightData, axis: str) -> Array:
     return data.columns(data.model.programs[AXES.index(axis)])
 
 
+def _acting(data: FlightData, axis: str) -> list[int]:
+    """Numbers of the terms of an axis that read the controls."""
+    programs = data.model.programs[AXES.index(axis)]
+    return [j for j, program in enumerate(programs) if program.signals & CONTROL_SIGNALS]
+
+
 def _beside(data: FlightData, points: _Points, axis: str) -> Array:
     """Orthonormal columns (k, m) of what trims an aeroplane slowly: the terms of its model without controls, and more.
 
     Angle of attack, speed, time, thrust and every named input that the flight has and moves.
     """
-    programs = data.model.programs[AXES.index(axis)]
-    still = [j for j, program in enumerate(programs) if not program.signals & CONTROL_SIGNALS]
-    columns = list(data.columns(programs)[:, still].T)
+    columns = list(np.delete(_terms(data, axis), _acting(data, axis), axis=1).T)
     columns += [data.signal(name) for name in (*_BESIDE, *data.model.inputs) if moves(data.signal(name))]
     means = [points.mean(column) for column in columns]
     table = np.column_stack([np.ones(points.count), *(mean for mean in means if np.isfinite(mean).all())])
@@ -183,8 +189,7 @@ def _beside(data: FlightData, points: _Points, axis: str) -> Array:
 
 def _left(data: FlightData, points: _Points, derivatives: Array) -> tuple[Array, float]:
     """Means (k,) of C_m less what derivatives make of it, and the spread of what those to the controls make."""
-    programs, columns = data.model.programs[AXES.index("Cm")], _terms(data, "Cm")
-    acting = [j for j, program in enumerate(programs) if program.signals & CONTROL_SIGNALS]
+    columns, acting = _terms(data, "Cm"), _acting(data, "Cm")
     trimmed = points.mean(columns[:, acting] @ derivatives[acting])
     return points.mean(data.coefficient("Cm") - columns @ derivatives), float(np.std(trimmed))
 
@@ -199,7 +204,7 @@ def _times(data: FlightData, begin: float, end: float, derivatives: Array) -> tu
 
     def left_by(first: float, last: float) -> float:
         column = points.inside(first, last)
-        return _at(beside, response, column)[1] if column.any() else np.inf
+        return _at(beside, response, column).squares if column.any() else np.inf
 
     begin = min((begin + step for step in steps.tolist()), key=lambda time: left_by(time, end))
     return begin, min((end + step for step in steps.tolist()), key=lambda time: left_by(begin, time))
@@ -207,16 +212,14 @@ def _times(data: FlightData, begin: float, end: float, derivatives: Array) -> tu
 
 def _of_manoeuvres(data: FlightData) -> Array | None:
     """Derivatives (k,) of C_m in manoeuvres; None where these do not tell what the elevator does."""
-    programs, columns = data.model.programs[AXES.index("Cm")], _terms(data, "Cm")
-    acting = [j for j, program in enumerate(programs) if program.signals & CONTROL_SIGNALS]
+    columns, acting = _terms(data, "Cm"), _acting(data, "Cm")
     quick = quick_rows(data, np.column_stack([data.coefficient("Cm"), columns]))
     rows = np.asarray(np.isfinite(quick).all(axis=1))
     if not acting or not rows.any():
         return None
     rows = rows & _in_manoeuvres(data, rows, quick[:, 1 + acting[0]])
     y, x = quick[rows, 0], quick[rows, 1:]
-    size = np.std(x, axis=0)
-    moving = np.flatnonzero(size > 1e-9 * (np.abs(columns[rows]).max(axis=0) + 1e-12))
+    size, moving = np.std(x, axis=0), np.flatnonzero(moved_by(x, columns[rows]))
     if len(y) < 10 * len(moving) or acting[0] not in moving:
         return None
     x = x[:, moving] / size[moving]
@@ -262,26 +265,34 @@ class _Search:
         sums = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
         return np.asarray(sums[self.last] - sums[self.first])
 
-    def best(self, response: Array) -> Change:
-        """The change that explains most of a response (k,)."""
-        left = _without(self.beside, response)
-        with_it = self._inside(left * self.shape)
-        explained = with_it**2 / self.own
+    def best(self, left: Array) -> Change:
+        """The change that explains most of what the columns beside it leave (k,) of a response."""
+        explained = self._inside(left * self.shape) ** 2 / self.own
         at, total = int(np.argmax(explained)), float(left @ left)
-        column = np.zeros(len(left))
-        column[self.first[at] : self.last[at]] = self.shape[self.first[at] : self.last[at]]
-        value = float(with_it[at] / self.own[at])
         gain = -np.log(max(1.0 - explained[at] / total, 1e-12)) if total > 0.0 else 0.0
-        return Change(
-            int(self.first[at]), int(self.last[at]), value, float(gain), left - value * _without(self.beside, column)
-        )
+        return Change(int(self.first[at]), int(self.last[at]), float(gain))
 
 
-def _at(beside: Array, response: Array, column: Array) -> tuple[float, float]:
-    """Number of a column (k,) that fits best, and the sum of squares that it leaves."""
+@dataclass(frozen=True)
+class _Fitted:
+    """One column that is fitted beside others."""
+
+    value: float
+    own: float  # sum of squares of what is its own
+    left: Array  # (k,) of the response
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares of what it leaves."""
+        return float(np.sum(self.left**2))
+
+
+def _at(beside: Array, response: Array, column: Array) -> _Fitted:
+    """The fit of a column (k,) to a response (k,)."""
     left, column = _without(beside, response), _without(beside, column)
-    value = float(column @ left / (column @ column))
-    return value, float(np.sum((left - value * column) ** 2))
+    own = float(column @ column)
+    value = float(column @ left / own)
+    return _Fitted(value, own, left - value * column)
 
 
 def _without(beside: Array, values: Array) -> Array:
@@ -331,12 +342,9 @@ def _company(data: FlightData, points: _Points, inside: Array, pitching: float) 
         if not np.isfinite(response).all() or (axis == "CX" and not moves(data.signal("Tc"))):  # thrust hides drag
             unknown.append(axis)
             continue
-        beside = _beside(data, points, axis)
-        column, response = _without(beside, inside), _without(beside, response)
-        value = float(column @ response / (column @ column))
-        left = response - value * column
-        free = max(_independent(left, points.number), 1e-3)
-        std = float(np.sqrt(np.mean(left**2) / (column @ column) / free))
-        if abs(value) > max(_COMPANY * std, least * abs(pitching)):
-            found[axis] = value
+        fitted = _at(_beside(data, points, axis), response, inside)
+        free = max(_independent(fitted.left, points.number), 1e-3)
+        std = _rms(fitted.left) / np.sqrt(fitted.own * free)
+        if abs(fitted.value) > max(_COMPANY * std, least * abs(pitching)):
+            found[axis] = fitted.value
     return found, unknown

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aircraft_sysid_ros.diagnosis.diagnose import Finding
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, with_inner
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -16,21 +17,22 @@ _CG, _GEAR = "cg_shift", "landing_gear"
 _ALONG = "along the fuselage"
 
 
-def trim_finding(bench: CandidateEvaluator) -> Finding | None:
+def trim_finding(data: FlightData) -> Finding | None:
     """The change of trim of a flight, where it is beyond chance and explains most of what is left of the trim."""
-    change = trim_change(bench.data)
+    change = trim_change(data)
     if change is None or change.p_value >= THRESHOLDS.verdict or change.before < THRESHOLDS.trim_left:
         return None
     size = 1.0 - change.after / change.before
     if size < THRESHOLDS.trim_size:
         return None
+    bench = CandidateEvaluator(data)
     candidate = _candidate(bench, change)
     trial = bench.trial(candidate)
     if trial is None or "Cm" not in trial.gains:
         return None
     return Finding(
-        trial, bench.data, trial.score, change.evidence, change.p_value, size, np.inf, _rivals(candidate, change),
-        told_by=_words(candidate, change, bench.data.aircraft.chord),
+        trial, data, trial.score, change.evidence, change.p_value, size, np.inf, _rivals(candidate, change),
+        told_by=_words(candidate, change, data.aircraft.chord),
     )  # fmt: skip
 
 
