@@ -78,9 +78,12 @@ class Finding:
         """The first rule of size that refuses it, in words; empty where none does."""
         effect, gain = self.trial.candidate.effect, self.trial.gains[self.trial.main_axis]
         moved = np.sqrt(max(gain.nrmse_before**2 - gain.nrmse_after**2, 0.0))
-        if not self._shows_where_it_must():
-            axes = " and ".join(f"{axis[0]}_{axis[1]}" for axis in (effect.shows_in if effect else ()))
-            return f"it does not show in {axes}, where it cannot be absent"
+        must = effect.shows_in if effect else ()
+        shown = [size_of(self.trial.gains[axis]) for axis in must if axis in self.trial.gains]
+        if must and not any(size >= 0.5 * THRESHOLDS.size for size in shown):
+            axes = " and ".join(f"{axis[0]}_{axis[1]}" for axis in must)
+            cause = "does not show" if shown else "cannot be seen"
+            return f"it {cause} in {axes}, where it cannot be absent"
         if self.size < THRESHOLDS.size:
             return f"that is less than {THRESHOLDS.size:.0%}"
         if moved < THRESHOLDS.least_moved:
@@ -109,12 +112,6 @@ class Finding:
         """Whether what is left falls as ``add`` adds it: the search has shapes of what was found before besides."""
         before, after = errors_of(self.flight, self.trial, self.trial.main_axis)
         return after <= (1.0 - THRESHOLDS.size) * before
-
-    def _shows_where_it_must(self) -> bool:
-        """Half of the least size, in an axis in which it cannot be absent."""
-        effect = self.trial.candidate.effect
-        known = [self.trial.gains[axis] for axis in (effect.shows_in if effect else ()) if axis in self.trial.gains]
-        return not known or any(size_of(gain) >= 0.5 * THRESHOLDS.size for gain in known)
 
 
 @dataclass(frozen=True)

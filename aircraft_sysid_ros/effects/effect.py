@@ -123,7 +123,8 @@ class Effect:
     manoeuvre: str  # which manoeuvre shows it
     inner: tuple[ShapeParameter, ...] = ()
     domain: Domain | None = None
-    #: Axes of which it must explain a part to be what it says: flow that separates loses lift.
+    #: Axes of which it must explain a part to be what it says: flow that separates loses lift. Where none of them is
+    #: judged (ice, in a flight whose thrust nobody recorded) it is not named.
     shows_in: tuple[str, ...] = ()
     #: Of an effect in the measurement, what it makes of coefficients that are told by what the sensor shows; the one
     #: number of its terms is the value of the setting.

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.diagnosis.diagnose import Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.trim.trim_change import trim_change
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
+from aircraft_sysid_ros.effects import BY_ID
 
 STEP, DURATION = 0.1, 1200.0
 SPAN = (433.0, 771.0)
@@ -58,7 +63,7 @@ def test_a_passenger_who_walks_forward_and_back_is_a_centre_of_gravity_that_move
     times = dict(found.trial.candidate.inner)
     assert times["t0"] == pytest.approx(SPAN[0], abs=3.0)
     assert times["t1"] == pytest.approx(SPAN[1], abs=3.0)
-    assert found.p_value < 0.01
+    assert found.p_value < 0.01 and found.trial.main_axis == "Cm"
     assert f"{0.03 * aircraft.chord:.1g}"[:3] in found.told_by and "forward" in found.told_by
 
 
@@ -93,3 +98,17 @@ def test_without_manoeuvres_or_in_a_short_flight_nothing_is_said(aircraft):
     short = flight.time < 300.0
     parts = {"time": flight.time[short], "measured": flight.measured[short], "signals": flight.signals[short]}
     assert trim_change(FlightData(aircraft, step=STEP, **parts)) is None
+
+
+@pytest.mark.parametrize(("thrust", "cause"), [(True, "does not show"), (False, "cannot be seen")])
+def test_what_cannot_be_absent_from_drag_is_not_named_where_nobody_sees_drag(aircraft, thrust, cause):
+    """Fuel that burns and moves the centre of gravity does to C_Z and C_m what ice does."""
+    flight = flight_of(aircraft, 9, thrust=thrust)
+    share = 1.0 + 0.05 * flight.time / DURATION
+    measured = flight.measured.copy()
+    measured[:, AXES.index("CZ")] *= share
+    if thrust:
+        measured[:, AXES.index("CX")] *= share
+    bench = CandidateEvaluator(replace(flight, measured=measured))
+    ice = Finding(bench.best_of(BY_ID["icing"]), bench.data, 1.0, 9.0, 0.0, 0.5, 9.0)
+    assert ice.refusal(first=True) == f"it {cause} in C_X, where it cannot be absent"

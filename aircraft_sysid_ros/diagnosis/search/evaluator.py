@@ -47,6 +47,7 @@ class Score:
 
     candidate: Candidate
     gains: Mapping[str, Gain]
+    told_in: str = ""  # the axis that told it, where that was no held-out error
 
     @property
     def log_ratios(self) -> dict[str, float]:
@@ -70,9 +71,9 @@ class Score:
 
     @property
     def main_axis(self) -> str:
-        """The axis in which it explains most."""
+        """The axis that told it, or in which it explains most."""
         ratios = self.log_ratios
-        return max(ratios, key=lambda axis: ratios[axis])
+        return self.told_in or max(ratios, key=lambda axis: ratios[axis])
 
 
 def log_ratio(gain: Gain) -> float:

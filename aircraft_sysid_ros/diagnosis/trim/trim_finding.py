@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from aircraft_sysid_ros.diagnosis.diagnose import Finding
@@ -31,7 +33,8 @@ def trim_finding(data: FlightData) -> Finding | None:
     if trial is None or "Cm" not in trial.gains:
         return None
     return Finding(
-        trial, data, trial.score, change.evidence, change.p_value, size, np.inf, _rivals(candidate, change),
+        replace(trial, told_in="Cm"), data, trial.score, change.evidence, change.p_value, size, np.inf,
+        _rivals(candidate, change),
         told_by=_words(candidate, change, data.aircraft.chord),
     )  # fmt: skip
 
