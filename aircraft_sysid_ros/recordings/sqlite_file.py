@@ -49,7 +49,7 @@ def read_sqlite(path: Path) -> RawMessages:
             problems = _problems(database)
             counted, is_gapless = _counted(database), _is_gapless(database)
     except _ERRORS as error:
-        raise InputError(f"cannot read the recording {path}: {error}") from None
+        raise InputError(f"cannot read the recording {path}: {_reason(path, error)}") from None
     number = {topic: i for i, topic in enumerate(channels)}
     known = [row for row in rows if _is_message(row) and row[0] in number]
     undescribed = sum(_is_message(row) for row in rows) - len(known)
@@ -66,6 +66,15 @@ def read_sqlite(path: Path) -> RawMessages:
         *losses.checksum_notes(len(raw), len(raw)),
     ]
     return replace(raw, missing=losses.missing_messages(counted, raw.counts())).with_notes(notes)
+
+
+def _reason(path: Path, error: Exception) -> str:
+    """Why nothing can be read, in words of a recording where SQLite has some of databases."""
+    if path.stat().st_size == 0:
+        return "the file is empty: the recorder wrote nothing into it"
+    if "no such table" in str(error):
+        return "it is a database, but holds no topics and messages as rosbag2 writes them"
+    return str(error)
 
 
 @contextmanager

@@ -563,8 +563,16 @@ def test_a_database_without_its_tables_is_refused(flight, tmp_path):
     file = tmp_path / "other.db3"
     with sqlite3.connect(file) as database:
         database.execute("CREATE TABLE others(id)")
-    with pytest.raises(InputError, match=r"cannot read the recording .*other\.db3: no such table: topics"):
+    with pytest.raises(
+        InputError, match=r"cannot read the recording .*other\.db3: it is a database, but holds no topics"
+    ):
         read_raw(file)
+
+
+def test_an_empty_database_is_called_empty(tmp_path):
+    (tmp_path / "nothing.db3").touch()
+    with pytest.raises(InputError, match=r"nothing\.db3: the file is empty: the recorder wrote nothing into it$"):
+        read_raw(tmp_path / "nothing.db3")
 
 
 @pytest.mark.parametrize("content", [b"[" * 200_000, b"- " * 100_000, b"{a: " * 100_000])

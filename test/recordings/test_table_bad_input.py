@@ -49,6 +49,7 @@ BAD_TABLES = [
     (table(), "one line and no data"),
     ("", "is empty"),
     ("\0\1\2" * 400, "is no text"),
+    (table(*ROWS).encode("utf-16-le").decode("latin-1"), "is no text"),
     ("one,two\nthree,four\n", "holds no table"),
     (table(*(row.replace(",", ":00:00,", 1) for row in ROWS)), "for times that are texts write iso or irig"),
     (table(*(f"1{i:018d}000,1,1" for i in range(9))), "check its unit"),
@@ -222,3 +223,35 @@ def test_a_table_without_a_map_is_told_the_way(tmp_path, capsys):
     )
     assert main(["import", str(tmp_path / "flight.csv")]) == 2
     assert "say with --out" in capsys.readouterr().err
+
+
+def imported_notes(tmp_path, capsys, content):
+    """The notes of an import, and how many samples of the IMU it has."""
+    (tmp_path / "flight.csv").write_bytes(content)
+    (tmp_path / "map.yaml").write_text(MAP)
+    command = ["import", str(tmp_path / "flight.csv"), "--map", str(tmp_path / "map.yaml"), "--out"]
+    assert main([*command, str(tmp_path / "bag"), "--json"]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    return notes, len(read_table(tmp_path / "bag", "imu/data").stamp)
+
+
+def test_rows_with_cells_too_many_are_said(tmp_path, capsys):
+    rows = [*ROWS[:9], "0.18,3,5,-1.00", "0.20,3.5,-1.0,7,8,9", *(f"{row}," for row in ROWS[11:])]
+    notes, count = imported_notes(tmp_path, capsys, table(*rows).encode())
+    (said,) = [note for note in notes if "more cells" in note]
+    assert said.startswith("flight.csv: 2 rows have more cells than the table has columns, the first is data row 10: ")
+    assert count == 60
+
+
+def test_rows_with_no_cells_too_many_are_not(tmp_path, capsys):
+    """A separator at the end of each row is a habit of some programs."""
+    notes, _ = imported_notes(tmp_path, capsys, table(*(f"{row}," for row in ROWS), header="Time,P,Nz,").encode())
+    assert not any("more cells" in note for note in notes)
+
+
+@pytest.mark.parametrize("place", [5, 30, 60])
+def test_zero_bytes_of_a_recorder_that_lost_its_power_cost_their_row(tmp_path, capsys, place):
+    rows = [*ROWS[:place], "\0" * 4096, *ROWS[place:]]
+    notes, count = imported_notes(tmp_path, capsys, table(*rows).encode())
+    assert "flight.csv: 1 row without a time left out" in notes
+    assert count == 60

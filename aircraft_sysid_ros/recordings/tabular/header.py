@@ -51,7 +51,7 @@ def text_layout(lines: Sequence[str], name: str) -> TextLayout:
     """The layout of a text from its first lines; raises InputError where no table is in it."""
     found: TextLayout | None = None
     for separator, separator_name in _SEPARATORS:
-        split = _splitter(separator)
+        split = splitter(separator)
         decimal = "," if separator != "," and _has_decimal_commas([split(line) for line in lines]) else "."
         rows = [
             [
@@ -185,7 +185,8 @@ def _has_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
     )
 
 
-def _splitter(separator: str) -> Callable[[str], list[str]]:
+def splitter(separator: str) -> Callable[[str], list[str]]:
+    """What splits a line at a separator of ``TextLayout``."""
     if len(separator) > 1:
         return lambda line: re.split(separator, line.strip())
     return lambda line: next(csv.reader([line], delimiter=separator), [])

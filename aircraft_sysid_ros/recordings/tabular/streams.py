@@ -356,6 +356,7 @@ class _TableReader:
         for wild in self._wild.values():
             self.notes.append(f"{table.name}: {wild}")
         self._wild.clear()
+        self.notes += [f"{table.name}: {text}" for text in table.said]
         self._note(table, unnumbered, f"{'is' if unnumbered == 1 else 'are'} no number and left out", "cell")
         self._note(table, timeless, "without a time left out", "row")
         self._note(table, doubled, "with the time of the row before left out", "row")

@@ -48,6 +48,11 @@ class Table(ABC):
     units: Mapping[str, str] = field(default_factory=dict)
     note: str = ""  # where its names come from, if they are not its own
 
+    @property
+    def said(self) -> list[str]:
+        """What the last reading has found to be wrong with it."""
+        return []
+
     @abstractmethod
     def pieces(self, positions: Sequence[int], rows: int) -> Iterator[list[npt.NDArray[Any]]]:
         """The columns at ``positions``, at most ``rows`` rows at a time."""

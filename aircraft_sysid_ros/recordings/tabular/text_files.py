@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,11 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.header import PROSE, TextLayout, listed_names, text_layout
+from aircraft_sysid_ros.recordings.tabular.header import PROSE, TextLayout, listed_names, splitter, text_layout
 from aircraft_sysid_ros.recordings.tabular.table import EMPTY, Table, imported
 
 _HEAD = 1 << 18  # bytes that show the layout
 _MESSAGE = re.compile(r"(\d+\.\d+) (\d+) ([A-Z][A-Z0-9_]+)(?: (.*))?$")
+_CONTROL = re.compile("[\1-\10\16-\32]")  # no text has them
 _LONGEST_LINE = 1_000_000
 _LONGEST_LIST = 1 << 16  # bytes of a list of names
 
@@ -58,6 +60,32 @@ class TextTable(Table):
     layout: TextLayout | None = None
     encoding: str = "utf-8"
 
+    @property
+    def said(self) -> list[str]:
+        """See Table."""
+        rows = self._long_rows()
+        if not rows:
+            return []
+        many, which = (f"{len(rows)} rows have", "the first is data row") if rows[1:] else ("1 row has", "data row")
+        return [
+            f"{many} more cells than the table has columns, {which} {rows[0]}: the cells beyond are left out, "
+            "and where a separator too many stands before them the row is wrong"
+        ]
+
+    def _long_rows(self) -> list[int]:
+        """Rows of the data, from 1, with cells beyond the last column; the reader drops those and says nothing."""
+        assert self.layout is not None
+        separator, found, row = self.layout.separator, [], 0
+        split = splitter(separator)
+        with _opened(self.path, self.encoding) as file:
+            for line in itertools.islice(file, self.layout.header.first_row, None):
+                if not line.strip():
+                    continue
+                row += 1
+                if len(separator) > 1 or line.count(separator) >= len(self.columns):
+                    found += [row] if any(cell.strip() for cell in split(line)[len(self.columns) :]) else []
+        return found
+
     def pieces(self, positions: Sequence[int], rows: int) -> Iterator[list[npt.NDArray[Any]]]:
         """See Table."""
         pandas = imported("pandas")
@@ -84,7 +112,7 @@ class TextTable(Table):
             )
             with reader:
                 for frame in reader:
-                    yield [frame[i].to_numpy() for i in positions]
+                    yield [_without_zero_bytes(frame[i].to_numpy()) for i in positions]
         except (ValueError, OSError, EOFError) as error:  # ParserError is a ValueError
             raise InputError(f"{self.name} cannot be read: {error}") from None
 
@@ -140,6 +168,19 @@ def _number(text: str) -> float:
         return np.nan
 
 
+def _is_binary(text: str) -> bool:
+    """Whether zero bytes stand in it otherwise than in a few blocks, as a recorder leaves that lost its power."""
+    blocks = len(re.findall("\0+", text))
+    return blocks > 1 + text.count("\n") // 10 or (blocks > 0 and _CONTROL.search(text) is not None)
+
+
+def _without_zero_bytes(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A column (n,): a text that was nothing else is empty."""
+    if values.dtype.kind not in "OTU":
+        return values
+    return np.array([v.replace("\0", "") if isinstance(v, str) else v for v in values], dtype=object)
+
+
 def _opened(path: Path, encoding: str = "utf-8") -> IO[str]:
     if path.suffix.lower() == ".gz":
         return gzip.open(path, "rt", encoding=encoding, errors="replace")
@@ -161,9 +202,9 @@ def _head(path: Path) -> tuple[str, list[str]]:
             if whole or error.start < len(start) - 4:
                 continue
             text = start[: error.start].decode(encoding)
-        if "\0" in text:
+        if _is_binary(text):
             break
-        lines = text.splitlines()
+        lines = text.replace("\0", "").splitlines()
         if len(max(lines, default="", key=len)) > _LONGEST_LINE:
             break
         return encoding, lines if whole else lines[:-1]
