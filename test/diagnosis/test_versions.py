@@ -97,6 +97,16 @@ def test_remove_restores_the_id_and_the_errors(run, aircraft) -> None:
     assert not removed.improved and open_run(run).current.changes == {}
 
 
+def test_a_version_that_comes_back_keeps_its_place_in_the_history(run, aircraft) -> None:
+    """An undo had made it from what was made from it, and the history went round in a circle."""
+    first = add(run, "CZ: alpha**3").version.identifier
+    second = add(run, "Cm: alpha**2").version.identifier
+    assert remove(run, "Cm: alpha**2").version.identifier == first == open_run(run).current.identifier
+    root = aircraft.model.identifier
+    found = [(version.identifier, version.parents) for version in versions.versions_of(open_run(run))[0]]
+    assert found == [(root, ()), (first, (root,)), (second, (first,))]
+
+
 def test_a_needless_term_is_said_to_be_one(run) -> None:
     outcome = add(run, "Cl: alpha*beta")
     errors = outcome.axes["Cl"]

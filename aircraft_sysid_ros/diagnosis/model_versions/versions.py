@@ -307,6 +307,17 @@ def run_data(run: Run, version: Version) -> RunData:
     )
 
 
+def _comes_back(place: Path, content: Mapping[str, Any]) -> bool:
+    """Whether the folder of a version holds it already, made by the same changes, which their order is no part of."""
+    try:
+        return bool(
+            json.loads((place / VERSION).read_text(encoding="utf8"))["changes"]
+            == json.loads(json_text(content["changes"]))
+        )
+    except UNREADABLE:
+        return False
+
+
 @contextlib.contextmanager
 def changing(path: str | Path) -> Iterator[None]:
     """While a run is changed: others wait."""
@@ -319,7 +330,11 @@ def changing(path: str | Path) -> Iterator[None]:
 def write_version(
     run: Run, version: Version, parameters: Sequence[Mapping[str, Any]], errors: Mapping[str, Any]
 ) -> None:
-    """Store a version and make it the current one. Raises InputError where it cannot be written."""
+    """Store a version and make it the current one. Raises InputError where it cannot be written.
+
+    One that comes back, as by an undo, keeps what it was made from, and its place in the history: a version that was
+    made from its own descendant would send whoever follows the history round in a circle.
+    """
     source = dict(version.aircraft.source)
     fitted = {p["name"]: float(p["value"]) for p in parameters if np.isfinite(p["value"])}
     source["coefficients"] = {**version.aircraft.coefficients, **fitted}
@@ -343,7 +358,7 @@ def write_version(
             load_aircraft(new / AIRCRAFT)
             place = models / version.identifier
             if place.exists():  # it may be the current one: never a moment without it
-                for name in (AIRCRAFT, PARAMETERS, VERSION):
+                for name in (AIRCRAFT, PARAMETERS, *([] if _comes_back(place, content) else [VERSION])):
                     os.replace(new / name, place / name)
             else:
                 new.rename(place)
