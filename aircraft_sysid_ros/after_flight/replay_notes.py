@@ -85,7 +85,9 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found.append(f"parameters of an axis were held {times} time{'s' * (times > 1)}, see docs/trust.md{newest}")
     if pipeline.state.realignments:
         times = pipeline.state.realignments
-        found.append(f"the filter aligned anew {times} times after gaps or contradictions")
+        found.append(
+            f"the filter aligned anew {'once' if times == 1 else f'{times} times'} after gaps or contradictions"
+        )
     return found
 
 

@@ -141,6 +141,22 @@ def test_an_aeroplane_of_elevons_alone_lacks_no_elevator(aircraft, flown):
     assert (finding.kind, finding.severity) == ("missing", "warning") and "no derivatives" in finding.sentence
 
 
+def test_an_input_that_no_term_reads_is_no_control_and_may_be_off(aircraft, flown):
+    """The power of a motor, and no surfaces: explain had called such a flight one with too little motion."""
+
+    def power(values, time):
+        values[:, 0] = np.where(time % 8.0 < 3.0, 0.0, 90.0 + np.random.default_rng(1).normal(size=len(time)))
+        return values
+
+    plane = aircraft_from_dict({**aircraft.source, "inputs": {"power": {"unit": "W"}}})
+    samples = changed(flown.samples[flown.samples.kind != Kind.CONTROLS], power)
+    said, _, checked = found_in(plane, samples)
+    assert ("inputs.power", "saturated") not in said
+    (finding,) = [f for f in checked.findings if "elevator" in f.signals]
+    assert (finding.kind, finding.severity) == ("missing", "warning") and "no derivatives" in finding.sentence
+    assert "inputs.power" not in finding.signals
+
+
 def test_the_command_looks_at_them_with_an_aircraft_file_and_names_them_without(plane, flown, tmp_path, capsys):
     write_flight(flown, tmp_path / "bag")
     assert main(["check", str(tmp_path / "bag")]) == 0

@@ -58,10 +58,11 @@ def findings(flight: Flight, model: AerodynamicModel) -> list[Finding]:
     controls = {name: signal for signal, name in _SURFACES.items() if signal in model.signals_used}
     controls |= {INPUTS + item.name: item.name for item in flight.inputs}
     lacking = tuple(name for name in controls if flight.column(name) is None)
-    if lacking and len(lacking) == len(controls):
+    of_terms = {name for name in controls if controls[name] in model.signals_used}
+    if lacking and {*lacking} >= (of_terms or {*controls}):  # an input that no term reads makes up for nothing
         found.append(Finding(lacking, "missing", WARNING, _NO_CONTROLS))
     elif lacking:
-        read = {name for name in lacking if controls[name] in model.signals_used}
+        read = of_terms & {*lacking}
         for names, cost in ((read, "its derivatives cannot be estimated"), ({*lacking} - read, _UNREAD)):
             if names:
                 found.append(Finding(tuple(sorted(names)), "missing", INFO, f"{ABSENT}: {cost}"))

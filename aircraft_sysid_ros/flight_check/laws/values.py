@@ -11,6 +11,7 @@ from aircraft_sysid_ros.flight_check.signals import (
     ATTITUDE,
     COMMANDED,
     GEODETIC,
+    INPUTS,
     SURFACES,
     Flight,
     Stream,
@@ -131,8 +132,8 @@ def saturated(name: str, values: Array, time: Array) -> list[Finding]:
     usual = len(values) / max(int(np.sum(np.diff(values) != 0.0)), 1)
     found = []
     for end, beside in ((-1, slice(-4, -1)), (0, slice(1, 4))):
-        if end == 0 and name in _FROM_ZERO:
-            continue
+        if end == 0 and (name in _FROM_ZERO or (name.startswith(INPUTS) and levels[0] == 0.0)):
+            continue  # an input that begins at zero, as the power of a motor, is off there
         at = values == levels[end]
         runs = run_lengths(at)
         times = counts[end] / max(float(np.max(counts[beside], initial=1)), 1.0)
