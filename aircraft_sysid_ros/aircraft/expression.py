@@ -44,7 +44,7 @@ _FUNCTIONS = {
     "tanh": (_TANH, 1), "sign": (_SIGN, 1), "max": (_MAX, 2), "min": (_MIN, 2),
 }  # fmt: skip
 _LAG_NAME, _LAG = "lag", 17  # argument: number among the lags of its own program
-_NAMES = (*_FUNCTIONS, _LAG_NAME)
+FUNCTION_NAMES = (*_FUNCTIONS, _LAG_NAME)
 _OPERATORS: dict[type[ast.operator], int] = {
     ast.Add: _ADD, ast.Sub: _SUBTRACT, ast.Mult: _MULTIPLY, ast.Div: _DIVIDE,
 }  # fmt: skip
@@ -116,7 +116,7 @@ def is_name(text: str) -> bool:
 
 def is_reserved(text: str) -> bool:
     """Whether it is a function of expressions, or a word that the parser takes for another thing than a name."""
-    return text in _NAMES or keyword.iskeyword(text)
+    return text in FUNCTION_NAMES or keyword.iskeyword(text)
 
 
 def _compile(
@@ -145,7 +145,7 @@ def _compile(
     else:
         raise InputError(
             f"'{echo(text)}' has '{echo(ast.unparse(node))}', which is not allowed: "
-            f"use signals, numbers, + - * / ** and {' '.join(_NAMES)}"
+            f"use signals, numbers, + - * / ** and {' '.join(FUNCTION_NAMES)}"
         )
 
 
@@ -165,8 +165,10 @@ def _compile_call(
     node: ast.Call, rows: list[tuple[float, float]], text: str, inputs: tuple[str, ...], lags: list[Lag]
 ) -> None:
     name = node.func.id if isinstance(node.func, ast.Name) else echo(ast.unparse(node.func))
-    if name not in _NAMES or node.keywords:
-        raise InputError(f"'{echo(name)}(…)' in '{echo(text)}' is not allowed: the functions are {' '.join(_NAMES)}")
+    if name not in FUNCTION_NAMES or node.keywords:
+        raise InputError(
+            f"'{echo(name)}(…)' in '{echo(text)}' is not allowed: the functions are {' '.join(FUNCTION_NAMES)}"
+        )
     if name == _LAG_NAME:
         lag = _lag_of(node, text, inputs)
         if lag.text not in [other.text for other in lags]:

@@ -30,13 +30,14 @@ class OutOfReach:
 
 
 def out_of_reach(
-    bench: CandidateEvaluator, library: Sequence[Effect], samples: Samples, is_calm: bool
+    bench: CandidateEvaluator, library: Sequence[Effect], samples: Samples, is_calm: bool, listed: Collection[str] = ()
 ) -> list[OutOfReach]:
-    """Effects of a library that a flight cannot show."""
+    """Effects of a library that a flight cannot show; what is ``listed`` with evidence it has shown."""
     kinds = set(samples.kind[np.isfinite(samples.values[:, 0])].tolist())
     reasons = (
         (effect, _of_sensor(effect, kinds, is_calm, bench) if effect.kind == MEASUREMENT else _of_force(effect, bench))
         for effect in library
+        if effect.identifier not in listed
     )
     return [OutOfReach(effect, why) for effect, why in reasons if why]
 

@@ -99,7 +99,9 @@ def diagnose_flight(
     if trim is not None:
         result, data = result.after(trim), trim.flight
     data = replace(data, names=tuple(names), runs=tuple(runs))
-    unseen = out_of_reach(bench, library, samples, calm)
+    listed = {finding.trial.candidate.family for finding in result.candidates}
+    listed |= {finding.setting.effect.identifier for finding in settings}
+    unseen = out_of_reach(bench, library, samples, calm, listed)
     zero = flight.epoch + int(1e9 * (flight.points[0, CoefficientSample.TIME] - data.begin))
     first = int(samples.stamp[samples.kind != Kind.SEAM].min())
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen), zero, first)

@@ -139,9 +139,9 @@ class FlightDiagnosis:
             **self._stamps(trial.candidate),
             "terms": terms,
             "parameters": [
-                {"axis": a, "term": text, "value": value}
+                {"axis": a, "term": text, "value": value, "std": std}
                 for a, texts in terms.items()
-                for text, value in zip(texts, _fitted(added, a, texts), strict=True)
+                for text, (value, std) in zip(texts, _fitted(added, a, texts), strict=True)
             ],
             "shape": dict(finding.shape),
             "found": finding in self.diagnosis.found,
@@ -292,10 +292,13 @@ class FlightDiagnosis:
                     yield f"This flight cannot tell it from {BY_ID[other].name}; to separate them: {effect.manoeuvre}"
 
 
-def _fitted(flight: FlightData, axis: str, texts: Sequence[str]) -> list[float]:
-    """Values of terms of an axis; NaN for one that the model of the flight does not have or determine."""
-    known = dict(zip(flight.model.terms[axis], fit_axis(flight, axis).fit.parameters.tolist(), strict=True))
-    return [known.get(program.text, np.nan) for program in flight.parsed(texts)]
+def _fitted(flight: FlightData, axis: str, texts: Sequence[str]) -> list[tuple[float, float]]:
+    """Values of terms of an axis, and standard errors; NaN where the model does not have or the flight determine it."""
+    fit = fit_axis(flight, axis).fit
+    known = dict(
+        zip(flight.model.terms[axis], zip(fit.parameters.tolist(), fit.std.tolist(), strict=True), strict=True)
+    )
+    return [known.get(program.text, (np.nan, np.nan)) for program in flight.parsed(texts)]
 
 
 def _about(effect: Effect | None, label: str) -> dict[str, Any]:

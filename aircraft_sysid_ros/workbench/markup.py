@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.expression import FUNCTION_NAMES
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
@@ -138,7 +139,7 @@ def card_facts(card: Card, noise: float | None) -> Markup:
 
 def term_help(signals: Sequence[str]) -> Markup:
     """What a term of one's own may hold."""
-    return _part("term_help", signals)
+    return _part("term_help", signals, FUNCTION_NAMES)
 
 
 def help_list(items: Mapping[str, str]) -> Markup:

@@ -22,6 +22,14 @@ def unseen(flight, samples=AIR, is_calm=True):
     return {each.effect.identifier: each.why for each in found}
 
 
+def test_what_is_listed_with_evidence_was_shown(flight):
+    """Where the sideslip is inferred, adverse_yaw had stood among the candidates and among what cannot be shown."""
+    without = {
+        each.effect.identifier for each in out_of_reach(CandidateEvaluator(flight), LIBRARY, AIR, True, {"flaps"})
+    }
+    assert without == unseen(flight).keys() - {"flaps"}
+
+
 def with_signals(flight, **columns):
     signals = flight.signals.copy()
     for name, values in columns.items():

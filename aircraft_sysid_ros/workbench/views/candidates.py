@@ -17,7 +17,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import END
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
-from aircraft_sysid_ros.workbench.views.words import Quantity, chance, percent, quantity_of, symbol
+from aircraft_sysid_ros.workbench.views.words import Quantity, chance, percent, quantity_of, rounded, symbol
 
 Array = npt.NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
     terms = {a: tuple(texts) for a, texts in candidate.get("terms", {}).items()}
     main = candidate["main_axis"]
     effect = candidate["effect"]
-    numbers = [f"{p['axis']}_{p['term']} = {p['value']:.4g}" for p in candidate["parameters"] if p["value"] is not None]
+    numbers = [_fitted(p) for p in candidate["parameters"] if p["value"] is not None]
     numbers += [f"{name} = {value:.4g}{_unit(effect, name)}" for name, value in candidate["inner"].items()]
     return Card(
         key=effect or candidate["expression"],
@@ -94,6 +94,13 @@ def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
         numbers=tuple(numbers),
         evidence=evidence(flight, main, terms[main]) if main in terms else None,
     )
+
+
+def _fitted(parameter: Mapping[str, Any]) -> str:
+    """A number that was fitted, with its standard error where the file of the diagnosis has it."""
+    name, std = f"{parameter['axis']}_{parameter['term']}", parameter.get("std")
+    value, doubt = rounded(parameter["value"], np.nan if std is None else std)
+    return f"{name} = {value}" + ("" if std is None else f" ± {doubt}")
 
 
 def _unit(effect: str | None, name: str) -> str:
