@@ -35,7 +35,7 @@ class AxisComparison:
     spread: float  # standard deviation of the measured coefficient
     floor: NoiseFloor
     whiteness: Whiteness
-    noise_seen: float  # fast part of the residual over what the aircraft file says of the sensors
+    noise_seen: float  # fast part of the residual over what the noise of the sensors makes of it
     predicted: Array  # (n,) by the fit to all points
     places: tuple[Place, ...]
     quick: QuickMotion | None = None  # of a moment whose trim the model does not know
@@ -57,7 +57,7 @@ class Comparison:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know about the noise that the aircraft file states, a slow IMU, and missing sensors."""
+        """What the user should know about the noise of the sensors, a slow IMU, and missing sensors."""
         inferred = [name for name in self.flight.inferred if not self.flight.lacks([name])]
         said = [*self.flight.notes, *(axis.quick.words for axis in self.axes.values() if axis.quick is not None)]
         if inferred:  # how well they are known no noise of a sensor says
@@ -89,8 +89,8 @@ class Comparison:
             name: a.noise_seen for name, a in self.axes.items() if not 1 / THRESHOLDS.odd_noise < a.noise_seen < most
         }
         return [
-            f"the fast part of the residual of {name} is {seen:.1f} times the noise that the aircraft file gives: its "
-            "noise floor is wrong by as much, check the noise of the sensors"
+            f"the fast part of the residual of {name} is {seen:.1f} times what the noise of the sensors makes of it: "
+            "its noise floor is wrong by as much, check their noise in the aircraft file"
             for name, seen in odd.items()
             if np.isfinite(seen)
         ]

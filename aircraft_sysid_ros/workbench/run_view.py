@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -199,7 +199,7 @@ class _Flights:
         settings = settings_of(aircraft)
         for others, flight in self._made:
             if others == settings:
-                return replace(flight, aircraft=aircraft)
+                return flight.under(aircraft)
         flight, zero = self._run.flight_from(aircraft)
         self.zero = self.zero or zero
         self._made.append((settings, flight))

@@ -191,6 +191,16 @@ def test_a_vane_that_is_off_is_found_and_a_sound_one_is_not(aircraft, flight):
     assert f"add {-error.value:.1f}°" in error.words  # and not: take -1.5° off
 
 
+def test_of_a_vane_that_is_bent_in_flight_no_zero_is_given(aircraft, flight):
+    values, stamps = flight.samples.values.copy(), flight.samples.stamp
+    late = stamps > stamps.min() + 0.5 * np.ptp(stamps)
+    values[(flight.samples.kind == Kind.SIDESLIP) & late, 0] += np.radians(4.0)
+    (error,) = instrument_errors(aircraft, replace(flight.samples, values=values))
+    assert (error.signal, error.kind) == ("sideslip", "offset that moves")
+    assert error.value == pytest.approx(4.0, abs=4.0 * error.std)
+    assert "fasten it" in error.words and "set its zero" not in error.words
+
+
 @pytest.mark.parametrize(
     ("kinds", "findings", "begin"),
     [

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.diagnosis.compare import compare_axis
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     Reconstruction,
     fit_sensor_noise,
@@ -27,7 +28,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.additions import add, parse_req
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, version_identifier, version_with
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis, held_out_error
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter
+from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.refinement.run_data import load_run
 from aircraft_sysid_ros.samples import Kind
@@ -69,6 +70,18 @@ def test_the_missing_term_lowers_the_error_to_the_floor(run) -> None:
     assert term["name"] == "CZ_alpha3" and term["value"] == pytest.approx(TRUE_VALUE, abs=4.0 * term["std"])
     assert term["std"] < 0.1 * TRUE_VALUE and term["status"] == "USE"
     assert "falls" in outcome.verdict
+
+
+def test_the_noise_floor_is_of_the_noise_that_the_flight_had(run, monkeypatch) -> None:
+    """Not of that of an aircraft file that says twice as much; the file of the version stays as it is."""
+    monkeypatch.setattr(versions, "reconstruct_as_flown", reconstruct_as_flown)
+    opened, sensor = open_run(run), ("sensors", "accelerometer", "noise")
+    noisy = with_setting(opened.root, sensor, 2.0 * opened.root.sensors["accelerometer"].noise[0])
+    flights = [opened.flight(aircraft) for aircraft in (opened.root, noisy)]
+    floors = [compare_axis(flight, fit_axis(flight, "CX")).floor.nrmse for flight in flights]
+    assert floors[1] == pytest.approx(floors[0], rel=0.05)
+    assert flights[1].aircraft.source == noisy.source
+    assert flights[1].under(opened.root).aircraft.sensors == flights[1].aircraft.sensors
 
 
 def test_the_version_is_a_folder_that_other_commands_read(run, aircraft) -> None:

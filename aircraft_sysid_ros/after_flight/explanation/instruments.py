@@ -4,11 +4,12 @@ Turns tell the scale of the airspeed from the wind. An angle that is off by a co
 banks with the aeroplane. Neither needs a model of the forces. In gusts a filter takes their share for a scale: with
 light turbulence it is sure of 20 to 40 % too little in the angle of attack, while it is never sure of a constant.
 So a scale counts only where the diagnosis, which knows whether the air was calm, has named it; here is how large it is.
+A constant that the second half of the flight tells otherwise than the first is none: there a vane moved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,8 @@ import numpy as np
 from aircraft_sysid_ros.after_flight.sensor_errors import air_data_errors
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.samples import Kind, Samples
+
+Offset = tuple[float, float]  # [rad], with its standard deviation
 
 _DEGREES = 180.0 / np.pi
 #: An error is said where it is so many standard deviations from none (the filter takes gusts for noise) ...
@@ -36,7 +39,7 @@ class InstrumentError:
     """What a sensor shows too much, in % or degrees."""
 
     signal: str
-    kind: str  # scale or offset
+    kind: str  # scale, offset or offset that moves
     value: float
     std: float
     words: str
@@ -53,22 +56,39 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
     ``named``: effects that a diagnosis has found, such as airspeed_scale.
     """
     known = air_data_errors(aircraft, samples)
-    found = []
+    if not known:
+        return []
+    halves, found = _halves(aircraft, samples), list[tuple[float, InstrumentError]]()
     for name, (signal, words, kind, effect) in _SENSORS.items():
-        if not known or not np.any(samples.kind == kind):
+        if not np.any(samples.kind == kind):
             continue
-        scale, constant = known[f"lambda_{name}"], known[f"b_{name}"]
+        scale = known[f"lambda_{name}"]
         sureness = abs(scale["value"]) / scale["std"]
         if f"{effect}_scale" in named and sureness > SIGMA and abs(scale["value"]) > LEAST_SCALE:
             found.append((sureness, _scale(signal, words, scale["value"], scale["std"])))
-        # at the median angle: what gusts feign as a scale they take off the constant
-        shown = samples.values[samples.kind == kind, 0]
-        usual = float(np.nanmedian(shown)) if np.isfinite(shown).any() else 0.0
-        offset = constant["value"] + scale["value"] * usual
-        sureness = abs(offset) / constant["std"]
-        if name != "V" and f"{effect}_scale" not in named and sureness > SIGMA and abs(offset) > LEAST_ANGLE:
-            found.append((sureness, _offset(signal, words, offset, constant["std"])))
+        if name == "V" or f"{effect}_scale" in named:
+            continue
+        offset, std = _offset_of(known, samples, name, kind)
+        before, after = (_offset_of(errors or known, half, name, kind) for half, errors in halves)
+        moved = abs(after[0] - before[0])
+        if moved > max(SIGMA * np.hypot(before[1], after[1]), LEAST_ANGLE):
+            found.append((moved / std, _moved(signal, words, before, after)))
+        elif abs(offset) > max(SIGMA * std, LEAST_ANGLE):
+            found.append((abs(offset) / std, _offset(signal, words, offset, std)))
     return [error for _, error in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, name: str, kind: Kind) -> Offset:
+    """At the median angle: what gusts feign as a scale they take off the constant."""
+    shown = samples.values[samples.kind == kind, 0]
+    usual = float(np.nanmedian(shown)) if np.isfinite(shown).any() else 0.0
+    return known[f"b_{name}"]["value"] + known[f"lambda_{name}"]["value"] * usual, known[f"b_{name}"]["std"]
+
+
+def _halves(aircraft: Aircraft, samples: Samples) -> list[tuple[Samples, dict[str, dict[str, float]]]]:
+    """Each half of a flight, and the errors as it tells them by itself; none where it has no airspeed."""
+    second = samples.stamp > (int(samples.stamp.min()) + int(samples.stamp.max())) // 2
+    return [(half, air_data_errors(aircraft, half)) for half in (samples[~second], samples[second])]
 
 
 def _scale(signal: str, words: str, value: float, std: float) -> InstrumentError:
@@ -86,3 +106,14 @@ def _offset(signal: str, words: str, value: float, std: float) -> InstrumentErro
     remedy = f"take {shown:.1f}° off" if shown > 0.0 else f"add {-shown:.1f}°"
     text = f"{words} shows {abs(shown):.1f} ± {spread:.1f}° {way}: set its zero, or {remedy}"
     return InstrumentError(signal, "offset", shown, spread, text)
+
+
+def _moved(signal: str, words: str, before: Offset, after: Offset) -> InstrumentError:
+    """A constant that is another one in the second half of the flight; its number is the change."""
+    first, second = (f"{-_DEGREES * value:+.1f} ± {_DEGREES * std:.1f}°" for value, std in (before, after))
+    text = (
+        f"{words} is wrong by {first} in the first half of the flight and by {second} in the second: it moves, so no "
+        "zero is right for it; fasten it, and leave it out of this flight"
+    )
+    change, spread = _DEGREES * (before[0] - after[0]), _DEGREES * float(np.hypot(before[1], after[1]))
+    return InstrumentError(signal, "offset that moves", change, spread, text)

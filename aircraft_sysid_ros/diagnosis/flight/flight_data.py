@@ -184,6 +184,11 @@ class FlightData:
         """The same flight with other signals (n, SIGNAL_COUNT)."""
         return replace(self, signals=signals)
 
+    def under(self, aircraft: Aircraft) -> FlightData:
+        """The flight under an aircraft file that differs in its model, with the noise that the flight had."""
+        flown = self.aircraft
+        return replace(self, aircraft=replace(aircraft, sensors=flown.sensors, process_noise=flown.process_noise))
+
     def with_terms(self, terms: Mapping[str, Sequence[str]]) -> FlightData:
         """The same flight under a model with more terms by axis. Raises InputError for those that it has."""
         listed = {axis: [*known, *terms.get(axis, ())] for axis, known in self.model.terms.items()}

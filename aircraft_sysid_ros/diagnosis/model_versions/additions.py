@@ -313,7 +313,7 @@ def _finish(
 ) -> Outcome:  # fmt: skip
     before_version = run.current
     version = version_with(run, changes, (before_version.identifier,))
-    other = run.flight(version.aircraft) if change.settings else replace(flight, aircraft=version.aircraft)
+    other = run.flight(version.aircraft) if change.settings else flight.under(version.aircraft)
     (before, _), (after, _) = fits_of(flight), fits_of(other)
     touched = list(AXES) if change.settings else [*change.terms, *change.without]
     fitted = [axis for axis in AXES if axis in touched and axis in after]

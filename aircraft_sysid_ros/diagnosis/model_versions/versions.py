@@ -31,7 +31,6 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT, FlightData, check_flight, load_flight_data
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_sparse_rates
 from aircraft_sysid_ros.diagnosis.model_versions.labels import named, newest, read_labels
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError, echo
@@ -142,8 +141,7 @@ class Run:
             made, _ = reconstruct_as_flown(aircraft, self.samples, calm_air=self.calm_air)
             check_flight(str(self.path), made.data, self.samples)
             flight, first = settled_flight(made), made.epoch + int(1e9 * made.points[0, CoefficientSample.TIME])
-        seen = aircraft if self.samples is None else with_sparse_rates(aircraft, self.samples)
-        return replace(flight, aircraft=seen, names=self.manoeuvres), first - int(1e9 * flight.begin)
+        return replace(flight.under(aircraft), names=self.manoeuvres), first - int(1e9 * flight.begin)
 
 
 def open_run(path: str | Path) -> Run:

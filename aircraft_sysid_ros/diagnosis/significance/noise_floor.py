@@ -15,8 +15,8 @@ Where states are sparse (``identification.coefficients.pace``), a point sees its
 straight lines between them. What noise a window lets through then depends on where it lies between the states: the
 variance is the mean over PHASES places.
 
-What is slow, such as a bias, is explained by the constant term and is not part of it. Nor is what the aircraft file
-does not know: an accelerometer with more noise than it says. ``noise_seen`` asks the data.
+What is slow, such as a bias, is explained by the constant term and is not part of it. The noise of IMU and air data is
+that of the flight, as far as third differences show it; ``noise_seen`` asks the residuals.
 """
 
 from __future__ import annotations
@@ -235,7 +235,7 @@ def _white_signals(flight: FlightData) -> dict[str, tuple[Array | float, float]]
 
 
 def noise_seen(floor: NoiseFloor, time: Array, residual: Array) -> float:
-    """Fast part of a residual (n,) over what the noise of the aircraft file would give: 1 where the file is right.
+    """Fast part of a residual (n,) over what the noise of the sensors would give: 1 where that is right.
 
     Fourth differences of neighbouring points pass the noise and little else. Median, so that a burst does not
     count; NaN without data.
