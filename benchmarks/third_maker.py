@@ -5,7 +5,8 @@
 The maker (``makers/strip_theory``) knows nothing of the model, of the simulator and of the replicas. Each flight is
 written as CSV and goes through import, replay and diagnose as a user types them. Rules are made on the flights of
 DEVELOPMENT; those of JUDGING were drawn before and are looked at once, when the rules stand. Each flight is a line in
-results/third_maker.jsonl (or _development); a run that is stopped goes on where it was.
+results/third_maker.jsonl (or _development); a run that is stopped goes on where it was. The ground of low passes lies
+below the aeroplane since the third rules; that of JUDGING was at half a span or above.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import time
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is loaded
 
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -36,20 +38,24 @@ RESULTS = Path(__file__).parent / "results" / "third_maker.jsonl"
 DEVELOPED = RESULTS.with_name("third_maker_development.jsonl")
 
 
-def _drawn(first: int, clean: int) -> tuple[tuple[int, str | None], ...]:
+def _drawn(first: int, clean: int, effects: Iterable[str] = EFFECTS) -> tuple[tuple[int, str | None], ...]:
     """Seeds with what is hidden: clean ones, and one of each effect, in turns."""
-    hidden = [(first + 100 + n, effect) for n, effect in enumerate(EFFECTS)]
+    hidden = [(first + 100 + n, effect) for n, effect in enumerate(effects)]
     flights: list[tuple[int, str | None]] = [(first + n, None) for n in range(clean)]
     return tuple(pair for n in range(max(clean, len(hidden))) for pair in (*flights[n : n + 1], *hidden[n : n + 1]))
 
 
 #: Rules are made while these are looked at.
 DEVELOPMENT = _drawn(710_000, 12)
-#: And judged on these. Neither list is changed once it has been committed.
+#: And judged on these. No list is changed once it has been committed.
 JUDGING = _drawn(930_000, 17)
+#: Of these a look at JUDGING says nothing any more: what had no name, or not the first, was then looked into.
+MISSED = ("flaps", "engine_cut", "ground", "propeller_wash", "half_fin", "half_elevator")
+#: And judged on fresh ones, what was missed before the rest.
+JUDGING_2 = _drawn(950_000, 17, (*MISSED, *(effect for effect in EFFECTS if effect not in MISSED)))
 
 #: Number of the rules that a flight was judged by, in its line; 1 where it has none. It rises with the next rules.
-RULES = 2
+RULES = 3
 
 RIGHT, IN_SET, LATER, UNEXPLAINED, NONE, WRONG = "first", "in its set", "later", "unexplained", "none", "wrong"
 
@@ -95,9 +101,11 @@ def true_besides(result: dict[str, Any]) -> set[str]:
     """What is true of flights of this maker and stands in no file: places and smoothing of sensors, the wake's lag.
 
     Of strips roll and yaw derivatives are in proportion to lift: from an angle of attack of 0 to 0.1 C_l,r doubles, and
-    C_n,p and C_n,da begin at none (test/test_third_maker.py).
+    C_n,p and C_n,da begin at none (test/test_third_maker.py). And a wing that gets slow stalls: a pilot whose engine
+    stops holds his height until it does.
     """
     true = {"alpha_dot", "thrust_offset", "lateral_rates_alpha", "adverse_yaw"}
+    true |= {"stall", "dynamic_stall"} if result.get("stalled") else set()
     true |= {"imu_offset"} if any(result["imu_place"]) else set()
     true |= {"probe_offset"} if result["boom"] else set()
     true |= {"gps_lag"} if result["gps_delay"] else set()
@@ -153,7 +161,9 @@ def main() -> None:
     args = parser.parse_args()
     path = args.results or (RESULTS if args.judging else DEVELOPED)
     known = {json.loads(line)["seed"] for line in path.read_text().splitlines()} if path.exists() else set()
-    listed = [{"seed": seed, "effect": effect} for seed, effect in (JUDGING if args.judging else DEVELOPMENT)]
+    listed = [
+        {"seed": seed, "effect": effect} for seed, effect in ((*JUDGING, *JUDGING_2) if args.judging else DEVELOPMENT)
+    ]
     listed = [job for job in listed if not args.only or job["seed"] in args.only]
     new = [job for job in listed if job["seed"] not in known][: args.most]
     results = []

@@ -170,13 +170,12 @@ def strangers(flown: list[dict[str, Any]]) -> Rows:
 def third_maker(flown: list[dict[str, Any]]) -> Rows:
     """What was said of flights from strip theory, by the rules at that time and the pace of the log."""
     rows = []
-    newest = max(flight.get("rules", 1) for flight in flown)
     outcomes = ("first", "in its set", "later", "unexplained", "none", "wrong")
     paces = {"10 Hz": (10.0,), "20 Hz": (20.0,), "50 Hz": (50.0,)}
-    rules = {"rules of before": range(1, newest), "rules frozen since": range(newest, newest + 1)}
+    rules = {1: "rules of before", 2: "rules frozen since", 3: "rules since then, fresh seeds"}
     kinds = itertools.product(rules.items(), {**paces, "all": sum(paces.values(), ())}.items())
-    for (when, numbers), (words, rates) in kinds:
-        judged = [flight for flight in flown if "failed" not in flight and flight.get("rules", 1) in numbers]
+    for (number, when), (words, rates) in kinds:
+        judged = [flight for flight in flown if "failed" not in flight and flight.get("rules", 1) == number]
         of_pace = [flight for flight in judged if flight["rate"] in rates]
         clean = [flight for flight in of_pace if flight["effect"] is None]
         hidden = [flight for flight in of_pace if flight["effect"] is not None]

@@ -10,7 +10,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "makers"))
 
-from strip_theory.aeroplane import CLEAN, ICE, TAIL, WING, drawn_aeroplane, forces_of, section
+from strip_theory.aeroplane import CLEAN, FIN_PART, ICE, TAIL, WASH, WING, drawn_aeroplane, forces_of, section
 from strip_theory.flight import gust_field
 
 
@@ -115,3 +115,35 @@ def test_roll_and_yaw_derivatives_of_strips_are_in_proportion_to_lift():
     assert high[0] > 1.7 * low[0] > 0.0  # C_l,r
     assert high[1] < -0.08 and abs(low[1]) < 0.02  # C_n,p
     assert high[2] < -0.01 and abs(low[2]) < 0.006  # C_n,da
+
+
+@pytest.mark.parametrize(
+    ("change", "value", "force", "moment", "surface", "motions"),
+    [
+        (FIN_PART, 0.5, 1, 5, 2, (((60.0, 3.0, 2.0), (0.0, 0.0, 0.0)), ((60.0, 0.0, 2.0), (0.0, 0.0, 0.2)))),
+        (WASH, 0.4, 1, 5, 2, (((60.0, 3.0, 2.0), (0.0, 0.0, 0.0)), ((60.0, 0.0, 2.0), (0.0, 0.0, 0.2)))),
+        (WASH, 0.4, 2, 4, 0, (((60.0, 0.0, 4.0), (0.0, 0.0, 0.0)), ((60.0, 0.0, 2.0), (0.0, 0.2, 0.0)))),
+    ],
+)
+def test_what_changes_of_a_tail_surface_has_one_arm(plane, change, value, force, moment, surface, motions):
+    """Moment over force of what a lost part, or a wash, makes of flow, rate and deflection: as the ties of the library
+    have it (parameter_change, fin with its rudder; propwash, tailplane and fin).
+    """
+
+    def made(velocity, rates, deflection=0.0):
+        changed, controls = np.array(CLEAN), np.zeros(4)
+        changed[change], controls[surface] = value, deflection
+        parts = [
+            np.concatenate(forces_of(plane.strips, *(np.array(v) for v in (velocity, rates)), still, controls, state,
+                                     0.0, 1.1, 50.0)[:2])
+            for state in (changed, np.array(CLEAN))
+        ]  # fmt: skip
+        return parts[0] - parts[1]
+
+    still, level, rest = np.zeros((len(plane.strips), 3)), (60.0, 0.0, 2.0), (0.0, 0.0, 0.0)
+    at_rest = made(level, rest)
+    steered = made(level, rest, 0.1) - at_rest
+    for velocity, rates in motions:
+        moved = made(velocity, rates) - at_rest
+        assert abs(moved[force]) > 10.0
+        assert moved[moment] / moved[force] == pytest.approx(steered[moment] / steered[force], rel=2e-3)

@@ -1,8 +1,9 @@
 """What a flight could not show if it were there: silence about such an effect says nothing.
 
 An effect is out of reach of a flight that does not get to where it acts, in which a signal that it reads is not
-measured or stands still, whose model moves with it, or, of errors of the air data that feign a wind, in gusts. That is
-known from the flight alone, before anything is tried. An effect that could be seen and is small is none of these.
+measured, stands still or moves only where nothing is judged, whose model moves with it, or, of errors of the air data
+that feign a wind, in gusts. That is known from the flight alone, before anything is tried. An effect that could be seen
+and is small is none of these.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from aircraft_sysid_ros.diagnosis.measurement import feigns_wind
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act, candidates_of, where_it_acts
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Kind, Samples
+
+#: Columns of the recorded controls, and the share of their range below which a control is not moved in what is judged.
+_CONTROLS, _STILL = {"de": 0, "da": 1, "dr": 2, "flaps": 3}, 0.1
 
 
 @dataclass(frozen=True)
@@ -34,12 +38,29 @@ def out_of_reach(
 ) -> list[OutOfReach]:
     """Effects of a library that a flight cannot show; what is ``listed`` with evidence it has shown."""
     kinds = set(samples.kind[np.isfinite(samples.values[:, 0])].tolist())
+    left_out = _moved_elsewhere(bench, samples)
     reasons = (
         (effect, _of_sensor(effect, kinds, is_calm, bench) if effect.kind == MEASUREMENT else _of_force(effect, bench))
         for effect in library
         if effect.identifier not in listed
     )
-    return [OutOfReach(effect, why) for effect, why in reasons if why]
+    told = ((effect, why or _only(effect.signals & left_out)) for effect, why in reasons)
+    return [OutOfReach(effect, why) for effect, why in told if why]
+
+
+def _moved_elsewhere(bench: CandidateEvaluator, samples: Samples) -> frozenset[str]:
+    """Controls that were moved in the recording, and hardly in what is judged of it."""
+    recorded, found = samples.values[samples.kind == Kind.CONTROLS], set()
+    for name, column in _CONTROLS.items():
+        values, judged = recorded[:, column], bench.data.signal(name)
+        values, judged = values[np.isfinite(values)], judged[np.isfinite(judged)]
+        if len(values) and len(judged) and np.ptp(judged) < _STILL * np.ptp(values):
+            found.add(name)
+    return frozenset(found)
+
+
+def _only(names: Collection[str]) -> str:
+    return f"{_listed(sorted(names))} moves only in a part of the flight that is left out" if names else ""
 
 
 def _of_sensor(effect: Effect, kinds: Collection[int], is_calm: bool, bench: CandidateEvaluator) -> str:

@@ -259,6 +259,14 @@ class FlightDiagnosis:
                 "it is given first (deflections that are commands, clocks that differ, an input that is not recorded)."
             )
 
+    def _of_noise(self) -> Iterator[str]:
+        """Axes that hardly more than noise moves: whatever acts in one of them alone can have no name."""
+        floor = self.diagnosis.floor.items()
+        noisy = [axis for axis, error in floor if error * THRESHOLDS.above_floor >= 1.0]
+        if noisy:
+            axes = listed([f"{axis[0]}_{axis[1]}" for axis in noisy])
+            yield f"Of {axes} noise makes most in this flight: what acts there alone it cannot show without manoeuvres."
+
     def _advice(self) -> Iterator[str]:
         found = self.diagnosis.found
         for axis, times in self.diagnosis.unknown.items():
@@ -272,6 +280,7 @@ class FlightDiagnosis:
             if self.flight.runs:
                 yield "Nothing that they could show changed between the flights."
         yield from self._of_what_is_left()
+        yield from self._of_noise()
         if not self.is_calm:
             yield "In these gusts a wrong scale or offset of the air data could not be seen:"
             yield "fly in calm air for that."

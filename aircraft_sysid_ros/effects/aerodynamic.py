@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Collection
+
 from aircraft_sysid_ros.effects.effect import (
     AERODYNAMIC,
     BEGIN,
@@ -21,6 +24,24 @@ _ATTACHED = "0.5-0.5*tanh((alpha-{onset})/{width})"
 _LIFT_LOST = f"(1-0.25*(1+sqrt({_ATTACHED}))**2)"
 _LIFT_LOST_LATE = f"(1-0.25*(1+sqrt(lag({_ATTACHED},{{lag}})))**2)"
 _LONGITUDINAL = ("CZ", "CX", "Cm")
+
+
+def _in_one_wash(name: str, axes: Collection[str]) -> Variant:
+    """Tail surfaces that are in a slipstream as a whole: each part of their force grows by the same share of T_c.
+
+    A force of the tail has one arm, whatever makes it: its moment is to it as those of the control surface.
+    """
+    terms: dict[str, tuple[str, ...]] = {}
+    ties: dict[str, tuple[Tie, ...]] = {}
+    number = itertools.count(1)
+    for symbol, own, parts in (("de", ("Cm", "CZ"), ("alpha", "q")), ("dr", ("Cn", "CY"), ("beta", "r"))):
+        shared = [axis for axis in own if axis in axes]
+        numbers = (0, *(next(number) for _ in parts)) if shared else ()
+        for axis in shared:
+            terms[axis] = tuple(f"Tc*{signal}" for signal in (symbol, *parts))
+            ties[axis] = tuple(Tie(k, of=f"{axis}_{symbol}") for k in numbers)
+    return Variant(name, terms, ties=ties)
+
 
 EFFECTS: tuple[Effect, ...] = (
     Effect(
@@ -122,7 +143,8 @@ EFFECTS: tuple[Effect, ...] = (
         "The slipstream of the propeller has more dynamic pressure than the free stream, so that surfaces in it work "
         "better with thrust. Elevator, rudder and the inner wing gain in proportion to T_c S / A_propeller.",
         "W. Phillips, Mechanics of Flight; S. Hoerner, Fluid-Dynamic Lift",
-        "C_m, C_Z += T_c (a δ_e + b α), C_n, C_Y += T_c (a δ_r + b β)",
+        "C_m, C_Z += T_c (a δ_e + b α), C_n, C_Y += T_c (a δ_r + b β); of a tail that is in it as a whole C_m, C_Z += "
+        "(C_m,δe, C_Z,δe) T_c (a δ_e + b α + c q), C_n, C_Y += (C_n,δr, C_Y,δr) T_c (a δ_r + d β + e r)",
         (
             Variant("elevator and wing", {"Cm": ("Tc*de", "Tc*alpha"), "CZ": ("Tc*de", "Tc*alpha")}),
             Variant("rudder", {"Cn": ("Tc*dr", "Tc*beta"), "CY": ("Tc*dr",)}),
@@ -135,6 +157,8 @@ EFFECTS: tuple[Effect, ...] = (
                     "CY": ("Tc*dr",),
                 },
             ),
+            _in_one_wash("fin", ("Cn", "CY")),
+            _in_one_wash("tailplane and fin", ("Cm", "CZ", "Cn", "CY")),
         ),
         "The model is right at one power setting: at full power the answer to elevator and rudder is larger.",
         "Elevator and rudder doublets at idle and at full power, at the same speed.",

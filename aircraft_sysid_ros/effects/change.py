@@ -23,6 +23,13 @@ def _after(*terms: str) -> tuple[str, ...]:
     return tuple(STEP if term == "1" else f"{STEP}*{term}" for term in terms)
 
 
+def _fin() -> Variant:
+    """A part of the fin and of its rudder: what the rudder, sideslip and yaw make there has one place and one arm."""
+    terms = _after("dr", "beta", "r")
+    ties = {axis: tuple(Tie(k, of=f"{axis}_dr") for k in range(len(terms))) for axis in ("Cn", "CY")}
+    return Variant("fin with its rudder", dict.fromkeys(ties, terms), ties=ties)
+
+
 def _half_elevator(*terms: str) -> Variant:
     """One of two halves, on one side."""
     return replace(surface("elevator", ("Cm", "CZ"), _after(*terms), rolls=True), name="one half of the elevator")
@@ -78,9 +85,10 @@ EFFECTS: tuple[Effect, ...] = (
         "Change of a derivative",
         CHANGE,
         "Damage of wing, tail or fin, or a part that came loose, changes how stable or damped the aeroplane is from "
-        "one moment on. The controls work as before.",
+        "one moment on. The controls work as before, but for the rudder of a fin that lost a part of its height.",
         "V. Klein and E. Morelli, Aircraft System Identification; R. Jategaonkar, Flight Vehicle System Identification",
-        "C += a x + b for t > t₀, with x the variable of the derivative",
+        "C += a x + b for t > t₀, with x the variable of the derivative; of a fin C_n, C_Y += (C_n,δr, C_Y,δr) "
+        "(a δ_r + b β + c r)",
         (
             Variant("pitch stiffness", {"Cm": _after("alpha", "1")}),
             Variant("pitch damping", {"Cm": _after("q")}),
@@ -89,6 +97,7 @@ EFFECTS: tuple[Effect, ...] = (
             Variant("roll damping", {"Cl": _after("p")}),
             Variant("dihedral", {"Cl": _after("beta")}),
             Variant("yaw damping", {"Cn": _after("r")}),
+            _fin(),
         ),
         "Good before one moment, afterwards errors of one axis in phase with one variable of the motion.",
         "Excitation of all axes, repeated during the flight.",
@@ -129,6 +138,22 @@ EFFECTS: tuple[Effect, ...] = (
         ),
         "From one moment on C_m is wrong in proportion to lift, C_n to side force.",
         "Pull-ups and sideslips before and after.",
+        _TIME_OF_CHANGE,
+    ),
+    Effect(
+        "loss_of_thrust",
+        "Loss of thrust",
+        CHANGE,
+        "An engine that stops no longer pulls, whatever was asked of it, so that what thrust did along the body is "
+        "gone from one moment on. A propeller that stands or windmills is drag besides.",
+        "B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics; W. Phillips, Mechanics of Flight",
+        "C_X += a T_c, or a T_c + b, for t > t₀; a = -C_X,Tc where all thrust is lost",
+        (
+            Variant(terms={"CX": _after("Tc")}),
+            Variant("with drag of the propeller", {"CX": _after("Tc", "1")}),
+        ),
+        "From one moment on C_X is wrong in proportion to the thrust that is recorded; none of C_Z.",
+        "Throttle steps at constant speed, before and after.",
         _TIME_OF_CHANGE,
     ),
     Effect(

@@ -49,6 +49,16 @@ def test_a_signal_that_is_not_there_or_stands_still_shows_nothing(flight):
     assert "flaps" not in unseen(with_signals(flight, flaps=moved))
 
 
+def test_a_control_that_moves_only_where_nothing_is_judged_shows_nothing(flight):
+    """Noise of its sensor is no motion: flaps that were out in the first minute, which is left out."""
+    noisy = with_signals(flight, flaps=1e-3 * np.random.default_rng(0).normal(size=len(flight.time)))
+    controls = np.zeros((2, AIR.values.shape[1]))
+    controls[1, 3] = 0.3
+    moved = concatenate([AIR, samples_of(Kind.CONTROLS, [1, 2], *controls[:, :7].T)])
+    assert unseen(noisy, moved)["flaps"] == "flaps moves only in a part of the flight that is left out"
+    assert "flaps" not in unseen(noisy)
+
+
 def test_an_effect_that_acts_elsewhere_is_named_with_how_near_the_flight_gets(flight):
     slow = unseen(with_signals(flight, mach=0.12))
     assert slow["compressibility"] == "it acts from a Mach number of 0.3 on, and the flight stays below 0.12"

@@ -228,3 +228,34 @@ def test_what_passes_and_has_no_name_is_seen_with_both_its_times(aircraft):
     inner = dict(change.candidate.inner)
     assert inner["t0"] == pytest.approx(57.0, abs=1.0) and inner["t1"] == pytest.approx(99.0, abs=1.0)
     assert list(change.candidate.changed) == ["Cn"] and change.candidate.label.startswith("from 57 s to 99 s")
+
+
+def test_half_a_fin_takes_its_rudder_with_it(aircraft):
+    """One arm for what sideslip, yaw and rudder lose: three numbers for six terms."""
+    known = aircraft.coefficients
+
+    def half(c, after, values):
+        angle = values["dr"] - 1.5 * values["beta"] + 2.0 * values["r"]
+        for axis in ("CY", "Cn"):
+            c[after, AXES.index(axis)] -= 0.5 * known[f"{axis}_dr"] * angle[after]
+        return c
+
+    bench = CandidateEvaluator(flight_of(aircraft, half))
+    best, damage = (bench.best_of(effect_of(name)) for name in ("parameter_change", "control_damage"))
+    assert best.candidate.variant == "fin with its rudder" and best.candidate.numbers == 4
+    assert best.candidate.moment == pytest.approx(CHANGE, abs=1.0)
+    of_rudder, of_sideslip, of_yaw = best.gains["Cn"].parameters
+    assert of_sideslip / of_rudder == pytest.approx(-1.5, rel=0.05) and of_yaw / of_rudder == pytest.approx(2, rel=0.05)
+    assert of_rudder == pytest.approx(-0.5 * known["Cn_dr"], rel=0.05)
+    assert best.score - best.price > damage.score - damage.price
+
+
+def test_an_engine_that_stops_is_all_of_what_the_thrust_did(aircraft):
+    def stopped(c, after, values):
+        c[after, 0] -= aircraft.coefficients["CX_Tc"] * values["Tc"][after]
+        return c
+
+    bench = CandidateEvaluator(flight_of(aircraft, stopped))
+    best, gear = (bench.best_of(effect_of(name)) for name in ("loss_of_thrust", "landing_gear"))
+    assert best.candidate.moment == pytest.approx(CHANGE, abs=1.0) and best.score > 3.0 * gear.score
+    assert best.gains["CX"].parameters[0] == pytest.approx(-aircraft.coefficients["CX_Tc"], rel=0.05)

@@ -30,6 +30,7 @@ _X, _AREA, _NORMAL, _CHORD, _SLOPE, _ASPECT, _INCIDENCE, _DRAG, _DE, _DA, _DR, _
     0, 3, 4, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17,
 )  # fmt: skip
 STALL, STALL_WIDTH = 0.27, 0.025
+SLOPE, ASPECT, INCIDENCE = _SLOPE, _ASPECT, _INCIDENCE
 
 
 @dataclass(frozen=True)

@@ -231,11 +231,11 @@ def drawn_plan(rng: np.random.Generator, plane: Aeroplane, seconds: float, style
             plan[at, 0] = rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.7)
         plan[at, 1] = plane.cruise * (1.0 if style == "level" else rng.choice([0.9, 0.95, 1.0, 1.0, 1.1, 1.2]))
         plan[at, 2] += plane.cruise * (0.0 if style == "level" else rng.choice([0.0, 0.0, 1.2, -1.2]))
-        if low > 0.0 and rng.random() < 0.5:
-            plan[at, 2] = plane.altitude - low
+        if low > 0.0:
+            plan[at, 2] = plane.altitude - (low if rng.random() < 0.5 else 0.0)
         begin += leg
     plan[:, 0] = smoothed(plan[:, 0], 0.7)
-    plan[:, 1:3] = smoothed(plan[:, 1:3], 2.5)
+    plan[:, 1:3] = smoothed(plan[:, 1:3], 5.0 if low > 0.0 else 2.5)
     unit = 0.12 * np.sqrt(plane.span) + 0.25
     shapes: Mapping[str, list[list[int]]] = {
         "level": [[1, -1], [1, 1, -1, -1]], "speeds": [[1, -1], [1, 1, 1, -1, -1, 1, -1]], "mission": [],

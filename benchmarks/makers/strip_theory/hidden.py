@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import aeroplane as parts
-from .aeroplane import CLEAN, FAMILIES, drawn_aeroplane
-from .flight import RATE, flown, smoothed
+from .aeroplane import CLEAN, FAMILIES, STALL, STALL_WIDTH, Aeroplane, drawn_aeroplane
+from .flight import RATE, Motion, flown, rotation, smoothed
 from .log import recorded
 
 Array = npt.NDArray[np.float64]
@@ -70,6 +71,8 @@ _FROM_THEN_ON = {
     "engine_cut": (parts.THRUST, 0.0),
     "half_fin": (parts.FIN_PART, 0.5),
 }
+#: Height of the ground below the lowest point of low passes, in spans: a wing is as high when the wheels touch it.
+_CLEAR, _TRIES = 0.1, 6
 _ALWAYS = {"ground": (parts.GROUND, 1.0), "propeller_wash": (parts.WASH, 3.0)}
 #: What of the sensors or of the file is wrong, and by how much, to either side; and what is late [s].
 _WRONG = {"alpha_offset": 0.04, "airspeed_scale": 0.09, "alpha_scale": 0.2, "wrong_mass": 0.15, "alpha_drift": 0.05}
@@ -118,9 +121,32 @@ def make(seed: int, effect: str | None, folder: Path) -> dict[str, Any]:
     setting |= {
         "gusts": setting["gust_share"] * plane.cruise,
         "wind": [share * plane.cruise for share in setting["wind_share"]],
-        "above_ground": low + 0.45 * plane.span if low else plane.altitude,
+        "above_ground": plane.altitude,
         "low": low,
     }
-    motion = flown(rng, plane, setting, changes, stuck)
+    motion = _low_passes(rng, plane, setting, changes, stuck) if low else flown(rng, plane, setting, changes, stuck)
     recorded(rng, folder, plane, motion, setting, sensors, flaps)
-    return {"seed": seed, "effect": effect, "begin": round(begin, 1), **setting}
+    told = {"seed": seed, "effect": effect, "begin": round(begin, 1), **setting}
+    return told | {"stalled": _stalled(plane, motion)}
+
+
+def _low_passes(
+    rng: np.random.Generator, plane: Aeroplane, setting: dict[str, Any], changes: Array, stuck: npt.NDArray[np.bool_]
+) -> Motion:
+    """A flight of which the ground lies a little below the lowest point: that of one over none, then of itself."""
+    for _ in range(_TRIES):
+        motion = flown(deepcopy(rng), plane, setting, changes, stuck)
+        lowest = float(np.min(-motion.states[:, 12])) - (plane.altitude - setting["above_ground"])
+        if 0.5 * _CLEAR * plane.span < lowest < 2.0 * _CLEAR * plane.span:
+            break
+        setting["above_ground"] += _CLEAR * plane.span - lowest
+    return flown(rng, plane, setting, changes, stuck)
+
+
+def _stalled(plane: Aeroplane, motion: Motion) -> bool:
+    """Whether the flow leaves the middle of the wing somewhere in a flight: a pilot without thrust holds his height."""
+    to_ned = np.array([rotation(q) for q in motion.columns(slice(6, 10))])
+    air = motion.columns(slice(0, 3)) - np.einsum("nij,ni->nj", to_ned, motion.wind)
+    strip = plane.strips[parts.WING // 2]
+    angle = np.arctan2(air[:, 2], air[:, 0]) + strip[parts.INCIDENCE]
+    return bool(np.max(angle) / (1.0 + strip[parts.SLOPE] / (np.pi * strip[parts.ASPECT])) > STALL - 2.0 * STALL_WIDTH)
