@@ -93,8 +93,9 @@ def _errors(found: Explanation) -> dict[str, Any] | None:
 
 def _off(found: Explanation) -> list[str]:
     """What is said of sensors, without what is said of the aeroplane."""
-    kinds = ("check", "instrument")
-    return [s.sentence for s in found.said if s.kind.startswith(kinds) or _is_setting(s.kind)]
+    kinds = ("check", "instrument")  # a sensor that is not there does not lie
+    said = (s for s in found.said if s.kind != "check missing")
+    return [s.sentence for s in said if s.kind.startswith(kinds) or _is_setting(s.kind)]
 
 
 def _sensors(found: Explanation) -> list[str]:

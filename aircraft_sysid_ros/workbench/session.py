@@ -138,7 +138,9 @@ class Session:
             try:
                 if self._pipe.poll(_LOOK):
                     self._hear(self._pipe.recv())
-                elif not self.busy and (self.view is None or signature_of(self.path) != self.view.signature):
+                elif not self.busy and (
+                    self.view is None or self.damage or signature_of(self.path) != self.view.signature
+                ):  # a file that was put back may be as old as it was
                     self._look_again()
             except (EOFError, OSError):
                 if not self._closed:

@@ -54,6 +54,10 @@ def test_jobs_one_at_a_time_and_the_folder_is_watched(session, run) -> None:
     assert session.view.current == open_run(run).current.identifier and not (run / "diagnosis.json").exists()
     assert main(["remove", str(run), "Cl: alpha*beta"]) == 0  # another program changes the run
     until(lambda: session.view.current == first)
+    (run / "parameters.json").rename(run / "elsewhere")  # it is put back as it was, with its old time
+    until(lambda: "parameters.json is not there" in session.damage)
+    (run / "elsewhere").rename(run / "parameters.json")
+    until(lambda: not session.damage, 20.0)
 
 
 @pytest.mark.long
