@@ -176,6 +176,11 @@ class FlightJournal:
         return not self._ended.is_set()
 
     @property
+    def holds_a_flight(self) -> bool:
+        """Whether a sample has come."""
+        return self._records.count > 0 or bool(self._records.wrong)
+
+    @property
     def note(self) -> str:
         """What the disk did not take, in words."""
         if not self._records.wrong:

@@ -90,7 +90,9 @@ class RunWriter:
     ) -> None:
         if self._journal is None:
             self._rows, self._samples = [], []
-        elif self._journal.is_open and (kind is None or issubclass(kind, InputError)):  # there was no flight
+        elif self._journal.is_open and (
+            kind is None or issubclass(kind, InputError) or not self._journal.holds_a_flight
+        ):  # there was no flight
             self._journal.clear()
         else:
             self._journal.close()

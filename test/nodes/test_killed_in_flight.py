@@ -22,6 +22,7 @@ from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import journal_path, read_samples
 from aircraft_sysid_ros.run_writer import RunWriter
+from aircraft_sysid_ros.samples import Kind, samples_of
 
 OPTIONS = ("--horizon", "4", "--reliable")
 
@@ -185,3 +186,13 @@ def test_memory_does_not_grow_with_the_flight(aircraft, samples, tmp_path):
         assert tracemalloc.get_traced_memory()[0] - early < 1e6
         assert len(writer.state_times) == 600 * 25
     tracemalloc.stop()
+
+
+def test_what_is_stopped_before_a_sample_came_leaves_nothing_in_the_way(aircraft, tmp_path):
+    """Ctrl-C while the nodes start: the next flight of that name was refused, and there was nothing to recover."""
+    for samples in (None, samples_of(Kind.AIRSPEED, [1], [20.0])):
+        with pytest.raises(KeyboardInterrupt), RunWriter(tmp_path / "run", aircraft, in_progress={}) as writer:
+            if samples is not None:
+                writer.add_samples(samples)
+            raise KeyboardInterrupt
+        assert journal_path(tmp_path / "run").exists() == (samples is not None)
