@@ -198,13 +198,18 @@ class CompatibilityFlight:
         self, samples: int = FEW_SAMPLES, seed: int = 0, progress: Progress | None = None
     ) -> tuple[Answer, CompatibilityData]:
         """Answer, and the data with the starts that it was found with."""
-        data, answer = self.data, None
+        data, answer, first = self.data, None, None
         for _ in range(_TURNS):
             data = data.refined(None if answer is None else answer.xi)
             task = Task(data.problem(), data.piece, np.zeros(len(NAMES1) + len(NAMES2)), by_piece=True,
                         conditions=_ANY, prior=_PRIOR)  # fmt: skip
             answer = solve(task, samples if answer is None else answer.xi[None, len(NAMES1) :], seed, progress)
-        assert answer is not None
+            first = first or answer
+        assert answer is not None and first is not None
+        alike = np.array_equal(first.determined, answer.determined)
+        if alike and first.decision.unique and answer.decision.unique:
+            # Later turns begin where the first ended: its samples alone tell whether there is another minimum.
+            answer = replace(answer, samples=first.samples, decision=first.decision)
         return answer, data
 
 

@@ -65,7 +65,10 @@ class CalibrationPanel(Panel):
             title.classes("" if view.unique else "flag")
             for text in views.sentences(view):
                 ui.label(text)
-            self._html(markup.TRACE_LEGEND)
+            if len(view.trace) > 1:
+                self._html(markup.TRACE_LEGEND)
+        if len(view.trace) < 2:  # a start that was given, and no picture of Tr R
+            return
         with ui.element("div").classes("grid2"):
             for column, parameter in enumerate(view.sampled):
                 made = views.trace_figure(view, column, self._theme)

@@ -232,7 +232,7 @@ def _state(figures: _Figures, view: RunView, record: FlightRecord, truth: TruthV
 
 def _calibration(figures: _Figures, view: CalibrationView) -> dict[str, Any]:
     traces = []
-    for column, parameter in enumerate(view.sampled):
+    for column, parameter in enumerate(view.sampled if len(view.trace) > 1 else ()):
         title = f"Tr R over {parameter.name}"
         traces.append((title, figures.add(calibration.trace_figure(view, column, figures.theme), title)))
     residuals = []

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product
-from aircraft_sysid_ros.calibration.compatibility import NAMES1, compatibility_flight
+from aircraft_sysid_ros.calibration import compatibility
+from aircraft_sysid_ros.calibration.compatibility import NAMES1, NAMES2, compatibility_flight
+from aircraft_sysid_ros.calibration.procedure import Answer
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.two_stage.decision import Decision
+from aircraft_sysid_ros.estimation.two_stage.residual_sampling import ResidualSamples
 from aircraft_sysid_ros.samples import Kind
 
 
@@ -20,9 +24,29 @@ def true_biases(flight):
     return np.concatenate([flight.biases.accelerometer[0], flight.biases.gyro[0]])
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_the_samples_of_the_first_turn_tell_whether_there_is_one_minimum(made, monkeypatch, known):
+    """Later turns begin where it ended; the picture of their one start had been called one hollow of the samples."""
+    xi, turns = np.zeros(len(NAMES1) + len(NAMES2)), []
+
+    def solved(task, samples, seed, progress):
+        count = samples if isinstance(samples, int) else len(samples)
+        turns.append(count)
+        drawn = ResidualSamples(np.zeros((count, 6)), np.zeros((count, 11)), np.ones(count), np.ones(count))
+        free = np.arange(len(xi)) < (len(xi) if known or count == 1 else 13)
+        decision = Decision(True, f"from {count}", ())
+        return Answer(task, xi, None, free, free, None, drawn, decision, True, True, "converged")
+
+    monkeypatch.setattr(compatibility, "solve", solved)
+    answer, _ = made.solve(8)
+    assert turns[0] == 8 and set(turns[1:]) == {1}
+    assert (len(answer.samples.trace), answer.decision.reason) == ((8, "from 8") if known else (1, "from 1"))
+
+
 def test_outputs_follow_the_flight(made, calibration_flown):
     """With the true biases and the answer's starts, V, alpha, beta and angles are those of the simulator."""
     answer, data = made.solve(8)
+    assert "the samples have" not in answer.decision.reason or len(answer.samples.trace) > 1
     truth = calibration_flown.calibration["compatibility"]
     values = np.array([truth[name] for name in NAMES1])
     biases = true_biases(calibration_flown)

@@ -170,6 +170,12 @@ def test_a_lower_minimum_beside_a_higher_one_is_unique():
     assert decision.unique and decision.minima[0].xi2[0] == pytest.approx(0.0, abs=0.02)
 
 
+def test_one_start_is_no_hollow_of_samples():
+    problem = two_hollows(1.0)
+    decision = decide(problem, sample_residuals(problem, np.array([[0.1]])), [0])
+    assert decision.unique and "it was followed from one start" in decision.reason and "e+" not in decision.reason
+
+
 def test_a_rejected_sample_that_is_lower_than_all_others_is_followed_too():
     """Without the offset z is small there, and (17) rejects the sample beside the right minimum."""
     samples, chosen, decision = first_stage(two_hollows(0.0), np.linspace(-1.0, 3.0, 41)[:, None])

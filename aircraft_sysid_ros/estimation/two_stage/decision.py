@@ -77,8 +77,10 @@ def decide(problem: Problem, samples: ResidualSamples, candidates: list[int]) ->
         names = ", ".join(n for n, out in zip(problem.names, outside, strict=True) if out)
         reason = f"the minimum stands at or beyond the bounds of {names}"
     else:
-        reached = f"{len(near)} of {len(ends)} starts reach it" if len(ends) > 1 else "the samples have one hollow"
-        reason = f"one clear minimum of Tr R: {reached}, and half the range changes it by {100 * change:.2g} % or more"
+        share = f"{100 * change:.2g} %" if change < 1.0 else f"{100 * change:.0f} %"
+        alone = "the samples have one hollow" if len(samples.trace) > 1 else "it was followed from one start"
+        reached = f"{len(near)} of {len(ends)} starts reach it" if len(ends) > 1 else alone
+        reason = f"one clear minimum of Tr R: {reached}, and half the range changes it by {share} or more"
         unique = True
     if rejected:
         reason += "; only a sample that was rejected led there"
