@@ -223,9 +223,11 @@ def further_effects(flown: list[dict[str, Any]]) -> Rows:
 def failures(flown: list[dict[str, Any]]) -> Rows:
     """Inputs that fail in flights without vanes, by what the log holds."""
     signals, rows = {"elevator": "de", "aileron": "da", "rudder": "dr"}, []
-    layouts = list(dict.fromkeys(flight["layout"] for flight in flown))
-    for words, kinds in {**{name: [name] for name in layouts}, "all": layouts}.items():
-        own = [flight for flight in flown if flight["layout"] in kinds and "found" in flight]
+    judged = [flight for flight in flown if "found" in flight]
+    series = sorted({flight["seed"] // 100_000 for flight in judged})
+    parts = {name: [f for f in judged if f["layout"] == name] for name in dict.fromkeys(f["layout"] for f in judged)}
+    parts |= {f"all, seeds {n}00000 on": [f for f in judged if f["seed"] // 100_000 == n] for n in series}
+    for words, own in {**parts, "all": judged}.items():
         clean = [flight for flight in own if flight["failure"] == "none"]
         failed = [flight for flight in own if flight["failure"] != "none"]
         answered = [flight for flight in failed if flight["found"]]
