@@ -7,12 +7,20 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.identification.monitoring.range_agreement import EVERY, LEAST, RangeAgreement
+from aircraft_sysid_ros.identification.monitoring.range_agreement import (
+    EVERY,
+    LEAST,
+    SIGMAS,
+    RangeAgreement,
+    agreeing,
+    said_by_either,
+)
 
 CM, PART, THETA = 4, slice(22, 26), np.array([0.02, -0.7, -7.0, -0.85])
 ONLY_CM = np.arange(6) == CM
 NOISE = np.zeros(4)
 MINUTE, NOISE_OF_CM = 1500, 0.02
+ALPHA = SIGNAL_INDEX["alpha"]
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +87,51 @@ def test_blocks_of_any_size_say_the_same(model):
     for point in np.split(points, [7, 8, 1000, 1013, 4000]):
         ranges.add(ONLY_CM, point)
     assert ranges.disagreement(CM, NOISE) == said(model, points) != ""
+
+
+def test_what_agrees_is_all_but_what_carries_the_difference_and_is_spared_where_either_part_says_so():
+    low, high = np.array([1.0, 2.0, -3.0, 0.5]), np.array([1.01, 2.02, -3.02, 0.9])
+    square = np.diag(np.square([0.02, 0.03, 0.04, 0.02]))
+    theta, covariance = np.array([low, high]), np.array([square, square])
+    assert agreeing(theta, covariance) == [0, 1, 2]
+    assert agreeing(np.array([low, low]), covariance) == [0, 1, 2, 3]
+    least, most = said_by_either(theta, covariance)
+    assert np.all(least[:3] < low[:3] - 2.9 * np.sqrt(np.diag(square)[:3])) and np.isinf([least[3], most[3]]).all()
+
+
+def test_a_part_is_surer_by_what_the_other_parameters_say_if_these_are_the_same_in_both():
+    rng = np.random.default_rng(8)
+    root = rng.standard_normal((2, 3, 3))
+    covariance = root @ root.transpose(0, 2, 1) * 1e-4
+    d = 0.3 * np.linalg.cholesky(covariance.sum(axis=0)) @ rng.standard_normal(3)
+    theta = np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0] + d])
+    assert agreeing(theta, covariance) == [0, 1, 2]
+    least, most = said_by_either(theta, covariance)
+    for j in range(3):  # by generalised least squares over both parts, in which all but j are one parameter
+        rest = [i for i in range(3) if i != j]
+        x = np.zeros((6, 4))
+        x[0 + j, 0] = x[3 + j, 1] = 1.0
+        for column, i in enumerate(rest):
+            x[i, 2 + column] = x[3 + i, 2 + column] = 1.0
+        weight = np.zeros((6, 6))
+        weight[:3, :3], weight[3:, 3:] = np.linalg.inv(covariance[0]), np.linalg.inv(covariance[1])
+        inverse = np.linalg.inv(x.T @ weight @ x)
+        value, std = (inverse @ x.T @ weight @ theta.ravel())[:2], np.sqrt(np.diag(inverse)[:2])
+        assert least[j] == pytest.approx(np.min(value - SIGMAS * std))
+        assert most[j] == pytest.approx(np.max(value + SIGMAS * std))
+
+
+def test_what_bends_not_is_spared_unless_one_part_does_not_know_it(model):
+    points = motion(np.random.default_rng(5), bend=0.6)
+    ranges = RangeAgreement(model)
+    ranges.add(ONLY_CM, points)
+    assert ranges.disagreement(CM, NOISE)
+    assert ranges.spared(CM, THETA).tolist() == [False, False, True, True]
+    assert not ranges.spared(CM, 1.4 * THETA).any() and not ranges.spared(CM, 0.0 * THETA).any()
+    of_q, slow = CoefficientSample.TERMS + PART.start + 2, points[:, CoefficientSample.SIGNALS][:, ALPHA] > 0.11
+    points[slow, CoefficientSample.MEASURED.start + CM] -= 0.9 * THETA[2] * points[slow, of_q]
+    points[slow, of_q] *= 0.1
+    ranges = RangeAgreement(model)
+    ranges.add(ONLY_CM, points)
+    assert ranges.disagreement(CM, NOISE)
+    assert ranges.spared(CM, THETA).tolist() == [False, False, False, True]

@@ -3,7 +3,8 @@
 A model that explains less than three quarters of the variance of a coefficient, or whose error is BEYOND_NOISE times
 what noise makes of it (``coefficient_noise``), in all of the motion or in a tenth of it, lacks something, for which its
 parameters then stand. So does one that is another at large angles of attack than at small ones (``range_agreement``).
-C_X has the lift in it that is nearly all of C_Z: where that is not what was known, or is not one model, nor is C_X.
+Of that those are spared that hold in either range. C_X has the lift in it that is nearly all of C_Z: where that is not
+what was known, or is not one model, nor is C_X, and none of its parameters is spared.
 A parameter of which the newest motion says something else than what was before it (``agreement``) is not to be used
 either.
 """
@@ -24,6 +25,9 @@ from aircraft_sysid_ros.identification.monitoring.range_agreement import RangeAg
 from aircraft_sysid_ros.identification.monitoring.residuals import ResidualMonitor
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate
 from aircraft_sysid_ros.identification.trust import lack_of_fit
+
+#: How the words for C_X begin where it is in doubt for the lift.
+_OF_LIFT = "has the lift in it that CZ has: "
 
 
 class Doubts:
@@ -54,6 +58,7 @@ class Doubts:
         """The clock began anew."""
         self._disagreeing: dict[int, str] = {}  # parameters
         self._misfits: dict[int, str] = {}  # axes
+        self._spared: dict[int, npt.NDArray[np.bool_]] = {}  # parameters (n,) of those of them that are two models
 
     def look(self, kept: ParameterCheckpoint, holds: Sequence[Hold | None], joint: bool) -> None:
         """What is in doubt of what is known now; ``joint`` estimates are not compared with those before."""
@@ -65,6 +70,8 @@ class Doubts:
             # of what it learnt lately another estimator says too little: a tenth of the motion may be that
             part = self._model.axis_slice(name)
             words = lack_of_fit(name, unexplained, over_noise, np.nan if joint else worst)
+            if not words and ranges[axis] and not ranges[axis].startswith(_OF_LIFT):
+                self._spared[axis] = self._ranges.spared(axis, kept.theta[part])
             if words := words or ranges[axis]:
                 self._misfits[axis] = words
                 if hold is not None and hold.contradicts:
@@ -84,8 +91,8 @@ class Doubts:
         lift, drag = AXES.index("CZ"), AXES.index("CX")
         hold = holds[lift]
         of_lift = hold.what if hold is not None and hold.high and not hold.sure else found[lift]
-        if of_lift and not found[drag]:
-            found[drag] = f"has the lift in it that CZ has: {of_lift}"
+        if of_lift:
+            found[drag] = f"{_OF_LIFT}{of_lift}"
         return found
 
     def gated(self, parameters: Sequence[ParameterEstimate]) -> list[ParameterEstimate]:
@@ -95,5 +102,6 @@ class Doubts:
             out[i] = held(out[i], words)
         for axis, words in self._misfits.items():
             part = self._model.axis_slice(AXES[axis])
-            out[part] = [held(p, words) for p in out[part]]
+            spared = self._spared.get(axis, np.zeros(len(out[part]), np.bool_))
+            out[part] = [p if is_spared else held(p, words) for p, is_spared in zip(out[part], spared, strict=True)]
         return out

@@ -10,6 +10,14 @@ colour, the flight shows by itself. p = M^-1 (m v * a) is the pull of noise of v
 The parts disagree where F > SURE (about four standard errors in each of n parameters) and the rms of x' d over all
 motion is above LARGE times the spread of the coefficient. A stall, or whatever else bends, shows so, though the whole
 error may be near what noise is said to make.
+
+What disagrees are the parameters without which F of the others is at most ALIKE. One of the others is spared where
+either part says so by itself: with the difference of the rest of them taken as noise, which makes both parts surer,
+
+    a* = a + V_a C' (C (V_a + V_b) C')^-1 C d,    V_a* = V_a - V_a C' (C (V_a + V_b) C')^-1 C V_a,
+
+and b* alike, both are nearer to what is published than NEAR of it, by SIGMAS of their standard errors. That two parts
+do not differ is not enough: what moves too little in one of them to be known there is not spared.
 """
 
 from __future__ import annotations
@@ -35,6 +43,9 @@ SHARES = np.array([0.25, 0.5, 0.75, 0.9])
 #: With right models F was at most 9 where the difference is LARGE, at any time of 35 flights; in eleven axes of nine
 #: flights through stalls it was 24 to 386 (benchmarks/stalls.py, flights of another maker).
 SURE, LARGE = 16.0, 0.1
+#: F of the parameters that agree, at most; share of a value that one of them is off by in either part at most, surely
+#: by so many standard errors: what is off by a quarter, from which a value counts as wrong, passes in one of 700 cases.
+ALIKE, NEAR, SIGMAS = 4.0, 0.25, 3.0
 #: New blocks after which an axis is looked at again.
 EVERY = 5
 #: Clusters of a part beyond the number of terms.
@@ -131,44 +142,72 @@ def _part(sums: Array, rank: Integers, ranks: tuple[int, int], noise: Array, the
 
 
 @njit(cache=True)
-def _compare(sums: Array, rank: Integers, noise: Array, low: Array, high: Array) -> tuple[float, int]:
-    """The largest F of a parting with a LARGE difference, and the rank at which it is parted; 0 where there is none.
+def _compare(sums: Array, rank: Integers, noise: Array, edge: Integers, theta: Array, covariance: Array) -> Array:
+    """F (partings,) of each parting, NaN where it cannot be told or the difference is not LARGE.
 
-    ``sums`` (k, n + 2, n + 2) of blocks, ``rank`` (k,) of their angles; parameters of the parts go to ``low`` and
-    ``high`` (n,).
+    ``sums`` (k, n + 2, n + 2) of blocks, ``rank`` (k,) of their angles. The ranks ``edge`` (partings,) at which it is
+    parted, and ``theta`` (partings, 2, n) of the parts with ``covariance`` (partings, 2, n, n) are written.
     """
     count, n = len(rank), len(noise)
-    whole = np.zeros((n + 2, n + 2))
+    whole, found = np.zeros((n + 2, n + 2)), np.full(len(edge), np.nan)
     for i in range(count):
         whole += sums[i, : n + 2, : n + 2]
     points = max(whole[n + 1, n + 1], 1.0)
     variance = whole[n, n] / points - (whole[n, n + 1] / points) ** 2
-    a, b, of_a, of_b = np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
-    best, where, both = 0.0, 0, np.zeros((n + 2, n + 2))
-    for share in SHARES:
-        edge = int(share * count)
-        if edge < LEAST or count - edge < LEAST:
+    both = np.zeros((n + 2, n + 2))
+    for k in range(len(edge)):
+        edge[k] = int(SHARES[k] * count)
+        if edge[k] < LEAST or count - edge[k] < LEAST:
             continue
-        clusters = _part(sums, rank, (0, edge), noise, a, of_a)
-        clusters = min(clusters, _part(sums, rank, (edge, count), noise, b, of_b))
+        clusters = _part(sums, rank, (0, edge[k]), noise, theta[k, 0], covariance[k, 0])
+        clusters = min(clusters, _part(sums, rank, (edge[k], count), noise, theta[k, 1], covariance[k, 1]))
         if clusters == 0:
             continue
-        moved = 0.0  # mean square of x' d
+        d, moved = theta[k, 1] - theta[k, 0], 0.0  # mean square of x' d
+        both[:n, :n], both[:n, n] = covariance[k, 0] + covariance[k, 1], d
         for i in range(n):
-            both[i, n] = b[i] - a[i]
             for j in range(n):
-                both[i, j] = of_a[i, j] + of_b[i, j]
-                moved += (b[i] - a[i]) * whole[i, j] / points * (b[j] - a[j])
+                moved += d[i] * whole[i, j] / points * d[j]
         if not moved > LARGE**2 * variance:
             continue
         solution, _, is_regular = solved_sums(both)
-        f = 0.0
-        for i in range(n if is_regular else 0):
-            f += both[i, n] * solution[i] / n * (clusters - n) / (clusters - 1.0)
-        if f > best:
-            best, where = f, edge
-            low[:], high[:] = a, b
-    return best, where
+        if is_regular:
+            found[k] = 0.0
+            for i in range(n):
+                found[k] += d[i] * solution[i] / n * (clusters - n) / (clusters - 1.0)
+    return found
+
+
+def _f(d: Array, covariance: Array, chosen: list[int]) -> float:
+    """F of some parameters of a difference (n,), in the limit of many clusters."""
+    part = np.ix_(chosen, chosen)
+    return float(d[chosen] @ np.linalg.solve(covariance[part], d[chosen])) / max(len(chosen), 1)
+
+
+def agreeing(theta: Array, covariance: Array) -> list[int]:
+    """Of the parameters (2, n) of two parts, with covariance (2, n, n), the most of which F is at most ALIKE.
+
+    One after the other is left out, that which carries most of the rest of the difference.
+    """
+    d, both = theta[1] - theta[0], covariance.sum(axis=0)
+    chosen = list(range(len(d)))
+    while chosen and _f(d, both, chosen) > ALIKE:
+        chosen.remove(min(chosen, key=lambda j: len(chosen) * _f(d, both, [i for i in chosen if i != j])))
+    return chosen
+
+
+def said_by_either(theta: Array, covariance: Array) -> Array:
+    """Least and largest value (2, n) of each parameter by two parts, SIGMAS from it; infinite of what disagrees."""
+    d, both, chosen = theta[1] - theta[0], covariance.sum(axis=0), agreeing(theta, covariance)
+    out = np.outer([-np.inf, np.inf], np.ones(len(d)))
+    for j in chosen:
+        rest = [i for i in chosen if i != j]
+        gain = np.linalg.solve(both[np.ix_(rest, rest)], np.eye(len(rest)))
+        shift = covariance[:, j, rest] @ gain  # (2, rest)
+        value = theta[:, j] + np.array([1.0, -1.0]) * (shift @ d[rest])
+        std = np.sqrt(np.maximum(covariance[:, j, j] - np.sum(shift * covariance[:, j, rest], axis=1), 0.0))
+        out[:, j] = np.min(value - SIGMAS * std), np.max(value + SIGMAS * std)
+    return out
 
 
 class RangeAgreement:
@@ -182,6 +221,7 @@ class RangeAgreement:
         self._sums, self._angle = np.zeros((axes, MOST, most, most)), np.zeros((axes, MOST))
         self._count, self._seen = np.zeros(axes, np.int64), np.zeros(axes, np.int64)
         self._words = [""] * axes
+        self._range = [np.zeros((2, 0))] * axes  # of the values that the parts of an axis allow, where they disagree
 
     def forget(self, axis: int) -> None:
         """Begin an axis anew."""
@@ -206,19 +246,33 @@ class RangeAgreement:
         for axis, name in enumerate(AXES):
             self._judge(axis, np.zeros(len(self._model.terms[name])))
 
+    def spared(self, axis: int, values: Array) -> Bools:
+        """Of an axis whose model is not one, which of the values (n,) that are published hold in either part."""
+        low, high = self._range[axis]
+        return np.asarray(np.maximum(values - low, high - values) < NEAR * np.abs(values))
+
     def _judge(self, axis: int, noise: Array) -> str:
-        size = min(int(self._count[axis]), MOST)
-        low, high = np.zeros((2, len(noise)))
+        size, n = min(int(self._count[axis]), MOST), len(noise)
         order = np.argsort(self._angle[axis, :size], kind="stable")
         rank = np.empty(size, np.int64)
         rank[order] = np.arange(size)
-        f, edge = _compare(self._sums[axis, :size], rank, noise, low, high)
-        if not f > SURE:
+        partings = len(SHARES)
+        edge, theta, covariance = (
+            np.zeros(partings, np.int64),
+            np.zeros((partings, 2, n)),
+            np.zeros((partings, 2, n, n)),
+        )
+        f = np.nan_to_num(_compare(self._sums[axis, :size], rank, noise, edge, theta, covariance))
+        if not (f > SURE).any():
             return ""
-        angle = np.degrees(self._angle[axis, order[edge - 1 : edge + 1]].mean())
+        ranges = [said_by_either(theta[k], covariance[k]) for k in np.flatnonzero(f > SURE)]
+        self._range[axis] = np.array([np.min(ranges, axis=0)[0], np.max(ranges, axis=0)[1]])
+        best = int(np.argmax(f))
+        low, high = theta[best]
+        angle = np.degrees(self._angle[axis, order[edge[best] - 1 : edge[best] + 1]].mean())
         name = AXES[axis]
         terms = self._model.parameter_names[self._model.axis_slice(name)]
-        rms = np.sqrt(np.einsum("kii->i", self._sums[axis, :size])[: len(noise)])
+        rms = np.sqrt(np.einsum("kii->i", self._sums[axis, :size])[:n])
         j = int(np.argmax(np.abs(high - low) * rms * (self._model.constants[axis] == 0.0)))
         values = f"{terms[j]} is {low[j]:.3g}, above it {high[j]:.3g}"
         return f"not one model of {name}: below an angle of attack of {angle:.1f}° {values}"
