@@ -75,4 +75,6 @@ def _about(candidate: dict[str, Any]) -> list[str]:
     lines.append(f"    where: {candidate['where']}")
     if candidate["confounded_with"]:
         lines.append(f"    this flight cannot tell it from {', '.join(candidate['confounded_with'])}")
+    if candidate.get("refused"):
+        lines.append(f"    not named: {candidate['refused']}")
     return [*lines, ""]

@@ -10,7 +10,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.cannot_show import OutOfReach
-from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Diagnosis, Finding
+from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Diagnosis, Finding, resting_on
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
 from aircraft_sysid_ros.diagnosis.search.candidates import MOMENTS_OF_CHANGE, Candidate
@@ -115,6 +115,7 @@ class FlightDiagnosis:
             "inner": {setting.effect.inner[0].name: setting.value},
             "parameters": [],
             "found": finding.matters,
+            "refused": "" if finding.matters else "it is counted with, and explains too little to be a fault",
         }
 
     def _of_finding(self, finding: Finding) -> dict[str, Any]:
@@ -145,7 +146,18 @@ class FlightDiagnosis:
             ],
             "shape": dict(finding.shape),
             "found": finding in self.diagnosis.found,
+            "refused": self._refusal(finding),
         }
+
+    def _refusal(self, finding: Finding) -> str:
+        """Why a significant candidate has no name; empty where it has."""
+        found = self.diagnosis.found
+        if finding in found:
+            return ""
+        why = finding.refusal(first=not found)
+        if not why and finding.trial.main_axis in resting_on(self.flight.inferred):
+            return "it rests on angles of flow that no vane measures"
+        return why or "with what is named in the model too little of it is left"
 
     def _where(self, finding: Finding) -> str:
         """Stretches of time that hold most of the evidence, and what sets them apart."""

@@ -146,6 +146,7 @@ def test_the_json_is_that_of_the_interface(two_effects):
     for candidate in said["candidates"]:
         assert keys <= set(candidate)
         assert set(candidate["axes"]) <= set(AXES)
+        assert bool(candidate["refused"]) != candidate["found"]
 
 
 # -- replicas ------------------------------------------------------------------------------------------------

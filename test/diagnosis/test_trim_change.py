@@ -70,7 +70,9 @@ def test_a_passenger_who_walks_forward_and_back_is_a_centre_of_gravity_that_move
 def test_the_shift_has_the_size_that_it_has(aircraft):
     for seed in range(4):
         change = trim_change(flight_of(aircraft, seed, "cg_shift"))
-        assert change.with_lift == pytest.approx(0.03, rel=0.1)
+        assert change.with_lift == pytest.approx(0.03, abs=3.0 * change.std_with_lift + 0.05 * 0.03)
+        assert change.std_with_lift < 0.1 * change.with_lift
+        assert (change.begin, change.end) == pytest.approx(SPAN, abs=max(change.within, 2.0))
         assert change.prefers_lift > 3.0
         assert change.after < 0.3 * change.before
 

@@ -67,7 +67,9 @@ class TrimChange:
 
     begin: float  # the signal ``time`` [s]
     end: float | None  # None: it lasts to the end of the flight
+    within: float  # [s] to which these times are told, 95 %
     with_lift: float  # change of C_m over C_Z, were it in proportion to that
+    std_with_lift: float
     constant: float  # change of C_m, were it a constant
     #: ln of the likelihood of the one over that of the other.
     prefers_lift: float
@@ -84,9 +86,10 @@ def trim_change(data: FlightData) -> TrimChange | None:
     """The likeliest change of trim beside the model of a flight; None where the flight does not tell."""
     if data.manoeuvre is not None or data.run is not None:  # these are short, or are told apart run by run
         return None
-    points, derivatives = _points(data, WINDOW), _of_manoeuvres(data)
-    if points is None or derivatives is None or points.count < LEAST_WINDOWS:
+    points, told = _points(data, WINDOW), _of_manoeuvres(data)
+    if points is None or told is None or points.count < LEAST_WINDOWS:
         return None
+    derivatives, doubt = told
     response, trimmed = _left(data, points, derivatives)
     beside = _beside(data, points, "Cm")
     lift, one = points.mean(data.coefficient("CZ")), np.ones(points.count)
@@ -98,7 +101,7 @@ def trim_change(data: FlightData) -> TrimChange | None:
     left = _at(beside, response, best.of(shape)).left
     wandering = _wandering(before, beside, points.number)
     chance = [max(each.best(series).gain for _, each in searches) for series in wandering]
-    begin, end = _times(data, points.edge(best.first), points.edge(best.last), derivatives)
+    begin, end, within = _times(data, points.edge(best.first), points.edge(best.last), derivatives)
     inside = points.inside(begin, end)
     with_lift, constant = (_at(beside, response, inside * shape) for shape in (lift, one))
     company, unknown = _company(data, points, inside, constant.value)
@@ -106,7 +109,9 @@ def trim_change(data: FlightData) -> TrimChange | None:
     return TrimChange(
         begin=begin,
         end=None if best.last == points.count else end,
+        within=within,
         with_lift=with_lift.value,
+        std_with_lift=float(np.hypot(with_lift.std(points.number), doubt * with_lift.value)),
         constant=constant.value,
         prefers_lift=0.5 * independent * float(np.log(constant.squares / with_lift.squares)),
         evidence=float(np.sqrt(2.0 * independent * best.gain)),
@@ -194,11 +199,14 @@ def _left(data: FlightData, points: _Points, derivatives: Array) -> tuple[Array,
     return points.mean(data.coefficient("Cm") - columns @ derivatives), float(np.std(trimmed))
 
 
-def _times(data: FlightData, begin: float, end: float, derivatives: Array) -> tuple[float, float]:
-    """The times of a change of C_m, told more finely, one after the other."""
+def _times(data: FlightData, begin: float, end: float, derivatives: Array) -> tuple[float, float, float]:
+    """The times of a change of C_m, told more finely, one after the other, and to how many seconds they are told.
+
+    That is how far from them what is left is not yet less likely by e^2, each point counting as it is independent.
+    """
     points = _points(data, _FINE)
     if points is None:
-        return begin, end
+        return begin, end, WINDOW
     response, beside = _left(data, points, derivatives)[0], _beside(data, points, "Cm")
     steps = np.arange(-WINDOW, WINDOW + 0.5 * _FINE, _FINE)
 
@@ -206,12 +214,21 @@ def _times(data: FlightData, begin: float, end: float, derivatives: Array) -> tu
         column = points.inside(first, last)
         return _at(beside, response, column).squares if column.any() else np.inf
 
-    begin = min((begin + step for step in steps.tolist()), key=lambda time: left_by(time, end))
-    return begin, min((end + step for step in steps.tolist()), key=lambda time: left_by(begin, time))
+    found, within = [begin, end], _FINE
+    for edge in (0, 1):
+        times = [found[edge] + step for step in steps.tolist()]
+        squares = np.array([left_by(*(time, found[1]) if edge == 0 else (found[0], time)) for time in times])
+        found[edge] = times[int(np.argmin(squares))]
+        left = _at(beside, response, points.inside(*found)).left
+        less_likely = 0.5 * points.count * _independent(left, points.number) * np.log(squares / squares.min())
+        within = max(within, *np.abs(np.array(times)[less_likely < 2.0] - found[edge]))
+    return found[0], found[1], float(within)
 
 
-def _of_manoeuvres(data: FlightData) -> Array | None:
-    """Derivatives (k,) of C_m in manoeuvres; None where these do not tell what the elevator does."""
+def _of_manoeuvres(data: FlightData) -> tuple[Array, float] | None:
+    """Derivatives (k,) of C_m in manoeuvres, and the standard error of that to the elevator over its value; None where
+    they do not tell what the elevator does.
+    """
     columns, acting = _terms(data, "Cm"), _acting(data, "Cm")
     quick = quick_rows(data, np.column_stack([data.coefficient("Cm"), columns]))
     rows = np.asarray(np.isfinite(quick).all(axis=1))
@@ -230,7 +247,7 @@ def _of_manoeuvres(data: FlightData) -> Array | None:
         return None
     derivatives = np.zeros(columns.shape[1])
     derivatives[moving] = values / size[moving]
-    return derivatives
+    return derivatives, float(std[place] / abs(values[place]))
 
 
 def _in_manoeuvres(data: FlightData, rows: Mask, elevator: Array) -> Mask:
@@ -285,6 +302,11 @@ class _Fitted:
     def squares(self) -> float:
         """Sum of squares of what it leaves."""
         return float(np.sum(self.left**2))
+
+    def std(self, number: Integers) -> float:
+        """Standard error of the value, with the correlation in time of what it leaves."""
+        free = max(_independent(self.left, number), 1e-3)
+        return float(_rms(self.left) / np.sqrt(self.own * free))
 
 
 def _at(beside: Array, response: Array, column: Array) -> _Fitted:
@@ -343,8 +365,6 @@ def _company(data: FlightData, points: _Points, inside: Array, pitching: float) 
             unknown.append(axis)
             continue
         fitted = _at(_beside(data, points, axis), response, inside)
-        free = max(_independent(fitted.left, points.number), 1e-3)
-        std = _rms(fitted.left) / np.sqrt(fitted.own * free)
-        if abs(fitted.value) > max(_COMPANY * std, least * abs(pitching)):
+        if abs(fitted.value) > max(_COMPANY * fitted.std(points.number), least * abs(pitching)):
             found[axis] = fitted.value
     return found, unknown

@@ -53,6 +53,7 @@ class Card:
     where: str
     confounded_with: tuple[tuple[str, str], ...]  # id and name
     manoeuvre: str
+    refused: str  # why it has no name
     numbers: tuple[str, ...]  # parameters and inner numbers with their values
     evidence: Evidence | None
 
@@ -91,6 +92,7 @@ def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
         where=candidate["where"],
         confounded_with=tuple((i, BY_ID[i].name if i in BY_ID else i) for i in candidate["confounded_with"]),
         manoeuvre=candidate["manoeuvre"] or "",
+        refused=candidate.get("refused", ""),
         numbers=tuple(numbers),
         evidence=evidence(flight, main, terms[main]) if main in terms else None,
     )

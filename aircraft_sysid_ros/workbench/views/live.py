@@ -120,6 +120,7 @@ def _card(candidate: Mapping[str, Any]) -> Card:
         where=candidate["where"],
         confounded_with=tuple((i, BY_ID[i].name if i in BY_ID else i) for i in candidate["confounded_with"]),
         manoeuvre=effect.manoeuvre if effect else "",
+        refused="",
         numbers=(expression,),
         evidence=None,
     )
