@@ -14,7 +14,7 @@ import keyword
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -59,10 +59,18 @@ MAXIMUM_LENGTH = 4000  # what a whole axis says can stand within one term: mass_
 class Program:
     """Postfix program of one expression: ``code`` has shape (n, 2), rows of (operation, argument)."""
 
-    text: str
+    source: str  # as it was written
     code: npt.NDArray[np.float64]
     signals: frozenset[str]  # names of those that it reads, in its lags as well
     lags: tuple[Lag, ...] = ()
+
+    @cached_property
+    def text(self) -> str:
+        """As all write it, without spaces; made where it is read, which a search for what is missing does not."""
+        try:
+            return ast.unparse(ast.parse(self.source, mode="eval").body).replace(" ", "")
+        except RecursionError:
+            raise _nested(self.source) from None
 
 
 @dataclass(frozen=True)
@@ -98,15 +106,18 @@ def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
     lags: list[Lag] = []
     try:
         _compile(tree, rows, text, inputs, lags)
-        canonical = ast.unparse(tree).replace(" ", "")
     except RecursionError:
-        raise InputError(f"'{echo(text)}' is nested too deeply: simplify it") from None
+        raise _nested(text) from None
     if _stack_depth(rows) > STACK_SIZE:
-        raise InputError(f"'{echo(text)}' is nested too deeply: simplify it")
+        raise _nested(text)
     names = (*SIGNALS, *inputs)
     read = frozenset(names[int(argument)] for operation, argument in rows if operation == _SIGNAL)
     read = read.union(*(lag.program.signals for lag in lags))
-    return Program(canonical, np.array(rows, dtype=np.float64), read, tuple(lags))
+    return Program(text, np.array(rows, dtype=np.float64), read, tuple(lags))
+
+
+def _nested(text: str) -> InputError:
+    return InputError(f"'{echo(text)}' is nested too deeply: simplify it")
 
 
 def is_name(text: str) -> bool:
@@ -125,10 +136,10 @@ def _compile(
     if isinstance(node, ast.Constant):
         _compile_constant(node, rows, text)
     elif isinstance(node, ast.Name):
-        names = (*SIGNALS, *inputs)
-        if node.id not in names:
-            raise InputError(f"'{echo(node.id)}' in '{echo(text)}' is no signal: use one of {' '.join(names)}")
-        rows.append((_SIGNAL, names.index(node.id)))
+        places = _places(inputs)
+        if node.id not in places:
+            raise InputError(f"'{echo(node.id)}' in '{echo(text)}' is no signal: use one of {' '.join(places)}")
+        rows.append((_SIGNAL, places[node.id]))
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
         _compile(node.operand, rows, text, inputs, lags)
         if isinstance(node.op, ast.USub):
@@ -147,6 +158,12 @@ def _compile(
             f"'{echo(text)}' has '{echo(ast.unparse(node))}', which is not allowed: "
             f"use signals, numbers, + - * / ** and {' '.join(FUNCTION_NAMES)}"
         )
+
+
+@lru_cache(maxsize=16)
+def _places(inputs: tuple[str, ...]) -> dict[str, int]:
+    """Places of signals in a signal row, by name."""
+    return {name: k for k, name in enumerate((*SIGNALS, *inputs))}
 
 
 def _compile_constant(node: ast.Constant, rows: list[tuple[float, float]], text: str) -> None:

@@ -193,8 +193,8 @@ def autoregression(residual: Array, order: int, floor: float) -> Array:
 
 def whitened(values: Array, filtering: Array) -> Array:
     """Series (n, …) through the filter, without its beginning."""
-    from scipy.signal import lfilter
-
-    if not values.size:
-        return values[len(filtering) - 1 :]
-    return np.asarray(lfilter(filtering, [1.0], values, axis=0)[len(filtering) - 1 :])
+    first = len(filtering) - 1
+    if len(values) <= first or not values.size:
+        return values[first:]
+    columns = (np.convolve(column, filtering, "valid") for column in values.reshape(len(values), -1).T)
+    return np.stack([*columns], axis=-1).reshape(-1, *values.shape[1:])

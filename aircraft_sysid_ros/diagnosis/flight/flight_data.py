@@ -216,11 +216,11 @@ class FlightData:
 
     def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
         """Terms (n, len(programs)) on the signals, ``within`` flights; the points of each stand side by side."""
-        made, new = self._made, [p for p in programs if p.text not in self._made]
+        made, new = self._made, [p for p in programs if p.source not in self._made]
         if new:
             out = evaluate_signals(new, self.time, self.signals, 1.5 * self.step)
-            made.update(zip((p.text for p in new), self.within(out).T.copy(), strict=True))
-        rows = np.array([made[p.text] for p in programs]).reshape(len(programs), len(self.time))
+            made.update(zip((p.source for p in new), self.within(out).T.copy(), strict=True))
+        rows = np.array([made[p.source] for p in programs]).reshape(len(programs), len(self.time))
         while len(made) > _KEPT:
             del made[next(iter(made))]
         return rows.T

@@ -49,12 +49,12 @@ class Score:
     gains: Mapping[str, Gain]
     told_in: str = ""  # the axis that told it, where that was no held-out error
 
-    @property
+    @cached_property
     def log_ratios(self) -> dict[str, float]:
         """ln(held-out sum of squares before / after) by axis."""
         return {axis: log_ratio(gain) for axis, gain in self.gains.items()}
 
-    @property
+    @cached_property
     def score(self) -> float:
         """Sum of the log ratios of the axes in which the candidate explains something.
 
@@ -83,7 +83,7 @@ def log_ratio(gain: Gain) -> float:
     seems to explain them; to the fit it then adds nothing.
     """
     held_out, fitted = (
-        (float(np.sum(gain.before)), float(np.sum(gain.after))), (gain.fitted_before, gain.fitted_after)
+        (float(gain.before.sum()), float(gain.after.sum())), (gain.fitted_before, gain.fitted_after)
     )  # fmt: skip
     ratios = [np.log(before / after) if min(before, after) > 0.0 else 0.0 for before, after in (held_out, fitted)]
     return float(min(ratios))
