@@ -39,6 +39,7 @@ WAY = {
 }
 AIRCRAFT = "config/ultra_stick_25e.yaml"
 ENOUGH = 10  # parameters that may be used
+LONGEST = 300  # [s] of flight at the most: it goes by the clock, and a busy machine is behind
 
 
 def test_from_an_autopilot_to_a_controller(user, bench):
@@ -81,7 +82,8 @@ def told_in_flight(user, bench):
             assert simulator.process.poll() is None, f"{len(live_among(told()[-1]))} values live: {simulator.errors}"
             return bool(told()) and len(live_among(told()[-1])) >= ENOUGH
 
-        with user.start("mavlink_simulator", "--connect", f"udpout:127.0.0.1:{port}") as simulator:
+        more = ["--duration", LONGEST, "--connect", f"udpout:127.0.0.1:{port}"]
+        with user.start("mavlink_simulator", *more) as simulator:
             bench.spin_until(is_told_enough, PATIENCE)
             bench.spin_until(lambda: "published.gps/fix" in newest(diagnostics, "mavlink_bridge"))
             run, passed_on = (json.loads(running.interrupt()) for running in (live, bridge))
