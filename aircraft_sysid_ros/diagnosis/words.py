@@ -273,8 +273,11 @@ class FlightDiagnosis:
 
     def _of_noise(self) -> Iterator[str]:
         """Axes that hardly more than noise moves: whatever acts in one of them alone can have no name."""
-        floor = self.diagnosis.floor.items()
-        noisy = [axis for axis, error in floor if error * THRESHOLDS.above_floor >= 1.0]
+        fits, floor = self.diagnosis.bench.fits, self.diagnosis.floor
+        noise = {
+            axis: min(error, fits[axis].nrmse_held_out) for axis, error in floor.items()
+        }  # replicas may be noisier
+        noisy = [axis for axis, error in noise.items() if error * THRESHOLDS.above_floor >= 1.0]
         if noisy:
             axes = listed([f"{axis[0]}_{axis[1]}" for axis in noisy])
             yield f"Of {axes} noise makes most in this flight: what acts there alone it cannot show without manoeuvres."

@@ -371,6 +371,25 @@ def test_what_nothing_explains_is_said_though_it_has_no_name(aircraft, size):
     assert "The model leaves" in said["advice"] and "Nothing is missing" not in said["advice"]
 
 
+@pytest.mark.parametrize(("of_flight", "of_replicas"), [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0)])
+def test_an_axis_that_is_noise_is_said(aircraft, of_flight, of_replicas):
+    """Where both the flight and its replicas are; replicas that are noisier than the flight say nothing of it."""
+
+    def noisy(size):
+        def with_noise(c, after, f):
+            c[:, 4] += size * np.random.default_rng(5).normal(size=len(c))
+            return c
+
+        return with_noise
+
+    library = [BY_ID["dihedral_alpha"]]
+    flight = random_flight(aircraft, noisy(of_flight))
+    benches = [CandidateEvaluator(random_flight(aircraft, noisy(of_replicas), seed=seed)) for seed in range(1, 4)]
+    repeated = [Replica(b.data, {e.identifier: b.best_of(e).score for e in library}, {}) for b in benches]
+    said = FlightDiagnosis(flight, (), diagnose(CandidateEvaluator(flight), repeated, library), repeated, True).json
+    assert ("Of C_m noise makes most" in said["advice"]) == (of_flight > 0.0)
+
+
 @pytest.mark.parametrize("elsewhere", [0.0, 0.3])
 def test_amid_axes_that_nothing_explains_an_effect_must_explain_most(aircraft, elsewhere):
     """What explains a third of C_l is named where the rest of the model holds, and not where it fails widely."""
