@@ -30,6 +30,7 @@ from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains
 from aircraft_sysid_ros.estimation.kalman_filter import LinearSystem, filter_series
 from aircraft_sysid_ros.estimation.smoothing import smooth_series
+from aircraft_sysid_ros.flight_check import in_flight
 from aircraft_sysid_ros.flight_model.bank import filter_bank, simulation_bank
 from aircraft_sysid_ros.flight_model.layout import make_theta
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory
@@ -100,6 +101,7 @@ def whole_way() -> None:
     pipeline.parameters.snapshot()
     solved(np.eye(4))  # of the monitor, where two parts of a flight disagree
     RangeAgreement(aircraft.model).warm_up()
+    in_flight.warm_up()
     _refine(aircraft, samples)
     _calibrate()
     SteppedAeroplane(aircraft, seed=1, duration=1.0).look()

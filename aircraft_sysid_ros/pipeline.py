@@ -43,7 +43,7 @@ class Pipeline:
         state_options: StateOptions | None = None,
         parameter_options: ParameterOptions | None = None,
     ) -> None:
-        self.check = watch_of(aircraft)
+        self.check = watch_of(aircraft, state_options)
         self.state = StateEstimator(aircraft, state_options, watch=self.check)
         self.parameters = Identifier(aircraft, parameter_options)
 

@@ -3,6 +3,7 @@
 A filter explains a reversed vane by gusts, and knots by wind: its innovations are small, and every parameter that
 follows is wrong. What tells is the motion: the laws of ``check``, over the flight so far, at fixed times of it.
 Mounting and units do not change in flight, so that it is not asked again once every sensor that is there has agreed.
+What the airspeed reads may change, and is asked to the end (``wind_triangle``).
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from aircraft_sysid_ros.flight_check.laws import vane_place
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, flight_of
+from aircraft_sysid_ros.flight_check.wind_triangle import WindTriangle
+from aircraft_sysid_ros.flight_check.wind_triangle import warm_up as warm_up_triangle
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
@@ -49,6 +53,7 @@ _SENSORS = {
 }  # fmt: skip
 
 _STATIC_PRESSURE = next(code for code, sensor in CONTRADICTED.items() if sensor == "static pressure")
+_AIRSPEED = next(code for code, sensor in CONTRADICTED.items() if sensor == "airspeed")
 #: Statuses of a state whose height rests on GPS.
 _ON_GPS = tuple(float(status) for status in (
     Status.OK, Status.NO_AIR_DATA, Status.INFERRED_ALPHA, Status.INFERRED_BETA, Status.INFERRED_ANGLES, Status.CALM_AIR,
@@ -59,9 +64,11 @@ _ALTITUDE, _DOWN = StateField.ORIGIN.stop - 1, StateField.POSITION.stop - 1
 _AIR_DENSITY, _STATUS, _CONTRADICTION = StateField.AIR_DENSITY, StateField.STATUS, StateField.CONTRADICTION
 
 
-def watch_of(aircraft: Aircraft) -> InFlightCheck:
-    """The check of a flight of an aircraft."""
-    return InFlightCheck(aircraft.minimum_airspeed, (float(aircraft.air_data_position[1]), aircraft.span))
+def watch_of(aircraft: Aircraft, options: StateOptions | None = None) -> InFlightCheck:
+    """The check of a flight of an aircraft; where the filter estimates the errors of the air data, not of these."""
+    is_estimated = options is not None and options.air_data_errors
+    vane = float(aircraft.air_data_position[1]), aircraft.span
+    return InFlightCheck(aircraft.minimum_airspeed, vane, asks_airspeed=not is_estimated)
 
 
 def warm_up() -> None:
@@ -69,17 +76,23 @@ def warm_up() -> None:
     import scipy.ndimage
     import scipy.optimize  # noqa: F401
 
+    warm_up_triangle()
+
 
 class InFlightCheck:
     """Takes the samples of the first step, and marks its rows from when on a sensor is contradicted."""
 
-    def __init__(self, minimum_airspeed: float, vane: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self, minimum_airspeed: float, vane: tuple[float, float] | None = None, asks_airspeed: bool = True
+    ) -> None:
         """Time counts from ``minimum_airspeed`` [m/s] on: what is true of flight is not of taxiing.
 
         ``vane``: how far [m] the aircraft file has it to the right of the centre of gravity, and the span [m].
+        ``asks_airspeed``: whether GPS and wind are asked what it reads.
         """
         self._minimum_airspeed, self._vane = minimum_airspeed, vane
-        self.findings: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
+        self._triangle = WindTriangle(minimum_airspeed) if asks_airspeed else None
+        self._found: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
         self._code = 0
         self._density = np.nan  # over that of the standard atmosphere, at the begin of the flight
         self._restart()
@@ -93,6 +106,11 @@ class InFlightCheck:
         self._over = False
 
     @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Errors that stand, streams that are late, and when the airspeed read something else."""
+        return self._found if self._triangle is None else (*self._found, *self._triangle.findings)
+
+    @property
     def words(self) -> list[str]:
         """What was found, one sentence each, the worst first."""
         return [f"{short_names(f.signals)}: {f.sentence}" for f in self.findings]
@@ -100,11 +118,15 @@ class InFlightCheck:
     def restart(self) -> None:
         """The clock began anew: what was found stands, and is asked again."""
         self._restart()
+        if self._triangle is not None:
+            self._triangle.restart()
 
     def add(self, samples: Samples) -> None:
         """Samples, those of the next rows among them."""
         if not self._over:
             self._waiting.append(samples)
+        if self._triangle is not None:
+            self._triangle.add(samples)
 
     def mark(self, rows: Array, epoch: int) -> None:
         """Write into rows (n, StateField.WIDTH) by rising time which sensor is contradicted, looking when it is due."""
@@ -122,6 +144,8 @@ class InFlightCheck:
             self._write_code(rows[at:])
             self._due = max(2.0 * self._due, SECOND)
         self._mark_density(rows, flies)
+        if self._triangle is not None:
+            self._mark_airspeed(self._triangle, rows, epoch)
         if np.isnan(self._begin):
             self._keep(epoch, times[-1])
         elif not self._over and times[-1] > max(self._kept_since, self._begin) + 2.0 * LONGEST:
@@ -131,6 +155,19 @@ class InFlightCheck:
         """What is known of a sensor goes before what its innovations make suspect."""
         if self._code:
             rows[:, StateField.CONTRADICTION] = self._code
+
+    def _mark_airspeed(self, triangle: WindTriangle, rows: Array, epoch: int) -> None:
+        """Mark rows from when on the airspeed reads something else, until it does not; what stands is left alone."""
+        stamps = epoch + np.rint(rows[:, StateField.TIME] * NANOSECONDS).astype(np.int64)
+        first, last = 0, int(stamps[-1])
+        while first < len(rows):
+            after = first + int(np.searchsorted(stamps[first:], triangle.due(int(stamps[first]))))
+            part = rows[first:after]
+            if triangle.is_wrong and len(part):
+                part[~np.isin(part[:, _CONTRADICTION], _KNOWN), _CONTRADICTION] = _AIRSPEED
+            first = after
+            if last >= triangle.due(last):
+                triangle.advance(int(stamps[after]))
 
     def _mark_density(self, rows: Array, flies: Bools) -> None:
         """Mark rows whose density left the height that GPS shows, as a blocked or leaking static port has it."""
@@ -155,9 +192,9 @@ class InFlightCheck:
         agreeing = _agreeing(relations)
         new = [f for f in found if _matters(f)]
         named = {signal for f in new for signal in f.signals}
-        kept = [f for f in self.findings if not named & {*f.signals} and not agreeing & {*f.signals}]
-        self.findings = (*new, *kept)
-        self._code = next((code for f in self.findings if f.severity == ERROR and (code := code_of(f))), 0)
+        kept = [f for f in self._found if not named & {*f.signals} and not agreeing & {*f.signals}]
+        self._found = (*new, *kept)
+        self._code = next((code for f in self._found if f.severity == ERROR and (code := code_of(f))), 0)
         there = {kind for kind in _ASKED if np.any(past.kind == kind)}
         asked = [set(signals) for kind in there for signals in _ASKED[kind]]
         if self._due >= SECOND and not self._code and place_is_known and all(signals & agreeing for signals in asked):
@@ -174,7 +211,7 @@ class InFlightCheck:
         place, (said, span) = vane_place.sideways(motion), self._vane
         elsewhere, known = vane_place.findings(place, said, span), vane_place.is_known(place, span)
         if not known:  # what was found before stands
-            elsewhere = elsewhere or [f for f in self.findings if (f.kind, f.severity, *f.signals) == vane_place.MARKS]
+            elsewhere = elsewhere or [f for f in self._found if (f.kind, f.severity, *f.signals) == vane_place.MARKS]
         found += elsewhere
         return known
 

@@ -97,7 +97,7 @@ class StateEstimatorNode(EstimatorNode):
 
     def _started(self, aircraft: Aircraft, options: StateOptions) -> StateEstimator:
         """The filter, watched, and told what the calibration says of the air data."""
-        self.check = watch_of(aircraft)
+        self.check = watch_of(aircraft, options)
         estimator = StateEstimator(aircraft, options, watch=self.check)
         if self.correction is not None and estimator.options.air_data_errors:
             estimator.take_start(start_of_calibration(self.correction.calibration))

@@ -145,7 +145,8 @@ def contradiction_text(code: int) -> str:
     """Words for a value of ``StateField.CONTRADICTION``; empty for 0."""
     if code in SUSPECTED:
         return f"innovations of the {SUSPECTED[code]} are too large"
-    return f"sign, unit, axes or place of the {CONTRADICTED[code]} contradict the other sensors" if code else ""
+    kinds = "sign, unit or scale" if CONTRADICTED.get(code) == "airspeed" else "sign, unit, axes or place"
+    return f"{kinds} of the {CONTRADICTED[code]} contradict the other sensors" if code else ""
 
 
 @cache

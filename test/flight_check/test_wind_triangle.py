@@ -1,0 +1,157 @@
+"""Airspeed against GPS and wind: flights of a point that turns in a wind, without anything of the program in them."""
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING
+from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
+from aircraft_sysid_ros.flight_check.wind_triangle import SURE, TOLERANCE, WindTriangle, scale_of
+from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
+from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND + 123_456_789
+AIRSPEED_CODE = next(code for code, sensor in CONTRADICTED.items() if sensor == "airspeed")
+
+
+def flown(seed, duration=240.0, scale=np.ones_like, turn=10.0, gust=0.5, climb=0.0, front=0.0):
+    """Samples of GPS at 5 Hz and airspeed at 20 Hz: circles of ``turn`` [deg/s], every other minute straight.
+
+    The wind wanders, shears with height (``climb`` [m/s]), has gusts and a ``front`` [m/s] in the middle; gusts are in
+    the airspeed at once, and by and by in the speed over ground, since the airspeed is held.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, duration, 0.05)
+    course = np.cumsum(np.radians(turn) * (time % 60.0 < 40.0)) * 0.05 + rng.uniform(0.0, 6.0)
+    slow = np.cumsum(rng.normal(0.0, 0.1 * np.sqrt(0.05), (len(time), 2)), axis=0) + rng.normal(0.0, 4.0, 2)
+    slow += np.outer(climb * time, [0.02, -0.01]) + front * np.outer(time > duration / 2.0, [0.8, 0.6])
+    gusts, along = np.zeros(len(time)), np.zeros(len(time))
+    for i in range(1, len(time)):
+        gusts[i] = gusts[i - 1] * (1.0 - 0.05 / 15.0) + gust * np.sqrt(0.1 / 15.0) * rng.normal()
+        along[i] = along[i - 1] + 0.05 / 10.0 * (gusts[i] - along[i - 1])  # of the gust, what the aeroplane follows
+    still = 18.0 + 1.5 * np.sin(2.0 * np.pi * time / 70.0)
+    heading = np.column_stack([np.cos(course), np.sin(course)])
+    speed = still + gusts - along  # against the air: a gust from ahead is more at once
+    velocity = np.column_stack([heading * (still - along)[:, None] + slow, np.full(len(time), -climb)])
+    shown = scale(time) * np.sqrt(speed**2 + climb**2) + 0.3 * rng.normal(size=len(time))
+    stamps = START + np.rint(time * SECOND).astype(np.int64)
+    fixes = velocity[::4] + 0.1 * rng.normal(size=(len(time[::4]), 3))
+    both = concatenate([samples_of(Kind.AIRSPEED, stamps, shown), samples_of(Kind.GPS_VELOCITY, stamps[::4], fixes)])
+    return both[np.argsort(both.stamp, kind="stable")]
+
+
+def watched(samples):
+    triangle, worst = WindTriangle(8.0), -np.inf
+    triangle.add(samples)
+    for stamp in range(int(samples.stamp[0]), int(samples.stamp[-1]), SECOND):
+        triangle.advance(stamp)
+        if triangle.newest:
+            (low, low_std, _), (high, high_std, _) = triangle.newest
+            worst = max(worst, (low - 1.0 - TOLERANCE) / low_std, (1.0 - TOLERANCE - high) / high_std)
+    return triangle, worst
+
+
+@pytest.mark.parametrize("flight", [{}, {"gust": 2.0}, {"climb": 2.0}, {"front": 5.0}, {"turn": 0.0, "front": 5.0}])
+def test_a_sound_airspeed_is_not_named_in_any_wind(flight):
+    for seed in range(3):
+        triangle, worst = watched(flown(seed, **flight))
+        assert worst < SURE - 1.0 and triangle.findings == ()
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_a_scale_is_found_with_its_time_and_is_over_when_it_is_over(factor):
+    samples = flown(5, 420.0, scale=lambda t: np.where((t > 90.0) & (t < 200.0), factor, 1.0))
+    on_the_way, _ = watched(samples[samples.stamp < START + 190 * SECOND])
+    (reading,) = on_the_way.readings
+    assert on_the_way.is_wrong and on_the_way.findings[0].severity == ERROR
+    assert reading.scale == pytest.approx(factor, abs=4.0 * reading.std) and reading.std < 0.05
+    assert reading.since == pytest.approx(90.0, abs=3.0)
+    assert f"it reads {reading.scale:.2f} ± {reading.std:.2f} of what GPS and wind say, since " in (
+        on_the_way.findings[0].sentence
+    )
+    after, _ = watched(samples)
+    (reading,) = after.readings
+    assert not after.is_wrong and 200.0 < reading.until < 330.0
+    assert after.findings[0].severity == WARNING and "it read " in after.findings[0].sentence
+
+
+def test_a_scale_from_the_beginning_and_one_that_grows_by_a_per_cent_a_minute():
+    always, _ = watched(flown(6, 150.0, scale=lambda t: np.full_like(t, 1.2)))
+    assert always.is_wrong and always.readings[0].since == pytest.approx(0.0, abs=1.0)
+    icing, _ = watched(flown(7, 1200.0, scale=lambda t: 1.0 - 0.01 * t / 60.0))
+    assert icing.is_wrong and 0.8 < icing.readings[0].scale < 1.0 - TOLERANCE
+
+
+def test_without_a_turn_nothing_is_said_and_what_is_wrong_is_not_released():
+    straight = {"turn": 0.0, "gust": 1.0}
+    triangle, _ = watched(flown(8, scale=lambda t: np.where(t > 60.0, 1.2, 1.0), **straight))
+    assert triangle.findings == ()
+    triangle, _ = watched(flown(9, 150.0, scale=lambda t: np.full_like(t, 0.75)))
+    assert triangle.is_wrong
+    triangle.restart()
+    triangle.add(flown(10, **straight))
+    triangle.advance(START + 239 * SECOND)
+    assert triangle.is_wrong
+
+
+def test_gaps_outliers_and_what_is_no_number_do_no_harm():
+    samples = flown(11, scale=lambda t: np.where(t > 60.0, 0.8, 1.0))
+    rng = np.random.default_rng(0)
+    values = samples.values.copy()
+    hit = rng.random(len(samples))
+    values[hit < 0.02, 0] = np.nan
+    values[(hit > 0.98) & (samples.kind == Kind.AIRSPEED), 0] = 60.0
+    values[hit == hit.max()] = 1e30
+    time = (samples.stamp - START) / SECOND
+    holed = type(samples)(samples.stamp, samples.kind, values)[(time < 70.0) | (time > 100.0)]
+    triangle, _ = watched(holed)
+    assert triangle.is_wrong and triangle.readings[0].scale == pytest.approx(0.8, abs=0.08)
+    leapt = WindTriangle(8.0)
+    leapt.add(samples)
+    leapt.advance(START + 10**9 * SECOND)  # a stamp of another decade
+    assert not leapt.is_wrong
+
+
+def test_bounds_hold_the_scale_between_them_as_regressions_either_way():
+    samples = flown(12, 180.0, scale=lambda t: np.full_like(t, 1.1), gust=2.0)
+    triangle, _ = watched(samples)
+    (low, low_std, _), (high, high_std, _) = triangle.newest
+    assert low - 2.0 * low_std < 1.1 < high + 2.0 * high_std and low < high
+    still = np.zeros((60, 6))
+    still[:, 0], still[:, 1], still[:, 2] = np.arange(60.0), 20.0, 20.0
+    _, std, _ = scale_of(still, False, False)
+    assert std > 0.1  # a straight flight at one speed knows nothing
+
+
+def rows_at(stamps, epoch):
+    rows = np.zeros((len(stamps), StateField.WIDTH))
+    rows[:, StateField.TIME] = (stamps - epoch) * 1e-9
+    rows[:, StateField.AIRSPEED], rows[:, StateField.STATUS] = 18.0, Status.OK
+    return rows
+
+
+def test_rows_are_marked_in_blocks_of_any_size_alike_and_another_sensor_that_is_known_stands():
+    samples = flown(13, scale=lambda t: np.where(t > 60.0, 0.8, 1.0))
+    epoch, stamps = START // SECOND * SECOND, START + np.arange(0, 239 * SECOND, SECOND // 10)
+    marked = []
+    for edges in (range(7, len(stamps), 7), range(1, len(stamps)), [1900]):
+        check, parts, before = InFlightCheck(8.0), [], 0
+        for block in np.split(stamps, list(edges)):
+            upto = int(np.searchsorted(samples.stamp, block[-1], side="right"))
+            check.add(samples[before:upto])
+            check._over = True
+            parts.append(rows_at(block, epoch))
+            check.mark(parts[-1], epoch)
+            before = upto
+        marked.append(np.vstack(parts)[:, StateField.CONTRADICTION])
+    assert np.array_equal(marked[0], marked[1]) and np.array_equal(marked[0], marked[2])
+    assert marked[0][-1] == AIRSPEED_CODE and marked[0][0] == 0.0
+    rows = rows_at(stamps[-2:] + SECOND, epoch)
+    rows[:, StateField.CONTRADICTION] = 3.0, 11.0  # attitude, which is known, and innovations of the airspeed
+    check.mark(rows, epoch)
+    assert rows[:, StateField.CONTRADICTION].tolist() == [3.0, AIRSPEED_CODE]
+    assert any("true_airspeed: it reads 0." in words for words in check.words)
+    silent = InFlightCheck(8.0, asks_airspeed=False)
+    silent.add(samples)
+    silent.mark(rows_at(stamps, epoch), epoch)
+    assert silent.findings == ()
