@@ -88,7 +88,8 @@ def watched(aircraft: Aircraft, samples: Samples, flight: dict[str, Any], way: s
     since = flight["begin"] + LATE if flight["fault"] else np.inf
     for time, (low, high) in zip(times.tolist(), pairwise(edges), strict=True):
         pipeline.push(samples[low:high])
-        published = [pipeline.parameters.snapshot().parameters[i] for i in columns]
+        parameters = pipeline.parameters.snapshot().parameters
+        published = [parameters[i] for i in columns]
         use = np.array([p.status is Trust.USE for p in published])
         off = np.abs([p.value for p in published] / truth - 1.0) > WRONG
         used.append(int(use.sum()))

@@ -314,11 +314,12 @@ class WindTriangle:
         """Keep what GPS and airspeed say of a second [s]."""
         if not self._waiting:
             return
-        samples = concatenate(self._waiting)
+        waiting = self._waiting[0] if len(self._waiting) == 1 else concatenate(self._waiting)
+        first, after = np.searchsorted(waiting.stamp, np.array([second, second + 2]) * _SECOND)
+        self._waiting = [waiting[first:]] if first < len(waiting) else []  # the second itself, to interpolate the next
+        samples = waiting[:after]
         fixes = np.flatnonzero((samples.kind == Kind.GPS_VELOCITY) & (samples.stamp // _SECOND == second))
-        self._waiting = [left] if len(left := samples[samples.stamp // _SECOND >= second]) else []
         air = np.flatnonzero((samples.kind == Kind.AIRSPEED) & np.isfinite(samples.values[:, 0]))
-        air = air[samples.stamp[air] // _SECOND < second + 2]
         if not len(fixes) or not len(air):
             return
         times = (samples.stamp - second * _SECOND) * 1e-9
