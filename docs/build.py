@@ -725,6 +725,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "polar_seaway": lambda: table(*polar_tables.seaway(load("polar_seaway"))),
     "faults": faults,
     "faults_now": lambda: faults("faults_now"),
+    "airspeed_faults": lambda: table(*trust_tables.airspeed_faults(load_lines("airspeed_faults"))),
     "stalls_in_flight": lambda: table(*trust_tables.stalls_in_flight(load("stalls_in_flight"))),
     "isolation_limits": lambda: table(*trust_tables.isolation_limits()),
     "jet": jet,

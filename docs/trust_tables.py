@@ -118,6 +118,27 @@ def stalls_in_flight(found: dict[str, Any]) -> Table:
     return header, rows
 
 
+def airspeed_faults(found: list[dict[str, Any]]) -> Table:
+    """Airspeeds that are wrong in flights without vanes: with GPS and wind asked, and without."""
+    rows = []
+    for name in dict.fromkeys(sorted(flight["fault"] for flight in found)):
+        flights = [flight for flight in found if flight["fault"] == name]
+        named = [flight["with"]["named"] for flight in flights if flight["with"]["named"] is not None]
+        after = sorted(flight["with"]["named"] - flight["begin"] for flight in flights if flight["with"]["named"])
+        of_two = [[flight[way] for flight in flights] for way in ("without", "with")]
+        rows.append([
+            name or "none", str(len(flights)), str(len(named)),
+            f"{after[(len(after) - 1) // 2]:.0f} / {after[-1]:.0f} s" if after and name else "",
+            *(f"{sum(one['wrong_seconds'] for one in each)} s" if name else "" for each in of_two),
+            *(str(sum(one["wrong_at_the_end"] for one in each)) if name else "" for each in of_two),
+            *(f"{sum(one['use_seconds'] for one in each)} s" for each in of_two),
+            *(f"{sum(one['held_seconds'] for one in each)} s" for each in of_two),
+        ])  # fmt: skip
+    header = ["fault", "flights", "named", "after, median / longest", "a wrong one in USE, without", "with",
+              "at the end, without", "with", "USE, without", "with", "an axis held, without", "with"]  # fmt: skip
+    return header, rows
+
+
 def isolation_limits() -> Table:
     """What tells sensor and aeroplane apart: each limit, and why. The code is where it stands."""
     rows = [

@@ -1,4 +1,10 @@
-"""Airspeed against GPS and wind: flights of a point that turns in a wind, without anything of the program in them."""
+"""Airspeed against GPS and wind: flights of a point that turns in a wind, without anything of the program in them.
+
+The last one is simulated, and goes through the whole chain.
+"""
+
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,8 +12,14 @@ import pytest
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.flight_check.wind_triangle import SURE, TOLERANCE, WindTriangle, scale_of
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
 from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from fault_kinds import KINDS
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND + 123_456_789
@@ -155,3 +167,21 @@ def test_rows_are_marked_in_blocks_of_any_size_alike_and_another_sensor_that_is_
     silent.add(samples)
     silent.mark(rows_at(stamps, epoch), epoch)
     assert silent.findings == ()
+
+
+def test_nothing_is_used_while_the_airspeed_is_wrong_and_the_reason_names_it():
+    flight = simulate_samples(default_aircraft(), 4, 130.0, manoeuvres="calibration").samples
+    flight = flight[~np.isin(flight.kind, (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP))]
+    wrong = KINDS["airspeed x 1.2"].change(flight, 20.0, 200.0, np.random.default_rng(0))
+    said = {}
+    for name, samples in (("sound", flight), ("wrong", wrong)):
+        pipeline, marked = Pipeline(default_aircraft()), []
+        for i in range(0, len(samples), 5000):
+            marked.append(pipeline.push(samples[i : i + 5000])[0][:, StateField.CONTRADICTION])
+        marked.append(pipeline.flush()[0][:, StateField.CONTRADICTION])
+        said[name] = pipeline.parameters.snapshot().parameters, np.concatenate(marked), pipeline.check.words
+    parameters, marked, words = said["wrong"]
+    assert marked[-1] == AIRSPEED_CODE and any("of what GPS and wind say" in sentence for sentence in words)
+    assert not any(p.status is Trust.USE for p in parameters)
+    assert any("scale of the airspeed contradict" in p.reason for p in parameters)
+    assert not (said["sound"][1] == AIRSPEED_CODE).any() and not any("GPS and wind" in w for w in said["sound"][2])
