@@ -132,7 +132,8 @@ def trimmed_jet(records: list[dict[str, Any]]) -> Rows:
         words = kind or ("gear down" if record["gear"] else "flaps out")
         true = "" if kind == "clean" else "{:.0f} to {:.0f} s".format(*record["span"])
         found = record["found"]
-        times = [" to ".join(f"{value:.0f}" for value in f["inner"].values()) + " s" for f in found if f["inner"]]
+        spans = [[value for name, value in f["inner"].items() if name in ("t0", "t1")] for f in found]
+        times = [" to ".join(f"{value:.0f}" for value in span) + " s" for span in spans if span]
         known = "recorded" if record["thrust"] else "not recorded"
         named, errors = _named(record)
         rows.append([str(record["seed"]), words, known, true, named, ", ".join(times), errors])

@@ -148,7 +148,7 @@ def _beyond_chance(
     """``with_best_setting`` without faults that replicas of the flight, whose sensors are right, feign as much."""
     while (mended := with_best_setting(faults, aircraft, flight, calm, tried)) is not None:
         finding, chance = mended[-1], 0.0
-        accused = finding.matters and is_a_fault(finding.setting, given, flight.samples)
+        accused = finding.matters and _accuses(finding, given, flight.samples)
         if accused:
             progress("look at the measurement in replicas", 0.0)
             chance = chance_of(finding.setting, mended[1], calm, tried, replicas)
@@ -156,6 +156,15 @@ def _beyond_chance(
             return *mended[:3], replace(finding, matters=accused, p_value=max(finding.p_value, chance))
         faults = [fault for fault in faults if _name(fault) != _name(finding.setting)]
     return None
+
+
+def _accuses(finding: MeasurementFinding, given: Aircraft, samples: Samples) -> bool:
+    """Whether a setting is a fault. A delay is one where it lowers the error of an axis by ``Thresholds.size``, in calm
+    air too: a scale or an offset makes derivatives wrong that fit as well, a delay is seen by what quick motion leaves.
+    """
+    setting = finding.setting
+    seen = setting.of_motion or setting.variant.setting[-1] != "delay" or _has_size(finding)
+    return seen and is_a_fault(setting, given, samples)
 
 
 def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], float]]) -> MeasurementFinding:

@@ -10,8 +10,9 @@ from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.diagnosis import measurement
 from aircraft_sysid_ros.diagnosis.flight import reconstruction
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Likelihood, fit_wind_noise, reconstruct_as_flown
-from aircraft_sysid_ros.diagnosis.flight_diagnosis import _left_out_first
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import _accuses, _left_out_first
 from aircraft_sysid_ros.diagnosis.measurement import Setting, in_file, is_a_fault, jobs_of, sharpened, try_setting
+from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
@@ -85,6 +86,22 @@ def test_a_place_that_the_file_does_not_state_is_no_fault(aircraft):
 @pytest.mark.parametrize(("rate", "delay", "fault"), [(10, 0.05, False), (10, 0.08, True), (100, 0.05, True)])
 def test_half_a_sample_late_is_no_fault(aircraft, rate, delay, fault):
     assert is_a_fault(setting_of(BY_ID["imu_lag"], delay), aircraft, imu_at(rate)) is fault
+
+
+@pytest.mark.parametrize(
+    ("name", "after", "fault"),
+    [
+        ("air_data_lag", 0.95, False),
+        ("air_data_lag", 0.8, True),
+        ("actuator_lag", 0.95, False),
+        ("alpha_scale", 1.0, True),
+        ("gps_lag", 1.0, True),
+    ],
+)
+def test_a_delay_is_a_fault_where_it_lowers_an_error(aircraft, name, after, fault):
+    """In calm air too; a scale makes derivatives wrong that fit as well, and motion over ground needs no model."""
+    finding = MeasurementFinding(setting_of(BY_ID[name], 0.2), 0.001, (), {"CY": (1.0, 1.0), "Cm": (1.0, after)})
+    assert _accuses(finding, aircraft, imu_at(100.0)) == fault
 
 
 @pytest.mark.parametrize(("gains", "kept"), [((40.0, 40.0), True), ((80.0, -1.0), True), ((90.0, -10.0), False)])
