@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.report.pyplot import pyplot
+from aircraft_sysid_ros.report.pyplot import ABOVE, pyplot
 from aircraft_sysid_ros.run_reader import PARAMETERS, POINTS
 
 Array = npt.NDArray[np.float64]
@@ -74,9 +74,9 @@ def coefficients_figure(run: str | Path, path: str | Path, title: str) -> Path:
         residual.set_title(text, fontsize=9, loc="right")
         for plot in (both, residual):
             plot.grid(alpha=0.3)
-    axes[0, 0].set_title("measured and predicted")
+    axes[0, 0].set_title("measured and predicted", loc="left")
     axes[0, 1].set_title("residual, same scale", loc="left")
-    axes[0, 0].legend(loc="upper right", ncols=2, fontsize=8)
+    axes[0, 0].legend(fontsize=8, **ABOVE)
     for plot in axes[-1]:
         plot.set_xlabel("time in flight [s]")
     figure.suptitle(title)

@@ -10,7 +10,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR
-from aircraft_sysid_ros.report.pyplot import pyplot
+from aircraft_sysid_ros.report.pyplot import ABOVE, pyplot
 
 _AFTER_COLOUR, _FLOOR_COLOUR = "#0072B2", "#009E73"
 _SYMBOLS = {axis: f"$C_{{{axis[1]}}}$" for axis in AXES}
@@ -49,7 +49,7 @@ def _plot_model(plot: Any, comparison: Comparison, axis: str, colour: str) -> No
     plot.plot(flight.time, measured, color=MEASURED_COLOUR, lw=2.4, label="measured")
     plot.plot(flight.time, measured - fit.held_out, color=colour, lw=1.2, label="predicted on held-out flight")
     plot.set_ylabel(f"{_SYMBOLS[axis]} [-]")
-    plot.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2, fontsize=9, frameon=False)
+    plot.legend(fontsize=9, **ABOVE)
     plot.grid(alpha=0.3)
 
 
