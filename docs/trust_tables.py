@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -121,20 +122,23 @@ def stalls_in_flight(found: dict[str, Any]) -> Table:
 def airspeed_faults(found: list[dict[str, Any]]) -> Table:
     """Airspeeds that are wrong in flights without vanes: with GPS and wind asked, and without."""
     rows = []
-    for name in dict.fromkeys(sorted(flight["fault"] for flight in found)):
-        flights = [flight for flight in found if flight["fault"] == name]
+    airs = {"none": "calm air", "light": "light turbulence", "moderate": "moderate turbulence"}
+    for name, air in itertools.product(sorted({flight["fault"] for flight in found}), airs):
+        flights = [flight for flight in found if (flight["fault"], flight["air"]) == (name, air)]
+        if not flights:
+            continue
         named = [flight["with"]["named"] for flight in flights if flight["with"]["named"] is not None]
         after = sorted(flight["with"]["named"] - flight["begin"] for flight in flights if flight["with"]["named"])
         of_two = [[flight[way] for flight in flights] for way in ("without", "with")]
         rows.append([
-            name or "none", str(len(flights)), str(len(named)),
+            name or "none", airs[air], str(len(flights)), str(len(named)),
             f"{after[(len(after) - 1) // 2]:.0f} / {after[-1]:.0f} s" if after and name else "",
             *(f"{sum(one['wrong_seconds'] for one in each)} s" if name else "" for each in of_two),
             *(str(sum(one["wrong_at_the_end"] for one in each)) if name else "" for each in of_two),
             *(f"{sum(one['use_seconds'] for one in each)} s" for each in of_two),
             *(f"{sum(one['held_seconds'] for one in each)} s" for each in of_two),
         ])  # fmt: skip
-    header = ["fault", "flights", "named", "after, median / longest", "a wrong one in USE, without", "with",
+    header = ["fault", "air", "flights", "named", "after, median / longest", "a wrong one in USE, without", "with",
               "at the end, without", "with", "USE, without", "with", "an axis held, without", "with"]  # fmt: skip
     return header, rows
 
