@@ -46,6 +46,16 @@ def air_data_errors(aircraft: Aircraft, samples: Samples) -> dict[str, dict[str,
     return estimator.air_data_errors
 
 
+def offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, name: str, kind: Kind) -> tuple[float, float]:
+    """Constant error [rad] of a vane and its standard deviation, of ``air_data_errors``.
+
+    At the median angle: what gusts feign as a scale they take off the constant.
+    """
+    shown = samples.values[samples.kind == kind, 0]
+    usual = float(np.nanmedian(shown)) if np.isfinite(shown).any() else 0.0
+    return known[f"b_{name}"]["value"] + known[f"lambda_{name}"]["value"] * usual, known[f"b_{name}"]["std"]
+
+
 def sensor_errors(aircraft: Aircraft, samples: Samples, state: Mapping[str, Any]) -> list[Row]:
     """Rows of name, value, std and status; noise and gusts are those of the flight. ``state``: of state.json."""
     if np.any(samples.kind == Kind.SEAM) or not has_airspeed(samples):
@@ -59,14 +69,13 @@ def _of_air_data(known: Mapping[str, Mapping[str, float]], samples: Samples, cal
         shown = samples.values[samples.kind == kind, 0]
         if not known or not np.isfinite(shown).any():
             continue
-        scale, constant = known[f"lambda_{name}"], known[f"b_{name}"]
+        scale = known[f"lambda_{name}"]
         gain = 1.0 / (1.0 + scale["value"])  # y_true = (1 + lambda) y + b
         is_told = scale["std"] < LEARNT * _BEFORE[f"lambda_{name}"]
         yield _row(f"{sensor}.scale", gain, scale["std"] * gain**2, is_told and calm)
-        if name != "V":  # at the median angle: what gusts feign as a scale they take off the constant
-            offset = constant["value"] + scale["value"] * float(np.nanmedian(shown))
-            is_told = constant["std"] < LEARNT * _BEFORE[f"b_{name}"]
-            yield _row(f"{sensor}.offset", -offset, constant["std"], is_told)
+        if name != "V":
+            offset, std = offset_of(known, samples, name, kind)
+            yield _row(f"{sensor}.offset", -offset, std, std < LEARNT * _BEFORE[f"b_{name}"])
 
 
 def _of_imu(state: Mapping[str, Any]) -> Iterator[Row]:

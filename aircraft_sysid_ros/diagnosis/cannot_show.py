@@ -19,10 +19,11 @@ from aircraft_sysid_ros.diagnosis.measurement import feigns_wind
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act, candidates_of, where_it_acts
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
+from aircraft_sysid_ros.identification.conditions import CONTROL_COLUMNS
 from aircraft_sysid_ros.samples import Kind, Samples
 
-#: Columns of the recorded controls, and the share of their range below which a control is not moved in what is judged.
-_CONTROLS, _STILL = {"de": 0, "da": 1, "dr": 2, "flaps": 3}, 0.1
+#: Controls that are asked, and the share of their range below which one is not moved in what is judged.
+_CONTROLS, _STILL = ("de", "da", "dr", "flaps"), 0.1
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ def out_of_reach(
 def _moved_elsewhere(bench: CandidateEvaluator, samples: Samples) -> frozenset[str]:
     """Controls that were moved in the recording, and hardly in what is judged of it."""
     recorded, found = samples.values[samples.kind == Kind.CONTROLS], set()
-    for name, column in _CONTROLS.items():
-        values, judged = recorded[:, column], bench.data.signal(name)
+    for name in _CONTROLS:
+        values, judged = recorded[:, CONTROL_COLUMNS.index(name)], bench.data.signal(name)
         values, judged = values[np.isfinite(values)], judged[np.isfinite(judged)]
         if len(values) and len(judged) and np.ptp(judged) < _STILL * np.ptp(values):
             found.add(name)

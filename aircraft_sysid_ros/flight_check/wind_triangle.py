@@ -56,7 +56,7 @@ _ROUNDS = 8
 _FASTEST, _SURER = 1e3, 0.7
 _SECOND = 1_000_000_000
 #: Columns of what is remembered of a second.
-_TIME, _SPEED, _VELOCITY, _HEIGHT, _WIDTH = 0, 1, slice(2, 5), 5, 6
+_TIME, _SPEED, _NORTH, _EAST, _DOWN, _HEIGHT, _WIDTH = 0, 1, 2, 3, 4, 5, 6
 
 
 @njit(cache=True)
@@ -69,18 +69,18 @@ def _errors(flown: Array, change: int, of_air: bool, theta: Array, knots: Array,
     for i in range(len(flown)):
         scale = 0 if i < change else 1
         at = 0
-        while at < len(knots) - 2 and flown[i, 0] > knots[at + 1]:
+        while at < len(knots) - 2 and flown[i, _TIME] > knots[at + 1]:
             at += 1
-        share = min(max((flown[i, 0] - knots[at]) / (knots[at + 1] - knots[at]), 0.0), 1.0)
-        first, height = _KNOT + 2 * at, flown[i, 5]
+        share = min(max((flown[i, _TIME] - knots[at]) / (knots[at + 1] - knots[at]), 0.0), 1.0)
+        first, height = _KNOT + 2 * at, flown[i, _HEIGHT]
         leapt = 1.0 if 0 < change <= i else 0.0
-        north = flown[i, 2] - (1.0 - share) * theta[first] - share * theta[first + 2] - theta[2] * height
-        east = flown[i, 3] - (1.0 - share) * theta[first + 1] - share * theta[first + 3] - theta[3] * height
+        north = flown[i, _NORTH] - (1.0 - share) * theta[first] - share * theta[first + 2] - theta[2] * height
+        east = flown[i, _EAST] - (1.0 - share) * theta[first + 1] - share * theta[first + 3] - theta[3] * height
         north, east = north - leapt * theta[4], east - leapt * theta[5]
-        speed = max(np.sqrt(north * north + east * east + flown[i, 4] ** 2), 1e-3)
+        speed = max(np.sqrt(north * north + east * east + flown[i, _DOWN] ** 2), 1e-3)
         gain = 1.0 if of_air else theta[scale]
-        out[i] = theta[scale] * flown[i, 1] - speed if of_air else flown[i, 1] - gain * speed
-        jacobian[i, scale] = flown[i, 1] if of_air else -speed
+        out[i] = theta[scale] * flown[i, _SPEED] - speed if of_air else flown[i, _SPEED] - gain * speed
+        jacobian[i, scale] = flown[i, _SPEED] if of_air else -speed
         for j, part in enumerate((gain * north / speed, gain * east / speed)):
             jacobian[i, 2 + j] = part * height
             jacobian[i, 4 + j] = part * leapt
@@ -184,9 +184,9 @@ def _solve(
     ``noise`` as in ``_noise_of``; NaN: as the flight shows it. ``errors`` (n,), whitened, are written.
     """
     n, p = len(flown), len(theta)
-    knots = np.linspace(flown[0, 0], max(flown[-1, 0], flown[0, 0] + 1.0), (p - _KNOT) // 2)
+    knots = np.linspace(flown[0, _TIME], max(flown[-1, _TIME], flown[0, _TIME] + 1.0), (p - _KNOT) // 2)
     jacobian, normal, right = np.empty((n, p)), np.zeros((p, p)), np.zeros(p)
-    cost, asked, time = np.inf, np.isnan(noise[0]), flown[:, 0].copy()
+    cost, asked, time = np.inf, np.isnan(noise[0]), flown[:, _TIME].copy()
     for _ in range(_ROUNDS):
         _errors(flown, change, of_air, theta, knots, errors, jacobian)
         if asked:
@@ -216,7 +216,7 @@ def scale_of(flown: Array, of_air: bool, was_wrong: bool) -> tuple[float, float,
     scale before it changed.
     """
     n = len(flown)
-    count = max(int(np.ceil((flown[-1, 0] - flown[0, 0]) / KNOTS)), 1) + 1
+    count = max(int(np.ceil((flown[-1, _TIME] - flown[0, _TIME]) / KNOTS)), 1) + 1
     theta, before, errors = np.zeros(_KNOT + 2 * count), _ANY if was_wrong else _SOUND, np.empty(n)
     theta[0] = theta[1] = 1.0
     cost, std, noise = _solve(flown, 0, of_air, before, (np.nan, np.nan), theta, errors)
@@ -334,7 +334,7 @@ class WindTriangle:
         self._begin = time if np.isnan(self._begin) else self._begin
         if len(self._flown):
             before = self._flown[-1]
-            height = before[_HEIGHT] - 0.5 * (before[_VELOCITY][2] + mean[2]) * (time - before[_TIME])
+            height = before[_HEIGHT] - 0.5 * (before[_DOWN] + mean[2]) * (time - before[_TIME])
         kept = self._flown[self._flown[:, _TIME] > time - MEMORY]
         self._flown = np.vstack([kept, [time, np.median(speed[good]), *mean, height]])
 

@@ -18,7 +18,8 @@ _RANGED = tuple(SIGNALS_OF_SAMPLE + SIGNAL_INDEX[name] for name in ("V", "alpha"
 
 
 #: Signals that stand in the samples of the controls.
-CONTROL_SIGNALS = frozenset({"de", "da", "dr", "flaps", "Tc", "throttle", "propeller_speed"})
+CONTROL_COLUMNS = ("de", "da", "dr", "flaps", "throttle", "Tc", "propeller_speed")  # as in Kind.CONTROLS
+CONTROL_SIGNALS = frozenset(CONTROL_COLUMNS)
 
 
 def needs(names: Sequence[str]) -> str:

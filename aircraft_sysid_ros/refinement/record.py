@@ -53,6 +53,7 @@ from aircraft_sysid_ros.flight_model.layout import (
 )
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
+from aircraft_sysid_ros.identification.conditions import CONTROL_COLUMNS
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
@@ -65,7 +66,6 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 #: Signals that the columns of CONTROLS give.
-_CONTROL_SIGNALS = ("de", "da", "dr", "flaps", "throttle", "Tc", "propeller_speed")
 #: Longest distance [s] of a control sample.
 _SETTLE = 0.2
 #: A value that leaps from the mean of its neighbours by more than this many times the usual leap is a fault.
@@ -203,7 +203,7 @@ def _inputs(
     inputs[:, SPEED_OF_SOUND] = [speed_of_sound(h) for h in altitude]
     inputs[:, TIME] = time - time[0]
     inputs[:, REFERENCE] = states[:, ATTITUDE]
-    names = (*_CONTROL_SIGNALS, *aircraft.model.inputs)
+    names = (*CONTROL_COLUMNS, *aircraft.model.inputs)
     return inputs, frozenset(name for name, gone in zip(names, never, strict=False) if gone)
 
 

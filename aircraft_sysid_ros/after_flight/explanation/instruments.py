@@ -9,13 +9,13 @@ A constant that the second half of the flight tells otherwise than the first is 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.after_flight.sensor_errors import air_data_errors
+from aircraft_sysid_ros.after_flight.sensor_errors import air_data_errors, offset_of
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.samples import Kind, Samples
 
@@ -68,21 +68,14 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
             found.append((sureness, _scale(signal, words, scale["value"], scale["std"])))
         if name == "V" or f"{effect}_scale" in named:
             continue
-        offset, std = _offset_of(known, samples, name, kind)
-        before, after = (_offset_of(errors or known, half, name, kind) for half, errors in halves)
+        offset, std = offset_of(known, samples, name, kind)
+        before, after = (offset_of(errors or known, half, name, kind) for half, errors in halves)
         moved = abs(after[0] - before[0])
         if moved > max(SIGMA * np.hypot(before[1], after[1]), LEAST_ANGLE):
             found.append((moved / std, _moved(signal, words, before, after)))
         elif abs(offset) > max(SIGMA * std, LEAST_ANGLE):
             found.append((abs(offset) / std, _offset(signal, words, offset, std)))
     return [error for _, error in sorted(found, key=lambda pair: -pair[0])]
-
-
-def _offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, name: str, kind: Kind) -> Offset:
-    """At the median angle: what gusts feign as a scale they take off the constant."""
-    shown = samples.values[samples.kind == kind, 0]
-    usual = float(np.nanmedian(shown)) if np.isfinite(shown).any() else 0.0
-    return known[f"b_{name}"]["value"] + known[f"lambda_{name}"]["value"] * usual, known[f"b_{name}"]["std"]
 
 
 def _halves(aircraft: Aircraft, samples: Samples) -> list[tuple[Samples, dict[str, dict[str, float]]]]:

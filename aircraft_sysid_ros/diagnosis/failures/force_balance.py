@@ -28,6 +28,7 @@ from aircraft_sysid_ros.aircraft.expression import (
 )
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.conditions import CONTROL_COLUMNS
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import GroundSpeedWind, wind_of_ground_speed
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 from aircraft_sysid_ros.stretches import longest_stretch
@@ -49,7 +50,6 @@ LIFT_SLOPE, SIDE_SLOPE = -5.0, -0.5
 _THRUST_TO_WEIGHT = 0.5
 #: Shortest flight [s] of which anything is said.
 SHORTEST = 20.0
-_CONTROLS = ("de", "da", "dr", "flaps", "throttle", "Tc", "propeller_speed")  # of Kind.CONTROLS, in order
 _VANES = (("alpha", Kind.ANGLE_OF_ATTACK, "CZ", LIFT_SLOPE), ("beta", Kind.SIDESLIP, "CY", SIDE_SLOPE))
 
 
@@ -173,7 +173,7 @@ def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, 
     speed, wind, has_airspeed = series.speed()
     speed = np.maximum(smooth(speed[:, None])[:, 0], 0.1)
     pressure = 0.5 * series.density() * speed**2
-    controls = smooth(series.of(Kind.CONTROLS, len(_CONTROLS), lead=lead))
+    controls = smooth(series.of(Kind.CONTROLS, len(CONTROL_COLUMNS), lead=lead))
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
     inputs = smooth(series.of(Kind.INPUTS, len(aircraft.inputs), lead=lead))
     measured = _coefficients(aircraft, imu, pressure)
@@ -187,13 +187,13 @@ def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, 
             signals[:, SIGNAL_INDEX[name]] = measured[:, AXES.index(axis)] / slope
     for name, column, length in (("p", 3, aircraft.span), ("q", 4, 2.0 * aircraft.chord), ("r", 5, aircraft.span)):
         signals[:, SIGNAL_INDEX[name]] = imu[:, column] * length / (2.0 * speed)
-    signals[:, [SIGNAL_INDEX[name] for name in _CONTROLS]] = controls
-    thrust = controls[:, _CONTROLS.index("Tc")] / (pressure * aircraft.wing_area)
+    signals[:, [SIGNAL_INDEX[name] for name in CONTROL_COLUMNS]] = controls
+    thrust = controls[:, CONTROL_COLUMNS.index("Tc")] / (pressure * aircraft.wing_area)
     full_thrust = np.full(len(thrust), np.nan)
     if not np.isfinite(thrust).any():
         weight = aircraft.mass * atmosphere.STANDARD_GRAVITY
         full_thrust = _THRUST_TO_WEIGHT * weight / (pressure * aircraft.wing_area)
-        thrust = full_thrust * controls[:, _CONTROLS.index("throttle")]
+        thrust = full_thrust * controls[:, CONTROL_COLUMNS.index("throttle")]
     signals[:, SIGNAL_INDEX["Tc"]] = thrust
     for name, values in (("V", speed), ("qbar", pressure), ("time", series.grid)):
         signals[:, SIGNAL_INDEX[name]] = values

@@ -48,6 +48,7 @@ from aircraft_sysid_ros.identification.coefficients import layout
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS, Body, CoefficientBatch
 from aircraft_sysid_ros.identification.coefficients.pace import Pace
+from aircraft_sysid_ros.identification.conditions import CONTROL_COLUMNS
 from aircraft_sysid_ros.identification.estimators import likelihood_state as loop
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset, KnownParameters
 from aircraft_sysid_ros.identification.estimators.dense_epochs import DenseEpochs
@@ -85,7 +86,6 @@ _MARGIN = 0.1
 #: Published samples are counted at this rate [Hz], that of recursive least squares.
 _SAMPLE_RATE = 25.0
 #: Inputs that a signal of the model needs, with what stands there where the model does not read it.
-_CONTROL_SIGNALS = ("de", "da", "dr", "flaps", "throttle", "Tc", "propeller_speed")
 
 
 def _column(signal: str) -> int:
@@ -341,7 +341,7 @@ class MaximumLikelihoodEstimator:
         used = self.aircraft.model.signals_used
         inputs = np.zeros((len(rows), INPUT_SIZE))
         controls = inputs[:, CONTROLS]
-        for i, signal in enumerate(_CONTROL_SIGNALS):
+        for i, signal in enumerate(CONTROL_COLUMNS):
             if signal in used:
                 controls[:, i] = history[:, _column(signal)]
         for i, name in enumerate(self.aircraft.model.inputs):
