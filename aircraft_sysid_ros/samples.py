@@ -40,6 +40,10 @@ class Kind(IntEnum):
     INPUTS = 14  # the inputs that the aircraft file names, in its order, SI; NaN for one that the message leaves out
 
 
+#: Signals of the model that the columns of Kind.CONTROLS give, in order.
+CONTROL_COLUMNS = ("de", "da", "dr", "flaps", "throttle", "Tc", "propeller_speed")
+
+
 #: Where a GPS_POSITION has its position NED [m] within the first step, which works it out (``earth.Odometer``).
 GPS_NED = slice(6, 9)
 

@@ -19,8 +19,7 @@ from aircraft_sysid_ros.diagnosis.measurement import feigns_wind
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act, candidates_of, where_it_acts
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
-from aircraft_sysid_ros.identification.conditions import CONTROL_COLUMNS
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples
 
 #: Controls that are asked, and the share of their range below which one is not moved in what is judged.
 _CONTROLS, _STILL = ("de", "da", "dr", "flaps"), 0.1

@@ -11,6 +11,7 @@ from numba import njit
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, SIGNALS_OF_SAMPLE
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS
 
 Array = npt.NDArray[np.float64]
 
@@ -18,7 +19,6 @@ _RANGED = tuple(SIGNALS_OF_SAMPLE + SIGNAL_INDEX[name] for name in ("V", "alpha"
 
 
 #: Signals that stand in the samples of the controls.
-CONTROL_COLUMNS = ("de", "da", "dr", "flaps", "throttle", "Tc", "propeller_speed")  # as in Kind.CONTROLS
 CONTROL_SIGNALS = frozenset(CONTROL_COLUMNS)
 
 

@@ -53,19 +53,17 @@ from aircraft_sysid_ros.flight_model.layout import (
 )
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
-from aircraft_sysid_ros.identification.conditions import CONTROL_COLUMNS
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField, Status, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, seconds, sensor_delays
 from aircraft_sysid_ros.refinement.resampling import LONGEST_STEP, cubic, dense_rows, sharpened
-from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-#: Signals that the columns of CONTROLS give.
 #: Longest distance [s] of a control sample.
 _SETTLE = 0.2
 #: A value that leaps from the mean of its neighbours by more than this many times the usual leap is a fault.

@@ -28,9 +28,8 @@ from aircraft_sysid_ros.aircraft.expression import (
 )
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.identification.conditions import CONTROL_COLUMNS
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import GroundSpeedWind, wind_of_ground_speed
-from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
 from aircraft_sysid_ros.stretches import longest_stretch
 
 Array = npt.NDArray[np.float64]

@@ -48,7 +48,6 @@ from aircraft_sysid_ros.identification.coefficients import layout
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS, Body, CoefficientBatch
 from aircraft_sysid_ros.identification.coefficients.pace import Pace
-from aircraft_sysid_ros.identification.conditions import CONTROL_COLUMNS
 from aircraft_sysid_ros.identification.estimators import likelihood_state as loop
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset, KnownParameters
 from aircraft_sysid_ros.identification.estimators.dense_epochs import DenseEpochs
@@ -57,7 +56,7 @@ from aircraft_sysid_ros.identification.estimators.likelihood_restore import Past
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
-from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
 
 Array = npt.NDArray[np.float64]
 Checkpoint = tuple[loop.Recursion, set[int], Array]
@@ -85,7 +84,6 @@ _SCORE_BLOCK, _SCORE_START = 0.2, 10.0  # [s]
 _MARGIN = 0.1
 #: Published samples are counted at this rate [Hz], that of recursive least squares.
 _SAMPLE_RATE = 25.0
-#: Inputs that a signal of the model needs, with what stands there where the model does not read it.
 
 
 def _column(signal: str) -> int:
