@@ -14,7 +14,7 @@ from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.errors_panel import Errors
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE, LiveFlight
-from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot, side_tabs
+from aircraft_sysid_ros.workbench.panel import Html, Panel, card, fold, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, SidePanel
 from aircraft_sysid_ros.workbench.views import live, states, track
 from aircraft_sysid_ros.workbench.views.candidates import Card
@@ -142,8 +142,7 @@ class LiveWhyPanel(SidePanel):
     def _card(self, shown: Card, number: int, has: bool) -> None:
         note = "in the model" if has else "missing"
         caption = f"{shown.main_axis[0]}_{shown.main_axis[1]} {shown.gain} · {note}"
-        box = ui.expansion(shown.title, caption=caption).classes("cand" + (" top-card" if number == 0 else ""))
-        with box.props(f"data-testid=card-{number} header-class=cand-head"):
+        with fold(shown.title, f"card-{number}", caption).classes("top-card" if number == 0 else ""):
             Html(markup.card_facts(shown, None))
             add = ui.button("Add in flight", on_click=lambda: self.do(ADD, shown.key)).style("margin-top:10px")
             add.props(f"unelevated data-testid=add-{number}")

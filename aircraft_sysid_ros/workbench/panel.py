@@ -74,6 +74,12 @@ def card(title: str = "") -> ui.element:
     return box
 
 
+def fold(title: str, name: str, caption: str = "") -> ui.expansion:
+    """A box that opens below its heading, with its name for tests."""
+    box = ui.expansion(title, caption=caption or None).classes("cand")
+    return box.props(f":duration=0 data-testid={name} header-class=cand-head")
+
+
 def side_tabs(panels: Mapping[str, Panel]) -> None:
     """Panels behind tabs of which the first is shown."""
     first = next(iter(panels))

@@ -18,9 +18,9 @@ from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import markup
-from aircraft_sysid_ros.workbench.panel import Html, Panel, plot
+from aircraft_sysid_ros.workbench.panel import Html, Panel, fold, plot
 from aircraft_sysid_ros.workbench.views import places
-from aircraft_sysid_ros.workbench.views.candidates import Card, cards, evidence_figure
+from aircraft_sysid_ros.workbench.views.candidates import EVIDENCE_HEIGHT, Card, cards, evidence_figure
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
 from aircraft_sysid_ros.workbench.views.history import effect_name
 from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
@@ -171,10 +171,10 @@ class WhyPanel(SidePanel):
         has = card.key in self.page.view.changes
         note = "in the model" if has else "missing" if card.found else "weaker"
         caption = f"{card.main_axis[0]}_{card.main_axis[1]} {card.gain} · {note}"
-        box = ui.expansion(card.title, caption=caption).classes("cand" + (" top-card" if number == 0 else ""))
-        with box.props(f"data-testid=card-{number} header-class=cand-head"):
+        with fold(card.title, f"card-{number}", caption).classes("top-card" if number == 0 else "") as box:
             Html(markup.card_facts(card, floor))
-            where = ui.element("div").style("width:100%")
+            height = EVIDENCE_HEIGHT if card.evidence is not None else 0  # kept free: the button below stays
+            where = ui.element("div").style(f"width:100%; min-height:{height}px")
             with ui.row().style("gap:10px; margin-top:10px"):
                 add = ui.button("Add to the model", on_click=lambda: self.do(ADD, card.key))
                 add.props(f"unelevated data-testid=add-{number}")

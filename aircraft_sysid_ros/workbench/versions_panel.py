@@ -9,7 +9,7 @@ from nicegui import events, ui
 from aircraft_sysid_ros.diagnosis.model_versions.labels import LONGEST_NAME, LONGEST_NOTE, Label
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.beside_panel import BesidePanel
-from aircraft_sysid_ros.workbench.panel import Html, Panel, card
+from aircraft_sysid_ros.workbench.panel import Html, Panel, card, fold
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
 from aircraft_sysid_ros.workbench.worker import NAME, UNNAME, Job
 
@@ -41,12 +41,12 @@ class VersionsPanel(Panel):
     def _form(self) -> None:
         """What a version is called."""
         self._shown: tuple[str, Label] | None = None
-        with ui.expansion("Name a version").classes("cand").props("data-testid=naming header-class=cand-head"):
+        with fold("Name a version", "naming"):
             with ui.element("div").classes("naming"):
                 self._which = ui.select([], label="version", on_change=self._fill).props("outlined dense options-dense")
                 self._name = ui.input("name").props(f"outlined dense maxlength={LONGEST_NAME} data-testid=version-name")
-                self._note = ui.textarea("note").props(
-                    f"outlined dense autogrow maxlength={LONGEST_NOTE} counter data-testid=version-note"
+                self._note = ui.textarea("note").props(  # a field that grew would move the button while it is pressed
+                    f"outlined dense rows=3 maxlength={LONGEST_NOTE} counter data-testid=version-note"
                 )
             with ui.row().style("gap:10px; margin-top:6px"):
                 keep = ui.button("Keep the name", on_click=self._keep).props("unelevated data-testid=keep-name")

@@ -24,6 +24,8 @@ Array = npt.NDArray[np.float64]
 #: Points of the scatter that are drawn, and bins whose means are.
 _MOST_DOTS, _BINS = 1500, 18
 _LEAST_IN_BIN = 12
+#: Height of the figure of a candidate [px].
+EVIDENCE_HEIGHT = 280
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ def _own_signal(
     return curve, Quantity("what the effect adds", "-")
 
 
-def evidence_figure(found: Evidence, theme: Theme, height: int = 280) -> Figure:
+def evidence_figure(found: Evidence, theme: Theme, height: int = EVIDENCE_HEIGHT) -> Figure:
     """Dots, means of bins with two standard errors, and the fitted curve."""
     step = max(len(found.x) // _MOST_DOTS, 1)
     dots = {
