@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
+
+from aircraft_sysid_ros.kernels import njit
 
 GAS_CONSTANT = 287.05287  # [J/(kg K)] dry air
 HEAT_RATIO = 1.4

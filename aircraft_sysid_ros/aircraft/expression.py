@@ -18,9 +18,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.errors import InputError, echo
+from aircraft_sysid_ros.kernels import njit
 
 #: Signals that a term may read, in the order of a signal row. Rates are normalised: p b/2V, q c/V, r b/2V.
 SIGNALS: tuple[str, ...] = (

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, quaternion_from_euler
 from aircraft_sysid_ros.calibration import compatibility, five_hole_probe
 from aircraft_sysid_ros.calibration.calibration_file import Calibration, magnetic_matrix
 from aircraft_sysid_ros.calibration.probe_models import CURVE
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
 
 Array = npt.NDArray[np.float64]

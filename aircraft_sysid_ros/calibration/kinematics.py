@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, rotation_matrix
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

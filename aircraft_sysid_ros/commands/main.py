@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import gc
 import os
 import re
 import sys
@@ -118,10 +119,27 @@ def _libraries_on_standard_error() -> Iterator[None]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    command = next((argument for argument in arguments if not argument.startswith("-")), None)
+    if arguments is not None:
+        return _run(arguments)
+    gc.disable()  # until all is imported, see `_parsed`
     try:
-        args = build_parser(command).parse_args(arguments)
+        return _run(sys.argv[1:])
+    finally:
+        gc.freeze()  # the system takes the memory: nothing is to be looked through once more
+
+
+def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
+    """Options of the command; what it imports stays to the end of the process and is spared by the collector."""
+    args = build_parser(next((word for word in arguments if not word.startswith("-")), None)).parse_args(arguments)
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
+    return args
+
+
+def _run(arguments: Sequence[str]) -> int:
+    try:
+        args = _parsed(arguments)
     except KeyboardInterrupt:  # while modules are imported
         print("aircraft-sysid: stopped", file=sys.stderr)
         return STOPPED

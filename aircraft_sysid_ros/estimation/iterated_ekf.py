@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

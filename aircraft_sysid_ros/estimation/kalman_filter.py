@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky, gain, joseph_update, symmetrise
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

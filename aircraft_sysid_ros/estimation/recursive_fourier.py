@@ -25,9 +25,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.estimation.least_squares import Solution, solve_factor
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

@@ -23,10 +23,10 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky, symmetrise
 from aircraft_sysid_ros.estimation.least_squares import Solution, solve_factor
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky, solve_factored, symmetrise
 from aircraft_sysid_ros.estimation.kalman_filter import FilterSeries, LinearSystem
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

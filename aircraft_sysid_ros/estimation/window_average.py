@@ -23,7 +23,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

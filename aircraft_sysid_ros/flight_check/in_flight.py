@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -22,6 +21,7 @@ from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, flight_of
 from aircraft_sysid_ros.flight_check.wind_triangle import WindTriangle
 from aircraft_sysid_ros.flight_check.wind_triangle import warm_up as warm_up_triangle
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate

@@ -27,9 +27,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 Array = npt.NDArray[np.float64]

@@ -13,10 +13,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.flight_model.filter import filter_step, simulation_step
 from aircraft_sysid_ros.flight_model.layout import OUTPUT_SIZE, FlightModel
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

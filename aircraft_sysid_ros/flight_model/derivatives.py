@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.flight_model.dynamics import (
@@ -42,6 +41,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     Vector,
 )
 from aircraft_sysid_ros.flight_model.term_gradients import DIRECTIONS, terms_and_gradients
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

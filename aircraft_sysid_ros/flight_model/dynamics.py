@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.expression import (
     MOST_INPUTS,
@@ -35,6 +34,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     FlightModel,
     Vector,
 )
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.flight_model.derivatives import aerodynamics, error_dynamics, transition
@@ -31,6 +30,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     FlightModel,
 )
 from aircraft_sysid_ros.flight_model.outputs import output_jacobian, outputs
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

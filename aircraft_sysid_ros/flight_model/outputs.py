@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_log, quaternion_product
 from aircraft_sysid_ros.flight_model.derivatives import Aerodynamics
@@ -33,6 +32,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     Vector,
 )
 from aircraft_sysid_ros.flight_model.term_gradients import DIRECTIONS
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

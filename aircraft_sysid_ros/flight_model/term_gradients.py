@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft import expression as ex
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, SIGNALS_OF_SAMPLE
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS
 
 Array = npt.NDArray[np.float64]

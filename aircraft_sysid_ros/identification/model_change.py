@@ -26,7 +26,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
@@ -39,6 +38,7 @@ from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import PRIOR_VARIANCE, RlsState
 from aircraft_sysid_ros.identification.flight_memory import RememberedSamples
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]

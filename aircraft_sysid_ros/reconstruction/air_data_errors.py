@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import Vector, cross_matrix
 from aircraft_sysid_ros.estimation.iterated_ekf import symmetrise
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.alignment import WIND_STD
 from aircraft_sysid_ros.reconstruction.state import (
     AIR_VELOCITY,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature
 from aircraft_sysid_ros.aircraft.frames import Matrix, applied, three, transposed, turn_by, turn_jacobian, turned
@@ -17,6 +16,7 @@ from aircraft_sysid_ros.estimation.iterated_ekf import (
     symmetrise,
     weigh,
 )
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.air_data_errors import settle
 from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, outputs_of, residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import attitude_of, propagate

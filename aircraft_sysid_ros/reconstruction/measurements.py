@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density, pressure
 from aircraft_sysid_ros.aircraft.frames import (
@@ -26,6 +25,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     rotation_matrix,
     three,
 )
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.air_data_errors import shown
 from aircraft_sysid_ros.reconstruction.process import attitude_of
 from aircraft_sysid_ros.reconstruction.state import (

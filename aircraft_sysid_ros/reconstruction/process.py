@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import (
     Matrix,
@@ -29,6 +28,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     turned,
 )
 from aircraft_sysid_ros.estimation.iterated_ekf import symmetrise
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
     AIR_VELOCITY,

@@ -25,10 +25,10 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.frames import cross_matrix, rotation_matrix, three
 from aircraft_sysid_ros.estimation.iterated_ekf import linear_update
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.measurements import air_data_gradient
 from aircraft_sysid_ros.reconstruction.state import (
     AIR_VELOCITY,

@@ -14,9 +14,9 @@ from typing import IO
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import ERROR_SIZE, STATE_SIZE, Setup, StateField
 
 Array = npt.NDArray[np.float64]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.frames import (
@@ -17,6 +16,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     rotation_matrix,
     three,
 )
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.measurements import air_data_gradient, air_velocity_at
 from aircraft_sysid_ros.reconstruction.process import attitude_of
 from aircraft_sysid_ros.reconstruction.pseudo_measurements import has_vane, is_inferred

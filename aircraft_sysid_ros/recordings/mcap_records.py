@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from aircraft_sysid_ros.kernels import njit
 
 Bytes = npt.NDArray[np.uint8]
 Records = npt.NDArray[np.int64]

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, DEFLECTION_LIMIT, POSITION, VELOCITY
 from aircraft_sysid_ros.simulation.manoeuvres import Excitation
 from aircraft_sysid_ros.simulation.trim import Derivatives, Trim

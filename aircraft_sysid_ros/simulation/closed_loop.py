@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
@@ -26,6 +25,7 @@ from aircraft_sysid_ros.aircraft.frames import (
 )
 from aircraft_sysid_ros.aircraft.rigid_body import cross
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
 from aircraft_sysid_ros.sensors.sensor_models import Stamps, generator, stamps_of
 from aircraft_sysid_ros.simulation.closed_loop_faults import Fault

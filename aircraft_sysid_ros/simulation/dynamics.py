@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft import atmosphere, rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, model_from_terms, term_label
@@ -32,6 +31,7 @@ from aircraft_sysid_ros.aircraft.expression import (
 )
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

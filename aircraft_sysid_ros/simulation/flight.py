@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft import atmosphere, earth
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.autopilot import (
     Autopilot,

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.linalg import expm, solve_continuous_lyapunov
+
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 

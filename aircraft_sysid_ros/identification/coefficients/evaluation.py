@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.expression import (
     FIRST_LAG,
@@ -47,6 +46,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientSample,
 )
 from aircraft_sysid_ros.identification.coefficients.signals import fill_signals, signal_noise
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 
 Array = npt.NDArray[np.float64]

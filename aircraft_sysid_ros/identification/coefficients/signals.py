@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, MOST_INPUTS, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.estimation.recursive_fourier import advance, step_factor
 from aircraft_sysid_ros.identification.coefficients.evaluation import ANGLE_SIGNALS, term_noise, term_shifts
@@ -29,6 +28,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     Body,
 )
 from aircraft_sysid_ros.identification.estimators.vane_noise import follow_vane_noise
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

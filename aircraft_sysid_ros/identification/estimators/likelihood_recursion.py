@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.estimation.recursive_maximum_likelihood import (
     add_score,
@@ -60,6 +59,7 @@ from aircraft_sysid_ros.identification.estimators.likelihood_state import (
     Recursion,
     Tuning,
 )
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction import state
 from aircraft_sysid_ros.reconstruction.state import StateField
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky
 from aircraft_sysid_ros.estimation.recursive_maximum_likelihood import learn_rows
 from aircraft_sysid_ros.identification.coefficients.evaluation import measured_coefficients
 from aircraft_sysid_ros.identification.coefficients.layout import QBAR, TERM, Body
 from aircraft_sysid_ros.identification.estimators.likelihood_state import Recursion
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 
 Array = npt.NDArray[np.float64]

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -44,6 +43,7 @@ from aircraft_sysid_ros.identification.estimators.contract import (
 from aircraft_sysid_ros.identification.estimators.reset_prior import within_prior
 from aircraft_sysid_ros.identification.estimators.vane_noise import correction, follow_vane_noise, freed, widened
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]

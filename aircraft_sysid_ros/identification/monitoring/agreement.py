@@ -25,12 +25,12 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, TERMS_OF_SAMPLE
 from aircraft_sysid_ros.identification.trust import are_far, disagree
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

@@ -20,7 +20,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -40,6 +39,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.monitoring.quiet_noise import QuietNoise, follow, in_use, new_quiet_noise
 from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.sensor_noise import imu_interval, imu_scales, learn_imu, new_imu_noise
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField

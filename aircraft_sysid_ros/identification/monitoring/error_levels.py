@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, PREDICTED, CoefficientSample
 from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW, Summary, thinness
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

@@ -17,13 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.monitoring.hold import SURFACES
 from aircraft_sysid_ros.identification.monitoring.isolation import INPUTS, Explanation
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.sensor_noise import bounded
 from aircraft_sysid_ros.reconstruction.state import StateField
 

@@ -26,10 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_ACCELEROMETER_BIAS, LARGEST_GYRO_BIAS
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import (
     CONTRADICTED,
     D_ACCELEROMETER_BIAS,

@@ -1,0 +1,67 @@
+"""Kernels are loaded without what Numba compiles with; they answer, raise, and serve others, as compiled ones do."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numba
+
+from aircraft_sysid_ros import kernels
+
+KEPT = """
+import numpy as np
+from aircraft_sysid_ros.kernels import njit
+
+@njit(cache=True)
+def sums(values):
+    if len(values) > 3:
+        raise ValueError("too many")
+    return np.cumsum(values)
+"""
+SCRIPT = """
+import json, sys
+import numba
+import numpy as np
+from kept import sums
+
+@numba.njit
+def last(values):
+    return sums(values)[-1]
+
+def refused(kernel):
+    try:
+        kernel(np.ones(4))
+    except ValueError as error:
+        return str(error)
+
+answers = [sums(np.ones(2)).tolist(), refused(sums)]
+loaded = len(sums.stats.cache_hits)
+alone = "numba.typed.typeddict" not in sys.modules
+if sys.argv[1:]:
+    answers += [last(np.ones(3)), refused(last)]
+print(json.dumps({"answers": answers, "loaded": loaded, "alone": alone}))
+"""
+
+
+def test_a_loaded_kernel_is_as_good_as_a_compiled_one(tmp_path):
+    """A first process compiles it; a second loads it alone, and then compiles another that calls it."""
+    (tmp_path / "kept.py").write_text(KEPT, encoding="utf8")
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT, encoding="utf8")
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def run(*arguments):
+        command = [sys.executable, str(script), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    answers = [[1.0, 2.0], "too many"]
+    assert run() == {"answers": answers, "loaded": 0, "alone": False}
+    assert run("another") == {"answers": [*answers, 3.0, "too many"], "loaded": 1, "alone": True}
+
+
+def test_this_version_of_numba_is_known():
+    """With another all is right, but loads slowly: compare its inside with what `kernels` says, and widen KNOWN."""
+    assert numba.version_info.major == 0 and numba.version_info.minor in kernels.KNOWN
