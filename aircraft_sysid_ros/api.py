@@ -476,6 +476,7 @@ def explain(
     aircraft: Place | Mapping[str, Any] | Aircraft,
     out: Place,
     *,
+    columns: Place | None = None,
     calibration: Place | None = None,
     overwrite: bool = False,
     replicas: int = COUNT,
@@ -484,14 +485,14 @@ def explain(
 ) -> Explanation:
     """What a log means: all of the above in one go, to the folder ``out`` with the run and explain.html.
 
-    ``calm_air``: the speed over ground stands for an airspeed that is not measured. Raises InputError, and then nothing
-    is written.
+    ``columns``: the MAP of a table; ``calm_air``: the speed over ground stands for an airspeed that is not measured.
+    Raises InputError, and then nothing is written.
     """
     try:
         from aircraft_sysid_ros.workbench.explain_page import explain_html
     except ImportError:
         raise MissingExtra("pages", "jinja2", "workbench") from None
-    options = ExplainOptions(overwrite, text_path(calibration), replicas, calm_air)
+    options = ExplainOptions(overwrite, text_path(calibration), replicas, calm_air, text_path(columns))
     return Explanation(_explain(_path(log), aircraft_of(aircraft), place_of(out), options, tell, explain_html))
 
 

@@ -37,13 +37,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "explain", help="what a log means, in one go, to one page", description=__doc__
     )
     add = parser.add_argument
-    add("log", metavar="LOG", help="a recording, or a log that `import` takes by itself")
+    add("log", metavar="LOG", help="a recording, a log that `import` takes by itself, or tables with --map")
     add("--aircraft", metavar="FILE", help="aircraft file (YAML)")
     for key, (unit, words) in _SHAPE.items():
         add(
             _flag(key), metavar="NUMBERS" if key == "inertia" else "X", help=f"{words} [{unit}], in place of --aircraft"
         )
     add("--out", required=True, metavar="DIR", help="folder to write: the run, and explain.html")
+    add("--map", metavar="MAP", help="of tables, which column is which signal (YAML, docs/import.md)")
     add("--calibration", metavar="FILE", help="what servo outputs and airspeed of an autopilot mean (YAML)")
     add_option(parser, "calm_air", options_of(StateOptions)["calm_air"])
     add("--overwrite", action="store_true", help="replace an explanation that is there")
@@ -63,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     aircraft = _aircraft(args)
     with telling("explain") as tell:
         found = api.explain(
-            args.log, aircraft, args.out, calibration=args.calibration, overwrite=args.overwrite,
+            args.log, aircraft, args.out, columns=args.map, calibration=args.calibration, overwrite=args.overwrite,
             replicas=args.replicas, calm_air=args.calm_air, tell=tell,
         )  # fmt: skip
     return found.json

@@ -20,7 +20,8 @@ from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_check.finding import Finding
+from aircraft_sysid_ros.flight_check.finding import ABSENT, Finding
+from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 from aircraft_sysid_ros.samples import Kind
@@ -146,15 +147,51 @@ def test_what_is_not_to_use_is_not_stated(learnt, aircraft):
     assert modes["Dutch roll"].json["frequency"] > 0.0
     (sentence,) = (text for text in next_flights(check_json(), some, list(modes.values()), None) if "Cm_q" in text)
     assert sentence.startswith("Fly elevator doublets")
+    blind = next_flights(check_json(("elevator", "missing", "warning", ABSENT)), some, list(modes.values()), None)
+    assert blind[0].startswith("Record elevator") and not any("elevator doublets" in text for text in blind)
 
 
 def test_standard_errors_are_at_least_those_of_the_parameters(learnt):
     """Least squares know the noise alone: what was learnt in flight knows of times that are off as well."""
-    own, wide = learnt[0], Learnt(learnt[1], {}, {"Cl_p": 0.03, "Cn_r": 1e-9})
+    values = dict(zip(learnt[0].model.parameter_names, learnt[0].values, strict=True))
+    own, wide = learnt[0], Learnt(learnt[1], {}, {"Cl_p": (values["Cl_p"], 0.03), "Cn_r": (values["Cn_r"], 1e-9)})
     stds = [dict(zip(each.model.parameter_names, each.draws.std(axis=0), strict=True)) for each in (own, wide)]
     assert stds[0]["Cl_p"] < 0.01 and stds[1]["Cl_p"] == pytest.approx(0.03, rel=0.15)
     for name in ("Cn_r", "CZ_alpha"):
         assert stds[1][name] == pytest.approx(stds[0][name], rel=1e-6)
+
+
+def test_what_two_ways_say_differently_is_not_stated(learnt):
+    """Slow changes of trim made a pitch stiffness of 0.24 look like 0.02 to least squares over half an hour."""
+    used = {name: ("USE", "") for name in learnt[0].model.parameter_names}
+    value = dict(zip(learnt[0].model.parameter_names, learnt[0].values, strict=True))["Cm_alpha"]
+    for times, is_known in ((2.0, True), (5.0, False)):
+        some = Learnt(learnt[1], used, {"Cm_alpha": (value - times * 0.05, 0.05)})
+        stiffness = next(fact for fact in facts_of(some) if fact.key == "Cm_alpha")
+        assert (stiffness.reason == "") == is_known
+    assert "as it was learnt in flight, and" in stiffness.reason
+    assert next(fact for fact in facts_of(some) if fact.key == "Cn_beta").reason == ""
+
+
+def test_a_stall_below_ordinary_flight_is_no_margin(learnt):
+    usual = np.median(learnt[1].flight.signal("alpha"))
+    margins = [next(f for f in facts_of(learnt[0], usual + x) if f.key == "stall_margin") for x in (0.1, -0.01)]
+    assert margins[0].value == pytest.approx(np.degrees(0.1)) and not margins[0].reason
+    assert margins[1].reason and margins[1].json["value"] is None
+
+
+def test_a_table_is_taken_with_its_map(tmp_path):
+    from aircraft_sysid_ros.after_flight.explanation import explain as module
+
+    rows = [f"{0.02 * i:.2f},{i % 7}.5,-1.0{i % 3}" for i in range(60)]
+    (tmp_path / "flight.csv").write_text("\n".join(["Time,P,Nz", *rows]))
+    (tmp_path / "map.yaml").write_text(
+        "tables:\n  - time: {column: Time, unit: s}\n    signals:\n      angular_velocity.x: {column: P, unit: deg/s}\n"
+    )
+    options = module.ExplainOptions(columns=str(tmp_path / "map.yaml"))
+    recording, notes = module._recording(tmp_path / "flight.csv", tmp_path / "out", options)
+    assert len(read_recording(recording).samples) == 60
+    assert any("true_airspeed" in note for note in notes)
 
 
 def test_a_run_that_cannot_be_compared_is_diagnosed(monkeypatch, tmp_path):
@@ -337,6 +374,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(refused, run_with_hidden_e
         assert "must be from 2 to 50" in refused("explain", bag, *file, "--out", out, "--replicas", replicas)
     recording = run_with_hidden_effect.parent / "flight"
     assert "is for logs of autopilots" in refused("explain", recording, *file, "--out", out, "--calibration", file[1])
+    assert "--map is for tables" in refused("explain", recording, *file, "--out", out, "--map", file[1])
     assert "--chord X --inertia" in refused("explain", bag, "--mass", 2, "--span", 1, "--wing-area", 1, "--out", out)
     assert "--mass goes without --aircraft" in refused("explain", bag, *file, "--mass", 2, "--out", out)
     shape = ("--mass", 2, "--span", 1, "--wing-area", 1, "--chord", 1)

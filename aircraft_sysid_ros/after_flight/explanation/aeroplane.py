@@ -3,7 +3,7 @@
 Values are the least squares of ``compare`` at the median conditions of the flight, their standard deviations come from
 draws of the parameters' covariance. That knows the noise alone; the standard errors of the parameters that were learnt
 in flight know of times that are off by part of a sample as well, and where they are larger they count. What rests on a
-parameter that is not to USE is not stated.
+parameter that is not to USE is not stated, nor on one of which the two ways say different things.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ DRAWS = 200
 _PART = 0.1
 #: Least share of the draws in which a mode must be there under its name.
 _MOST = 0.9
+#: Standard errors by which what was learnt in flight may differ from least squares over the same flight. A judgement.
+_APART = 3.0
 _DEGREE = np.pi / 180.0
 _STEPS = {"alpha": 1e-3, "beta": 1e-3, "p": 1e-3, "q": 1e-4, "r": 1e-3, "de": 1e-3, "da": 1e-3, "dr": 1e-3, "Tc": 1e-3}
 #: Derivatives that a mode is made of, by axis and signal.
@@ -155,8 +157,11 @@ class KnownMode:
 class Learnt:
     """The model of a flight with its parameters, their draws, and the verdict on each."""
 
-    def __init__(self, comparison: Comparison, verdicts: Verdicts, stds: Mapping[str, float] | None = None) -> None:
-        """``verdicts``: status and reason by name, and ``stds`` standard errors, as in parameters.json."""
+    def __init__(
+        self, comparison: Comparison, verdicts: Verdicts, estimates: Mapping[str, tuple[float, float]] | None = None
+    ) -> None:
+        """``verdicts``: status and reason by name, ``estimates``: value and standard error, as in parameters.json."""
+        estimates = estimates or {}
         self.flight = comparison.flight
         self.aircraft: Aircraft = comparison.flight.aircraft
         self.model = self.aircraft.model
@@ -170,11 +175,13 @@ class Learnt:
             known = np.isfinite(fit.parameters)
             at = np.arange(part.start, part.stop)[known]
             self.values[at] = fit.parameters[known]
-            covariance = _not_below(fit.covariance[np.ix_(known, known)], np.array(fit.names)[known], stds or {})
+            fitted_names = [str(name) for name in np.array(fit.names)[known]]
+            covariance = _not_below(fit.covariance[np.ix_(known, known)], fitted_names, estimates)
             self.draws[:, at] = rng.multivariate_normal(fit.parameters[known], covariance, DRAWS, method="eigh")
-            for name in np.array(fit.names)[known]:
-                status, reason = verdicts.get(str(name), ("HOLD", "it is not in the run"))
-                self.unknown[str(name)] = "" if status == "USE" else f"{name} is {status}: {reason}"
+            for name, value, std in zip(fitted_names, fit.parameters[known], fit.std[known], strict=True):
+                status, reason = verdicts.get(name, ("HOLD", "it is not in the run"))
+                apart = _apart(name, (float(value), float(std)), estimates.get(name))
+                self.unknown[name] = apart if status == "USE" else f"{name} is {status}: {reason}"
 
     @cached_property
     def conditions(self) -> dict[str, float]:
@@ -212,10 +219,17 @@ class Learnt:
         return function(self.values), _spread(np.array([function(draw) for draw in self.draws]))
 
 
-def _not_below(covariance: Array, names: Array, stds: Mapping[str, float]) -> Array:
-    """A covariance (k, k) with each standard deviation at least that of ``stds``, and the same correlations."""
+def _apart(name: str, whole: tuple[float, float], learnt: tuple[float, float] | None) -> str:
+    """Why a value and standard error of the whole flight do not count beside those learnt in flight; empty: they do."""
+    if learnt is None or not abs(whole[0] - learnt[0]) > _APART * np.hypot(whole[1], learnt[1]):
+        return ""
+    return f"{name} is {learnt[0]:.3g} ± {learnt[1]:.2g} as it was learnt in flight, and {whole[0]:.3g} over all of it"
+
+
+def _not_below(covariance: Array, names: list[str], estimates: Mapping[str, tuple[float, float]]) -> Array:
+    """A covariance (k, k) with each standard deviation at least the learnt one, and the same correlations."""
     own = np.sqrt(np.diag(covariance))
-    least = np.array([stds.get(str(name), 0.0) for name in names])
+    least = np.array([estimates[name][1] if name in estimates else 0.0 for name in names])
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where((own > 0.0) & np.isfinite(least), np.maximum(least / own, 1.0), 1.0)
     return np.asarray(covariance * np.outer(factor, factor))
@@ -306,6 +320,9 @@ def _stall(learnt: Learnt, onset: float | None) -> list[Fact]:
         return [Fact("stall_margin", "stall", "margin to the stall", np.nan, np.nan, "deg", "", reason)]
     usual, highest = float(np.median(alpha[known])), float(np.percentile(alpha[known], 99.5))
     lift = float(np.percentile(-cz[known], 99.5))
+    if onset is not None and onset <= usual:
+        reason = f"a stall that begins at {onset / _DEGREE:.1f}°, below the median of {usual / _DEGREE:.1f}°, is none"
+        return [Fact("stall_margin", "stall", "margin to the stall", np.nan, np.nan, "deg", "", reason)]
     if onset is not None and np.isfinite(onset):
         words = (
             f"the stall begins at {onset / _DEGREE:.1f}°, the flight is at {usual / _DEGREE:.1f}° for half of its time"

@@ -95,6 +95,7 @@ class ExplainOptions:
     calibration: str | None = None  # what the servo outputs of an autopilot mean
     replicas: int = COUNT
     calm_air: bool = False  # the speed over ground stands for an airspeed that is not measured
+    columns: str | None = None  # MAP of a stranger's tables
 
 
 def explain(
@@ -197,11 +198,12 @@ def _instruments(compared: ComparedRun | None, diagnosis: Mapping[str, Any] | No
     return instrument_errors(compared.run.root, compared.run.samples, named)
 
 
-def _learnt_in_flight(run: Path) -> tuple[dict[str, tuple[str, str]], dict[str, float]]:
-    """The verdict on each parameter, and the standard errors, of those that have one."""
+def _learnt_in_flight(run: Path) -> tuple[dict[str, tuple[str, str]], dict[str, tuple[float, float]]]:
+    """The verdict on each parameter, and value and standard error, of those that have one."""
     parameters = read_parameters(run)
-    stds = {name: float(p["std"]) for name, p in parameters.items() if p["std"] is not None}
-    return {name: (p["status"], p["reason"]) for name, p in parameters.items()}, stds
+    known = {name: p for name, p in parameters.items() if p["std"] is not None and p["value"] is not None}
+    estimates = {name: (float(p["value"]), float(p["std"])) for name, p in known.items()}
+    return {name: (p["status"], p["reason"]) for name, p in parameters.items()}, estimates
 
 
 def _used(replayed: Mapping[str, Any]) -> tuple[int, int]:
@@ -226,6 +228,8 @@ def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, 
             f"{log} is a run: give the recording or the log that it was made from, which is explained anew"
         )
     is_bag = log.suffix.lower() in BAGS or (log.is_dir() and (log / "metadata.yaml").exists())
+    if is_bag and options.columns:
+        raise InputError(f"--map is for tables: {log} says itself what it holds")
     refused = None
     if is_bag:
         try:
@@ -237,7 +241,7 @@ def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, 
                 raise InputError(f"--calibration is for logs of autopilots: the recording {log} needs none")
             return log, []
     try:
-        report = import_log(log, target, calibration=options.calibration)
+        report = import_log(log, target, columns=options.columns, calibration=options.calibration)
     except InputError as error:
         raise (refused or error) from None
     notes = [f"{name}: {why}" for name, why in report["missing"].items()]

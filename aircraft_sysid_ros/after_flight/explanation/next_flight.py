@@ -22,6 +22,8 @@ _MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"flaps"}), "flaps out and in again in steady flight, with small doublets at each setting"),
     (frozenset({"V", "qbar", "mach", "height"}), "level flight at several speeds and heights"),
 )
+#: Signal of the model that a control of a recording is: where it is not recorded no manoeuvre of it shows anything.
+_CONTROLS = {"elevator": "de", "aileron": "da", "rudder": "dr", "thrust": "Tc", "flaps": "flaps"}
 _WIDEST = 1.3  # highest over lowest airspeed below which other speeds are worth a flight
 
 
@@ -38,13 +40,16 @@ def next_flights(
 
 def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
     """What no manoeuvre shows, since it is not in the recording at all; of some samples lost the check speaks."""
-    missing = [
+    if missing := _not_recorded(check):
+        yield f"Record {listed(missing)}: nothing that is flown makes up for what is not in the log."
+
+
+def _not_recorded(check: Mapping[str, Any]) -> list[str]:
+    return [
         finding["signal"]
         for finding in check["findings"]
         if finding["severity"] != INFO and finding["sentence"].startswith(ABSENT)
     ]
-    if missing:
-        yield f"Record {listed(missing)}: nothing that is flown makes up for what is not in the log."
 
 
 def _for_parameters(
@@ -61,7 +66,10 @@ def _for_parameters(
     pulses = {
         "pitch": _pulse(modes, SHORT_PERIOD, "the short period"), "yaw": _pulse(modes, DUTCH_ROLL, "the Dutch roll")
     }  # fmt: skip
+    lacking = {_CONTROLS[name] for name in _not_recorded(check) if name in _CONTROLS}
     for signals, manoeuvre in _MANOEUVRES:
+        if signals & lacking:
+            continue
         names = [name for name in unknown if _first(signals, name, programs)]
         if names:
             shown = listed(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
