@@ -114,7 +114,7 @@ def test_what_is_refused_in_a_sentence(flown, capsys, words, sentence):
 
 
 def test_where_only_the_drag_shows_diagnose_says_so(flown, capsys):
-    assert main(["diagnose", flown[0]]) == 0
+    assert main(["diagnose", flown[0], "--replicas", "2"]) == 0
     assert "nothing could be looked for" in capsys.readouterr().out
 
 
