@@ -84,6 +84,8 @@ class Finding:
             axes = " and ".join(f"{axis[0]}_{axis[1]}" for axis in must)
             cause = "does not show" if shown else "cannot be seen"
             return f"it {cause} in {axes}, where it cannot be absent"
+        if wrong := self._wrong_sign:
+            return f"its part of {wrong[0]}_{wrong[1]} has the sign that it cannot have"
         if self.size < THRESHOLDS.size:
             return f"that is less than {THRESHOLDS.size:.0%}"
         if moved < THRESHOLDS.least_moved:
@@ -97,6 +99,17 @@ class Finding:
                 "widely say little of chance"
             )
         return "" if self.excess > self.trial.price else "it explains no more than its numbers cost"
+
+    @property
+    def _wrong_sign(self) -> str:
+        """The first axis in which the mean of what it adds has not the sign that its physics gives; empty: none has."""
+        trial, effect = self.trial, self.trial.candidate.effect
+        for axis, sign in effect.signs.items() if effect else ():
+            if axis in trial.gains:
+                columns = self.flight.columns(self.flight.parsed(trial.candidate.terms[axis]))
+                if sign * np.nanmean(columns @ np.nan_to_num(trial.gains[axis].parameters)) < 0.0:
+                    return axis
+        return ""
 
     def refusal(self, first: bool) -> str:
         """Why it is no verdict, in words; empty where nothing but what was found before it is in the way."""

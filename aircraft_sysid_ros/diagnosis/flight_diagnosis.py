@@ -26,9 +26,11 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     imu_explains,
     in_file,
     is_a_fault,
+    jobs_of,
     measurement_faults,
     setting_of,
     sharpened,
+    try_setting,
 )
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
@@ -45,6 +47,8 @@ from aircraft_sysid_ros.samples import Kind, Samples
 
 #: Times that an error of a sensor, as the coefficients show it, is corrected by what they show then.
 _CORRECTIONS = 2
+#: Why a place is no fault.
+_OF_PLACE = "it is counted with: the aircraft file does not say where the sensor is"
 
 
 def diagnose_flight(
@@ -126,7 +130,7 @@ def _measurement_first(
             for fault in faults
             if _p_value(fault, len(measuring)) < THRESHOLDS.verdict or not is_a_fault(fault, given, flight.samples)
         ]
-        mended = _beyond_chance(sure, given, aircraft, flight, calm, len(measuring), replicas, progress)
+        mended = _beyond_chance(sure, given, aircraft, flight, calm, measuring, replicas, progress)
         if mended is None:
             break
         aircraft, flight, calm, finding = mended
@@ -141,21 +145,61 @@ def _beyond_chance(
     aircraft: Aircraft,
     flight: Reconstruction,
     calm: bool,
-    tried: int,
+    measuring: Sequence[Effect],
     replicas: int,
     progress: Callable[[str, float], None],
 ) -> tuple[Aircraft, Reconstruction, bool, MeasurementFinding] | None:
-    """``with_best_setting`` without faults that replicas of the flight, whose sensors are right, feign as much."""
+    """``with_best_setting`` without faults that replicas of the flight, whose sensors are right, feign as much, or that
+    places of the sensors explain which the file leaves out.
+    """
+    tried = len(measuring)
     while (mended := with_best_setting(faults, aircraft, flight, calm, tried)) is not None:
         finding, chance = mended[-1], 0.0
         accused = finding.matters and _accuses(finding, given, flight.samples)
-        if accused:
+        if accused and not _needed_beside_places(finding.setting, given, aircraft, flight, calm, measuring):
+            chance = 1.0
+        elif accused:
             progress("look at the measurement in replicas", 0.0)
             chance = chance_of(finding.setting, mended[1], calm, tried, replicas)
         if chance < THRESHOLDS.verdict:
-            return *mended[:3], replace(finding, matters=accused, p_value=max(finding.p_value, chance))
+            why = "" if accused else _why_no_fault(finding, given, flight.samples)
+            p_value = max(finding.p_value, chance)
+            return *mended[:3], replace(finding, matters=accused, p_value=p_value, why_no_fault=why)
         faults = [fault for fault in faults if _name(fault) != _name(finding.setting)]
     return None
+
+
+def _needed_beside_places(
+    fault: Setting,
+    given: Aircraft,
+    aircraft: Aircraft,
+    flight: Reconstruction,
+    calm: bool,
+    measuring: Sequence[Effect],
+) -> bool:
+    """Whether a scale, an offset or a drift is significant once the sensors sit where the flight has them, too.
+
+    No place that the file leaves out need be likelier than such a fault by itself: in turns a probe ahead of the centre
+    of gravity shows at once what a vane for the angle of attack with another scale and one for sideslip would.
+    """
+    if not fault.feigns_wind:
+        return True
+    silent = [(effect, [v for v in effect.variants if v.setting[0].endswith("_position")]) for effect in measuring]
+    places = [
+        replace(effect, variants=tuple(variants))
+        for effect, variants in silent
+        if variants and variants[0].setting[0] not in given.source
+    ]
+    done = set[str]()
+    for _ in range(THRESHOLDS.most_settings):
+        likelier = [place for place in measurement_faults(flight, places, calm) if place.label not in done]
+        mended = with_best_setting(likelier, aircraft, flight, calm, len(measuring))
+        if mended is None:
+            break
+        aircraft, flight, calm, found = mended
+        done.add(found.setting.label)
+    alone = replace(fault.effect, variants=(fault.variant,))
+    return not done or any(try_setting(job).evidence > 1.0 for job in jobs_of(flight, [alone], calm))
 
 
 def _accuses(finding: MeasurementFinding, given: Aircraft, samples: Samples) -> bool:
@@ -165,6 +209,18 @@ def _accuses(finding: MeasurementFinding, given: Aircraft, samples: Samples) -> 
     setting = finding.setting
     seen = setting.of_motion or setting.variant.setting[-1] != "delay" or _has_size(finding)
     return seen and is_a_fault(setting, given, samples)
+
+
+def _why_no_fault(finding: MeasurementFinding, given: Aircraft, samples: Samples) -> str:
+    """Why a setting is counted with and is no fault, in words."""
+    setting = finding.setting
+    if setting.is_place and not is_a_fault(setting, given, samples):
+        return _OF_PLACE
+    if not is_a_fault(setting, given, samples):
+        return "it is counted with: a sensor that averages from sample to sample is as late"
+    if CONTROLS in setting.variant.setting and IMU_LAG in finding.confounded_with:
+        return "it is counted with, and an IMU that is late explains as much"
+    return f"it is counted with, and lowers the error of no axis by {THRESHOLDS.size:.0%}"
 
 
 def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], float]]) -> MeasurementFinding:
@@ -234,7 +290,7 @@ def with_place_of_imu(
     found = _judged([setting], settled_flight(flight), settled_flight(mended), 1)
     if _is_worse(found) or not _has_size(found):
         return None
-    return better, mended, calm, replace(found, matters=False)
+    return better, mended, calm, replace(found, matters=False, why_no_fault=_OF_PLACE)
 
 
 def _is_of_sensor(finding: Finding) -> bool:

@@ -51,6 +51,7 @@ class MeasurementFinding:
     confounded_with: tuple[str, ...]
     errors: dict[str, tuple[float, float]]
     matters: bool = True  # it is a fault, and not only what the aircraft file leaves out
+    why_no_fault: str = ""  # of what is counted with and is none, in words
 
     @property
     def main_axis(self) -> str:
@@ -115,7 +116,7 @@ class FlightDiagnosis:
             "inner": {setting.effect.inner[0].name: setting.value},
             "parameters": [],
             "found": finding.matters,
-            "refused": "" if finding.matters else "it is counted with, and explains too little to be a fault",
+            "refused": "" if finding.matters else finding.why_no_fault,
         }
 
     def _of_finding(self, finding: Finding) -> dict[str, Any]:

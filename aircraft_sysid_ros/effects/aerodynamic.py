@@ -64,6 +64,8 @@ EFFECTS: tuple[Effect, ...] = (
         "Slow deceleration to the stall with elevator 3-2-1-1 near the onset; pull-ups.",
         (ShapeParameter("onset", "rad", 0.4, 0.92, 9, "alpha"), ShapeParameter("width", "rad", 0.015, 0.075, 3)),
         shows_in=("CZ",),
+        signs={"CZ": 1.0},
+        beyond_ordinary=True,
     ),
     Effect(
         "dynamic_stall",
@@ -84,6 +86,8 @@ EFFECTS: tuple[Effect, ...] = (
             ShapeParameter("lag", "s", 0.1, 1.6, 4),
         ),
         shows_in=("CZ",),
+        signs={"CZ": 1.0},
+        beyond_ordinary=True,
     ),
     Effect(
         "ground_effect",
@@ -386,6 +390,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Speed changes and pull-ups, repeated during the flight.",
         (ShapeParameter("t0", "s", 0.0, 0.8, 9, OF_TIME),),
         shows_in=("CX",),
+        signs={"CX": -1.0},
     ),
     Effect(
         "lift_nonlinearity",

@@ -126,6 +126,11 @@ class Effect:
     #: Axes of which it must explain a part to be what it says: flow that separates loses lift. Where none of them is
     #: judged (ice, in a flight whose thrust nobody recorded) it is not named.
     shows_in: tuple[str, ...] = ()
+    #: Signs of its mean part by axis where physics leaves no choice: flow that separates takes lift away, C_Z is down.
+    signs: Mapping[str, float] = field(default_factory=dict)
+    #: It begins beyond the usual angles of attack, with its inner number "onset" less the "width" where it has one: a
+    #: wing whose flow has left it in half of a flight is no wing that stalls.
+    beyond_ordinary: bool = False
     #: Of an effect in the measurement, what it makes of coefficients that are told by what the sensor shows; the one
     #: number of its terms is the value of the setting.
     in_coefficients: Variant | None = None

@@ -144,6 +144,12 @@ RECIPES: dict[str, Recipe] = {
         _SPEEDS,
     ),
     "asymmetric_thrust": Recipe({"": (Term("Cn", "Tc", 0.03),)}),
+    "loss_of_thrust": Recipe(
+        {
+            "": (_after("CX", "Tc", -1.0, "CX_Tc"),),
+            "with drag of the propeller": (_after("CX", "Tc", -1.0, "CX_Tc"), _after("CX", "1", -0.012)),
+        }
+    ),
     "landing_gear": Recipe({"": (_after("CX", "1", -0.025), _after("Cm", "1", -0.02), _after("CX", "alpha", 0.05))}),
     "icing": Recipe(
         {

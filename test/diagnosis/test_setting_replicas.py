@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.diagnosis import flight_diagnosis
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown
-from aircraft_sysid_ros.diagnosis.flight_diagnosis import _beyond_chance
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import _beyond_chance, _needed_beside_places
 from aircraft_sysid_ros.diagnosis.measurement import in_file, measurement_faults
 from aircraft_sysid_ros.diagnosis.significance import setting_replicas
 from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of, gains_in_replicas
+from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+#: Sensors of which one is wrong, and one that may sit elsewhere.
+_FEW = [BY_ID["alpha_offset"], replace(BY_ID["probe_offset"], variants=BY_ID["probe_offset"].variants[:1])]
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +43,7 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
     said = []
 
     def told():
-        return _beyond_chance([found], aircraft, aircraft, flight, calm, 20, 3, lambda what, _: said.append(what))
+        return _beyond_chance([found], aircraft, aircraft, flight, calm, _FEW, 3, lambda what, _: said.append(what))
 
     aircraft_then, _, _, finding = told()
     assert finding.matters and finding.setting is found and aircraft_then.sensors["angle_of_attack"].offset
@@ -45,3 +53,29 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
     monkeypatch.setattr(setting_replicas, "gains_in_replicas", lambda *_: np.full(3, np.nan))
     assert told() is None
     assert set(said) == {"look at the measurement in replicas"}
+
+
+@pytest.mark.parametrize(("stated", "left", "needed"), [(False, 0.9, False), (False, 5.0, True), (True, 0.9, True)])
+def test_a_fault_that_a_place_explains_which_the_file_leaves_out_is_none(
+    aircraft, offset, monkeypatch, stated, left, needed
+):
+    """What is left of a fault once the place is mended decides, however likely either is by itself."""
+    flight, calm, found, _ = offset
+    without = {k: v for k, v in aircraft.source.items() if k != "air_data_position"}
+    file = aircraft_from_dict({**without, "air_data_position": [0.5, 0.0, 0.0]} if stated else without)
+    place = replace(found, effect=_FEW[1], variant=_FEW[1].variants[0], value=0.1)
+    asked = []
+
+    def likelier(_, effects, __):
+        asked.extend(effects)
+        return [place] if effects else []
+
+    monkeypatch.setattr(flight_diagnosis, "measurement_faults", likelier)
+    monkeypatch.setattr(flight_diagnosis, "jobs_of", lambda *_: ["again"])
+    monkeypatch.setattr(flight_diagnosis, "try_setting", lambda _: replace(found, evidence=left))
+    said = MeasurementFinding(place, 0.0, (), {"CZ": (1.0, 1.0)}, matters=False)
+    monkeypatch.setattr(
+        flight_diagnosis, "with_best_setting", lambda faults, *_: (file, flight, calm, said) if faults else None
+    )
+    assert _needed_beside_places(found, file, file, flight, calm, _FEW) is needed
+    assert bool(asked) is not stated

@@ -10,8 +10,9 @@ import pytest
 from aircraft_sysid_ros.aircraft import rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
+from aircraft_sysid_ros.diagnosis.diagnose import Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FOLDS, FlightData
-from aircraft_sysid_ros.diagnosis.search.candidates import with_inner
+from aircraft_sysid_ros.diagnosis.search.candidates import candidates_of, with_inner
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis, tied_gains
 from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
@@ -259,3 +260,25 @@ def test_an_engine_that_stops_is_all_of_what_the_thrust_did(aircraft):
     best, gear = (bench.best_of(effect_of(name)) for name in ("loss_of_thrust", "landing_gear"))
     assert best.candidate.moment == pytest.approx(CHANGE, abs=1.0) and best.score > 3.0 * gear.score
     assert best.gains["CX"].parameters[0] == pytest.approx(-aircraft.coefficients["CX_Tc"], rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["stall", "dynamic_stall"])
+def test_a_wing_whose_flow_has_left_it_in_half_of_a_flight_does_not_stall(aircraft, name):
+    flight, effect = flight_of(aircraft), effect_of(name)
+    tried_so = [dict(each.inner) for each in candidates_of(effect, flight, CandidateEvaluator(flight).base)]
+    usual = float(np.median(flight.signal("alpha")))
+    assert tried_so and all(inner["onset"] - inner.get("width", 0.0) >= usual for inner in tried_so)
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.5, False), (-0.5, True)])
+def test_flow_that_separates_takes_lift_away(aircraft, share, refused):
+    """A part of the slope of lift is gone above an angle of attack, or the slope is larger there: that is no stall."""
+
+    def bent(c, _, f):
+        c[:, 2] -= share * aircraft.coefficients["CZ_alpha"] * np.maximum(f["alpha"] - 0.05, 0.0)
+        return c
+
+    bench = CandidateEvaluator(flight_of(aircraft, bent))
+    stall = Finding(bench.best_of(effect_of("stall")), bench.data, 9.0, 9.0, 0.0, 0.5, 9.0)
+    said = stall.refusal(first=True)
+    assert said == ("its part of C_Z has the sign that it cannot have" if refused else "")

@@ -140,8 +140,9 @@ def candidates_of(effect: Effect, data: FlightData, base: Mapping[str, str]) -> 
         used = {name for terms in variant.terms.values() for term in terms for name in placeholders(term)}
         inner = [number for number in effect.inner if number.name in used]
         for values in itertools.product(*(grid(number, data) for number in inner)):
-            names = tuple(number.name for number in inner)
-            yield with_inner(effect, variant, dict(zip(names, values, strict=True)), base)
+            named = dict(zip((number.name for number in inner), values, strict=True))
+            if is_possible(effect, named, data):
+                yield with_inner(effect, variant, named, base)
 
 
 def with_inner(effect: Effect, variant: Variant, values: Mapping[str, float], base: Mapping[str, str]) -> Candidate:
@@ -174,6 +175,15 @@ def spans(edge: float, data: FlightData) -> Iterator[dict[str, float]]:
         values = {"t0": min(edge, other), "t1": max(edge, other)}
         if lasts(values):
             yield values
+
+
+def is_possible(effect: Effect, values: Mapping[str, float], data: FlightData) -> bool:
+    """Whether an effect may have these inner numbers in a flight, beside the limits of each."""
+    if not lasts(values):
+        return False
+    if not effect.beyond_ordinary or "onset" not in values:
+        return True
+    return bool(values["onset"] - values.get("width", 0.0) >= np.nanmedian(data.signal("alpha")))
 
 
 def lasts(values: Mapping[str, float]) -> bool:

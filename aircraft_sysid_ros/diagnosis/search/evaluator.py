@@ -23,7 +23,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     Candidate,
     base_texts,
     candidates_of,
-    lasts,
+    is_possible,
     limits,
     slope_texts,
     spans,
@@ -246,7 +246,8 @@ class CandidateEvaluator:
 
             def at(trial: Score, value: float, name: str = name) -> Score | None:
                 values = {**dict(trial.candidate.inner), name: value}
-                return self.trial(with_inner(effect, variant, values, self.base)) if lasts(values) else None
+                possible = is_possible(effect, values, self.data)
+                return self.trial(with_inner(effect, variant, values, self.base)) if possible else None
 
             best = refined(best, numbers[name], self.data, at, lambda trial: trial.score)
             best = at_seam(best, name, self.data, at, lambda trial: trial.score)
