@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import multiprocessing
 import os
 import signal
@@ -51,6 +52,7 @@ _WORK: list[Any] = []
 
 def _begin(parent: int, function: Callable[[T], R], items: Sequence[T]) -> None:
     end_with(parent)
+    gc.freeze()  # what was there before is neither looked through nor, by that, copied
     _WORK[:] = function, items
 
 

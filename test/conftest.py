@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import tempfile
 from pathlib import Path
@@ -39,6 +40,8 @@ os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
+gc.disable()  # until all tests are collected, see below
+
 #: Folders with the groups that take longest: these begin first, so that all workers end together.
 LONGEST_FIRST = (
     "nodes",
@@ -62,6 +65,12 @@ def pytest_collection_modifyitems(items):
     """In which order."""
     rank = {name: number for number, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: rank.get(item.path.parent.name, len(rank)))
+
+
+def pytest_collection_finish():
+    """Half a million objects stay to the end: the collector of this process and of its children leaves them alone."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(optionalhook=True)
