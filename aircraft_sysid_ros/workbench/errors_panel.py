@@ -65,7 +65,7 @@ class Errors:
             return
         parts["fill"].style(f"width:{100.0 * row.held_out / top:.2f}%")
         parts["fill"].classes(add="fails" if row.fails else "", remove="" if row.fails else "fails")
-        parts["tick"].style(f"left:{100.0 * row.floor / top:.2f}%")
+        parts["tick"].style(f"left:{100.0 * min(row.floor / top, 1.0):.2f}%")
         parts["error"].text, parts["noise"].text = f"{percent(row.held_out)} %", f"{percent(row.floor)} %"
         if was is not None and abs(was - row.held_out) > 0.002:
             parts["was"].set_visibility(True)
