@@ -92,7 +92,7 @@ def test_response_is_the_noise_of_the_measured_coefficients(aircraft) -> None:
         window_average(times, history, 0, len(times) - 1, 0.1, 0.08, means, slopes, False)
         measured_coefficients(means, slopes, body, out)
     for index in range(6):
-        std = np.sqrt(variance_of(response_sources(aircraft, np.array([qbar]), index)))[0]
+        std = np.sqrt(variance_of(response_sources(aircraft, (0.03, 0.002), np.array([qbar]), index)))[0]
         assert np.std(found[:, index]) == pytest.approx(std, rel=0.07), AXES[index]
 
 
@@ -113,7 +113,7 @@ def test_sensors_noisier_than_the_file_are_noticed(aircraft) -> None:
     """An accelerometer with four times the noise: seen in the fast part of C_X and C_Y, by about as much."""
     quiet = {**aircraft.sensors, "accelerometer": replace(aircraft.sensors["accelerometer"], noise=(0.0075,))}
     flight = flight_without_missing_effects(aircraft, 5)
-    comparison = compare(replace(flight, aircraft=replace(aircraft, sensors=quiet)))
+    comparison = compare(replace(flight, aircraft=replace(aircraft, sensors=quiet), white_noise={}))
     assert comparison.axes["CY"].noise_seen > 1.8
     assert any("CY" in note for note in comparison.notes)
 

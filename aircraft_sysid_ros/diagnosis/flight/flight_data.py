@@ -65,6 +65,8 @@ class FlightData:
     blocks_only: bool = False  # blocks are held out even where there are enough runs or manoeuvres
     inferred: tuple[str, ...] = ()  # signals of the air data that no sensor measures
     rolled: float = 0.0  # [s] that are left out, since wheels may have pushed it
+    #: One sigma per sample of IMU and surfaces as the recording shows it (``white_noise``), by the name of the sensor.
+    white_noise: Mapping[str, float] = field(default_factory=dict)
     #: Newest columns by text: a search tries the same in several axes.
     _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 

@@ -15,8 +15,9 @@ Where states are sparse (``identification.coefficients.pace``), a point sees its
 straight lines between them. What noise a window lets through then depends on where it lies between the states: the
 variance is the mean over PHASES places.
 
-What is slow, such as a bias, is explained by the constant term and is not part of it. The noise of IMU and air data is
-that of the flight, as far as third differences show it; ``noise_seen`` asks the residuals.
+What is slow, such as a bias, is explained by the constant term and is not part of it. The noise of the air data is that
+of the flight, as far as third differences show it, that of IMU and surfaces what its quietest quarter shows where the
+window looks (``flight.white_noise``); ``noise_seen`` asks the residuals.
 """
 
 from __future__ import annotations
@@ -149,24 +150,31 @@ def _source(variance: Array, rate: float, sparse: float, correlation: float = 0.
     return Source(variance, 1.0 / rate, slope, correlation)
 
 
-def response_sources(aircraft: Aircraft, qbar: Array, index: int, sparse: float = 0.0) -> tuple[Source, ...]:
-    """White noise of accelerometer and gyro in the measured coefficient number ``index``.
+def _white_noise(flight: FlightData, name: str) -> float:
+    """One sigma per sample of IMU or surfaces: what the recording shows, or what is taken for it."""
+    return float(flight.white_noise.get(name, flight.aircraft.sensors[name].noise[0]))
+
+
+def response_sources(
+    aircraft: Aircraft, noise: tuple[float, float], qbar: Array, index: int, sparse: float = 0.0
+) -> tuple[Source, ...]:
+    """White ``noise`` of accelerometer and gyro, one sigma each, in the measured coefficient number ``index``.
 
     ``sparse``: time [s] between states where they are sparse, else 0.
     """
-    accelerometer, gyro = aircraft.sensors["accelerometer"], aircraft.sensors["gyro"]
     of_force, of_slope = imu_response(body_of(aircraft))[index]
-    force = aircraft.mass * accelerometer.noise[0] / qbar
+    force, sensors = aircraft.mass * noise[0] / qbar, aircraft.sensors
     return (
-        _source(of_force * force**2, accelerometer.rate, sparse),
-        _source(of_slope * (gyro.noise[0] / qbar) ** 2, gyro.rate, sparse, slope=True),
+        _source(of_force * force**2, sensors["accelerometer"].rate, sparse),
+        _source(of_slope * (noise[1] / qbar) ** 2, sensors["gyro"].rate, sparse, slope=True),
     )
 
 
 def noise_floor(flight: FlightData, axis: str, fit: Fit) -> NoiseFloor:
     """The floor of one axis under the fit of the flight's own model."""
     index = AXES.index(axis)
-    response = response_sources(flight.aircraft, flight.signal("qbar"), index, flight.sparse_interval)
+    noise = (_white_noise(flight, "accelerometer"), _white_noise(flight, "gyro"))
+    response = response_sources(flight.aircraft, noise, flight.signal("qbar"), index, flight.sparse_interval)
     condition = tuple(_condition_sources(flight, flight.model.programs[index], index, fit))
     used = np.isfinite(fit.residual)
     mean_square = float(np.mean(variance_of((*response, *condition))[used]))
@@ -226,10 +234,10 @@ def _kept(ratio: float, smoothed: bool) -> float:
 def _white_signals(flight: FlightData) -> dict[str, tuple[Array | float, float]]:
     """One sigma and rate [Hz] of signals with white noise: surfaces, named inputs and rates."""
     surface, gyro = flight.aircraft.sensors["control_surfaces"], flight.aircraft.sensors["gyro"]
-    per_speed = gyro.noise[0] / flight.signal("V")
+    per_speed = _white_noise(flight, "gyro") / flight.signal("V")
     half_span, chord = 0.5 * flight.aircraft.span, flight.aircraft.chord
     rates = {"p": half_span * per_speed, "q": chord * per_speed, "r": half_span * per_speed}
-    surfaces = {name: (surface.noise[0], surface.rate) for name in _SURFACES}
+    surfaces = {name: (_white_noise(flight, "control_surfaces"), surface.rate) for name in _SURFACES}
     surfaces |= {item.name: (item.noise, surface.rate) for item in flight.aircraft.inputs}
     return {**surfaces, **{name: (sigma, gyro.rate) for name, sigma in rates.items()}}
 

@@ -28,12 +28,12 @@ Integers = npt.NDArray[np.int64]
 BLOCK, MOST, LEAST = 25, 60, 5
 #: The mean square of a block that a quarter of them has less than, over the mean of all, where they are white noise
 #: alone: fifth differences of white noise in turn are as 8.6 independent ones.
-_QUARTER = 0.645
-_WEIGHTS = np.array([1.0, -5.0, 10.0, -10.0, 5.0, -1.0])
-_SUM_OF_SQUARES = 252.0
+QUARTER = 0.645
+WEIGHTS = np.array([1.0, -5.0, 10.0, -10.0, 5.0, -1.0])
+SUM_OF_SQUARES = 252.0
 _DEPTH, _AXES = 6, 6
 #: Length of a mean over the half-width of the window.
-_WIDTH = 1.5
+WIDTH = 1.5
 #: Longest step between samples, over the usual, across which differences are taken, and [s] that counts for that.
 _GAP, _LONGEST = 3.0, 0.5
 _TIME, _FORCE, _RATES = StateField.TIME, StateField.SPECIFIC_FORCE.start, StateField.ANGULAR_VELOCITY.start
@@ -71,7 +71,7 @@ def follow(row: Array, half_width: float, noise: QuietNoise) -> None:
     if not 0.0 < step <= _GAP * pace[1]:
         counts[_SAMPLES] = counts[_MEANS] = 0
         noise.sums[:] = 0.0
-    each = max(int(np.rint(_WIDTH * half_width / pace[1])), 1) if pace[1] > 0.0 else 1
+    each = max(int(np.rint(WIDTH * half_width / pace[1])), 1) if pace[1] > 0.0 else 1
     if counts[_SAMPLES] == 0 and counts[_DIFFERENCES] == 0 and each != counts[_EACH]:
         counts[_EACH], counts[_MEANS] = each, 0
     for i in range(3):
@@ -97,7 +97,7 @@ def _add_mean(noise: QuietNoise) -> None:
     for i in range(_AXES):
         difference = 0.0
         for k in range(_DEPTH):
-            difference += _WEIGHTS[k] * noise.means[i, k]
+            difference += WEIGHTS[k] * noise.means[i, k]
         noise.squares[i] += difference * difference
     counts[_DIFFERENCES] += 1
     if counts[_DIFFERENCES] == BLOCK:
@@ -110,7 +110,7 @@ def _add_block(noise: QuietNoise) -> None:
     for i in range(_AXES):
         for k in range(MOST - 1, 0, -1):
             noise.blocks[i, k] = noise.blocks[i, k - 1]
-        noise.blocks[i, 0] = counts[_EACH] * noise.squares[i] / (BLOCK * _SUM_OF_SQUARES)
+        noise.blocks[i, 0] = counts[_EACH] * noise.squares[i] / (BLOCK * SUM_OF_SQUARES)
         noise.squares[i] = 0.0
     counts[_DIFFERENCES] = 0
     counts[_BLOCKS] = min(counts[_BLOCKS] + 1, MOST)
@@ -119,7 +119,7 @@ def _add_block(noise: QuietNoise) -> None:
     noise.variance[:] = 0.0
     for i in range(_AXES):
         sorted_blocks = np.sort(noise.blocks[i, : counts[_BLOCKS]])
-        noise.variance[i // 3] += sorted_blocks[(counts[_BLOCKS] - 1) // 4] / (3.0 * _QUARTER)
+        noise.variance[i // 3] += sorted_blocks[(counts[_BLOCKS] - 1) // 4] / (3.0 * QUARTER)
 
 
 def in_use(said: float, shown: float, quiet: float) -> float:
