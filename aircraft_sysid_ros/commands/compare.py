@@ -11,11 +11,10 @@ import math
 from typing import Any
 
 from aircraft_sysid_ros.after_flight.compare import compare_run, compare_runs
-from aircraft_sysid_ros.commands import compare_fleets
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.fleet.side_by_side import is_fleet
+from aircraft_sysid_ros.fleet.folder import is_fleet
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
 
 FIGURE = "compare.png"
@@ -38,6 +37,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compare and draw; returns the JSON of INTERFACE.md with the model and the figure. Raises InputError."""
     if is_fleet(args.run):
+        from aircraft_sysid_ros.commands import compare_fleets  # here: no run needs it
+
         return compare_fleets.run(args)
     if args.airframes:
         raise InputError(f"--airframes is for the folder of a fleet, and {args.run} is none")
@@ -56,6 +57,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
     if "between" in result:
+        from aircraft_sysid_ros.commands import compare_fleets
+
         return compare_fleets.render(result)
     lines = [f"model {result['model']}, errors in % of the spread of each coefficient", ""]
     header = f"{'axis':<6}{'fit':>8}{'held out':>10}{'floor':>8}  residual"

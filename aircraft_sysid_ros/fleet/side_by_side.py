@@ -16,20 +16,15 @@ import numpy as np
 
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.fleet.changes import RATE, Series, difference, mean_of, named
+from aircraft_sysid_ros.fleet.folder import FLIGHTS, is_fleet
 from aircraft_sysid_ros.fleet.random_effects import two_sided
 from aircraft_sysid_ros.fleet.tables import Row, read_table, require_pyarrow
 
 #: Flights that both fleets have, from which their differences are judged.
 FEWEST = 3
-_TABLE = "flights.parquet"
 #: Of a parameter, or of an error of a sensor, value and standard error by flight: its name and when it began.
 Values = dict[tuple[str, Any], tuple[float, float]]
 ByName = dict[str, dict[str, Values]]  # airframe, then parameter
-
-
-def is_fleet(folder: str | Path) -> bool:
-    """Whether a folder is that of a fleet."""
-    return (Path(folder) / _TABLE).is_file()
 
 
 def airframes_side_by_side(fleet: str | Path, first: str, second: str) -> dict[str, Any]:
@@ -65,7 +60,7 @@ def _both(values: ByName, first: str, second: str) -> list[str]:
 def _read(fleet: str | Path) -> ByName:
     require_pyarrow()
     if not is_fleet(fleet):
-        raise InputError(f"{fleet} is no folder of a fleet: {_TABLE} is not in it")
+        raise InputError(f"{fleet} is no folder of a fleet: {FLIGHTS} is not in it")
     values: ByName = defaultdict(lambda: defaultdict(dict))
     for table, key in (("parameters", "parameter"), ("sensors", "sensor")):
         path = Path(fleet) / f"{table}.parquet"
