@@ -173,7 +173,12 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
     rows = []
     outcomes = ("first", "in its set", "later", "unexplained", "none", "wrong")
     paces = {"10 Hz": (10.0,), "20 Hz": (20.0,), "50 Hz": (50.0,)}
-    rules = {1: "rules of before", 2: "rules frozen since", 3: "rules since then, fresh seeds"}
+    rules = {
+        1: "rules of before",
+        2: "rules frozen since",
+        3: "rules since then, fresh seeds",
+        4: "rules since that look, the rest",
+    }
     kinds = itertools.product(rules.items(), {**paces, "all": sum(paces.values(), ())}.items())
     for (number, when), (words, rates) in kinds:
         judged = [flight for flight in flown if "failed" not in flight and flight.get("rules", 1) == number]
