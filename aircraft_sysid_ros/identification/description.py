@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants, slope_of
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, known_theta
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.identification.prior import AxisPrior
+from aircraft_sysid_ros.identification.undescribed_sensors import ANGLES, OfSensors, SensorDoubt
 
 Array = npt.NDArray[np.float64]
 
@@ -32,6 +34,7 @@ class Description(NamedTuple):
     ranges: list[tuple[float, float]]  # learnt between these V, alpha, beta
     bounds: Mapping[str, tuple[float, float]]  # of the aircraft file
     priors: list[AxisPrior | None]  # what earlier flights say of each axis
+    sensors: SensorDoubt | None = None  # of which nobody said how they are
 
     def values(self) -> Array:
         """The values alone (parameters,), NaN where nothing is known."""
@@ -43,6 +46,19 @@ class Description(NamedTuple):
             ]
         )
 
+    def _of_sensors(self, axis: int) -> OfSensors | None:
+        """What vanes do to an axis; those that are inferred have doubts of their own."""
+        if self.sensors is None or self.newest is None:
+            return None
+        own, signals = self.own[axis], self.newest[CoefficientSample.SIGNALS]
+        theta = known_theta(self.model, axis, self.least_squares) if own is None else own.theta
+        measured = [angle not in self.constants.angles for angle in ANGLES]
+        slopes = [
+            slope_of(self.model, AXES[axis], theta, signals, angle) if there else 0.0
+            for angle, there in zip(ANGLES, measured, strict=True)
+        ]
+        return self.sensors.of(self.model, axis, slopes)
+
     def __call__(self) -> ParameterSet:
         """The parameters, with standard errors corrected for coloured residuals and a verdict on each."""
         model, count = self.model, len(self.model.parameter_names)
@@ -52,7 +68,7 @@ class Description(NamedTuple):
             part = model.axis_slice(name)
             of_axis, block = axis_estimates(
                 model, axis, self.least_squares, self.time, self.missing[axis], self.own[axis], self.changed[axis],
-                self.bounds, self.priors[axis],
+                self.bounds, self.priors[axis], self._of_sensors(axis),
             )  # fmt: skip
             estimates.extend(of_axis)
             covariance[part, :] = covariance[:, part] = 0.0

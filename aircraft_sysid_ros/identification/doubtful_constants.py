@@ -82,7 +82,7 @@ class DoubtfulConstants:
             part = model.axis_slice(name)
             constants = [i for i in range(part.start, part.stop) if model.parameter_names[i].endswith("_0")]
             theta = np.array([parameters[i].value for i in range(part.start, part.stop)])
-            of_angle = {angle: _slope(model, name, theta, signals, angle) * self.std for angle in self.angles}
+            of_angle = {angle: slope_of(model, name, theta, signals, angle) * self.std for angle in self.angles}
             extra = float(np.sqrt(sum(v * v for v in of_angle.values())))
             for i in constants if np.isfinite(extra) and extra > 0.0 else []:
                 covariance[i, i] += extra**2
@@ -104,7 +104,7 @@ def _held_constant(estimate: ParameterEstimate, why: str) -> ParameterEstimate:
     return replace(estimate, status=Trust.HOLD, reason=f"{why} a bias of the IMU may stand in it")
 
 
-def _slope(model: AerodynamicModel, axis: str, theta: Array, signals: Array, angle: str) -> float:
+def slope_of(model: AerodynamicModel, axis: str, theta: Array, signals: Array, angle: str) -> float:
     """Derivative of a coefficient by an angle [1/rad] at the signals of a point, by central differences."""
     moved = []
     for step in (_STEP, -_STEP):

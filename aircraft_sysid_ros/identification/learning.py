@@ -31,6 +31,7 @@ from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, P
 from aircraft_sysid_ros.identification.predictions import KnownHistory
 from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
+from aircraft_sysid_ros.identification.undescribed_sensors import UndescribedSensors
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.samples import Samples
 
@@ -65,6 +66,7 @@ class Learning:
         self.choice = EstimatorChoice(aircraft, options, pace) if options.estimator == "auto" else None
         self._considered = np.nan  # [s]
         self.constants = DoubtfulConstants()
+        self.undescribed = UndescribedSensors(aircraft)
         self._begin_monitors()
 
     def _begin_monitors(self) -> None:
@@ -145,6 +147,7 @@ class Learning:
             self.integrity.joint = False
         self.aircraft, self.estimator = aircraft, estimator
         self.history.widen(self.columns)
+        self.undescribed.adopt(aircraft.model)
         self.changes.restart()
         self.integrity.adopt(aircraft)
         self.landing.restart()
@@ -160,6 +163,7 @@ class Learning:
         elif self.lends:
             self.estimator.restart_clock()
         self.known.restart_clock()
+        self.undescribed.restart_clock()
         self.history.restart()
         self.changes.restart_clock()
         self.integrity.restart()
@@ -198,6 +202,7 @@ class Learning:
         elif self.choice is not None:
             self.choice.step(batch)
         self.least_squares.step(batch)
+        self.undescribed.add(batch)
         samples = batch.samples
         if len(samples):
             by_least_squares = samples[:, CoefficientSample.PREDICTED].copy()
@@ -346,6 +351,7 @@ class Learning:
             ranges=[(float(low), float(high)) for low, high in self.conditions.ranges],
             bounds=self.aircraft.parameter_bounds,
             priors=[*priors],
+            sensors=self.undescribed.doubt(),
         )  # fmt: skip
 
     def _own(self, axis: int) -> AxisEstimate | None:

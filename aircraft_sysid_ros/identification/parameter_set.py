@@ -13,6 +13,7 @@ from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
 from aircraft_sysid_ros.identification.prior import AxisPrior, helped
 from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
+from aircraft_sysid_ros.identification.undescribed_sensors import OfSensors
 
 Array = npt.NDArray[np.float64]
 
@@ -25,6 +26,8 @@ _NEARLY = 1e-9
 #: What moves an axis, and what is moved where a term is one of the inputs.
 _INPUTS = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps", "Tc": "thrust", "throttle": "throttle"}
 _INPUT_OF_AXIS = dict(zip(AXES, ("elevator", "rudder", "elevator", "aileron", "elevator", "rudder"), strict=True))
+#: One sigma of what a lag and a scale do to the parameters, over that: what filters make of a vane is not quite a lag.
+CORRECTION_ERROR = 0.25
 #: Smallest eigenvalue of a correlation matrix that is more than rounding.
 _ROUNDING = 1e-14
 
@@ -65,19 +68,23 @@ def axis_estimates(
     changed: float = np.nan,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     prior: AxisPrior | None = None,
+    sensors: OfSensors | None = None,
 ) -> tuple[list[ParameterEstimate], Array]:
     """Parameters of one axis at the time ``now`` [s] and their covariance (n, n).
 
     ``missing`` says what the axis lacks, empty if nothing; ``own`` is what another estimator
     knows of the axis: the parameters are then its, and recursive least squares only says how the terms moved.
     ``changed`` is the time of flight [s] of the newest change of the axis, NaN if it never did; ``bounds`` are those
-    of the aircraft file; ``prior`` is what earlier flights say of the axis.
+    of the aircraft file; ``prior`` is what earlier flights say of the axis; ``sensors`` is what those do to the axis
+    that nobody described: least squares is freed of it, another estimator knows less by it.
     """
     names = model.parameter_names[model.axis_slice(AXES[axis])]
     n, first = len(names), int(model.offsets[axis])
     known, sums = least_squares(model, axis, state)
     excitation, effect, per_unit, correlation = np.zeros(n), np.full(n, np.inf), np.zeros(n), np.eye(n)
     estimate = _with_sampling(known if own is None else own, float(state.sampling[axis]))
+    if sensors is not None:
+        estimate = _with_sensors(estimate, sensors, own is not None)
     if known.samples > n:
         moments = sums[0] / sums[0, n + 1, n + 1]
         excitation, correlation = _excitation(moments, state.noise_square[first : first + n])
@@ -119,6 +126,14 @@ def _with_sampling(estimate: AxisEstimate, square: float) -> AxisEstimate:
     if not square > 0.0:
         return estimate
     return estimate._replace(covariance=estimate.covariance + square * np.diag(estimate.theta**2))
+
+
+def _with_sensors(estimate: AxisEstimate, sensors: OfSensors, of_another: bool) -> AxisEstimate:
+    """The estimate freed of what sensors do to it; that ``of_another`` estimator than least squares is only widened."""
+    if of_another:
+        return estimate._replace(covariance=estimate.covariance + sensors.covariance + sensors.found)
+    covariance = estimate.covariance + sensors.covariance + CORRECTION_ERROR**2 * sensors.found
+    return estimate._replace(theta=estimate.theta + sensors.shift, covariance=covariance)
 
 
 def told_apart(axis: str, names: Sequence[str], correlation: Array, j: int) -> str:

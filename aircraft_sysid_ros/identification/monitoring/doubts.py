@@ -5,6 +5,8 @@ what noise makes of it (``coefficient_noise``), in all of the motion or in a ten
 parameters then stand. So does one that is another at large angles of attack than at small ones (``range_agreement``).
 Of that those are spared that hold in either range. C_X has the lift in it that is nearly all of C_Z: where that is not
 what was known, or is not one model, nor is C_X, and none of its parameters is spared.
+Where C_l is not explained, p is not what the wing rolls through: gusts that differ from tip to tip roll it as p does,
+and what answers them, p and aileron, says wrong things in C_Y and C_n, too.
 A parameter of which the newest motion says something else than what was before it (``agreement``) is not to be used
 either.
 """
@@ -28,6 +30,9 @@ from aircraft_sysid_ros.identification.trust import lack_of_fit
 
 #: How the words for C_X begin where it is in doubt for the lift.
 _OF_LIFT = "has the lift in it that CZ has: "
+#: How those begin for what p and aileron do beside C_l.
+_OF_ROLL = "rests on the roll: "
+_ROLL, _BESIDE_ROLL, _ROLLED = AXES.index("Cl"), ("CY", "Cn"), ("p", "da")
 
 
 class Doubts:
@@ -83,6 +88,16 @@ class Doubts:
             for j, (now, before) in found.items():
                 words = f"the newest motion says {now:.3g}, what was before it {before:.3g}"
                 self._disagreeing[part.start + j] = words
+        self._doubt_beside_roll()
+
+    def _doubt_beside_roll(self) -> None:
+        """What p and the aileron do in C_Y and C_n, where C_l is not explained."""
+        if words := self._misfits.get(_ROLL, ""):
+            names = self._model.parameter_names
+            for axis in _BESIDE_ROLL:
+                for term in _ROLLED:
+                    if (name := f"{axis}_{term}") in names:
+                        self._disagreeing.setdefault(names.index(name), _OF_ROLL + words)
 
     def _not_one_model(self, kept: ParameterCheckpoint, holds: Sequence[Hold | None]) -> list[str]:
         """What to say of each axis whose model holds in a part of the angles of attack only; empty: nothing."""

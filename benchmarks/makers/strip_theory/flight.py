@@ -77,7 +77,7 @@ def _gusts_at(field: Array, place: Array, to_ned: Array, strips: Array, out: Arr
 
 
 @njit(cache=True)
-def _rates_of_change(
+def rates_of_change(
     x: Array, controls: Array, strips: Array, body: Array, inertia: Array, gusts: Array, wind: Array, change: Array
 ) -> tuple[Array, Array, Array]:
     """d/dt of the state (14,), specific force and angular acceleration. body: mass, area, chord, span, tail arm, thrust
@@ -133,7 +133,7 @@ def _fly(
         to_ned = rotation(x[6:10])
         here = x[10:13] - wind * (k * dt)
         _gusts_at(field, here, to_ned, strips, gusts)
-        d, felt[k], turned[k] = _rates_of_change(x, u, strips, body, inertia, gusts, wind, changes[k])
+        d, felt[k], turned[k] = rates_of_change(x, u, strips, body, inertia, gusts, wind, changes[k])
         mean = np.zeros(3)
         for i in range(16):
             mean += gusts[i] / 16.0
@@ -166,10 +166,10 @@ def _fly(
         for j in range(3):  # a surface that sticks stays where it is; what is recorded is where it should be
             held[j] = held[j] if stuck[k, j] else u[j]
             acting[j] = held[j]
-        k1 = _rates_of_change(x, acting, strips, body, inertia, gusts, wind, changes[k])
-        k2 = _rates_of_change(x + 0.5 * dt * k1[0], acting, strips, body, inertia, gusts, wind, changes[k])[0]
-        k3 = _rates_of_change(x + 0.5 * dt * k2, acting, strips, body, inertia, gusts, wind, changes[k])[0]
-        k4 = _rates_of_change(x + dt * k3, acting, strips, body, inertia, gusts, wind, changes[k])[0]
+        k1 = rates_of_change(x, acting, strips, body, inertia, gusts, wind, changes[k])
+        k2 = rates_of_change(x + 0.5 * dt * k1[0], acting, strips, body, inertia, gusts, wind, changes[k])[0]
+        k3 = rates_of_change(x + 0.5 * dt * k2, acting, strips, body, inertia, gusts, wind, changes[k])[0]
+        k4 = rates_of_change(x + dt * k3, acting, strips, body, inertia, gusts, wind, changes[k])[0]
         felt[k], turned[k] = k1[1], k1[2]
         x = x + dt / 6.0 * (k1[0] + 2.0 * k2 + 2.0 * k3 + k4)
         x[6:10] /= np.sqrt(np.dot(x[6:10], x[6:10]))
@@ -198,7 +198,7 @@ def trimmed(plane: Aeroplane, body: Array, change: Array) -> tuple[Array, Array]
 
     def left(y: Array) -> Array:
         controls = np.array([y[1], 0.0, 0.0, y[2] * plane.thrust])
-        d = _rates_of_change(state(y[0], y[3]), controls, plane.strips, body, plane.inertia, gusts, still, change)[0]
+        d = rates_of_change(state(y[0], y[3]), controls, plane.strips, body, plane.inertia, gusts, still, change)[0]
         return np.array([d[0], d[2], d[4], d[13]])
 
     y, _, good, why = fsolve(left, [0.03, 0.0, 0.2, 0.03], full_output=True)

@@ -112,6 +112,11 @@ def _hide(
 
 def make(seed: int, effect: str | None, folder: Path) -> dict[str, Any]:
     """A flight of one seed as a log in a folder; what it was."""
+    return made(seed, effect, folder)[0]
+
+
+def made(seed: int, effect: str | None, folder: Path) -> tuple[dict[str, Any], Aeroplane, Motion]:
+    """The same, with the aeroplane and what happened."""
     rng = np.random.default_rng(seed)
     setting = setting_of(rng)
     plane = drawn_aeroplane(rng, setting["family"])
@@ -127,7 +132,7 @@ def make(seed: int, effect: str | None, folder: Path) -> dict[str, Any]:
     motion = _low_passes(rng, plane, setting, changes, stuck) if low else flown(rng, plane, setting, changes, stuck)
     recorded(rng, folder, plane, motion, setting, sensors, flaps)
     told = {"seed": seed, "effect": effect, "begin": round(begin, 1), **setting}
-    return told | {"stalled": _stalled(plane, motion)}
+    return told | {"stalled": _stalled(plane, motion)}, plane, motion
 
 
 def _low_passes(

@@ -1,0 +1,289 @@
+"""What no aircraft file says of the sensors, estimated in flight where it shows, and counted in the standard errors.
+
+*Scale and lag of a vane.* What a regression has for an angle, a, follows the true one, s times too large and tau late.
+Between two samples true angles change as kinematics say (``flow_angle_rates``, from the IMU), whose integral I is
+without noise to speak of, but not what gusts add. In a band of motion, without what is slow,
+
+    a = s I - s tau I' + gusts.
+
+An aeroplane answers gusts, so that I goes together with them: least squares of this would find a scale that is too
+small. What moves the surfaces is no gust, so that s and tau are those for which the rest does not go together with the
+surfaces and what follows them (two-stage least squares; Soderstrom, Errors-in-variables methods, Automatica 43, 2007).
+Before a flight says so, they are not known better than vanes are built in: SCALE and LAG.
+
+The regression of y on terms x with a in place of the angle makes of true parameters theta
+
+    theta - dC/d(angle) (sum x x')^-1 sum x (delta a),    delta a = (s - 1) a - tau a',
+
+without a residual that shows it: late sideslip looks like a term in the yaw rate. What is published is freed of that,
+and its standard errors are widened by what is left.
+
+*Place of the IMU.* At a distance e from where it is taken to be it feels w' x e besides, w' the angular acceleration,
+which goes into the three forces as delta a does above. PLACE is how far, of the span.
+
+A vane that ``sensors`` of the aircraft file describes is as it says, and so is ``imu_position``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.identification.coefficients.layout import (
+    FLYING,
+    LEARNT,
+    SIGNAL,
+    SIGNALS_OF_SAMPLE,
+    TERMS_OF_SAMPLE,
+    TIME,
+    Body,
+    CoefficientBatch,
+)
+from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
+
+Array = npt.NDArray[np.float64]
+
+ANGLES = ("alpha", "beta")
+_SENSORS = ("angle_of_attack", "sideslip")
+#: One sigma of scale and lag [s] of a vane that nobody has described: upwash and position error, tubes and logging.
+SCALE, LAG = 0.06, 0.04
+#: One sigma of the place of an IMU that nobody has given, in each axis, over the span: autopilots sit in the fuselage.
+PLACE = 0.03
+#: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
+#: band; memory [s]; time [s] between what is summed; a pause [s] that begins anew.
+_BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
+#: Least time [s] that is summed.
+_LEAST = 5.0
+#: What may be wrong: each angle and its derivative, and the force coefficients that a turning of 1 m beside makes.
+_TURNING, DOUBTFUL = 4, 7
+_P, _V, _QBAR = SIGNAL_INDEX["p"], SIGNAL_INDEX["V"], SIGNAL_INDEX["qbar"]
+_FIRST_CONTROL, _COUNT_OF_CONTROLS = SIGNAL_INDEX["de"], 3
+#: Angle, I, I', and each control with what follows it.
+_SERIES = 3 + _COUNT_OF_CONTROLS * (1 + len(_FOLLOW))
+#: Surfaces that move each angle, as columns of the series.
+_INSTRUMENTS = (np.array([3, 4, 5]), np.array([6, 7, 8, 9, 10, 11]))
+#: What is left of a sum after another.
+_KEEP = float(np.exp(-_STEP / _MEMORY))
+#: A correlation matrix that may be singular gets this.
+_NEARLY = 1e-6
+
+
+class OfSensors(NamedTuple):
+    """What vanes do to the parameters of an axis."""
+
+    shift: Array  # (n,) that frees them of what was found
+    covariance: Array  # (n, n) of what is left
+    found: Array  # (n, n) mean square of what was found
+
+
+class SensorDoubt(NamedTuple):
+    """What is known of the sensors, and of what they do."""
+
+    mean: Array  # (2, 2) of each angle (scale - 1, lag [s])
+    covariance: Array  # (2, 2, 2)
+    place: float  # [m] one sigma of the place of the IMU, in each axis
+    regressions: Array  # (6, DOUBTFUL, n): of each axis, of what may be wrong on its terms
+
+    def of(self, model: AerodynamicModel, axis: int, slopes: Sequence[float]) -> OfSensors:
+        """For an axis with ``slopes`` dC/d(alpha), dC/d(beta)."""
+        n = len(model.terms[AXES[axis]])
+        shift, left, found = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+        all_rows = self.regressions[axis, :, :n]
+        if not np.isfinite(all_rows).all():
+            return OfSensors(shift, left, found)
+        for angle, slope in enumerate(slopes):
+            rows = slope * all_rows[2 * angle : 2 * angle + 2] * np.array([[1.0], [-1.0]])
+            moved = self.mean[angle] @ rows
+            shift += moved
+            left += rows.T @ self.covariance[angle] @ rows
+            found += np.outer(moved, moved)
+        if axis < 3:  # of e, the two axes across the force, by the angular acceleration about the other
+            about = [k for k in range(3) if k != axis]
+            left += self.place**2 * all_rows[_TURNING:][about].T @ all_rows[_TURNING:][about]
+        return OfSensors(shift, left, found)
+
+
+class UndescribedSensors:
+    """Follows the motion, and says what vanes that nobody described leave in doubt."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        described = aircraft.source.get("sensors") or {}
+        self._asked = np.array([sensor not in described for sensor in _SENSORS])
+        self._place = 0.0 if "imu_position" in aircraft.source else PLACE * aircraft.span
+        self.adopt(aircraft.model)
+        self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
+        self.restart_clock()
+
+    @property
+    def _any(self) -> bool:
+        return bool(self._asked.any() or self._place)
+
+    def adopt(self, model: AerodynamicModel) -> None:
+        """Another model: what its terms do is seen anew."""
+        n = int(np.diff(model.offsets).max())
+        self._offsets = model.offsets
+        self._squares, self._products = np.zeros((len(AXES), n, n)), np.zeros((len(AXES), DOUBTFUL, n))
+
+    def restart_clock(self) -> None:
+        """The clock began anew, or another manoeuvre."""
+        self._filter = np.full((len(ANGLES), 4, _SERIES), np.nan)
+        self._last = np.array([np.nan, -np.inf, np.nan])
+        self._samples: Array | None = None
+
+    def add(self, batch: CoefficientBatch) -> None:
+        """States and samples that came together."""
+        if not self._any:
+            return
+        _follow(batch.rows, batch.history, batch.body.gravity, self._filter, self._last, self._counts, self._moments)
+        if len(batch.samples):
+            samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
+            _regress(samples, self._offsets, batch.body, self._squares, self._products)
+            self._samples = samples[-2:].copy()
+
+    def errors(self) -> tuple[Array, Array]:
+        """Mean (2, 2) of (scale - 1, lag [s]) of each angle, and covariance (2, 2, 2); none of what is described."""
+        mean, covariance = np.zeros((2, 2)), np.zeros((2, 2, 2))
+        for angle in np.flatnonzero(self._asked):
+            mean[angle], covariance[angle] = _estimate(
+                self._moments[angle], float(self._counts[angle]), _INSTRUMENTS[angle]
+            )
+        return mean, covariance
+
+    def doubt(self) -> SensorDoubt | None:
+        """What is in doubt now; None: nothing."""
+        if not self._any:
+            return None
+        mean, covariance = self.errors()
+        scale = np.sqrt(np.einsum("aii->ai", self._squares))
+        scale[scale <= 0.0] = 1.0
+        found = np.full(self._products.shape, np.nan)
+        for axis in range(len(AXES)):
+            n = int(self._offsets[axis + 1] - self._offsets[axis])
+            if self._squares[axis].any():
+                by = scale[axis, :n]
+                correlation = self._squares[axis, :n, :n] / np.outer(by, by) + _NEARLY * np.eye(n)
+                right = (self._products[axis, :, :n] / by).T
+                found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
+        return SensorDoubt(mean, covariance, self._place, found)
+
+
+def _estimate(moments: Array, count: float, instruments: npt.NDArray[np.int64]) -> tuple[Array, Array]:
+    """Mean (2,) and covariance (2, 2) of (scale - 1, lag) from sums of products of the series."""
+    prior = np.diag([1.0 / SCALE**2, 1.0 / LAG**2])
+    unknown = np.zeros(2), np.linalg.inv(prior)
+    moving = instruments[np.diag(moments)[instruments] > 0.0]
+    if count * _STEP < _LEAST or not np.all(np.diag(moments)[:3] > 0.0) or len(moving) < 3:
+        return unknown
+    scale, instruments = np.sqrt(np.diag(moments)), moving
+    z = moments[np.ix_(instruments, instruments)] / np.outer(scale[instruments], scale[instruments])
+    sign = np.array([1.0, -1.0])
+    of_x = moments[np.ix_(instruments, [1, 2])] * sign / scale[instruments][:, None]
+    of_a = moments[instruments, 0] / scale[instruments]
+    weights = np.linalg.inv(z + _NEARLY * np.eye(len(z)))
+    information = of_x.T @ weights @ of_x
+    theta = np.linalg.solve(information + _NEARLY * np.diag(np.diag(information)), of_x.T @ weights @ of_a)
+    x, with_a = moments[1:3, 1:3] * np.outer(sign, sign), moments[1:3, 0] * sign
+    left = moments[0, 0] - 2.0 * theta @ with_a + theta @ x @ theta
+    variance = max(left, 0.0) / count * (2.0 * _GUST / _STEP)
+    of_data = information / max(variance, 1e-12)
+    covariance = np.linalg.inv(of_data + prior)
+    return covariance @ of_data @ (theta - np.array([1.0, 0.0])), covariance
+
+
+@njit(cache=True)
+def _high_pass(series: Array, controls: Array, step: float, begins: bool, filters: Array) -> None:
+    """Fill I and what follows the controls into a series (_SERIES,), and take away what is slow, twice."""
+    before, once, twice, follows = filters
+    keep = 1.0 if begins else _BAND / (_BAND + step)
+    series[1] = 0.0 if begins else before[1] + 0.5 * step * (series[2] + before[2])
+    for j in range(_COUNT_OF_CONTROLS):
+        first = 3 + j * (1 + len(_FOLLOW))
+        series[first] = controls[j]
+        for k in range(len(_FOLLOW)):
+            at, share = first + 1 + k, 1.0 if begins else step / (step + _FOLLOW[k])
+            follows[at] = controls[j] if begins else follows[at] + share * (controls[j] - follows[at])
+            series[at] = follows[at]
+    for j in range(_SERIES):
+        now = 0.0 if begins else keep * (once[j] + series[j] - before[j])
+        twice[j] = 0.0 if begins else keep * (twice[j] + now - once[j])
+        once[j], before[j] = now, series[j]
+
+
+@njit(cache=True)
+def _follow(
+    rows: Array, history: Array, gravity: float, filters: Array, last: Array, counts: Array, moments: Array
+) -> None:
+    """Sums of products of the series of both angles, (2, _SERIES, _SERIES), and how many are in them, from states.
+
+    ``filters`` (2, 4, _SERIES): newest series, after one high-pass, after two, and what follows the controls; ``last``:
+    newest time [s], time of the newest sum and of the begin.
+    """
+    series = np.empty(_SERIES)
+    for i in range(len(rows)):
+        time, row = history[i, TIME], history[i]
+        step = time - last[0]
+        good = row[FLYING] > 0.0
+        for j in range(_FIRST_CONTROL, _FIRST_CONTROL + _COUNT_OF_CONTROLS):
+            good = good and np.isfinite(row[SIGNAL + j])
+        if not good:
+            last[0] = np.nan
+            continue
+        rates = flow_angle_rates(rows[i], gravity)
+        begins = not (0.0 < step < _PAUSE)
+        if begins:
+            last[2] = time
+        for angle in range(2):
+            series[0], series[2] = row[SIGNAL + angle], rates[angle]
+            _high_pass(series, row[SIGNAL + _FIRST_CONTROL :], step, begins, filters[angle])
+        last[0] = time
+        if time - last[2] < 2.0 * _BAND or time - last[1] < _STEP - 1e-6:
+            continue
+        last[1] = time
+        for angle in range(2):
+            twice = filters[angle, 2]
+            if np.isfinite(twice[0]) and np.isfinite(twice[1]):
+                counts[angle] = _KEEP * counts[angle] + 1.0
+                for j in range(_SERIES):
+                    for k in range(_SERIES):
+                        moments[angle, j, k] = _KEEP * moments[angle, j, k] + twice[j] * twice[k]
+            else:
+                last[0] = np.nan
+
+
+@njit(cache=True)
+def _regress(samples: Array, offsets: npt.NDArray[np.int64], body: Body, squares: Array, products: Array) -> None:
+    """Sums x x' and x (a, a', …) of what each axis learnt from; of the first and the last sample no derivative."""
+    wrong, area, span, chord = np.zeros(products.shape[1]), body.geometry[0], body.geometry[1], body.geometry[2]
+    for i in range(1, len(samples) - 1):
+        step = samples[i + 1, 0] - samples[i - 1, 0]
+        if not 0.0 < step < _PAUSE:
+            continue
+        before, now = samples[i - 1, SIGNALS_OF_SAMPLE:], samples[i, SIGNALS_OF_SAMPLE:]
+        after = samples[i + 1, SIGNALS_OF_SAMPLE:]
+        for angle in range(2):
+            slope = (after[angle] - before[angle]) / step
+            good = np.isfinite(slope + now[angle])
+            wrong[2 * angle], wrong[2 * angle + 1] = (now[angle], slope) if good else (0.0, 0.0)
+        for k in range(3):
+            length = chord if k == 1 else 0.5 * span
+            turning = (after[_P + k] - before[_P + k]) / step * now[_V] / length
+            force = body.mass * turning / (now[_QBAR] * area)
+            wrong[_TURNING + k] = force if np.isfinite(force) else 0.0
+        for axis in range(len(squares)):
+            if samples[i, LEARNT + axis] <= 0.0:
+                continue
+            first = offsets[axis]
+            n = offsets[axis + 1] - first
+            x = samples[i, TERMS_OF_SAMPLE + first : TERMS_OF_SAMPLE + first + n]
+            for j in range(n):
+                for k in range(len(wrong)):
+                    products[axis, k, j] = _KEEP * products[axis, k, j] + x[j] * wrong[k]
+                for k in range(n):
+                    squares[axis, j, k] = _KEEP * squares[axis, j, k] + x[j] * x[k]

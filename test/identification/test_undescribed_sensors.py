@@ -1,0 +1,102 @@
+"""Vanes that no aircraft file describes: their scale and lag are found, and counted in what is published."""
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.identification.undescribed_sensors import LAG, SCALE, _estimate
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
+from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, default_aircraft, simulate_samples
+
+SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia", "imu_position", "air_data_position", "gps_position")
+VANES = (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
+TOO_SMALL, LATE = 0.9, 0.08
+
+
+def shape(aircraft: Aircraft) -> Aircraft:
+    return aircraft_from_dict({key: aircraft.source[key] for key in SHAPE})
+
+
+def poor(samples: Samples) -> Samples:
+    values, rng = samples.values.copy(), np.random.default_rng(3)
+    for kind in VANES:
+        rows = np.flatnonzero(samples.kind == kind)
+        rows = rows[np.argsort(samples.stamp[rows], kind="stable")]
+        time = (samples.stamp[rows] - samples.stamp[rows[0]]) * 1e-9
+        shown = TOO_SMALL * first_order_lag(time, values[rows, :1], LATE)[:, 0]
+        values[rows, 0] = shown + np.radians(0.5) * rng.normal(size=len(rows))
+    return Samples(samples.stamp, samples.kind, values)
+
+
+def replayed(aircraft: Aircraft, samples: Samples, block: int = 10_000) -> Pipeline:
+    pipeline = Pipeline(aircraft)
+    for first in range(0, len(samples), block):
+        pipeline.push(samples[first : first + block])
+    pipeline.flush()
+    return pipeline
+
+
+@pytest.fixture(scope="module")
+def flight() -> SimulatedFlight:
+    return simulate_samples(default_aircraft(), 41, 60.0)
+
+
+def z_of(found: ParameterSet, truth: dict[str, float]) -> dict[str, float]:
+    return {p.name: abs(p.value - truth[p.name]) / p.std for p in found.parameters if p.status is Trust.USE}
+
+
+def test_late_and_small_vanes_are_found_and_their_parameters_hold_the_truth(flight: SimulatedFlight) -> None:
+    samples, truth = poor(flight.samples), dict(flight.coefficients)
+    pipeline = replayed(shape(flight.aircraft), samples)
+    mean, covariance = pipeline.parameters.learning.undescribed.errors()
+    assert mean[1, 0] == pytest.approx(TOO_SMALL - 1.0, abs=3.0 * np.sqrt(covariance[1, 0, 0]))
+    assert 0.01 < mean[1, 1] < LATE + 3.0 * np.sqrt(covariance[1, 1, 1])  # what the filter leaves of it
+    sound = z_of(pipeline.parameters.snapshot(), truth)
+    # the same where the file says that the vanes are as they should be: late sideslip is then a term in r
+    described = aircraft_from_dict({**flight.aircraft.source, "coefficients": {}} | {"name": "believed"})
+    believed = z_of(replayed(described, samples).parameters.snapshot(), truth)
+    lateral = ("Cl_beta", "Cn_beta", "Cl_r", "Cn_r")
+    assert max(believed[name] for name in lateral if name in believed) > 5.0
+    assert len([name for name in lateral if name in sound]) >= 3
+    assert max(sound[name] for name in lateral if name in sound) < 3.0
+
+
+def test_a_described_vane_is_as_it_says(flight: SimulatedFlight) -> None:
+    pipeline = replayed(flight.aircraft, flight.samples)
+    assert pipeline.parameters.learning.undescribed.doubt() is None
+
+
+def test_blocks_do_not_matter(flight: SimulatedFlight) -> None:
+    samples = poor(flight.samples)
+    few = samples[samples.stamp < samples.stamp.min() + 25 * 10**9]
+    one, other = (replayed(shape(flight.aircraft), few, block).parameters.snapshot() for block in (len(few), 37))
+    assert np.array_equal(one.covariance, other.covariance, equal_nan=True)
+    assert [repr(p.value) for p in one.parameters] == [repr(p.value) for p in other.parameters]
+
+
+def test_gusts_that_the_aeroplane_answers_bias_no_scale() -> None:
+    """An angle that answers gusts by its opposite: least squares is off by a half, what the surface moves is not."""
+    rng, n, step, scale, lag = np.random.default_rng(5), 30_000, 0.04, 1.1, 0.05
+    surface = first_order_lag(np.arange(n) * step, rng.normal(size=(n, 1)), 0.4)[:, 0]
+    gust = first_order_lag(np.arange(n) * step, rng.normal(size=(n, 1)), 0.4)[:, 0]
+    motion = first_order_lag(np.arange(n) * step, (surface - gust)[:, None], 0.3)[:, 0]
+    rate = np.gradient(motion, step)
+    shown = scale * motion - scale * lag * rate + gust
+    later = first_order_lag(np.arange(n) * step, surface[:, None], 0.3)[:, 0]
+    much_later = first_order_lag(np.arange(n) * step, surface[:, None], 1.0)[:, 0]
+    series = np.stack([shown, motion, rate, surface, later, much_later], axis=1)
+    mean, covariance = _estimate(series.T @ series, float(n), np.array([3, 4, 5]))
+    assert mean == pytest.approx([scale - 1.0, scale * lag], abs=3.0 * np.sqrt(np.diag(covariance)).max())
+    assert np.sqrt(covariance[0, 0]) < 0.7 * SCALE and np.sqrt(covariance[1, 1]) < 0.7 * LAG
+    plain = np.linalg.lstsq(series[:, 1:3], shown, rcond=None)[0]
+    assert abs(plain[0] - scale) > 0.2
+
+
+def test_without_motion_a_vane_is_as_vanes_are_built() -> None:
+    mean, covariance = _estimate(np.zeros((12, 12)), 0.0, np.array([3, 4, 5]))
+    assert np.array_equal(mean, np.zeros(2))
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([SCALE, LAG])
