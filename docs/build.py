@@ -727,6 +727,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "faults_now": lambda: faults("faults_now"),
     "airspeed_faults": lambda: table(*trust_tables.airspeed_faults(load_lines("airspeed_faults"))),
     "stalls_in_flight": lambda: table(*trust_tables.stalls_in_flight(load("stalls_in_flight"))),
+    "use_audit": lambda: table(*trust_tables.use_audit(load("use_audit"))),
     "isolation_limits": lambda: table(*trust_tables.isolation_limits()),
     "jet": jet,
     "trimmed_jet": trimmed_jet,

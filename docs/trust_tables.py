@@ -143,6 +143,26 @@ def airspeed_faults(found: list[dict[str, Any]]) -> Table:
     return header, rows
 
 
+def use_audit(found: dict[str, Any]) -> Table:
+    """Values in USE against the truth, by what was drawn; without what is in doubt of the sensors, and as it is."""
+    rows = []
+    for name, counts in found.items():
+        for way in ("without", "with"):
+            c, seconds = counts[way], counts[way]["seconds"]
+            in_use = max(seconds.get("use", 0), 1)
+            rows.append([
+                name, str(counts["flights"]), way, f"{c['use']} of {c['parameters']}", f"{c['covered']}",
+                f"{c['missed']}", f"{c['sure_wrong']}", f"{seconds.get('use', 0)} s",
+                *(f"{100 * seconds.get(key, 0) / in_use:.2f} %" for key in ("outside", "missed", "sure_wrong")),
+                f"{c['flights_sure_wrong']}", f"{c['lost']}",
+            ])  # fmt: skip
+    header = ["flights", "number", "sensors in doubt", "USE at the end", "in their 95 % interval",
+              "off by more than 3.5 standard errors", "confidently wrong", "USE in time", "outside of 95 %",
+              "off by more than 3.5", "confidently wrong", "flights in which one was",
+              "right, but not in USE"]  # fmt: skip
+    return header, rows
+
+
 def isolation_limits() -> Table:
     """What tells sensor and aeroplane apart: each limit, and why. The code is where it stands."""
     rows = [

@@ -51,7 +51,7 @@ from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_ra
 Array = npt.NDArray[np.float64]
 
 ANGLES = ("alpha", "beta")
-_SENSORS = ("angle_of_attack", "sideslip")
+_SENSORS, _GROUP = ("angle_of_attack", "sideslip"), "air_data"
 #: One sigma of scale and lag [s] of a vane that nobody has described: upwash and position error, tubes and logging.
 SCALE, LAG = 0.06, 0.04
 #: One sigma of the place of an IMU that nobody has given, in each axis, over the span: autopilots sit in the fuselage.
@@ -115,7 +115,7 @@ class UndescribedSensors:
 
     def __init__(self, aircraft: Aircraft) -> None:
         described = aircraft.source.get("sensors") or {}
-        self._asked = np.array([sensor not in described for sensor in _SENSORS])
+        self._asked = np.array([not {sensor, _GROUP} & {*described} for sensor in _SENSORS])
         self._place = 0.0 if "imu_position" in aircraft.source else PLACE * aircraft.span
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
@@ -184,7 +184,7 @@ def _estimate(moments: Array, count: float, instruments: npt.NDArray[np.int64]) 
     scale, instruments = np.sqrt(np.diag(moments)), moving
     z = moments[np.ix_(instruments, instruments)] / np.outer(scale[instruments], scale[instruments])
     sign = np.array([1.0, -1.0])
-    of_x = moments[np.ix_(instruments, [1, 2])] * sign / scale[instruments][:, None]
+    of_x = moments[np.ix_(instruments, np.array([1, 2]))] * sign / scale[instruments][:, None]
     of_a = moments[instruments, 0] / scale[instruments]
     weights = np.linalg.inv(z + _NEARLY * np.eye(len(z)))
     information = of_x.T @ weights @ of_x
