@@ -237,7 +237,7 @@ class Memory(NamedTuple):
     #: (kinds, 8) sums over innovations: outputs, normalised squares (capped), ln det S, squares of normalised ones, and
     #: of their means, as large where they are white; then those means
     likelihood: npt.NDArray[np.float64]
-    recent_nis: npt.NDArray[np.float64]  # (1,) running mean per degree of freedom, rejected samples too
+    recent_nis: npt.NDArray[np.float64]  # (1,) running mean per output, rejected samples too, without the magnetometer
     own_nis: npt.NDArray[np.float64]  # (kinds,) the same of each sensor, over half a second
     air_nis: npt.NDArray[np.float64]  # (1,) the same of air data alone, faster
     wind_walk: npt.NDArray[np.float64]  # (1,) [m/s per sqrt(s)] as the air data ask for just now

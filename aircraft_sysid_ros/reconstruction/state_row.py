@@ -71,7 +71,7 @@ _WITHOUT_GPS, _CALM_AIR = Status.WITHOUT_GPS, Status.CALM_AIR
 #: Mean normalised innovation squared of all sensors from which one is looked for, and that of one that is suspected;
 #: of another it is at most so large a share, where one alone is.
 _UNEASY, _SUSPECT, _ALONE = 1.3, 3.0, 0.3
-_ATTITUDE = int(Kind.ATTITUDE)
+_ATTITUDE, _MAGNETIC_FIELD = int(Kind.ATTITUDE), int(Kind.MAGNETIC_FIELD)
 _FIRST_SUSPECT = min(SUSPECTED)
 #: A sensor that has not been fused for this long [s] is counted as lost.
 SENSOR_TIMEOUT = 2.0
@@ -131,7 +131,7 @@ def write_row(
     row[_CONTRADICTION] = _suspected(memory.own_nis) if memory.recent_nis[0] > _UNEASY else 0.0
     fused, rejected = memory.fused, memory.rejected
     row[_STATUS] = _status(time, memory.last_fused, (fused, rejected, memory.skipped), setup)
-    row[_FUSED], row[_REJECTED] = np.sum(fused), np.sum(rejected)
+    row[_FUSED], row[_REJECTED] = np.sum(fused), np.sum(rejected) - rejected[_MAGNETIC_FIELD]  # see _passes_gate
     for i in range(3):
         row[_ORIGIN + i] = setup.origin[i]
 
