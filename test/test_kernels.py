@@ -2,8 +2,10 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numba
 
@@ -65,3 +67,10 @@ def test_a_loaded_kernel_is_as_good_as_a_compiled_one(tmp_path):
 def test_this_version_of_numba_is_known():
     """With another all is right, but loads slowly: compare its inside with what `kernels` says, and widen KNOWN."""
     assert numba.version_info.major == 0 and numba.version_info.minor in kernels.KNOWN
+
+
+def test_every_kernel_is_loaded_so():
+    """One that takes Numba's own makes each process that calls it import what compiles."""
+    package = Path(kernels.__file__).parent
+    others = [path for path in package.rglob("*.py") if path.name != "kernels.py" and "numba" in path.read_text("utf8")]
+    assert not [path for path in others if re.search(r"^\s*from numba import.*njit", path.read_text("utf8"), re.M)]

@@ -31,7 +31,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -47,6 +46,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientBatch,
 )
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 
