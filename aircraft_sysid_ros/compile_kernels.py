@@ -20,7 +20,7 @@ import numpy as np
 from numba.core import caching
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
 from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
@@ -47,6 +47,9 @@ from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.ros_messages.output_messages import state_fields
 from aircraft_sysid_ros.samples import Samples
+
+#: Of an aircraft file that says nothing of its sensors, which are then estimated as well.
+_SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia")
 
 
 def filters() -> None:
@@ -99,6 +102,9 @@ def whole_way() -> None:
     pipeline.push(samples[half:])
     pipeline.flush()
     pipeline.parameters.snapshot()
+    sensors_unknown = Pipeline(aircraft_from_dict({key: aircraft.source[key] for key in _SHAPE}))
+    sensors_unknown.push(samples[:half])
+    sensors_unknown.flush()
     solved(np.eye(4))  # of the monitor, where two parts of a flight disagree
     RangeAgreement(aircraft.model).warm_up()
     in_flight.warm_up()
