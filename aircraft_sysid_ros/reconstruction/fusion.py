@@ -306,9 +306,8 @@ def _passes_gate(kind: int, innovation: Array, update: Update, time: float, setu
     before = max(memory.last_fused[kind], memory.last_rejected[kind])
     _follow_colour(time - before, innovation, factor, likelihood[kind])
     capped = min(nis / m, _LARGEST_NIS)
-    if (
-        kind != _MAGNETIC_FIELD
-    ):  # one that is not calibrated errs in the heading, which GPS and air data then contradict
+    # a magnetometer that is not calibrated errs in the heading, which GPS and air data then contradict
+    if kind != _MAGNETIC_FIELD:
         recent[0] += _NIS_WEIGHT * (capped - recent[0])
     memory.own_nis[kind] += min(max((time - before) / _OWN_TIME, _NIS_WEIGHT), _OWN_WEIGHT) * (
         capped - memory.own_nis[kind]

@@ -113,7 +113,7 @@ def test_sensors_noisier_than_the_file_are_noticed(aircraft) -> None:
     """An accelerometer with four times the noise: seen in the fast part of C_X and C_Y, by about as much."""
     quiet = {**aircraft.sensors, "accelerometer": replace(aircraft.sensors["accelerometer"], noise=(0.0075,))}
     flight = flight_without_missing_effects(aircraft, 5)
-    comparison = compare(replace(flight, aircraft=replace(aircraft, sensors=quiet), white_noise={}))
+    comparison = compare(replace(flight, aircraft=replace(aircraft, sensors=quiet)))
     assert comparison.axes["CY"].noise_seen > 1.8
     assert any("CY" in note for note in comparison.notes)
 

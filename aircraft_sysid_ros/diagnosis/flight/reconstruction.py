@@ -20,7 +20,6 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_sparse_rates
 from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
-from aircraft_sysid_ros.diagnosis.flight.white_noise import white_noise_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
@@ -323,7 +322,6 @@ def settled_flight(made: Reconstruction) -> FlightData:
         signals=data.signals[keep],
         air_velocity_std=float(np.nanmedian(made.rows[:, StateField.AIR_VELOCITY_STD])),
         smoothed=True,
-        white_noise=white_noise_of(data.aircraft, made.samples),
         manoeuvre=None if data.manoeuvre is None else data.manoeuvre[keep],
         flown=None if data.flown is None else data.flown[keep],
         run=None if data.run is None else data.run[keep],

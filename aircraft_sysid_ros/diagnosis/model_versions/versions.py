@@ -31,6 +31,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT, FlightData, check_flight, load_flight_data
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown, settled_flight
+from aircraft_sysid_ros.diagnosis.flight.white_noise import white_noise_of
 from aircraft_sysid_ros.diagnosis.model_versions.labels import named, newest, read_labels
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError, echo
@@ -140,7 +141,8 @@ class Run:
         else:
             made, _ = reconstruct_as_flown(aircraft, self.samples, calm_air=self.calm_air)
             check_flight(str(self.path), made.data, self.samples)
-            flight, first = settled_flight(made), made.epoch + int(1e9 * made.points[0, CoefficientSample.TIME])
+            flight = replace(settled_flight(made), white_noise=white_noise_of(made.aircraft, made.samples))
+            first = made.epoch + int(1e9 * made.points[0, CoefficientSample.TIME])
         return replace(flight.under(aircraft), names=self.manoeuvres), first - int(1e9 * flight.begin)
 
 
