@@ -21,7 +21,8 @@ and its standard errors are widened by what is left.
 *Place of the IMU.* At a distance e from where it is taken to be it feels w' x e besides, w' the angular acceleration,
 which goes into the three forces as delta a does above. PLACE is how far, of the span.
 
-A vane that ``sensors`` of the aircraft file describes is as it says, and so is ``imu_position``.
+A vane that ``sensors`` of the aircraft file describes is as it says, and so is ``imu_position``. A file that says how
+noisy a vane is and nothing else, as one that a flight completed does, does not describe it.
 """
 
 from __future__ import annotations
@@ -114,8 +115,9 @@ class UndescribedSensors:
     """Follows the motion, and says what vanes that nobody described leave in doubt."""
 
     def __init__(self, aircraft: Aircraft) -> None:
-        described = aircraft.source.get("sensors") or {}
-        self._asked = np.array([not {sensor, _GROUP} & {*described} for sensor in _SENSORS])
+        of_file = aircraft.source.get("sensors") or {}
+        described = {name for name, said in of_file.items() if {*(said or {})} - {"noise"}}
+        self._asked = np.array([not {sensor, _GROUP} & described for sensor in _SENSORS])
         self._place = 0.0 if "imu_position" in aircraft.source else PLACE * aircraft.span
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))

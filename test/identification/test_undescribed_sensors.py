@@ -6,7 +6,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.identification.undescribed_sensors import LAG, SCALE, _estimate
+from aircraft_sysid_ros.identification.undescribed_sensors import LAG, SCALE, UndescribedSensors, _estimate
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
@@ -68,6 +68,13 @@ def test_late_and_small_vanes_are_found_and_their_parameters_hold_the_truth(flig
 def test_a_described_vane_is_as_it_says(flight: SimulatedFlight) -> None:
     pipeline = replayed(flight.aircraft, flight.samples)
     assert pipeline.parameters.learning.undescribed.doubt() is None
+
+
+@pytest.mark.parametrize(("said", "described"), [({"noise": 0.004}, False), ({"noise": 0.004, "delay": 0.0}, True)])
+def test_noise_alone_describes_no_vane(flight: SimulatedFlight, said: dict[str, float], described: bool) -> None:
+    plain = {key: flight.aircraft.source[key] for key in SHAPE}
+    aircraft = aircraft_from_dict({**plain, "sensors": {"angle_of_attack": said, "sideslip": said}})
+    assert (UndescribedSensors(aircraft).doubt() is None) == described
 
 
 def test_blocks_do_not_matter(flight: SimulatedFlight) -> None:
