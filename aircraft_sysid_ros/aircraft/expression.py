@@ -28,6 +28,12 @@ SIGNALS: tuple[str, ...] = (
     "V", "qbar", "mach", "height", "alpha_dot", "beta_dot", "time",
 )  # fmt: skip
 SIGNAL_INDEX = {name: i for i, name in enumerate(SIGNALS)}
+#: What a pilot moves, in words.
+CONTROL_WORDS = {
+    "de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps", "Tc": "thrust", "throttle": "throttle",
+    "propeller_speed": "propeller speed",
+}  # fmt: skip
+SURFACE_WORDS = {name: CONTROL_WORDS[name] for name in ("de", "da", "dr", "flaps")}
 #: Signals that an aircraft file may name besides (``inputs:``); they follow SIGNALS in a signal row, in its order.
 MOST_INPUTS = 10
 #: And so many different ``lag(…)`` that the terms of a model read; they follow the inputs.

@@ -21,7 +21,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SENSOR_GROUPS, Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.expression import SURFACE_WORDS, parse_expression
 
 AERODYNAMIC, CHANGE, MEASUREMENT = "aerodynamic", "change in flight", "measurement"
 KINDS = (AERODYNAMIC, CHANGE, MEASUREMENT)
@@ -169,7 +169,8 @@ def surface(name: str, axes: Iterable[str], terms: Iterable[str], rolls: bool = 
     Each term has one number, which multiplies the derivative C_axis,δ of the present model. ``rolls``: and another in
     C_l, since what is lost of a rudder's height or of one side has an arm of its own.
     """
-    symbol, listed = {"elevator": "de", "aileron": "da", "rudder": "dr"}[name.split(",", 1)[0]], tuple(terms)
+    words, listed = name.split(",", 1)[0], tuple(terms)
+    symbol = next(signal for signal, named in SURFACE_WORDS.items() if named == words)
     ties = {axis: tuple(Tie(k, of=f"{axis}_{symbol}") for k in range(len(listed))) for axis in axes}
     if rolls:
         ties["Cl"] = tuple(Tie(len(listed) + k) for k in range(len(listed)))

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
 from aircraft_sysid_ros.identification.prior import AxisPrior, helped
@@ -23,8 +24,7 @@ _NOISE_OF_ONE = 0.01
 _FOLLOWS = 0.8
 #: What is added to a correlation matrix that may be singular, where digits do not matter.
 _NEARLY = 1e-9
-#: What moves an axis, and what is moved where a term is one of the inputs.
-_INPUTS = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps", "Tc": "thrust", "throttle": "throttle"}
+#: What moves an axis.
 _INPUT_OF_AXIS = dict(zip(AXES, ("elevator", "rudder", "elevator", "aileron", "elevator", "rudder"), strict=True))
 #: One sigma of what a lag and a scale do to the parameters, over that: what filters make of a vane is not quite a lag.
 CORRECTION_ERROR = 0.25
@@ -153,9 +153,9 @@ def told_apart(axis: str, names: Sequence[str], correlation: Array, j: int) -> s
     term, other = (names[i].partition("_")[2] for i in (j, k))
     told = f"; it follows {'the constant' if other == '0' else other}"
     is_alike = other == "0" or term.rstrip("0123456789") == other.rstrip("0123456789")
-    if is_alike and term not in _INPUTS:
+    if is_alike and term not in CONTROL_WORDS:
         return f"{told}: fly it over a wider range"
-    return f"{told}: move the {_INPUTS.get(term) or _INPUTS.get(other) or _INPUT_OF_AXIS[axis]} by itself"
+    return f"{told}: move the {CONTROL_WORDS.get(term) or CONTROL_WORDS.get(other) or _INPUT_OF_AXIS[axis]} by itself"
 
 
 def _excitation(moments: Array, noise_square: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import KnownMode, Learnt
+from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.flight_check.finding import ABSENT, INFO
 from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD
@@ -23,7 +24,7 @@ _MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"V", "qbar", "mach", "height"}), "level flight at several speeds and heights"),
 )
 #: Signal of the model that a control of a recording is: where it is not recorded no manoeuvre of it shows anything.
-_CONTROLS = {"elevator": "de", "aileron": "da", "rudder": "dr", "thrust": "Tc", "flaps": "flaps"}
+_CONTROLS = {CONTROL_WORDS[signal]: signal for signal in ("de", "da", "dr", "Tc", "flaps")}
 _WIDEST = 1.3  # highest over lowest airspeed below which other speeds are worth a flight
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS, parse_expression
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -15,7 +15,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import CHANGE
 
 LOSS_OF_THRUST, STUCK = "loss_of_thrust", "stuck_control"
-_SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps", ENGINE: "engine"}
+_WHAT = {**CONTROL_WORDS, ENGINE: "engine"}
 _RIVALS = {
     "landing_gear": "a step of drag, as of a landing gear",
     "parameter_change": "another constant of the same axes for that time, as of a trim that moved",
@@ -56,7 +56,7 @@ def sentence_of(failure: Failure) -> str:
         )
     if failure.is_loss_of_thrust:
         return f"The engine makes no thrust {span_of(failure)}, whatever the throttle says."
-    name = _SURFACES.get(failure.name, failure.name)
+    name = _WHAT.get(failure.name, failure.name)
     where = f" It stays near {failure.level:.3f}." if np.isfinite(failure.level) else ""
     return f"The control '{name}' does not move {span_of(failure)}, whatever is commanded.{where}"
 
@@ -97,7 +97,7 @@ def candidate_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
     terms = terms_of(failure, report)
     name = BY_ID[identifier].name if identifier in BY_ID else "Loss of thrust"
     inner = {"t0": failure.begin} | ({} if failure.end is None else {"t1": failure.end})
-    which = "" if failure.is_loss_of_thrust else f" ({_SURFACES.get(failure.name, failure.name)})"
+    which = "" if failure.is_loss_of_thrust else f" ({_WHAT.get(failure.name, failure.name)})"
     begin = int(report.balance.begin)
     return {
         "effect": identifier,
@@ -166,5 +166,5 @@ def _advice(report: FailureReport) -> Iterator[str]:
             "say why of each axis. Record deflections, and vanes; what such a flight does tell is its drag (polar)."
         )
     elif not report.found:
-        names = ", ".join(_SURFACES.get(name, name) for name in report.tried)
+        names = ", ".join(_WHAT.get(name, name) for name in report.tried)
         yield f"None of the inputs that move in this flight has failed for a while, or for good: {names}."

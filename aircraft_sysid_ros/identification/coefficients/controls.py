@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS
+from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS, MOST_INPUTS
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
@@ -23,7 +23,7 @@ from aircraft_sysid_ros.identification.coefficients.signals import (
 )
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
-from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -36,7 +36,6 @@ _MOST_BEHIND = 1000
 _MOST_ABSURD, _ABSURD_TIME = 10, 30.0
 #: Kinds that the first step hears and counts, too.
 _OF_FIRST_STEP = [kind for kind, _ in VANES]
-_NAMES = ("elevator", "aileron", "rudder", "flaps", "throttle", "thrust", "propeller speed")
 
 
 class ControlHistory:
@@ -111,9 +110,9 @@ class ControlHistory:
     def misread(self, time: float) -> list[str]:
         """Controls that had values at ``time`` [s] which are of another unit, in words."""
         return [
-            f"values of the {_NAMES[column]} are none in {'rad' if column < len(SURFACES) else 'SI units'}"
+            f"values of the {CONTROL_WORDS[CONTROL_COLUMNS[column]]} are none in {unit}"
             for column, since in sorted(self._misread.items())
-            if time >= since
+            if time >= since and (unit := "rad" if column < len(SURFACES) else "SI units")
         ]
 
     @property

@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.expression import SURFACE_WORDS
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
-
-SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "flaps": "flaps"}
 
 
 @dataclass
@@ -48,7 +47,7 @@ class Hold:
         if not self.stuck:
             return self.lacks or self.words
         recorded = self.still > -np.inf
-        surface = SURFACES[self.stuck]
+        surface = SURFACE_WORDS[self.stuck]
         return f"the record of the {surface} stands still" if recorded else f"the {surface} is stuck or lost"
 
 

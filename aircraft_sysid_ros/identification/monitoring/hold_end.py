@@ -23,12 +23,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SURFACE_WORDS
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.history import Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.error_levels import NORMAL
 from aircraft_sysid_ros.identification.monitoring.error_watch import DECIDES, EVIDENCE, ErrorWatch
-from aircraft_sysid_ros.identification.monitoring.hold import SURFACES, Hold, Release
+from aircraft_sysid_ros.identification.monitoring.hold import Hold, Release
 from aircraft_sysid_ros.identification.monitoring.known_before import KnownBefore, cause
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import Sign
 from aircraft_sysid_ros.identification.trust import Trust
@@ -122,7 +122,7 @@ class HoldEnd:
         """Whether the record of a surface of the axis stopped when the trouble began, and still stands; notes which."""
         samples = self.history.since(0)
         times = samples[:, CoefficientSample.TIME]
-        for surface in SURFACES if len(samples) else ():  # none yet after a restart
+        for surface in SURFACE_WORDS if len(samples) else ():  # none yet after a restart
             if surface not in self.model.terms[AXES[axis]]:
                 continue
             record = samples[:, CoefficientSample.SIGNALS.start + SIGNAL_INDEX[surface]]
@@ -142,6 +142,6 @@ class HoldEnd:
             surface = self.model.parameter_names[i].partition("_")[2]
             before, now = good.found.parameters[i], newest.found.parameters[i]
             known = before.status == Trust.USE and now.std < 0.25 * abs(before.value)
-            if surface in SURFACES and known and now.value * np.sign(before.value) < STUCK * abs(before.value):
+            if surface in SURFACE_WORDS and known and now.value * np.sign(before.value) < STUCK * abs(before.value):
                 return surface
         return ""

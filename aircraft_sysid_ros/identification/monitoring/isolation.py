@@ -21,10 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SURFACE_WORDS
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
 from aircraft_sysid_ros.identification.monitoring.error_levels import ALARM, SIGN
-from aircraft_sysid_ros.identification.monitoring.hold import SURFACES
 from aircraft_sysid_ros.reconstruction.state import SUSPECTED
 
 Array = npt.NDArray[np.float64]
@@ -50,7 +49,7 @@ _OF_VANES = {
     "sideslip": (AXES.index("CY"), [AXES.index("Cn"), AXES.index("Cl")]),
 }
 INPUTS = {"alpha": "angle of attack", "beta": "sideslip"} | {
-    signal: f"record of the {surface}" for signal, surface in SURFACES.items()
+    signal: f"record of the {surface}" for signal, surface in SURFACE_WORDS.items()
 }
 _AIRSPEED, _CONTROLS, _AIR_DATA, _IMU = "airspeed", "controls", "air data", "IMU"
 _LATE = (_CONTROLS, _AIR_DATA, _IMU)
@@ -75,7 +74,7 @@ class Explanation(NamedTuple):
     @property
     def is_aeroplane(self) -> bool:
         """Whether it explains all, and a surface has lost effect or the centre of gravity has moved."""
-        lost = self.what in SURFACES and -1.0 <= self.size < 0.0
+        lost = self.what in SURFACE_WORDS and -1.0 <= self.size < 0.0
         moved = self.what == _GRAVITY and abs(self.size) < FARTHEST
         return self.is_sure and (lost or moved) and self.left * self.before < WHOLLY
 
@@ -93,7 +92,7 @@ class Explanation(NamedTuple):
             where = "aft" if self.size > 0.0 else "forward"
             return f"the centre of gravity moved {where} by {abs(self.size):.0%} of the chord"
         if self.is_aeroplane:
-            return f"the {SURFACES[self.what]} lost {-self.size:.0%} of its effect, or its record is wrong"
+            return f"the {SURFACE_WORDS[self.what]} lost {-self.size:.0%} of its effect, or its record is wrong"
         if self.what == _AIRSPEED:
             return "airspeed or density is wrong, or the aeroplane has changed"
         return f"the {INPUTS[self.what]} needs the factor {1.0 + self.size:.2g}, or the aeroplane has changed"
@@ -143,8 +142,8 @@ def _effects(time: Array, each: Array, terms: Sequence[str]) -> dict[str, Array]
     def part(*names: str) -> Array:
         return np.asarray(each[:, [name in names for name in of]].sum(axis=1))
 
-    found = {name: part(name) for name in (*_FLOW, *SURFACES) if name in of}
-    controls, flow = _rate(time, part(*SURFACES)), _rate(time, part(*_FLOW))
+    found = {name: part(name) for name in (*_FLOW, *SURFACE_WORDS) if name in of}
+    controls, flow = _rate(time, part(*SURFACE_WORDS)), _rate(time, part(*_FLOW))
     return found | {
         _AIRSPEED: each.sum(axis=1), _CONTROLS: controls, _AIR_DATA: flow, _IMU: -controls - flow
     }  # fmt: skip
@@ -171,7 +170,7 @@ def noisy_records(model: AerodynamicModel, samples: Array, since: float) -> str:
     moved = {term for terms in model.terms.values() for term in terms}
     found = [
         surface
-        for signal, surface in SURFACES.items()
+        for signal, surface in SURFACE_WORDS.items()
         if signal in moved and _is_noisy(time, samples[:, first + SIGNAL_INDEX[signal]], since)
     ]
     if len(found) == 1:

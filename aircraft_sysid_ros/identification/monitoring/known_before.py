@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.expression import SURFACE_WORDS
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
-from aircraft_sysid_ros.identification.monitoring.hold import SURFACES
 from aircraft_sysid_ros.identification.monitoring.isolation import INPUTS, Explanation
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.kernels import njit
@@ -189,7 +189,7 @@ def _candidates(changes: list[Change]) -> str:
     labels, ratios = {c.label.rstrip("0123456789") for c in changes}, np.array([c.ratio for c in changes])
     if len(labels) == 1 and labels <= set(INPUTS):
         return f"the {INPUTS[labels.pop()]} is wrong, or the aeroplane has changed"
-    if labels <= set(SURFACES):
+    if labels <= set(SURFACE_WORDS):
         return "the records of the controls are wrong, or the aeroplane has changed"
     scale = float(np.mean(ratios))
     if len(changes) > 2 and len({c.axis for c in changes}) > 1 and np.all(np.abs(ratios / scale - 1.0) < ALIKE):

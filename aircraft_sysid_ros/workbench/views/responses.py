@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS
 from aircraft_sysid_ros.diagnosis.frequency_responses import COHERENT, RateResponse
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
 
@@ -11,7 +12,6 @@ WORDS = (
     "Angular rates to deflections, each with the others held, from the flight alone. Bold, with two standard errors, "
     f"where the coherence is {COHERENT:g} or more; elsewhere the rate does not follow the deflection."
 )
-_SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 _TICKS = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0]
 #: From the bottom: coherence, phase, magnitude.
 _DOMAINS = ([0.0, 0.2], [0.27, 0.55], [0.62, 1.0])
@@ -19,7 +19,7 @@ _DOMAINS = ([0.0, 0.2], [0.27, 0.55], [0.62, 1.0])
 
 def title(found: RateResponse) -> str:
     """What answers to what."""
-    return f"{found.rate} to {_SURFACES.get(found.control, found.control)}"
+    return f"{found.rate} to {CONTROL_WORDS.get(found.control, found.control)}"
 
 
 def response_figure(found: RateResponse, theme: Theme, height: int = 420) -> Figure:
