@@ -1,13 +1,14 @@
 """Every value with USE against the truth, on flights of strangers by three makers.
 
-    python benchmarks/use_audit.py [--first 5100000] [--flights 48] [--jobs 1] [--results FILE] [--only SEED …]
+    python benchmarks/use_audit.py [--first 5200000] [--flights 48] [--jobs 1] [--results FILE] [--only SEED …]
 
-Each seed draws a maker (the project's simulator, JSBSim with four aeroplanes, strip theory), the rate of the IMU, the
-air, vanes that are good, poor (0.7° of noise, a lag, a scale) or absent, an attitude or none, and in a quarter of the
-flights a sensor that fails. The aircraft file holds mass and shape, in three of four flights the places of the sensors
-too. The flight goes through the chain of replay and live with its default estimator, and each second all that is
-published is held against the truth: the aircraft file of the own simulator, and elsewhere least squares of the maker's
-own forces along the flight on the terms of the model.
+Each seed draws a maker (the project's simulator, JSBSim with four aeroplanes, strip theory, whose IMU filters), the
+rate of the IMU, the air, vanes that are good, poor (0.7° of noise, a lag, a scale) or absent, surfaces that are
+recorded as they move or, in half of the flights, up to 0.1 s before, an attitude or none, and in a quarter of the
+flights a sensor that fails. The aircraft file holds mass and shape, in three of four flights the places of the
+sensors too. The flight goes through the chain of replay and live with its default estimator, and each second all that
+is published is held against the truth: the aircraft file of the own simulator, and elsewhere least squares of the
+maker's own forces along the flight on the terms of the model.
 
 A value is confidently wrong where it has USE, is off by more than a quarter and has a standard error below 5 % of
 itself; it misses where it is off by more than 3.5 standard errors. Lost are values without USE at the end of a flight
@@ -63,7 +64,7 @@ Array = npt.NDArray[np.float64]
 
 RESULTS = Path(__file__).parent / "results" / "use_audit.jsonl"
 #: First seed of those that judge.
-JUDGED = 5_100_000
+JUDGED = 5_200_000
 DURATION, STEP, MISSES, LATE = 120.0, 1.0, 3.5, 5.0
 MAKERS = ("own", "jsbsim", "strips")
 OWN = ("ultra_stick_25e", "ultra_stick_120")
@@ -103,6 +104,7 @@ def drawn(seed: int) -> dict[str, Any]:
         "wind": rng.uniform(-5.0, 5.0, 2).round(1).tolist(),
         "fault": str(rng.choice(FAULTS)) if rng.random() < 0.25 else "",
         "begin": float(rng.uniform(40.0, 70.0)),
+        "late": float(rng.choice([0.0, rng.uniform(0.0, 0.1)])) if maker != "strips" else 0.0,
     }
 
 
@@ -187,7 +189,9 @@ def as_recorded(samples: Samples, drawing: dict[str, Any], rng: np.random.Genera
             values[rows, 0] += np.radians(0.25) * rng.normal(size=len(rows))
         slot = np.floor(time * drawing["rate"] + 1e-6)
         keep[rows[np.diff(slot, prepend=-1.0) == 0.0]] = False
-    return Samples(samples.stamp, samples.kind, values)[keep]
+    stamp = samples.stamp - np.where(samples.kind == Kind.CONTROLS, round(1e9 * drawing["late"]), 0)
+    order = np.argsort(stamp[keep], kind="stable")
+    return Samples(stamp, samples.kind, values)[keep][order]
 
 
 def fly(want: dict[str, Any]) -> dict[str, Any]:
@@ -202,7 +206,8 @@ def fly(want: dict[str, Any]) -> dict[str, Any]:
     except (InputError, ValueError) as error:  # an aeroplane that does not stay in the air
         return {**want, **drawing, "not_flown": str(error)}
     found = {way: watched(aircraft, samples, truth, way == "with") for way in WAYS}
-    return {**want, **drawing, **found}
+    surfaces = "filtered IMU" if drawing["maker"] == "strips" else "late" if drawing["late"] else "as they move"
+    return {**want, **drawing, "surfaces": surfaces, **found}
 
 
 def watched(aircraft: Aircraft, samples: Samples, truth: dict[str, float], looks: bool) -> dict[str, Any]:
@@ -280,7 +285,7 @@ def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
     done = [r for r in records if "not_flown" not in r]
     sound = [r for r in done if not r["fault"]]
     out = {"all without a fault": counted(sound), "with a fault": counted([r for r in done if r["fault"]])}
-    for key in ("maker", "air", "vane", "rate"):
+    for key in ("maker", "air", "vane", "rate", "surfaces"):
         for choice in sorted({r[key] for r in sound}, key=str):
             out[f"{key} {choice}"] = counted([r for r in sound if r[key] == choice])
     return out

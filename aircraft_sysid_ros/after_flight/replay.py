@@ -102,7 +102,8 @@ def replay(
             [manoeuvre.json for manoeuvre in body.manoeuvres],
         )
     if options.learn_sensors:
-        _write_aircraft(Path(options.learn_sensors), completed_file(pipeline.state), options.overwrite)
+        learnt = completed_file(pipeline.state, pipeline.parameters.learning.undescribed.delay_of_surfaces)
+        _write_aircraft(Path(options.learn_sensors), learnt, options.overwrite)
     return {"run": str(out), "notes": [*told, *unused], **result}
 
 

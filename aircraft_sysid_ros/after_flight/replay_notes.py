@@ -67,7 +67,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     found += landing_notes(body, aircraft, on_ground) + thrust_notes(recording.samples, aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
-    found += prior_notes(pipeline.parameters)
+    found += delay_notes(pipeline.parameters) + prior_notes(pipeline.parameters)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
     for kind, counts in pipeline.state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
@@ -98,6 +98,20 @@ def estimator_notes(parameters: Identifier) -> list[str]:
     if choice is None or (choice.successor is None and not parameters.learning.lends):
         return []
     return [f"the parameters are those of {chosen['published']}, chosen by itself: {chosen['why']}"]
+
+
+def delay_notes(parameters: Identifier) -> list[str]:
+    """By how much motion is recorded after the surfaces that make it, where the flight shows it."""
+    sensors = parameters.learning.undescribed
+    delay, late = sensors.delay_of_surfaces, sensors.late_motion
+    if delay is None or late is None:
+        return []
+    what = "later than the recorded surfaces" if delay < 0.0 else "before the recorded surfaces"
+    return [
+        f"motion comes {1e3 * abs(late[0]):.0f} ± {1e3 * 2.0 * late[1]:.0f} ms {what} (servos, filters, stamps), and "
+        f"parameters are freed of it; `delay: {delay:.3f}` of control_surfaces under `sensors` of the aircraft file "
+        "says so from the start, and `--learn-sensors` writes it"
+    ]
 
 
 def prior_notes(parameters: Identifier) -> list[str]:

@@ -57,7 +57,7 @@ class Description(NamedTuple):
             slope_of(self.model, AXES[axis], theta, signals, angle) if there else 0.0
             for angle, there in zip(ANGLES, measured, strict=True)
         ]
-        return self.sensors.of(self.model, axis, slopes)
+        return self.sensors.of(self.model, axis, theta, slopes)
 
     def __call__(self) -> ParameterSet:
         """The parameters, with standard errors corrected for coloured residuals and a verdict on each."""

@@ -18,11 +18,16 @@ The regression of y on terms x with a in place of the angle makes of true parame
 without a residual that shows it: late sideslip looks like a term in the yaw rate. What is published is freed of that,
 and its standard errors are widened by what is left.
 
+*Lateness of the motion.* With delta a = -tau delta' of each surface (``late_motion``) the same holds of dC/d(delta). It
+is not small: roll may die out in as long as servos need. Solved for theta, with G of dC/d(delta) and the sums,
+
+    theta = (1 - tau G)^-1 theta of the regression.
+
 *Place of the IMU.* At a distance e from where it is taken to be it feels w' x e besides, w' the angular acceleration,
 which goes into the three forces as delta a does above. PLACE is how far, of the span.
 
-A vane that ``sensors`` of the aircraft file describes is as it says, and so is ``imu_position``. A file that says how
-noisy a vane is and nothing else, as one that a flight completed does, does not describe it.
+A sensor that ``sensors`` of the aircraft file describes is as it says, and so is ``imu_position``. A file that says how
+noisy a sensor is and nothing else, as one that a flight completed does, does not describe it.
 """
 
 from __future__ import annotations
@@ -47,12 +52,15 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientBatch,
 )
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
+from aircraft_sysid_ros.identification.late_motion import SURFACES, LateMotion
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 
 ANGLES = ("alpha", "beta")
 _SENSORS, _GROUP = ("angle_of_attack", "sideslip"), "air_data"
+#: Who describes one of these says how late the motion is recorded after the surfaces.
+_OF_MOTION = {"imu", "accelerometer", "gyro", "control_surfaces"}
 #: One sigma of scale and lag [s] of a vane that nobody has described: upwash and position error, tubes and logging.
 SCALE, LAG = 0.06, 0.04
 #: One sigma of the place of an IMU that nobody has given, in each axis, over the span: autopilots sit in the fuselage.
@@ -62,8 +70,11 @@ PLACE = 0.03
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
 #: Least time [s] that is summed.
 _LEAST = 5.0
-#: What may be wrong: each angle and its derivative, and the force coefficients that a turning of 1 m beside makes.
-_TURNING, DOUBTFUL = 4, 7
+#: What may be wrong: each angle and its derivative, the force coefficients that a turning of 1 m beside makes, and the
+#: rates of the surfaces.
+_TURNING, _RATES, DOUBTFUL = 4, 7, 10
+#: So much of a derivative is taken away at most.
+_MOST = 0.75
 _P, _V, _QBAR = SIGNAL_INDEX["p"], SIGNAL_INDEX["V"], SIGNAL_INDEX["qbar"]
 _FIRST_CONTROL, _COUNT_OF_CONTROLS = SIGNAL_INDEX["de"], 3
 #: Angle, I, I', and each control with what follows it.
@@ -90,10 +101,12 @@ class SensorDoubt(NamedTuple):
     mean: Array  # (2, 2) of each angle (scale - 1, lag [s])
     covariance: Array  # (2, 2, 2)
     place: float  # [m] one sigma of the place of the IMU, in each axis
+    late: float  # [s] motion after the surfaces
+    late_variance: float
     regressions: Array  # (6, DOUBTFUL, n): of each axis, of what may be wrong on its terms
 
-    def of(self, model: AerodynamicModel, axis: int, slopes: Sequence[float]) -> OfSensors:
-        """For an axis with ``slopes`` dC/d(alpha), dC/d(beta)."""
+    def of(self, model: AerodynamicModel, axis: int, theta: Array, slopes: Sequence[float]) -> OfSensors:
+        """For an axis with the parameters ``theta`` and ``slopes`` dC/d(alpha), dC/d(beta)."""
         n = len(model.terms[AXES[axis]])
         shift, left, found = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
         all_rows = self.regressions[axis, :, :n]
@@ -108,7 +121,34 @@ class SensorDoubt(NamedTuple):
         if axis < 3:  # of e, the two axes across the force, by the angular acceleration about the other
             about = [k for k in range(3) if k != axis]
             left += self.place**2 * all_rows[_TURNING:][about].T @ all_rows[_TURNING:][about]
+        self._late(all_rows[_RATES:], derivatives_of(model, axis), theta, shift, left, found)
         return OfSensors(shift, left, found)
+
+    def _late(
+        self, rows: Array, derivatives: npt.NDArray[np.int64], theta: Array, shift: Array, left: Array, found: Array
+    ) -> None:  # fmt: skip
+        """Add what late motion does to ``theta``."""
+        if not self.late_variance > 0.0 or not np.isfinite(theta).all():
+            return
+        turn = np.zeros((len(theta), len(theta)))
+        for row, column in zip(rows, derivatives, strict=True):
+            if column >= 0:
+                turn[:, column] += row
+        largest = float(np.max(np.abs(np.linalg.eigvals(turn)), initial=0.0))
+        late = float(np.clip(self.late, -_MOST / max(largest, 1e-9), _MOST / max(largest, 1e-9)))
+        whole = np.linalg.inv(np.eye(len(theta)) - late * turn)
+        freed = whole @ theta
+        by_late = whole @ (turn @ freed)
+        shift += freed - theta
+        found += np.outer(freed - theta, freed - theta)
+        left += (self.late_variance + (self.late - late) ** 2) * np.outer(by_late, by_late)
+
+
+def derivatives_of(model: AerodynamicModel, axis: int) -> npt.NDArray[np.int64]:
+    """Places (3,) of the derivatives by SURFACES among the terms of an axis, -1: none."""
+    names, name = model.parameter_names[model.axis_slice(AXES[axis])], AXES[axis]
+    listed = [f"{name}_{surface}" for surface in SURFACES]
+    return np.array([names.index(one) if one in names else -1 for one in listed])
 
 
 class UndescribedSensors:
@@ -119,25 +159,30 @@ class UndescribedSensors:
         described = {name for name, said in of_file.items() if {*(said or {})} - {"noise"}}
         self._asked = np.array([not {sensor, _GROUP} & described for sensor in _SENSORS])
         self._place = 0.0 if "imu_position" in aircraft.source else PLACE * aircraft.span
+        self._motion = None if _OF_MOTION & described else LateMotion()
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self.restart_clock()
 
     @property
     def _any(self) -> bool:
-        return bool(self._asked.any() or self._place)
+        return bool(self._asked.any() or self._place or self._motion)
 
     def adopt(self, model: AerodynamicModel) -> None:
         """Another model: what its terms do is seen anew."""
         n = int(np.diff(model.offsets).max())
         self._offsets = model.offsets
         self._squares, self._products = np.zeros((len(AXES), n, n)), np.zeros((len(AXES), DOUBTFUL, n))
+        if self._motion is not None:
+            self._motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in range(len(AXES))])
 
     def restart_clock(self) -> None:
         """The clock began anew, or another manoeuvre."""
         self._filter = np.full((len(ANGLES), 4, _SERIES), np.nan)
         self._last = np.array([np.nan, -np.inf, np.nan])
         self._samples: Array | None = None
+        if self._motion is not None:
+            self._motion.restart_clock()
 
     def add(self, batch: CoefficientBatch) -> None:
         """States and samples that came together."""
@@ -147,7 +192,24 @@ class UndescribedSensors:
         if len(batch.samples):
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
             _regress(samples, self._offsets, batch.body, self._squares, self._products)
+            if self._motion is not None:
+                self._motion.add(samples)
             self._samples = samples[-2:].copy()
+
+    def look(self, time: float) -> None:
+        """Estimate anew how late the motion is, where it is time [s]."""
+        if self._motion is not None and self._motion.is_due(time):
+            self._motion.look()
+
+    @property
+    def late_motion(self) -> tuple[float, float] | None:
+        """Seconds by which motion is recorded late, and one sigma; None: described."""
+        return None if self._motion is None else (self._motion.late, float(np.sqrt(self._motion.variance)))
+
+    @property
+    def delay_of_surfaces(self) -> float | None:
+        """What the aircraft file would have to say [s] that nothing is late; None where the flight shows no delay."""
+        return -self._motion.late if self._motion is not None and self._motion.is_found else None
 
     def errors(self) -> tuple[Array, Array]:
         """Mean (2, 2) of (scale - 1, lag [s]) of each angle, and covariance (2, 2, 2); none of what is described."""
@@ -173,7 +235,8 @@ class UndescribedSensors:
                 correlation = self._squares[axis, :n, :n] / np.outer(by, by) + _NEARLY * np.eye(n)
                 right = (self._products[axis, :, :n] / by).T
                 found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
-        return SensorDoubt(mean, covariance, self._place, found)
+        late, variance = (0.0, 0.0) if self._motion is None else (self._motion.late, self._motion.variance)
+        return SensorDoubt(mean, covariance, self._place, late, variance, found)
 
 
 def _estimate(moments: Array, count: float, instruments: npt.NDArray[np.int64]) -> tuple[Array, Array]:
@@ -273,6 +336,9 @@ def _regress(samples: Array, offsets: npt.NDArray[np.int64], body: Body, squares
             slope = (after[angle] - before[angle]) / step
             good = np.isfinite(slope + now[angle])
             wrong[2 * angle], wrong[2 * angle + 1] = (now[angle], slope) if good else (0.0, 0.0)
+        for k in range(_COUNT_OF_CONTROLS):
+            rate = (after[_FIRST_CONTROL + k] - before[_FIRST_CONTROL + k]) / step
+            wrong[_RATES + k] = rate if np.isfinite(rate) else 0.0
         for k in range(3):
             length = chord if k == 1 else 0.5 * span
             turning = (after[_P + k] - before[_P + k]) / step * now[_V] / length

@@ -148,8 +148,11 @@ def noise_notes(state: StateEstimator) -> list[str]:
     return found
 
 
-def completed_file(state: StateEstimator) -> dict[str, Any]:
-    """The content of the aircraft file with what the flight has shown, where the file says nothing."""
+def completed_file(state: StateEstimator, delay_of_surfaces: float | None = None) -> dict[str, Any]:
+    """The content of the aircraft file with what the flight has shown, where the file says nothing.
+
+    ``delay_of_surfaces`` [s]: what the second step has found of them.
+    """
     source = copy.deepcopy(state.aircraft.source)
     sensors = {name: dict(value or {}) for name, value in (source.get("sensors") or {}).items()}
     for each in found_noise(state):
@@ -157,6 +160,8 @@ def completed_file(state: StateEstimator) -> dict[str, Any]:
             is_gps = each.name in ("gps_position", "gps_velocity")
             noise = each.in_use if is_gps else np.sqrt(np.mean(each.in_use**2, keepdims=True))
             sensors.setdefault(each.name, {})["noise"] = _rounded(noise) if is_gps else _rounded(noise)[0]
+    if delay_of_surfaces is not None:
+        sensors.setdefault("control_surfaces", {})["delay"] = round(delay_of_surfaces, 4)
     if sensors:
         source["sensors"] = sensors
     walk, where = found_wind_walk(state)

@@ -71,9 +71,10 @@ def test_a_described_vane_is_as_it_says(flight: SimulatedFlight) -> None:
 
 
 @pytest.mark.parametrize(("said", "described"), [({"noise": 0.004}, False), ({"noise": 0.004, "delay": 0.0}, True)])
-def test_noise_alone_describes_no_vane(flight: SimulatedFlight, said: dict[str, float], described: bool) -> None:
+def test_noise_alone_describes_no_sensor(flight: SimulatedFlight, said: dict[str, float], described: bool) -> None:
     plain = {key: flight.aircraft.source[key] for key in SHAPE}
-    aircraft = aircraft_from_dict({**plain, "sensors": {"angle_of_attack": said, "sideslip": said}})
+    sensors = dict.fromkeys(("angle_of_attack", "sideslip", "control_surfaces"), said)
+    aircraft = aircraft_from_dict({**plain, "sensors": sensors})
     assert (UndescribedSensors(aircraft).doubt() is None) == described
 
 
