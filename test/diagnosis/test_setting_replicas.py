@@ -16,6 +16,7 @@ from aircraft_sysid_ros.diagnosis.significance import setting_replicas
 from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of, gains_in_replicas
 from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 #: Sensors of which one is wrong, and one that may sit elsewhere.
@@ -36,6 +37,17 @@ def test_replicas_have_sensors_that_are_right(offset):
     _, calm, found, mended = offset
     assert max(gains_in_replicas(found, mended, calm, 3)) < 0.1 * found.gain
     assert chance_of(found, mended, calm, 20, 3) < 0.01
+
+
+def test_surfaces_of_replicas_move_when_they_should(aircraft):
+    """The motion of a flight whose controls are recorded 0.05 s before they act is not that of its records."""
+    samples = simulate_samples(aircraft, 32, 45.0).samples
+    early = replace(samples, stamp=samples.stamp - 50_000_000 * (samples.kind == Kind.CONTROLS))
+    flight, calm = reconstruct_as_flown(aircraft, early, with_covariance=False)
+    (found,) = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)
+    assert found.value == pytest.approx(-0.05, abs=0.01)
+    mended, _ = reconstruct_as_flown(in_file(found, aircraft), early, with_covariance=False)
+    assert max(gains_in_replicas(found, mended, calm, 2)) < 0.1 * found.gain
 
 
 def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):

@@ -28,7 +28,7 @@ from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.signals import fill_signals
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
-from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
+from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, manoeuvre_at, run_of_manoeuvres, samples_of
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, arrived, generator, measure, stamps_of
 from aircraft_sysid_ros.sensors.truth import Truth
@@ -172,9 +172,10 @@ def _recorded(
 ) -> tuple[Array, Array, Array]:
     """Controls (n, 7) with the signs of the aircraft file, named inputs (n, MOST_INPUTS) and height above ground (n,).
 
-    The height, where it was not recorded, is that of the altitude (n,) [m] over the ground or the lowest point.
+    Controls are those at that time: a delay that the aircraft file says is taken off. The height, where it was not
+    recorded, is that of the altitude (n,) [m] over the ground or the lowest point.
     """
-    controls = _series(samples, Kind.CONTROLS, 7, time, epoch)
+    controls = _series(samples, Kind.CONTROLS, 7, time + sensor_delays(aircraft)[Kind.CONTROLS], epoch)
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
     inputs = _series(samples, Kind.INPUTS, MOST_INPUTS, time, epoch)
     height = _series(samples, Kind.HEIGHT, 1, time, epoch)[:, 0]

@@ -21,13 +21,14 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     repeated_rows,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.measurement import Setting, jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.measurement import CONTROLS, Setting, jobs_of, try_setting
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of
 from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import LONGEST, fitted_parameters
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.processes import in_parallel
+from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
 
@@ -45,7 +46,9 @@ def chance_of(fault: Setting, mended: Reconstruction, calm: bool, tried: int, co
 
 def gains_in_replicas(fault: Setting, mended: Reconstruction, calm: bool, count: int) -> Array:
     """Gains (count,) of the setting at its best value in each replica; NaN where the filter does not start on one."""
-    flight = replace(mended, aircraft=_with_sensors_right(mended.aircraft, fault))
+    flight = replace(
+        mended, aircraft=_with_sensors_right(mended.aircraft, fault), samples=_controls_on_time(mended, fault)
+    )  # fmt: skip
     stretches, parameters = repeated_rows(flight, LONGEST), fitted_parameters(settled_flight(flight))
     jobs = [(fault, flight, stretches, parameters, calm, seed) for seed in range(count)]
     return np.array([*in_parallel(_gain, jobs)])
@@ -55,6 +58,15 @@ def _with_sensors_right(aircraft: Aircraft, fault: Setting) -> Aircraft:
     """The aircraft that a flight was mended with, whose sensors are as the file had them."""
     back = -fault.value if fault.is_place else fault.nominal  # a place is moved on
     return with_setting(aircraft, fault.variant.setting, back)
+
+
+def _controls_on_time(mended: Reconstruction, fault: Setting) -> Samples:
+    """The samples, and where the fault is a delay of the controls those without it: replicas move by what they do."""
+    samples = mended.samples
+    if CONTROLS not in fault.variant.setting:
+        return samples
+    late = round(1e9 * (fault.value - fault.nominal))
+    return replace(samples, stamp=samples.stamp - late * (samples.kind == Kind.CONTROLS))
 
 
 def _gain(job: tuple[Setting, Reconstruction, list[Array], Array, bool, int]) -> float:
