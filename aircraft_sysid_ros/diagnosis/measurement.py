@@ -88,7 +88,7 @@ class Setting:
     @property
     def judges(self) -> str:
         """What it fits better, in words."""
-        return "forces and moments" if self.of_coefficients else "the sensors"
+        return "forces and moments" if self.of_coefficients or CONTROLS in self.variant.setting else "the sensors"
 
     @property
     def feigns_wind(self) -> bool:

@@ -55,6 +55,8 @@ _MADE = 1 + _COUNT * (2 + len(_FOLLOW))
 _NEARLY = 1e-7
 #: The rates need the derivatives, which need tau: so often in turn.
 _TURNS = 5
+#: Or until tau changes by less than this [s].
+_SAME = 1e-5
 
 
 class LateMotion:
@@ -142,7 +144,9 @@ def _estimate(m: Array, count: float, n: int, derivatives: Columns, moment: int)
             return None
         normal = information / np.outer(size, size) + _NEARLY * np.eye(len(size))
         solution = np.linalg.solve(normal, by.T @ weights @ with_y / size) / size
-        theta, late = solution[:-1], float(solution[-1])
+        theta, late, before = solution[:-1], float(solution[-1]), late
+        if abs(late - before) < _SAME:
+            break
     whole = turn @ solution
     rest = float(m[first, first] - 2.0 * whole @ m[used, first] + whole @ m[np.ix_(used, used)] @ whole)
     left, spare = with_y - with_x @ whole, len(instruments) - len(terms) - 1

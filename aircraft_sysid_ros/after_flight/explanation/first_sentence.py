@@ -114,8 +114,8 @@ def _sensors(evidence: Evidence) -> Iterator[Said]:
             yield Said(f"check {finding.kind}", f"Of {named} something is wrong: {finding.sentence}.")
     for candidate in _found(evidence):
         if candidate["kind"] == MEASUREMENT and not (said and _explained_by(candidate["effect"], said)):
-            yield Said(str(candidate["effect"]), f"{candidate['name']} is wrong in the aircraft file: "
-                       f"{candidate['where']}.")  # fmt: skip
+            yield Said(str(candidate["effect"]), f"The aircraft file does not describe the sensors as they are: "
+                       f"{candidate['name']} ({candidate['where']}){_fall(candidate)}.")  # fmt: skip
 
 
 def _is_said_of(finding: Finding, said: set[str]) -> bool:
@@ -136,20 +136,27 @@ def _found(evidence: Evidence) -> list[Mapping[str, Any]]:
     return [c for c in evidence.diagnosis["candidates"] if c["found"]] if evidence.diagnosis else []
 
 
+def _fall(candidate: Mapping[str, Any]) -> str:
+    """By how much an error falls, as the end of a sentence; nothing where none does."""
+    before, after, axis = candidate["error_before"], candidate["error_after"], candidate["main_axis"]
+    if not axis or not before > after:
+        return ""
+    return f"; the error of {axis[0]}_{axis[1]} falls from {100 * before:.1f} to {100 * after:.1f} % with it"
+
+
 def _missing(evidence: Evidence) -> Iterator[Said]:
     if evidence.diagnosis and _inputs_alone(evidence.diagnosis):
         return
     for candidate in _found(evidence):
         if candidate["kind"] == MEASUREMENT:
             continue
-        fall = f"the error of {candidate['main_axis'][0]}_{candidate['main_axis'][1]} falls from " \
-               f"{100 * candidate['error_before']:.1f} to {100 * candidate['error_after']:.1f} % with it"  # fmt: skip
+        fall = _fall(candidate)
         others = [BY_ID[name].name for name in candidate["confounded_with"] if name in BY_ID]
         doubt = f"; this flight cannot tell it from {listed(others)}" if others else ""
         if candidate["effect"] is None:
-            text = f"The model lacks something that has no name here, {candidate['label']}: {fall}{doubt}."
+            text = f"The model lacks something that has no name here, {candidate['label']}{fall}{doubt}."
         else:
-            text = f"The model lacks one effect: {candidate['name']} ({candidate['where']}); {fall}{doubt}."
+            text = f"The model lacks one effect: {candidate['name']} ({candidate['where']}){fall}{doubt}."
         yield Said(str(candidate["effect"] or "unexplained"), text)
 
 
