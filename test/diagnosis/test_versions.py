@@ -177,7 +177,7 @@ def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, a
     outcome = add(run, "actuator_lag")
     ((key, value),) = outcome.change.settings
     assert key == ("sensors", "control_surfaces", "delay") and value == pytest.approx(0.08, abs=0.01)
-    assert outcome.improved and "fits the sensors better than 0" in outcome.verdict
+    assert outcome.improved and "fits forces and moments better than 0" in outcome.verdict
     version = outcome.version
     assert version.aircraft.sensors["control_surfaces"].delay == value
     assert version.aircraft.model.terms == aircraft.model.terms
