@@ -20,7 +20,7 @@ from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.effects.effect import Effect
+from aircraft_sysid_ros.effects.effect import FULL, Effect
 from aircraft_sysid_ros.identification.conditions import listed
 
 _HEADLINES = {
@@ -181,7 +181,7 @@ class FlightDiagnosis:
         """Stamps [ns] of when a change begins and ends, of one flight: what was joined has no clock in common."""
         if not candidate.happens or self.flight.manoeuvre is not None:
             return {}
-        times = {name: value for name, value in candidate.inner if name in MOMENTS_OF_CHANGE}
+        times = {name: value for name, value in candidate.inner if name in (*MOMENTS_OF_CHANGE, FULL.name)}
         return {"stamps": {name: self.zero + int(1e9 * value) for name, value in times.items()}}
 
     def _in_recording(self, candidate: Candidate) -> str:

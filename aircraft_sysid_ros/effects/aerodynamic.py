@@ -43,6 +43,17 @@ def _in_one_wash(name: str, axes: Collection[str]) -> Variant:
     return Variant(name, terms, ties=ties)
 
 
+def _ice_on_one_wing(grown: str, name: str) -> Variant:
+    """Its drag yaws, and the lift that it takes away rolls: each has an arm that nobody knows."""
+    drag, lift = (grown,), (f"{grown}*alpha",)
+    return Variant(f"{name} on one wing", {"CX": drag, "Cn": drag, "CZ": lift, "Cl": lift})
+
+
+def _slack(symbol: str) -> str:
+    """What a surface lacks of its deflection in a dead zone: all of it inside, the half width of the zone outside."""
+    return f"min(max({symbol}-{{centre}},-{{gap}}),{{gap}})"
+
+
 EFFECTS: tuple[Effect, ...] = (
     Effect(
         "stall",
@@ -130,12 +141,13 @@ EFFECTS: tuple[Effect, ...] = (
         "Flaps camber the wing: more lift at the same angle of attack, more drag, and a pitching moment from the aft "
         "load and from the changed downwash at the tail. Drag grows faster than the deflection.",
         "J. Roskam, Airplane Design, part VI; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
-        "C_Z, C_m += a δ_f, C_X += a δ_f + b δ_f²",
+        "C_Z, C_m += a δ_f, C_X += a δ_f + b δ_f²; on one side C_l, C_n += a δ_f as well",
         (
             Variant(terms={"CZ": ("flaps",), "CX": ("flaps", "flaps**2"), "Cm": ("flaps",)}),
             Variant(
                 "with lift slope", {"CZ": ("flaps", "flaps*alpha"), "CX": ("flaps", "flaps*alpha"), "Cm": ("flaps",)}
             ),
+            Variant("on one side", {axis: ("flaps",) for axis in ("CZ", "CX", "Cm", "Cl", "Cn")}),
         ),
         "Constant errors of C_Z, C_X and C_m while the flaps are out.",
         "Flaps out and in at constant speed, in two settings.",
@@ -317,6 +329,23 @@ EFFECTS: tuple[Effect, ...] = (
         "The same doublet in three sizes, up to the stop.",
     ),
     Effect(
+        "free_play",
+        "Free play of a control surface",
+        AERODYNAMIC,
+        "A worn hinge or linkage lets a surface rest while its servo moves by a little, so that small commands about "
+        "one deflection do nothing. Large ones arrive less by half the width of the gap.",
+        "J. Roskam, Airplane Design, part VI; R. Jategaonkar, Flight Vehicle System Identification",
+        "C += a C_δ min(max(δ - δ₀, -g), g), with one share a in the axes of the surface; a = -1 where it rests",
+        (
+            surface("elevator", ("Cm", "CZ"), (_slack("de"),)),
+            surface("aileron", ("Cl", "Cn"), (_slack("da"),)),
+            surface("rudder", ("Cn", "CY"), (_slack("dr"),)),
+        ),
+        "Small inputs of one surface do nothing, large ones nearly what they should.",
+        "Doublets of one surface in three sizes, from the smallest that shows to the largest.",
+        (ShapeParameter("gap", "rad", 0.008, 0.056, 4), ShapeParameter("centre", "rad", -0.08, 0.08, 5)),
+    ),
+    Effect(
         "control_effectiveness_alpha",
         "Control power that depends on angle of attack",
         AERODYNAMIC,
@@ -361,13 +390,43 @@ EFFECTS: tuple[Effect, ...] = (
         (BEGIN,),
     ),
     Effect(
+        "unrecorded_flaps",
+        "Flaps, slats or spoilers that are not recorded",
+        AERODYNAMIC,
+        "A wing whose flaps, slats or spoilers go out has another camber from one moment on, which nothing in the "
+        "recording shows. At the same angle of attack lift, drag and pitching moment have other constants.",
+        "J. Roskam, Airplane Design, part VI; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
+        "C_Z, C_X, C_m += a for t > t₀, with a number for each axis",
+        (Variant(terms={axis: (STEP,) for axis in _LONGITUDINAL}),),
+        "From some time on constant errors of C_Z, C_X and C_m.",
+        "Flaps out and in at constant speed, recorded.",
+        (BEGIN,),
+    ),
+    Effect(
+        "tow_line",
+        "Tow line, tether or load on a line",
+        AERODYNAMIC,
+        "A line that is hooked on or dropped pulls with a force of its own, which does not grow with dynamic pressure "
+        "as those of the air do. Where it holds away from the centre of gravity it makes a pitching moment as well.",
+        "B. Etkin and L. Reid, Dynamics of Flight; W. Phillips, Mechanics of Flight",
+        "C_X, C_Z, C_m += a / q̄ for t > t₀, or for t < t₀, with a number for each axis",
+        (
+            Variant("hooked on", {axis: (f"{STEP}*(1/qbar)",) for axis in _LONGITUDINAL}),
+            Variant("dropped", {axis: (f"(1-{STEP})*(1/qbar)",) for axis in _LONGITUDINAL}),
+        ),
+        "From some time on, or until then, errors of C_X, C_Z and C_m that are larger the slower it flies.",
+        "Two speeds before and after the line is hooked on or dropped.",
+        (BEGIN,),
+    ),
+    Effect(
         "icing",
         "Icing",
         AERODYNAMIC,
         "Ice that grows on the leading edges roughens the wing: drag rises, lift slope and control power fall. It "
         "takes its time, in contrast to damage.",
         "M. Bragg et al., Smart Icing Systems for Aircraft Icing Safety, AIAA 2002-0813: C_iced = (1 + η k) C",
-        "C_X, C_Z, C_m += η(t) (a + b α), η(t) = (t - t₀)⁺, or growing to an end",
+        "C_X, C_Z, C_m += η(t) (a + b α), η(t) = (t - t₀)⁺, or growing to an end; on one wing C_X, C_n += a η, "
+        "C_Z, C_l += a η α",
         (
             Variant(
                 "growing",
@@ -385,6 +444,8 @@ EFFECTS: tuple[Effect, ...] = (
                     "Cm": ("(1-exp(-max(time-{t0},0)/30))*alpha",),
                 },
             ),
+            _ice_on_one_wing("max(time-{t0},0)", "growing"),
+            _ice_on_one_wing("(1-exp(-max(time-{t0},0)/30))", "settling"),
         ),
         "Errors of C_X and C_Z that grow slowly from some time on.",
         "Speed changes and pull-ups, repeated during the flight.",

@@ -39,6 +39,10 @@ ALIASES: tuple[tuple[frozenset[str], str], ...] = (
         "lift that of a gradual stall.",
     ),
     (
+        frozenset({"flaps", "unrecorded_flaps"}),
+        "The deflection of flaps that go out once and stay is a step, which needs no record.",
+    ),
+    (
         frozenset({"adverse_yaw", "control_effectiveness_alpha"}),
         "Both have α δ_a in C_n. Only what the ailerons do in C_l tells.",
     ),

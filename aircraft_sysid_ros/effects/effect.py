@@ -28,9 +28,11 @@ KINDS = (AERODYNAMIC, CHANGE, MEASUREMENT)
 
 #: Ranges of inner numbers that come from the flight: the time of the flight, a signal that is in it.
 OF_TIME = "time"
-#: What is there from the inner number t0 on, and what is there from t0 to t1.
+#: What is there from the inner number t0 on, what is there from t0 to t1, and what grows from t0 on and stays as it is
+#: from ``full`` on.
 STEP = "max(sign(time-{t0}),0)"
 PULSE = "(max(sign(time-{t0}),0)-max(sign(time-{t1}),0))"
+RAMP = "min(max((time-{t0})/({full}-{t0}),0),1)"
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,10 @@ class ShapeParameter:
     signal: str | None = None
 
 
-#: When a change begins, and when one that does not stay ends.
+#: When a change begins, when one that does not stay ends, and when one that takes its time is complete.
 BEGIN = ShapeParameter("t0", "s", 0.08, 0.92, 22, OF_TIME)
 END = ShapeParameter("t1", "s", 0.08, 0.98, 22, OF_TIME)
+FULL = ShapeParameter("full", "s", 0.08, 0.98, 22, OF_TIME)
 
 
 @dataclass(frozen=True)
@@ -92,9 +95,17 @@ class Variant:
     @property
     def passing(self) -> Variant | None:
         """The same change, undone at a time t1; None of what is no change."""
+        return self._in_time(PULSE)
+
+    @property
+    def growing(self) -> Variant | None:
+        """The same change, complete at a time ``full``, as of fuel that is moved; None of what is no change."""
+        return self._in_time(RAMP)
+
+    def _in_time(self, course: str) -> Variant | None:
         if not any(STEP in term for term in _terms(self.terms.values())):
             return None
-        terms = {axis: tuple(term.replace(STEP, PULSE) for term in terms) for axis, terms in self.terms.items()}
+        terms = {axis: tuple(term.replace(STEP, course) for term in terms) for axis, terms in self.terms.items()}
         return replace(self, terms=terms)
 
 

@@ -136,6 +136,15 @@ RECIPES: dict[str, Recipe] = {
         },
         ("standard", "varied", "high_alpha"),
     ),
+    "free_play": Recipe(
+        {
+            "elevator": (Term("Cm", "{gap}*tanh((de-{trim_de})/{gap})", -1.0, "Cm_de"),
+                         Term("CZ", "{gap}*tanh((de-{trim_de})/{gap})", -1.0, "CZ_de")),
+            "aileron": (Term("Cl", "{gap}*tanh(da/{gap})", -1.0, "Cl_da"),
+                        Term("Cn", "{gap}*tanh(da/{gap})", -1.0, "Cn_da")),
+        },
+        inner={"gap": (0.02, 0.04)},
+    ),
     "control_effectiveness_alpha": Recipe(
         {
             "elevator": (Term("Cm", "alpha*de", -2.5, "Cm_de"), Term("CZ", "alpha*de", -2.5, "CZ_de")),
@@ -151,6 +160,15 @@ RECIPES: dict[str, Recipe] = {
         }
     ),
     "landing_gear": Recipe({"": (_after("CX", "1", -0.025), _after("Cm", "1", -0.02), _after("CX", "alpha", 0.05))}),
+    "unrecorded_flaps": Recipe(
+        {"": (_after("CZ", "1", -0.2), _after("CZ", "alpha", 0.1, "CZ_alpha"), _after("CX", "1", -0.015),
+              _after("CX", "alpha", 0.15), _after("Cm", "1", -0.03))}
+    ),
+    "tow_line": Recipe(
+        {"": (_after("CX", "({qbar}/qbar)", -0.025), _after("CZ", "({qbar}/qbar)", 0.03),
+              _after("Cm", "({qbar}/qbar)", 0.015))},
+        ("speeds",),
+    ),
     "icing": Recipe(
         {
             "": (

@@ -227,6 +227,64 @@ def test_stated_sets_of_the_stall_follow_from_the_formulas():
         assert explained(("lift_nonlinearity", 0), static, numbers, signals) > 0.9
 
 
+def of_terms(identifier, variant, numbers, signals, axis):
+    """Columns (n, k) of the terms of one axis."""
+    (form,) = (each for each in effect_of(identifier).variants if each.name == variant)
+    return evaluate([parse_expression(fill(text, numbers)) for text in form.terms[axis]], signals)
+
+
+def test_a_surface_with_free_play_rests_in_the_gap_and_follows_with_its_half_width_outside():
+    numbers, commands = {"gap": 0.02, "centre": 0.01}, np.array([-0.2, -0.01, 0.0, 0.01, 0.025, 0.03, 0.11])
+    lacking = of_terms("free_play", "elevator", numbers, {"de": commands}, "Cm")[:, 0]
+    moved = commands - lacking  # with a share of -1
+    np.testing.assert_allclose(moved, [-0.18, 0.01, 0.01, 0.01, 0.01, 0.01, 0.09], atol=1e-15)
+
+
+def test_a_line_pulls_as_hard_at_any_speed():
+    """Its coefficient times dynamic pressure is the same while it is there, and nothing else."""
+    signals = {"time": [1.0, 2.0, 9.0, 10.0], "qbar": [100.0, 200.0, 100.0, 400.0]}
+    for variant, force in (("hooked on", [0.0, 0.0, 1.0, 1.0]), ("dropped", [1.0, 1.0, 0.0, 0.0])):
+        column = of_terms("tow_line", variant, {"t0": 5.0}, signals, "CX")[:, 0]
+        np.testing.assert_allclose(column * signals["qbar"], force, atol=1e-15)
+
+
+def test_ice_on_one_wing_rolls_and_yaws_as_the_lift_and_drag_that_it_costs():
+    signals = {"time": np.linspace(0.0, 100.0, 11), "alpha": np.linspace(-0.05, 0.15, 11)}
+    for form in ("growing", "settling"):
+        drag, yaw, lift, roll = (
+            of_terms("icing", f"{form} on one wing", {"t0": 30.0}, signals, axis) for axis in ("CX", "Cn", "CZ", "Cl")
+        )
+        np.testing.assert_array_equal(drag, yaw)
+        np.testing.assert_array_equal(lift, roll)
+        np.testing.assert_allclose(lift, drag * signals["alpha"][:, None], rtol=1e-12, atol=1e-15)
+        assert np.all(drag[:4] == 0.0) and np.all(np.diff(drag[3:, 0]) > 0.0)
+
+
+def test_courses_of_a_change_in_time():
+    """A step stays, a pulse ends, a ramp is half there in its middle and stays as it is at its end."""
+    (variant,) = effect_of("mass_change").variants
+    time = {"time": np.array([9.0, 11.0, 15.0, 19.0, 21.0, 99.0])}
+    numbers = {"t0": 10.0, "t1": 20.0, "full": 20.0, "CX": 1.0}
+    for form, there in (
+        (variant, [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]),
+        (variant.passing, [0.0, 1.0, 1.0, 1.0, 0.0, 0.0]),
+        (variant.growing, [0.0, 0.1, 0.5, 0.9, 1.0, 1.0]),
+    ):
+        column = evaluate([parse_expression(fill(form.terms["CX"][0], numbers))], time)[:, 0]
+        np.testing.assert_allclose(column, there, atol=1e-12)
+    assert effect_of("fuel_burn").variants[0].growing is None  # no change at a moment
+
+
+def test_flaps_that_stay_out_are_a_step_whether_they_are_recorded_or_not():
+    """The stated set of flaps and unrecorded flaps: the terms of C_Z and C_m are then the same."""
+    time = np.linspace(0.0, 100.0, 21)
+    signals = {"time": time, "flaps": 0.3 * (time > 50.0)}
+    for axis in ("CZ", "Cm"):
+        known = of_terms("flaps", "", {}, signals, axis)
+        step = of_terms("unrecorded_flaps", "", {"t0": 50.0}, signals, axis)
+        np.testing.assert_allclose(known, 0.3 * step, atol=1e-15)
+
+
 def test_the_physics_of_some_terms():
     """A stall begins at its onset, the ground is felt near it, a change is a step, a mass change keeps proportions."""
     stall, _ = effect_of("stall").variants

@@ -218,6 +218,58 @@ def test_a_shift_that_is_undone_has_a_begin_and_an_end(aircraft):
     assert dict(found["stays"].candidate.inner)["t0"] == pytest.approx(57.0, abs=1.0)
 
 
+def test_a_shift_that_takes_its_time_has_both_its_times(aircraft):
+    """Fuel is moved within 40 s; a load that falls off is gone at once."""
+    lengths = {"moved": 40.0, "fallen": 0.0}
+    found = {}
+    for name, length in lengths.items():
+
+        def shifted(c, after, values, length=length):
+            there = np.clip((values["time"] - CHANGE) / max(length, STEP), 0.0, 1.0)
+            c[:, 4] += 0.05 * there * c[:, 2]
+            c[:, 5] -= 0.05 * aircraft.chord / aircraft.span * there * c[:, 1]
+            return c
+
+        found[name] = CandidateEvaluator(flight_of(aircraft, shifted, seconds=180.0)).best_of(effect_of("cg_shift"))
+    moved, fallen = (found[name].candidate for name in lengths)
+    inner = dict(moved.inner)
+    assert moved.grows and not moved.passes and moved.numbers == 3
+    assert inner["t0"] == pytest.approx(57.0, abs=5.0) and inner["full"] == pytest.approx(97.0, abs=5.0)
+    assert float(found["moved"].gains["Cm"].parameters[0]) == pytest.approx(0.05, rel=0.1)
+    assert "complete at 9" in moved.span or "complete at 10" in moved.span
+    assert not fallen.grows and dict(fallen.inner)["t0"] == pytest.approx(57.0, abs=1.0)
+
+
+def test_an_aileron_with_free_play_is_told_from_one_that_saturates(aircraft):
+    known, gap = aircraft.coefficients, 0.04
+
+    def slack(c, after, values):
+        lacking = np.clip(values["da"], -gap, gap)
+        c[:, 3] -= known["Cl_da"] * lacking
+        c[:, 5] -= known["Cn_da"] * lacking
+        return c
+
+    bench = CandidateEvaluator(flight_of(aircraft, slack))
+    best, rival = (bench.best_of(effect_of(name)) for name in ("free_play", "control_nonlinearity"))
+    inner = dict(best.candidate.inner)
+    assert best.candidate.variant == "aileron" and best.score - best.price > rival.score - rival.price
+    assert inner["gap"] == pytest.approx(gap, abs=0.006) and abs(inner["centre"]) < 0.01
+
+
+def test_a_banner_that_is_dropped_is_a_line_and_no_gear(aircraft):
+    """At two speeds its drag has the same size, and the drag of a gear the same coefficient."""
+    flight = flight_of(aircraft)
+    signals, measured = flight.signals.copy(), flight.measured.copy()
+    pressure = np.where(np.sin(0.2 * flight.time) > 0.0, 120.0, 300.0)
+    signals[:, SIGNAL_INDEX["qbar"]] = pressure
+    measured[flight.time <= CHANGE, 0] -= (6.0 / pressure)[flight.time <= CHANGE]
+    bench = CandidateEvaluator(replace(flight, signals=signals, measured=measured))
+    line, gear = (bench.best_of(effect_of(name)) for name in ("tow_line", "landing_gear"))
+    assert line.candidate.variant == "dropped" and line.candidate.moment == pytest.approx(CHANGE, abs=1.0)
+    assert line.score - line.price > gear.score - gear.price
+    assert line.gains["CX"].parameters[0] == pytest.approx(-6.0, rel=0.05)
+
+
 @pytest.mark.long
 def test_what_passes_and_has_no_name_is_seen_with_both_its_times(aircraft):
     def another(c, after, values):

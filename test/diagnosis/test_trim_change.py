@@ -84,10 +84,13 @@ def test_a_gear_is_told_from_it_by_its_drag_or_is_named_with_what_it_could_be(ai
     assert hidden.trial.candidate.family == "landing_gear" and hidden.confounded_with == ("parameter_change",)
 
 
-def test_what_changes_lift_as_well_has_no_name_of_these(aircraft):
+def test_what_changes_lift_as_well_are_flaps_that_nobody_recorded(aircraft):
     found = trim_finding(flight_of(aircraft, 6, "flaps"))
-    assert found.trial.candidate.effect is None
-    assert set(found.trial.candidate.changed) >= {"Cm", "CZ"}
+    assert found.trial.candidate.family == "unrecorded_flaps"
+    times = dict(found.trial.candidate.inner)
+    assert (times["t0"], times["t1"]) == pytest.approx(SPAN, abs=3.0)
+    lift = found.trial.gains["CZ"].parameters[0]
+    assert lift == pytest.approx(-0.3, rel=0.1)
 
 
 def test_a_trim_that_follows_speed_and_time_and_wanders_is_no_change(aircraft):

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
-from aircraft_sysid_ros.effects.effect import END, Effect, ShapeParameter, Tie, Variant, fill, placeholders
+from aircraft_sysid_ros.effects.effect import END, FULL, Effect, ShapeParameter, Tie, Variant, fill, placeholders
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -25,6 +25,8 @@ Array = npt.NDArray[np.float64]
 SLOPES_IN, _SLOPE_STEP = ("alpha", "beta"), 0.01
 #: Inner numbers that are times at which something changes.
 MOMENTS_OF_CHANGE = ("t0", "t1")
+#: Lengths of growth that are tried first, as shares of the flight.
+_GROWTHS = (0.04, 0.08, 0.16, 0.32, 0.64)
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,16 @@ class Candidate:
         return "t1" in dict(self.inner)
 
     @property
+    def grows(self) -> bool:
+        """It is a change that takes its time."""
+        return "full" in dict(self.inner)
+
+    @property
     def span(self) -> str:
         """When a change is there, in words; its times count from the start of the recording."""
-        return f"from {self.moment:.0f} s " + (f"to {dict(self.inner)['t1']:.0f} s" if self.passes else "on")
+        times = dict(self.inner)
+        grown = f", complete at {times['full']:.0f} s" if self.grows else ""
+        return f"from {self.moment:.0f} s " + (f"to {times['t1']:.0f} s" if self.passes else f"on{grown}")
 
     @property
     def family(self) -> str:
@@ -177,6 +186,16 @@ def spans(edge: float, data: FlightData) -> Iterator[dict[str, float]]:
             yield values
 
 
+def growths(edge: float, data: FlightData) -> Iterator[dict[str, float]]:
+    """Times t0 and full of changes that take their time and are half there at ``edge``."""
+    low, high = limits(FULL, data)
+    for share in _GROWTHS:
+        half = 0.5 * share * (high - low)
+        values = {"t0": max(edge - half, low), "full": min(edge + half, high)}
+        if lasts(values):
+            yield values
+
+
 def is_possible(effect: Effect, values: Mapping[str, float], data: FlightData) -> bool:
     """Whether an effect may have these inner numbers in a flight, beside the limits of each."""
     if not lasts(values):
@@ -187,8 +206,11 @@ def is_possible(effect: Effect, values: Mapping[str, float], data: FlightData) -
 
 
 def lasts(values: Mapping[str, float]) -> bool:
-    """Whether a change that is undone is there in two blocks: one to learn it from, one to judge it on."""
-    return "t1" not in values or values["t1"] - values["t0"] >= 2.0 * BLOCK
+    """Whether a change that is undone, or that takes its time, does so for two blocks: one to learn it from, one to
+    judge it on.
+    """
+    end = values.get("t1", values.get("full", np.inf))
+    return end == np.inf or end - values["t0"] >= 2.0 * BLOCK
 
 
 def is_measured(variant: Variant, data: FlightData, base: Mapping[str, str]) -> bool:

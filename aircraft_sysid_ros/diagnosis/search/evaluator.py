@@ -23,6 +23,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     Candidate,
     base_texts,
     candidates_of,
+    growths,
     is_possible,
     limits,
     slope_texts,
@@ -31,7 +32,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
 )
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error, tied_gains
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
-from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, END, Effect, ShapeParameter
+from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, END, FULL, Effect, ShapeParameter, Variant
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.processes import in_parallel
 
@@ -210,7 +211,8 @@ class CandidateEvaluator:
         if best is None:
             return None
         passing = max(self._passing(effect, known), key=lambda t: t.score, default=None)
-        found = [self._refined(t) for t in (best, passing) if t is not None]
+        growing = max(self._growing(effect, known), key=lambda t: t.score, default=None)
+        found = [self._refined(t) for t in (best, passing, growing) if t is not None]
         return max(found, key=lambda t: t.score - t.price)
 
     def best_candidates(self, effects: Sequence[Effect]) -> Iterator[Candidate | None]:
@@ -223,13 +225,27 @@ class CandidateEvaluator:
 
     def _passing(self, effect: Effect, trials: Sequence[Score]) -> Iterator[Score]:
         """Changes that are undone: of each variant the best step is the one edge, any other moment the other one."""
+        return self._from_steps(effect, trials, lambda variant: variant.passing, spans)
+
+    def _growing(self, effect: Effect, trials: Sequence[Score]) -> Iterator[Score]:
+        """Changes that take their time: of each variant the best step is the middle."""
+        return self._from_steps(effect, trials, lambda variant: variant.growing, growths)
+
+    def _from_steps(
+        self,
+        effect: Effect,
+        trials: Sequence[Score],
+        course: Callable[[Variant], Variant | None],
+        times: Callable[[float, FlightData], Iterator[dict[str, float]]],
+    ) -> Iterator[Score]:
+        """Of each variant with another course in time those whose times follow from its best step."""
         for variant in effect.variants:
-            passing, steps = variant.passing, [t for t in trials if t.candidate.variant == variant.name]
-            if passing is None or not steps:
+            changed, steps = course(variant), [t for t in trials if t.candidate.variant == variant.name]
+            if changed is None or not steps:
                 continue
             edge = max(steps, key=lambda t: t.score).candidate.moment
-            for values in spans(edge, self.data):
-                trial = self.trial(with_inner(effect, passing, values, self.base))
+            for values in times(edge, self.data):
+                trial = self.trial(with_inner(effect, changed, values, self.base))
                 if trial is not None:
                     yield trial
 
@@ -239,9 +255,9 @@ class CandidateEvaluator:
         if effect is None or not candidate.inner:
             return best
         variant = next(v for v in effect.variants if v.name == candidate.variant)
-        if candidate.passes:
-            variant = variant.passing or variant
-        numbers = {number.name: number for number in (*effect.inner, END)}
+        if candidate.passes or candidate.grows:
+            variant = (variant.passing if candidate.passes else variant.growing) or variant
+        numbers = {number.name: number for number in (*effect.inner, END, FULL)}
         for name, _ in candidate.inner:
 
             def at(trial: Score, value: float, name: str = name) -> Score | None:

@@ -15,7 +15,7 @@ from aircraft_sysid_ros.diagnosis.trim.trim_change import WINDOW, TrimChange, tr
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import PULSE, STEP, fill
 
-_CG, _GEAR = "cg_shift", "landing_gear"
+_CG, _GEAR, _FLAPS = "cg_shift", "landing_gear", "unrecorded_flaps"
 _ALONG = "along the fuselage"
 
 
@@ -50,6 +50,8 @@ def _candidate(bench: CandidateEvaluator, change: TrimChange) -> Candidate:
         return _named(bench, change, _CG, _ALONG)
     if set(change.company) == {"CX"} or (not change.company and "CX" in change.unknown):
         return _named(bench, change, _GEAR, "")
+    if "CZ" in change.company and set(change.company) <= {"CX", "CZ"}:
+        return _named(bench, change, _FLAPS, "")
     term = fill(STEP if change.end is None else PULSE, _times(change))
     axes = ("Cm", *change.company)
     (text,) = (program.text for program in bench.data.parsed([term]))

@@ -14,7 +14,7 @@ from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.effects.effect import END
+from aircraft_sysid_ros.effects.effect import END, FULL
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
 from aircraft_sysid_ros.workbench.views.words import Quantity, chance, percent, quantity_of, rounded, symbol
@@ -110,7 +110,7 @@ def _fitted(parameter: Mapping[str, Any]) -> str:
 def _unit(effect: str | None, name: str) -> str:
     if effect is None:
         return " s"  # the moment of a change
-    inner = (*BY_ID[effect].inner, END) if effect in BY_ID else ()
+    inner = (*BY_ID[effect].inner, END, FULL) if effect in BY_ID else ()
     return next((f" {number.unit}" for number in inner if number.name == name and number.unit), "")
 
 
