@@ -309,7 +309,7 @@ class _Round:
         significant.sort(key=lambda f: f.trial.price - f.excess)
         if significant:
             near = [f for f in significant if f.excess >= THRESHOLDS.nearly * significant[0].excess]
-            best = min(near, key=_columns)
+            best = min(near, key=_simplicity)
             significant.sort(key=lambda f: f is not best)
         outside = self._outside(significant[0] if significant else None, first=not before)
         if outside is not None:
@@ -417,9 +417,10 @@ def _clearly_more(gain: Gain, other: Gain | None) -> bool:
     )
 
 
-def _columns(finding: Finding) -> int:
-    """Numbers that a candidate fits."""
-    return finding.trial.candidate.numbers
+def _simplicity(finding: Finding) -> tuple[int, bool]:
+    """Numbers that a candidate fits, and whether it is rare: the smallest is named first."""
+    candidate = finding.trial.candidate
+    return candidate.numbers, candidate.effect is not None and candidate.effect.rare
 
 
 def explained(gain: Gain) -> float:

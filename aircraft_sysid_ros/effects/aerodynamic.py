@@ -417,6 +417,7 @@ EFFECTS: tuple[Effect, ...] = (
         "From some time on, or until then, errors of C_X, C_Z and C_m that are larger the slower it flies.",
         "Two speeds before and after the line is hooked on or dropped.",
         (BEGIN,),
+        rare=True,
     ),
     Effect(
         "icing",

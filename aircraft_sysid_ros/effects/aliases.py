@@ -43,6 +43,10 @@ ALIASES: tuple[tuple[frozenset[str], str], ...] = (
         "The deflection of flaps that go out once and stay is a step, which needs no record.",
     ),
     (
+        frozenset({"tow_line", "unrecorded_flaps"}),
+        "At one airspeed the coefficient of a constant force is a constant.",
+    ),
+    (
         frozenset({"adverse_yaw", "control_effectiveness_alpha"}),
         "Both have α δ_a in C_n. Only what the ailerons do in C_l tells.",
     ),

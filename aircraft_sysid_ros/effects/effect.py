@@ -103,7 +103,7 @@ class Variant:
         return self._in_time(RAMP)
 
     def _in_time(self, course: str) -> Variant | None:
-        if not any(STEP in term for term in _terms(self.terms.values())):
+        if not all(term.startswith(STEP) for term in _terms(self.terms.values())) or not self.terms:
             return None
         terms = {axis: tuple(term.replace(STEP, course) for term in terms) for axis, terms in self.terms.items()}
         return replace(self, terms=terms)
@@ -142,6 +142,8 @@ class Effect:
     #: It begins beyond the usual angles of attack, with its inner number "onset" less the "width" where it has one: a
     #: wing whose flow has left it in half of a flight is no wing that stalls.
     beyond_ordinary: bool = False
+    #: Where another one explains as much with as many numbers, that one is named.
+    rare: bool = False
     #: Of an effect in the measurement, what it makes of coefficients that are told by what the sensor shows; the one
     #: number of its terms is the value of the setting.
     in_coefficients: Variant | None = None

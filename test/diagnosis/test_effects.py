@@ -276,13 +276,15 @@ def test_courses_of_a_change_in_time():
 
 
 def test_flaps_that_stay_out_are_a_step_whether_they_are_recorded_or_not():
-    """The stated set of flaps and unrecorded flaps: the terms of C_Z and C_m are then the same."""
+    """The stated sets of unrecorded flaps: terms of C_Z and C_m are the same then, and at one speed those of a line."""
     time = np.linspace(0.0, 100.0, 21)
     signals = {"time": time, "flaps": 0.3 * (time > 50.0)}
     for axis in ("CZ", "Cm"):
         known = of_terms("flaps", "", {}, signals, axis)
         step = of_terms("unrecorded_flaps", "", {"t0": 50.0}, signals, axis)
         np.testing.assert_allclose(known, 0.3 * step, atol=1e-15)
+        line = of_terms("tow_line", "hooked on", {"t0": 50.0}, {**signals, "qbar": np.full(21, 200.0)}, axis)
+        np.testing.assert_allclose(200.0 * line, step, rtol=1e-12)
 
 
 def test_the_physics_of_some_terms():

@@ -257,13 +257,16 @@ class FailureSearch:
         return Whitened(*(whitened(part, colour) for part in (*parts, relation.response)))
 
     def _refined(self, judged: Judged, step: float = 0.0) -> Judged:
-        """Both times where the score is best, in ever smaller steps, by default from those of the first pass on."""
+        """Both times where the score is best, in ever smaller steps, by default from those of the first pass on.
+
+        A step that was right is followed by one of twice its length: in a long flight the best may be far away.
+        """
         step = step or float(max(self._every // 2, 1))
         while True:
             near = [self.judged(h) for h in self._near(judged.hypothesis, step)]
             moved = max(near, key=lambda j: j.score, default=judged)
             if moved.score > judged.score:
-                judged = moved
+                judged, step = moved, 2.0 * step
             elif step <= _FINEST:
                 return judged
             else:

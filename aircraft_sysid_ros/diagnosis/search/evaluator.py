@@ -27,10 +27,10 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     is_possible,
     limits,
     slope_texts,
-    spans,
     with_inner,
 )
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error, tied_gains
+from aircraft_sysid_ros.diagnosis.search.intervals import best_intervals
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, END, FULL, Effect, ShapeParameter, Variant
 from aircraft_sysid_ros.errors import InputError
@@ -224,28 +224,22 @@ class CandidateEvaluator:
         return None if best is None else best.candidate
 
     def _passing(self, effect: Effect, trials: Sequence[Score]) -> Iterator[Score]:
-        """Changes that are undone: of each variant the best step is the one edge, any other moment the other one."""
-        return self._from_steps(effect, trials, lambda variant: variant.passing, spans)
+        """Changes that are undone, of each variant of which a step was tried: in the intervals that suit all points."""
+        for variant, _ in _steps(effect, trials):
+            if (passing := variant.passing) is None:
+                continue
+            for values in best_intervals(self.data, self.fits, variant, self.base):
+                trial = self.trial(with_inner(effect, passing, values, self.base))
+                if trial is not None:
+                    yield trial
 
     def _growing(self, effect: Effect, trials: Sequence[Score]) -> Iterator[Score]:
         """Changes that take their time: of each variant the best step is the middle."""
-        return self._from_steps(effect, trials, lambda variant: variant.growing, growths)
-
-    def _from_steps(
-        self,
-        effect: Effect,
-        trials: Sequence[Score],
-        course: Callable[[Variant], Variant | None],
-        times: Callable[[float, FlightData], Iterator[dict[str, float]]],
-    ) -> Iterator[Score]:
-        """Of each variant with another course in time those whose times follow from its best step."""
-        for variant in effect.variants:
-            changed, steps = course(variant), [t for t in trials if t.candidate.variant == variant.name]
-            if changed is None or not steps:
+        for variant, edge in _steps(effect, trials):
+            if (growing := variant.growing) is None:
                 continue
-            edge = max(steps, key=lambda t: t.score).candidate.moment
-            for values in times(edge, self.data):
-                trial = self.trial(with_inner(effect, changed, values, self.base))
+            for values in growths(edge, self.data):
+                trial = self.trial(with_inner(effect, growing, values, self.base))
                 if trial is not None:
                     yield trial
 
@@ -294,6 +288,14 @@ class CandidateEvaluator:
         values[fit.rows] = inside - fit.basis @ (fit.basis.T @ inside)
         values[~rows] = 0.0
         return values
+
+
+def _steps(effect: Effect, trials: Sequence[Score]) -> Iterator[tuple[Variant, float]]:
+    """Variants of which a step was tried, with the moment of the best one."""
+    for variant in effect.variants:
+        steps = [t for t in trials if t.candidate.variant == variant.name and t.candidate.happens]
+        if steps:
+            yield variant, max(steps, key=lambda t: t.score).candidate.moment
 
 
 def refined(

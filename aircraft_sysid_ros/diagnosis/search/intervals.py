@@ -1,0 +1,96 @@
+"""Between which two moments of a flight a change explains most: all intervals at once, by sums up to each moment.
+
+What the terms x of a change are from t0 to t1 and nought otherwise, freed of the model with its orthonormal basis B, is
+a column z of which all products are differences of sums S up to a moment. With what the model leaves of all points, e,
+
+    gain(t0, t1) = b' A^-1 b,    b = S(x e),    A = S(x x') - S(x B) S(x B)',    S(.) = S(., t1) - S(., t0).
+
+It is the gain of the fit to all points, each term with a number of its own; what an interval explains of flight that
+was held out is judged afterwards. A change in the middle of a flight need not begin or end near the moment of the best
+single step, and where the model can stand for it in steady flight it is told by its two edges alone, to the second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
+from aircraft_sysid_ros.diagnosis.search.candidates import limits
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
+from aircraft_sysid_ros.effects.effect import END, STEP, Variant, fill
+
+Array = npt.NDArray[np.float64]
+
+#: Moments that are tried first as beginning and as end, how many intervals go on, and how far apart they are [moments].
+_MOMENTS, _STARTS, _APART = 160, 3, 6
+#: Moments to either side of an edge that are tried next, and how often, each time closer.
+_NEARBY, _CLOSER = 8, 2
+#: A variance below this share of the largest is no direction of the terms.
+_SINGULAR = 1e-9
+
+
+class _AxisSums:
+    """Sums over the points of an axis up to each of them."""
+
+    def __init__(self, data: FlightData, fit: AxisFit, texts: Sequence[str], base: Mapping[str, str]) -> None:
+        always = [fill(text.replace(STEP, "1"), base) for text in texts]
+        terms = np.nan_to_num(data.columns(data.parsed(always))[fit.rows])
+        size = np.sqrt(np.mean(terms**2, axis=0))
+        terms = terms / np.where(size > 0.0, size, 1.0)
+        residual = fit.y - fit.basis @ (fit.basis.T @ fit.y)
+        (count, self._k), self._whole = terms.shape, float(residual @ residual)
+        beside = np.column_stack([terms, fit.basis, residual])
+        products = (terms[:, :, None] * beside[:, None, :]).reshape(count, -1)
+        self._sums = np.vstack([np.zeros(products.shape[1]), np.cumsum(products, axis=0)])
+        self._time = data.time[fit.rows]
+
+    def log_ratios(self, begin: Array, end: Array) -> Array:
+        """ln(sum of squares without a change / with it) of intervals (w,) [s]."""
+        first, last = (np.searchsorted(self._time, edge, side="right") for edge in (begin, end))
+        inside = (self._sums[last] - self._sums[first]).reshape(len(begin), self._k, -1)
+        own, shared, side = inside[:, :, : self._k], inside[:, :, self._k : -1], inside[:, :, -1]
+        values, vectors = np.linalg.eigh(own - shared @ shared.swapaxes(1, 2))
+        along = np.einsum("wij,wi->wj", vectors, side)
+        there = values > _SINGULAR * max(float(values.max(initial=0.0)), 1e-300)
+        explained = np.sum(np.where(there, along**2 / np.where(there, values, 1.0), 0.0), axis=1)
+        return np.asarray(-np.log(np.maximum(1.0 - explained / max(self._whole, 1e-300), 1e-12)))
+
+
+def best_intervals(
+    data: FlightData, fits: Mapping[str, AxisFit], variant: Variant, base: Mapping[str, str]
+) -> Iterator[dict[str, float]]:
+    """Times t0 and t1 [s] of the intervals in which a change explains most over its axes, best first."""
+    sums = [_AxisSums(data, fits[axis], texts, base) for axis, texts in variant.terms.items() if axis in fits]
+    if not sums:
+        return
+    low, high = limits(END, data)
+    moments = np.unique([*np.linspace(low, high, _MOMENTS), *data.seams])
+    first, last = np.triu_indices(len(moments), 1)
+    long = moments[last] - moments[first] >= 2.0 * BLOCK
+    first, last = first[long], last[long]
+    gains = _over_axes(sums, moments[first], moments[last])
+    for _ in range(_STARTS):
+        if not np.isfinite(gains).any():
+            return
+        at = int(np.argmax(gains))
+        begin, end = _closer(sums, moments[first[at]], moments[last[at]], (high - low) / (_MOMENTS - 1))
+        yield {"t0": begin, "t1": end}
+        gains[(np.abs(first - first[at]) < _APART) & (np.abs(last - last[at]) < _APART)] = -np.inf
+
+
+def _over_axes(sums: Sequence[_AxisSums], begin: Array, end: Array) -> Array:
+    return np.asarray(np.sum([each.log_ratios(begin, end) for each in sums], axis=0))
+
+
+def _closer(sums: Sequence[_AxisSums], begin: float, end: float, width: float) -> tuple[float, float]:
+    """Both edges moved to where the interval explains most, within a width [s] of where they are."""
+    steps = np.linspace(-1.0, 1.0, 2 * _NEARBY + 1)
+    for _ in range(_CLOSER):
+        starts = np.repeat(begin + width * steps, len(steps))
+        ends = np.tile(end + width * steps, len(steps))
+        best = int(np.argmax(np.where(ends - starts >= 2.0 * BLOCK, _over_axes(sums, starts, ends), -np.inf)))
+        begin, end, width = float(starts[best]), float(ends[best]), width / _NEARBY
+    return begin, end
