@@ -258,6 +258,8 @@ def link(
 
     ``lags``: those that the signal rows hold, where they are not those of these programs alone.
     """
+    if len(programs) == 1 and not programs[0].lags:
+        return programs[0].code, np.array([0, len(programs[0].code)])
     places = {lag.text: FIRST_LAG + k for k, lag in enumerate(lags_of(programs) if lags is None else lags)}
     offsets = np.cumsum([0, *(len(program.code) for program in programs)]).astype(np.int64)
     code = np.vstack([program.code for program in programs]) if programs else np.empty((0, 2))

@@ -40,6 +40,8 @@ Array = npt.NDArray[np.float64]
 
 #: Steps of the refinement of an inner number, each a third as wide as the last.
 REFINEMENTS = 3
+#: Of a step, a pulse and a ramp one that explains less than this share of the best is not refined. A judgement.
+_CATCHES_UP = 0.5
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,9 @@ class CandidateEvaluator:
             return None
         passing = max(self._passing(effect, known), key=lambda t: t.score, default=None)
         growing = max(self._growing(effect, known), key=lambda t: t.score, default=None)
-        found = [self._refined(t) for t in (best, passing, growing) if t is not None]
+        forms = [t for t in (best, passing, growing) if t is not None]
+        most = max(t.score for t in forms)
+        found = [self._refined(t) for t in forms if t.score >= _CATCHES_UP * most]
         return max(found, key=lambda t: t.score - t.price)
 
     def best_candidates(self, effects: Sequence[Effect]) -> Iterator[Candidate | None]:
