@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior, prior_from_dict, read_prior
 from aircraft_sysid_ros.aircraft.shape import check_shape
 from aircraft_sysid_ros.errors import InputError, echo
+from aircraft_sysid_ros.spelling import did_you_mean, nearest
 from aircraft_sysid_ros.yaml_file import read_yaml
 
 Vector = npt.NDArray[np.float64]
@@ -288,13 +288,12 @@ def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], kind: str) -> N
 
 def _hint(key: str, known: tuple[str, ...]) -> str:
     """What may have been meant."""
-    close = difflib.get_close_matches(key, known, 1)
-    if close:
-        return f"did you mean '{close[0]}'?"
+    if hint := did_you_mean(key, known, quote="'"):
+        return hint
     if len(known) <= _MOST_LISTED:
         return f"known are {', '.join(known)}"
-    nearest = difflib.get_close_matches(key, known, _NEAREST, 0.0)
-    return f"the nearest are {', '.join(nearest)}; names are axis and term, as in the table that replay prints"
+    near = nearest(key, known, _NEAREST, 0.0)
+    return f"the nearest are {', '.join(near)}; names are axis and term, as in the table that replay prints"
 
 
 def _reject(what: str, wanted: str, value: Any) -> NoReturn:

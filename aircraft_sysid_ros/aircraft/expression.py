@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.kernels import njit
+from aircraft_sysid_ros.spelling import did_you_mean
 
 #: Signals that a term may read, in the order of a signal row. Rates are normalised: p b/2V, q c/V, r b/2V.
 SIGNALS: tuple[str, ...] = (
@@ -144,7 +145,8 @@ def _compile(
     elif isinstance(node, ast.Name):
         places = _places(inputs)
         if node.id not in places:
-            raise InputError(f"'{echo(node.id)}' in '{echo(text)}' is no signal: use one of {' '.join(places)}")
+            hint = did_you_mean(node.id, places) or f"use one of {' '.join(places)}"
+            raise InputError(f"'{echo(node.id)}' in '{echo(text)}' is no signal: {hint}")
         rows.append((_SIGNAL, places[node.id]))
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
         _compile(node.operand, rows, text, inputs, lags)

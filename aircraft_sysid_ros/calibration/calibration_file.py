@@ -13,7 +13,6 @@ takes the squares of ``std``. (36), (B1), (B8) are equations of the two-stage pa
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +24,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.calibration import compatibility, five_hole_probe, magnetometer
 from aircraft_sysid_ros.calibration.probe_models import CURVE
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.spelling import did_you_mean
 from aircraft_sysid_ros.yaml_file import read_yaml
 
 Array = npt.NDArray[np.float64]
@@ -105,8 +105,7 @@ def magnetic_matrix(parameters: Mapping[str, float]) -> Any:
 def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], kind: str) -> None:
     for key in data:
         if key not in known:
-            close = difflib.get_close_matches(str(key), known, 1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+            hint = did_you_mean(str(key), known, quote="'") or f"known are {', '.join(known)}"
             raise InputError(f"unknown {kind} '{str(key)[:60]}': {hint}")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import gc
 import os
 import re
@@ -18,6 +17,7 @@ from aircraft_sysid_ros import __version__
 from aircraft_sysid_ros.errors import IncompleteError, InputError, echo, without_control
 from aircraft_sysid_ros.installation import unmet_requirement
 from aircraft_sysid_ros.json_text import json_text
+from aircraft_sysid_ros.spelling import did_you_mean
 
 #: Command, the module that has it and its purpose, in the order in which a user meets them.
 COMMANDS = {
@@ -64,25 +64,42 @@ class _Parser(argparse.ArgumentParser):
 
     known: Sequence[str] = ()  # options of the command that was given
     command = ""  # that command: what it does not know, this parser refuses
+    given: Sequence[str] = ()  # words of the command line
 
     def error(self, message: str) -> Any:
-        message = f"{message}{self._meant(message)}"
+        message = f"{_in_words(message)}{self._meant(message)}"
         prog = f"{self.prog} {self.command}".rstrip()
         self.exit(BAD_INPUT, f"{prog}: {message}; see {prog} --help\n")
 
     def _meant(self, message: str) -> str:
         """Of a command, a choice or an option that is not there the nearest that is."""
-        found = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)", message)
-        if not found:
-            return ""
-        word, choices, option = found.groups()
-        known = [choice.strip("' ") for choice in choices.split(",")] if option is None else self.known
-        near = difflib.get_close_matches(option or word, known, n=1)
-        return f": did you mean {near[0]}?" if near else ""
+        if found := re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message):
+            hint = did_you_mean(found[1], [choice.strip("' ") for choice in found[2].split(",")])
+        elif found := re.search(r"unrecognized arguments: (--[\w-]+)", message):
+            hint = did_you_mean(found[1], self.known)
+        else:
+            hint = self._misspelt(re.findall(r"--[\w-]+", message.partition("arguments are required: ")[2]))
+        return f": {hint}" if hint else ""
+
+    def _misspelt(self, required: Sequence[str]) -> str:
+        """Of an option that is required the word that was given for it."""
+        options = (word.partition("=")[0] for word in self.given if word.startswith("--"))
+        unknown = [option for option in options if not any(each.startswith(option) for each in self.known)]
+        hints = (did_you_mean(each, required).replace("?", f" in place of {each}?") for each in unknown)
+        return next(filter(None, hints), "")
 
 
-def build_parser(command: str | None) -> argparse.ArgumentParser:
-    """Parser of one command, or of all by name alone: modules are imported only where they are used."""
+def _in_words(message: str) -> str:
+    """A message of argparse without the types of Python."""
+    message = re.sub(r"invalid int value: ('.*')", r"\1 is no whole number", message)
+    return re.sub(r"invalid float value: ('.*')", r"\1 is no number", message)
+
+
+def build_parser(command: str | None, given: Sequence[str] = ()) -> argparse.ArgumentParser:
+    """Parser of one command, or of all by name alone: modules are imported only where they are used.
+
+    ``given``: the words that it will parse, for what may have been meant by one of them.
+    """
     parser = _Parser(
         prog="aircraft-sysid",
         description="Online adaptive system identification of aircraft, on ROS 2.",
@@ -97,6 +114,7 @@ def build_parser(command: str | None) -> argparse.ArgumentParser:
         subparser = module.add_parser(subparsers)
         subparser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
         parser.known, parser.command = [*subparser._option_string_actions], name
+        subparser.known, subparser.given = parser.known, given
         subparser.set_defaults(module=module, prog=f"{parser.prog} {command}")
     return parser
 
@@ -130,7 +148,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     """Options of the command; what it imports stays to the end of the process and is spared by the collector."""
-    args = build_parser(next((word for word in arguments if not word.startswith("-")), None)).parse_args(arguments)
+    command = next((word for word in arguments if not word.startswith("-")), None)
+    args = build_parser(command, arguments).parse_args(arguments)
     if not gc.isenabled():
         gc.freeze()
         gc.enable()

@@ -12,7 +12,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, DURATION, calibration_flight
 from aircraft_sysid_ros.simulation.calibration_plan import CALIBRATION
@@ -31,6 +31,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import (
 from aircraft_sysid_ros.simulation.truth_files import aircraft_path, truth_path, write_flight
 from aircraft_sysid_ros.simulation.varied_plan import PLANS, STANDARD
 from aircraft_sysid_ros.simulation.wind import TURBULENCE_WIND
+from aircraft_sysid_ros.spelling import did_you_mean
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -151,8 +152,9 @@ def parse_effect(text: str) -> Effect:
     axis, colon, rest = text.partition(":")
     expression, equals, value = rest.rpartition("=")
     if not (colon and equals):
+        hint = did_you_mean(axis.strip(), BY_ID, 3, 0.5) or "`aircraft-sysid add --help` lists them"
         raise InputError(
-            f"the effect '{text}' is not understood: write the id of one of the library, or 'CZ: alpha**3 = -5.0'"
+            f"'{echo(text)}' is no effect, {hint}; a term is written with axis and value, such as 'CZ: alpha**3 = -5'"
         )
     try:
         number = float(value)

@@ -24,7 +24,6 @@ rudder with the other sign: ``inverted_vtail``.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +35,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, is_name, is_reserved
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.airspeed import MEANINGS
+from aircraft_sysid_ros.spelling import did_you_mean
 from aircraft_sysid_ros.yaml_file import read_yaml
 
 Array = npt.NDArray[np.float64]
@@ -226,8 +226,7 @@ def _moved(what: str, content: Mapping[Any, Any]) -> tuple[str, str]:
     """The surface that an output moves, and the name of the input that it is; one of them may be empty."""
     surface, own_name = content.get("surface"), content.get("input")
     if surface not in MIXING and (surface is not None or own_name is None):
-        close = difflib.get_close_matches(str(surface), MIXING, 1)
-        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(MIXING)}, or name it as input"
+        hint = did_you_mean(str(surface), MIXING) or f"known are {', '.join(MIXING)}, or name it as input"
         raise InputError(f"{what}: unknown surface '{surface}': {hint}")
     if own_name is None:
         return str(surface), ""
@@ -290,8 +289,7 @@ def _mapping(data: Any, what: str, known: tuple[str, ...] | None = None) -> Mapp
         raise InputError(f"{what} must be a mapping, not '{str(data)[:60]}'")
     for key in data:
         if known is not None and key not in known:
-            close = difflib.get_close_matches(str(key), known, 1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+            hint = did_you_mean(str(key), known, quote="'") or f"known are {', '.join(known)}"
             raise InputError(f"{what}: unknown key '{key}': {hint}")
     return data
 

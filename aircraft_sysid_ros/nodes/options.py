@@ -7,7 +7,6 @@ with the reason; set while the node is inactive it takes effect when the node is
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from typing import Any, TypeVar
@@ -17,6 +16,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.option import Option, options_of
+from aircraft_sysid_ros.spelling import did_you_mean
 
 Options = TypeVar("Options")
 
@@ -125,9 +125,8 @@ class ConfigurableNode(LifecycleNode):
         """A sentence for each parameter that the process was given for this node and that it does not have."""
         sentences = []
         for name in sorted(set(self._parameter_overrides) - set(self._described) - {"use_sim_time"}):
-            close = difflib.get_close_matches(name, self._described, 1)
-            hint = f": did you mean {close[0]}?" if close else ""
-            sentences.append(f"the parameter {name} is not one of this node{hint}")
+            hint = did_you_mean(name, self._described)
+            sentences.append(f"the parameter {name} is not one of this node{hint and f': {hint}'}")
         return sentences
 
     # -- lifecycle -----------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -17,6 +16,7 @@ from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
 from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.spelling import nearest
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, fold, plot
 from aircraft_sysid_ros.workbench.views import places
@@ -291,8 +291,8 @@ def complaint(text: str, inputs: tuple[str, ...] = ()) -> str:
     except InputError as error:
         if ":" in text:
             return str(error)
-        close = difflib.get_close_matches(text.strip().lower(), BY_ID, 1, 0.6)
-        hint = f"; or did you mean the effect {close[0]}?" if close else ""
+        near = nearest(text.strip(), BY_ID)
+        hint = f"; or did you mean the effect {near[0]}?" if near else ""
         return f"Write a term with its axis, such as CZ: alpha**3; '{text.strip()[:40]}' alone is no effect{hint}"
     return ""
 

@@ -165,8 +165,10 @@ def test_what_is_no_expression_is_one_clear_line(text):
     assert len(message.splitlines()) == 1 and message.isprintable() and len(message) < 600
 
 
-def test_an_unknown_name_is_quoted_with_the_names_that_there_are():
-    with pytest.raises(InputError, match=r"'alfa' in 'alfa\*\*2' is no signal: use one of alpha beta"):
+def test_an_unknown_name_is_quoted_with_what_was_meant_or_the_names_that_there_are():
+    with pytest.raises(InputError, match=r"'wing' in 'wing\*\*2' is no signal: use one of alpha beta"):
+        parse_expression("wing**2")
+    with pytest.raises(InputError, match=r"'alfa' in 'alfa\*\*2' is no signal: did you mean alpha\?"):
         parse_expression("alfa**2")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -51,6 +50,7 @@ from aircraft_sysid_ros.errors import InputError, one_line
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.spelling import did_you_mean
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -126,8 +126,7 @@ def parse_request(text: str, inputs: tuple[str, ...] = ()) -> Effect | dict[str,
     if not text:
         raise InputError("nothing is named: give an effect such as stall, or a term with its axis such as CZ: alpha**3")
     if ":" not in text:
-        close = difflib.get_close_matches(text.lower(), BY_ID, 3, 0.5)
-        hint = f"did you mean {' or '.join(close)}?" if close else "`aircraft-sysid add --help` lists them"
+        hint = did_you_mean(text, BY_ID, 3, 0.5) or "`aircraft-sysid add --help` lists them"
         raise InputError(f"'{text[:60]}' is no effect, {hint}; a term is written with its axis, such as CZ: alpha**3")
     terms: dict[str, tuple[str, ...]] = {}
     for part in filter(None, map(str.strip, text.split(";"))):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, is_name, is_reserved
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.spelling import did_you_mean
 
 #: SI unit by signal, as pint writes it; a signal without a dimension has "1".
 UNITS: dict[str, str] = {
@@ -81,9 +81,7 @@ def place_in_vector(signal: str) -> int:
 def near(name: str, known: Iterable[str]) -> str:
     """What may have been meant, for the end of a message."""
     names = list(known)
-    lower = {each.lower(): each for each in reversed(names)}
-    close = [lower[each] for each in difflib.get_close_matches(name.lower(), lower, 3, 0.5)]
-    if close:
-        return f"did you mean {' or '.join(repr(each) for each in close)}?"
+    if hint := did_you_mean(name, reversed(names), 3, 0.5, "'"):
+        return hint
     shown = ", ".join(names[:25])
     return f"there are {shown}{' …' if len(names) > 25 else ''}" if names else "there are none"
