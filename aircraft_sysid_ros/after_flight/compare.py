@@ -12,6 +12,7 @@ from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
 from aircraft_sysid_ros.diagnosis.frequency_responses import RateResponse, rate_responses
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, open_run, version_named
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide, side_by_side
+from aircraft_sysid_ros.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -54,12 +55,19 @@ def compare_runs(path: str | Path, other: str | Path, tell: Tell = nobody) -> tu
     Raises InputError.
     """
     run = open_run(path)
-    if Path(other).exists() or Path(other).name != str(other):
-        beside = open_run(other)
-    else:
-        beside = replace(run, current=version_named(run, str(other)))
+    beside = _run_beside(run, other)
     first, second = (_compared(each, part_of(tell, at, at + 0.5)) for each, at in ((run, 0.0), (beside, 0.5)))
     return first, side_by_side((first.run, second.run), (first.comparison, second.comparison))
+
+
+def _run_beside(run: Run, other: str | Path) -> Run:
+    """Another run by its path, or this one with another version. Raises InputError."""
+    if Path(other).exists() or Path(other).name != str(other):
+        return open_run(other)
+    try:
+        return replace(run, current=version_named(run, str(other)))
+    except InputError as error:
+        raise InputError(f"there is no run {other}, and {error}") from None
 
 
 def _compared(run: Run, tell: Tell) -> ComparedRun:

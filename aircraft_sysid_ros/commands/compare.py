@@ -26,16 +26,16 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "compare", help="how good the model is, and where it fails", description=__doc__
     )
     parser.add_argument("run", metavar="RUN", help="folder written by replay or live, or by fleet")
-    parser.add_argument(
-        "--with", dest="other", metavar="RUN2",
-        help="another run, or the id of another version of this one: both side by side",
-    )  # fmt: skip
+    what = "another run, or the id of another version of this one: both side by side"
+    parser.add_argument("second", nargs="?", metavar="RUN2", help=what)
+    parser.add_argument("--with", dest="other", metavar="RUN2", help="the same")
     parser.add_argument("--airframes", nargs=2, metavar=("A", "B"), help="of a fleet: two airframes side by side")
     return parser
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compare and draw; returns the JSON of INTERFACE.md with the model and the figure. Raises InputError."""
+    args.other = _other(args)
     if is_fleet(args.run):
         from aircraft_sysid_ros.commands import compare_fleets  # here: no run needs it
 
@@ -52,6 +52,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     figure, notes = picture(lambda: comparison_figure(found.comparison, path / FIGURE, title))
     result = {**found.json, "figure": figure, "notes": [*found.notes, *notes]}
     return result if beside is None else {**result, "with": beside.json}
+
+
+def _other(args: argparse.Namespace) -> str | None:
+    """What is set beside the run, with or without ``--with``. Raises InputError where there are two."""
+    if args.second and args.other:
+        raise InputError(f"two are compared, and {args.second} and {args.other} are beside {args.run}: leave one out")
+    other: str | None = args.other or args.second
+    return other
 
 
 def render(result: dict[str, Any]) -> str:

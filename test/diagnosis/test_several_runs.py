@@ -155,7 +155,7 @@ def test_a_load_is_what_differs_between_two_flights(runs, folder, capsys):
     for parameter in content["parameters"]:
         parameter.update(status="HOLD", reason="the model explains 12 % of it")
     (held / "parameters.json").write_text(json.dumps(content))
-    assert main(["compare", str(runs["monday"]), "--with", str(held)]) == 0
+    assert main(["compare", str(runs["monday"]), str(held)]) == 0
     said = capsys.readouterr().out
     assert "0 of 32 parameters differ beyond doubt" in said and "but b on HOLD" in said
     assert f"{len(found['differing'] + found['doubtful'])} more differ by their standard errors" in said
@@ -180,7 +180,9 @@ def test_p_values_by_holm():
 
 def test_what_cannot_stand_side_by_side(runs, capsys, tmp_path):
     assert "is given twice" in refused(capsys, "compare", runs["monday"], "--with", runs["monday"])
-    assert "has no model 'nobody': it has" in refused(capsys, "compare", runs["monday"], "--with", "nobody")
+    said = refused(capsys, "compare", runs["monday"], "--with", "nobody")
+    assert "there is no run nobody, and" in said and "has no model 'nobody': it has" in said
+    assert "leave one out" in refused(capsys, "compare", runs["monday"], runs["tuesday"], "--with", runs["loaded"])
     assert "is no run" in refused(capsys, "compare", runs["monday"], "--with", tmp_path / "nothing")
 
 

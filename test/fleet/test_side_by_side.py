@@ -65,8 +65,9 @@ def test_the_command(tmp_path, capsys):
     a, b = str(write(tmp_path / "a", 1)), str(write(tmp_path / "b", 1, changed=["P3"], own=0.002))
     assert main(["compare", a, "--airframes", "N1", "N2"]) == 0
     assert "of 20 parameters differ" in capsys.readouterr().out
-    assert main(["compare", a, "--with", b, "--json"]) == 0
-    assert sum(row["differs"] for row in json.loads(capsys.readouterr().out)["parameters"]) == 2
+    for words in ([a, "--with", b], [a, b]):
+        assert main(["compare", *words, "--json"]) == 0
+        assert sum(row["differs"] for row in json.loads(capsys.readouterr().out)["parameters"]) == 2
     for words, said in (
         ([a], "is a fleet: compare it with"),
         ([a, "--with", "nowhere"], "no folder of a fleet"),
