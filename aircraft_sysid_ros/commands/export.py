@@ -21,7 +21,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.exported import loss_line
 from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
-from aircraft_sysid_ros.export.targets import TARGETS, version_of
+from aircraft_sysid_ros.export.targets import TARGETS, Target, reached, version_of
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.text_file import write_new, write_whole
 
@@ -66,8 +66,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "file": str(out),
         "lost": dict(exported.lost),
         "not_held": list(exported.not_held),
-        "notes": [*notes_on(opened, learnt), *exported.notes],
+        "notes": [*notes_on(opened, learnt), *_travel_notes(learnt, full, target), *exported.notes],
     }
+
+
+def _travel_notes(learnt: LearntModel, full: npt.NDArray[np.float64] | None, target: Target) -> list[str]:
+    """That a flight has had to say how far the surfaces go."""
+    if full is not None or not target.is_commanded:
+        return []
+    travel = "elevator {:.1f}, aileron {:.1f}, rudder {:.1f} deg".format(*np.degrees(reached(learnt)))
+    return [
+        f"no --full-deflection: full command is the largest deflection that was flown, {travel}; give what is there"
+    ]
 
 
 def chosen_model(opened: Run, identifier: str | None) -> LearntModel:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
+from aircraft_sysid_ros.export.learnt_model import LearntModel, percent, range_words
 
 #: Losses and standard errors below this share are rounding.
 ROUNDING = 1e-9
@@ -50,7 +50,7 @@ def comment_of(lines: list[str]) -> str:
 
 def loss_line(lost: Mapping[str, float]) -> str:
     """What of each coefficient the formulas of a target miss."""
-    parts = (f"{axis} {100.0 * share if share > ROUNDING else 0.0:.2g} %" for axis, share in lost.items())
+    parts = (f"{axis} {percent(share if share > ROUNDING else 0.0)}" for axis, share in lost.items())
     return "lost over the flight's own rows, of the spread of each coefficient: " + ", ".join(parts)
 
 

@@ -240,6 +240,11 @@ def thrust_part(learnt: LearntModel) -> Array:
     return part
 
 
+def percent(share: float) -> str:
+    """A share [-] in per cent with two digits, as people write them: 0.16 %, 58 %, 176 %."""
+    return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"
+
+
 def not_held(learnt: LearntModel, held: Mapping[str, Sequence[str]]) -> list[str]:
     """A sentence for each term with a value that is not among those that a target holds, by axis; thrust apart.
 
@@ -254,7 +259,7 @@ def not_held(learnt: LearntModel, held: Mapping[str, Sequence[str]]) -> list[str
             if term not in canonical[axis] and name not in thrust and learnt.value(name) != 0.0:
                 what = "its constant" if term == "1" else f"the term {term}"
                 sentences.append(
-                    f"{axis}: no place for {what}, which moves {axis} by {100.0 * shares[name]:.2g} % of its "
+                    f"{axis}: no place for {what}, which moves {axis} by {percent(shares[name])} of its "
                     "spread; what the other terms can take of it they have"
                 )
     return sentences

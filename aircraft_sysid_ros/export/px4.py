@@ -14,7 +14,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.export.autopilot_parameters import Entry, px4_file, px4_trims, with_std
 from aircraft_sysid_ros.export.exported import Exported, header_lines
-from aircraft_sysid_ros.export.learnt_model import LearntModel, fitted, standard_errors, thrust_part
+from aircraft_sysid_ros.export.learnt_model import LearntModel, fitted, percent, standard_errors, thrust_part
 from aircraft_sysid_ros.export.level_flight import (
     SEA_LEVEL_DENSITY,
     LevelFlight,
@@ -46,8 +46,8 @@ def export_px4(learnt: LearntModel, full: Array | None, version: str = VERSIONS[
     entries, proposed = with_std(_entries(learnt, full), std), with_std(proposed, std)
     notes.append(
         "FW_W_* are of PX4's open pull request 25966, not of a release: C_L = FW_W_C_A0 + FW_W_C_A1 alpha within "
-        f"{100.0 * misses['CL']:.2g} % of its spread over the flight, C_Y = -FW_W_C_B1 beta within "
-        f"{100.0 * misses['CY']:.2g} %"
+        f"{percent(misses['CL'])} of its spread over the flight, C_Y = -FW_W_C_B1 beta within "
+        f"{percent(misses['CY'])}"
     )
     comments = [*header_lines(learnt, "PX4", {}, _NOT_HELD), *notes]
     if version == PULL_REQUEST:

@@ -27,10 +27,7 @@ class Target:
     suffix: str
     versions: tuple[str, ...]
     write: Writer
-
-
-def _sitl(learnt: LearntModel, full: Array | None, version: str) -> Exported:
-    return ardupilot_sitl.export_ardupilot_sitl(learnt, reached(learnt) if full is None else full)
+    is_commanded: bool = False  # its surfaces go from -1 to 1, so that it must know how far that is
 
 
 def reached(learnt: LearntModel) -> Array:
@@ -39,10 +36,15 @@ def reached(learnt: LearntModel) -> Array:
     return np.array([max(abs(low), abs(high), np.radians(1.0)) for low, high in limits])
 
 
+def _commanded(write: Callable[[LearntModel, Array], Exported]) -> Writer:
+    """Of a target whose surfaces have a full command: where nobody said how far they go, as far as was flown."""
+    return lambda learnt, full, version: write(learnt, reached(learnt) if full is None else full)
+
+
 TARGETS = {
-    "jsbsim": Target(".xml", jsbsim.VERSIONS, lambda learnt, full, version: jsbsim.export_jsbsim(learnt, full)),
-    "ardupilot-sitl": Target(".json", ardupilot_sitl.VERSIONS, _sitl),
-    "gazebo": Target(".sdf", gazebo.VERSIONS, lambda learnt, full, version: gazebo.export_gazebo(learnt, full)),
+    "jsbsim": Target(".xml", jsbsim.VERSIONS, _commanded(jsbsim.export_jsbsim), True),
+    "ardupilot-sitl": Target(".json", ardupilot_sitl.VERSIONS, _commanded(ardupilot_sitl.export_ardupilot_sitl), True),
+    "gazebo": Target(".sdf", gazebo.VERSIONS, _commanded(gazebo.export_gazebo), True),
     "px4": Target(".params", px4.VERSIONS, px4.export_px4),
     "matlab": Target(".mat", ("5",), lambda learnt, full, version: export_matlab(learnt)),
     "csv": Target(".csv", ("1",), lambda learnt, full, version: export_table(learnt)),

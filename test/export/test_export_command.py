@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import shutil
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from scipy.io import loadmat
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.export.learnt_model import percent
 
 OUT = {
     "jsbsim": "a.xml", "ardupilot-sitl": "a.json", "gazebo": "a.sdf", "px4": "a.params", "matlab": "a.mat",
@@ -48,6 +50,22 @@ def test_people_are_told_the_range_and_what_is_lost(exported_run, tmp_path, caps
     said = capsys.readouterr().out
     assert "OUTSIDE OF IT THE MODEL IS NOT KNOWN TO HOLD" in said and "lost over the flight's own rows" in said
     assert "Cem0 and Cema" in said
+    lost = next(line for line in said.splitlines() if line.startswith("lost over")).partition(": ")[2]
+    assert re.fullmatch(r"(C[XYZlmn] \d+(\.\d+)? %(, |$)){6}", lost), "no powers of ten for people"
+
+
+@pytest.mark.parametrize("share", [0.0, 4.3e-4, 0.0163, 0.58, 0.996, 1.786, 71.39])
+def test_a_share_is_said_in_per_cent_without_a_power_of_ten(share):
+    number, unit = percent(share).split(" ")
+    assert unit == "%" and "e" not in number and float(number) == pytest.approx(100.0 * share, rel=0.06, abs=1e-12)
+
+
+def test_how_far_the_surfaces_go_is_said_where_nobody_gave_it(exported_run, learnt, tmp_path, capsys):
+    words = ("export", exported_run, "--to", "jsbsim", "--overwrite", "--out", tmp_path / "a.xml")
+    (note,) = (note for note in answer(capsys, *words)["notes"] if "--full-deflection" in note)
+    reached = max(map(abs, learnt.ranges["de"]))
+    assert f"elevator {np.degrees(reached):.1f}, aileron" in note
+    assert not [n for n in answer(capsys, *words, "--full-deflection", "25,20,30")["notes"] if "--full-deflection" in n]
 
 
 def test_the_table_and_the_mat_hold_the_parameters_as_the_run_has_them(exported_run, learnt, tmp_path, capsys):
