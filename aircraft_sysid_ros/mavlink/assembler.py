@@ -31,6 +31,7 @@ from aircraft_sysid_ros.ros_messages.conversion import (
     UNKNOWN_VARIANCE,
     enu_from_ned,
     flu_from_frd,
+    frame_of,
     gps_fix_fields,
     gps_velocity_fields,
     imu_fields,
@@ -64,7 +65,6 @@ USUAL_MEANING = {
 #: Flow angles that ArduPilot works out from its own estimates, unless a vane is said to be behind them.
 COMPUTED_ANGLES = ("AOA_SSA", "AOA")
 OWN_POSITION = "GLOBAL_POSITION_INT"  # of the autopilot's filter
-_FRAMES = {"gps/fix": "gps", "gps/vel": "gps", WIND_TOPIC: "map", ATTITUDE_TOPIC: "map"}
 _TOLD_AS_ASKED = ("HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "VFR_HUD", "AIRSPEED", "SCALED_PRESSURE")
 SILENCE = 2.0  # [s] after which the next best source takes over
 # How old [s] a value may be that another quantity needs.
@@ -91,7 +91,7 @@ class Output:
     @property
     def frame_id(self) -> str:
         """Frame of its messages."""
-        return _FRAMES.get(self.topic, "base_link")
+        return "map" if self.topic in (WIND_TOPIC, ATTITUDE_TOPIC) else frame_of(self.topic)
 
 
 @dataclass

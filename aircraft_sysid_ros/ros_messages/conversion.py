@@ -37,6 +37,13 @@ TOPICS: dict[str, str] = {
 }
 #: The topic of the inputs that an aircraft file names, and its type. It is read where there are such.
 INPUTS_TOPIC, INPUTS_TYPE = "inputs", "sensor_msgs/msg/JointState"
+
+
+def frame_of(topic: str) -> str:
+    """The frame in the header of an input topic, where we write it: of the GPS antenna, or of the body."""
+    return "gps" if topic.startswith("gps/") else "base_link"
+
+
 #: The fields that are used: their names and, for a nested vector, the names of its components.
 USED_FIELDS: dict[str, dict[str, str]] = {
     "imu/data": {

@@ -20,7 +20,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS, frame_of
 from aircraft_sysid_ros.run_reader import UNREADABLE
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH, stamps_of
 from aircraft_sysid_ros.sensors.truth import SERIES
@@ -35,12 +35,15 @@ def write_flight(flight: SimulatedFlight, path: str | Path, *, overwrite: bool =
     """Write the recording, logged as it arrives, and the truth; InputError where the path is taken."""
     with RecordingWriter(path, overwrite=overwrite) as writer:
         for stream in flight.streams:
+            frame = frame_of(stream.topic)
             if stream.topic == INPUTS_TOPIC:
                 names = [item.name for item in flight.aircraft.inputs]
-                writer.write_inputs(stream.stamp, names, stream.fields["position"], log_time=stream.arrival)
+                writer.write_inputs(
+                    stream.stamp, names, stream.fields["position"], log_time=stream.arrival, frame_id=frame
+                )
                 continue
             topic_type = TOPICS[stream.topic]
-            writer.write(stream.topic, topic_type, stream.stamp, stream.fields, log_time=stream.arrival)
+            writer.write(stream.topic, topic_type, stream.stamp, stream.fields, log_time=stream.arrival, frame_id=frame)
         for place, content in _files(flight, path).items():
             writer.add_file(place, content)
 

@@ -56,14 +56,14 @@ def message_of(sensed: Sensed) -> Any:
     if sensed.topic == ATTITUDE_TOPIC:
         x, y, z, w = map(float, ros_conversion.quaternion_enu_flu(sensed.values))
         content = {f"quaternion.{name}": value for name, value in zip("xyzw", (x, y, z, w), strict=True)}
-        return common.stamp_of(common.fill(QuaternionStamped(), content), sensed.stamp)
+        return common.stamp_of(common.fill(QuaternionStamped(), content), sensed.stamp, "map")
     message = common.message_class(TOPICS[sensed.topic])()
     for name, value in _fields(sensed).items():
         parts = USED_FIELDS[sensed.topic].get(name, "").split()
         flat = np.asarray(value)[0]
         inside = {f"{name}.{part}": float(v) for part, v in zip(parts, flat, strict=True)} if parts else None
         common.fill(message, inside or {name: _plain(flat)})
-    return common.stamp_of(message, sensed.stamp)
+    return common.stamp_of(message, sensed.stamp, ros_conversion.frame_of(sensed.topic))
 
 
 def _fields(sensed: Sensed) -> dict[str, Any]:

@@ -34,6 +34,16 @@ def test_writes_a_recording_with_its_truth(tmp_path):
     assert load_aircraft(result["aircraft_file"]).name == result["aircraft"]
 
 
+def test_every_message_of_a_recording_has_its_frame(tmp_path):
+    from rosbags.highlevel import AnyReader
+
+    call("--out", tmp_path / "bag", "--duration", 20, "--height-above-ground")
+    with AnyReader([tmp_path / "bag"]) as reader:
+        frames = {c.topic: reader.deserialize(raw, c.msgtype).header.frame_id for c, _, raw in reader.messages()}
+    assert {topic for topic, frame in frames.items() if frame == "gps"} == {"/gps/fix", "/gps/vel"}
+    assert len(frames) == 6 and set(frames.values()) == {"gps", "base_link"}
+
+
 def test_jsbsim_writes_its_aircraft_file_beside_the_truth(tmp_path):
     pytest.importorskip("jsbsim")
     result = call("--out", tmp_path / "bag", "--duration", 20, "--simulator", "jsbsim")
@@ -62,7 +72,9 @@ def test_jsbsim_keeps_quiet_on_standard_output():
         (["--wind-walk", "-0.1"], "--wind-walk must be zero or more"),
         (["--noise-scale", "inf"], "--noise-scale must be zero or more"),
         (["--aircraft", "nowhere.yaml"], "cannot read the aircraft file nowhere.yaml"),
-        (["--effect", "stalled"], "write the id of one of the library"),
+        (["--effect", "stalled"], "'stalled' is no effect, did you mean stall"),
+        (["--effect", "sideslip_drg:2"], "did you mean sideslip_drag"),
+        (["--effect", "wobble"], "add --help` lists them"),
         (["--effect", "CZ: alpha**3 = much"], "'much' of the effect"),
         (["--effect", "CZ: wings = 1"], "'wings' in 'wings' is no signal"),
         (["--effect", "CQ: alpha = 1"], "the axes are CX"),

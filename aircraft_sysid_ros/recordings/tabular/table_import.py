@@ -15,9 +15,9 @@ from aircraft_sysid_ros.recordings.tabular.joining import windows
 from aircraft_sysid_ros.recordings.tabular.signals import INPUTS
 from aircraft_sysid_ros.recordings.tabular.source import open_source
 from aircraft_sysid_ros.recordings.tabular.streams import collect
-from aircraft_sysid_ros.recordings.tabular.topics import Messages, Plan, frame_of, type_of
+from aircraft_sysid_ros.recordings.tabular.topics import Messages, Plan, type_of
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, frame_of
 from aircraft_sysid_ros.samples import PAUSE
 
 

@@ -370,8 +370,3 @@ _AIR = ("angle_of_attack", "sideslip", "air_density", "static_pressure", "pressu
 def type_of(topic: str) -> str:
     """Type of a topic's messages."""
     return INPUTS_TYPE if topic == INPUTS_TOPIC else TOPICS[topic]
-
-
-def frame_of(topic: str) -> str:
-    """Frame of a topic's messages."""
-    return "gps" if topic.startswith("gps/") else "base_link"

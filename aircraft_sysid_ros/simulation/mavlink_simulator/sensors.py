@@ -12,7 +12,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import geodetic_along
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import TOPICS, flu_from_frd, samples_and_rows
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, flu_from_frd, frame_of, samples_and_rows
 from aircraft_sysid_ros.samples import Samples, concatenate
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH, SensorOptions, generator, measure
 from aircraft_sysid_ros.sensors.truth import Truth
@@ -121,7 +121,7 @@ def direct_samples(events: Sequence[Event], start: int) -> Samples:
 def write_direct(events: Sequence[Event], start: int, writer: RecordingWriter) -> None:
     """The same into a recording."""
     for topic, stamp, fields, _ in _columns(events, start):
-        writer.write(topic, TOPICS[topic], stamp, fields)
+        writer.write(topic, TOPICS[topic], stamp, fields, frame_id=frame_of(topic))
 
 
 def _columns(events: Sequence[Event], start: int) -> list[tuple[str, Any, dict[str, Any], Any]]:
