@@ -58,7 +58,7 @@ def _unknown(path: Path, why: str = "") -> InputError:
     """The error for what says not itself what it is."""
     return InputError(
         f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; "
-        f"tables need aircraft-sysid import with --map MAP.yaml, which --guess MAP.yaml begins{why}"
+        f"tables need --map MAP.yaml, which `aircraft-sysid import {path} --guess MAP.yaml` begins{why}"
     )
 
 

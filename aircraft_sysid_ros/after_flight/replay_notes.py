@@ -196,7 +196,8 @@ def length_notes(pipeline: Pipeline, writer: RunWriter) -> list[str]:
             f"wind and attitude tell the angles of flow for {judged:.0f} s of this flight only: {needed} fit a vane, "
             "or fly more turns at several speeds in calmer air"
         ]
-    return [f"{judged:.0f} s in flight with air data: {needed} record more or replay more manoeuvres together"]
+    learnt = f"{judged:.0f} of {seconds:.0f} s could be learnt from"
+    return [f"{learnt}: {needed} record more or replay more manoeuvres together"]
 
 
 def rate_notes(stream: CoefficientStream) -> list[str]:

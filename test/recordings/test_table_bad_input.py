@@ -217,10 +217,8 @@ def test_one_axis_without_any_number_is_said(tmp_path, capsys, made_of):
 def test_a_table_without_a_map_is_told_the_way(tmp_path, capsys):
     (tmp_path / "flight.csv").write_text(table(*ROWS))
     assert main(["import", str(tmp_path / "flight.csv"), "--out", str(tmp_path / "bag")]) == 2
-    assert (
-        "tables need aircraft-sysid import with --map MAP.yaml, which --guess MAP.yaml begins"
-        in capsys.readouterr().err
-    )
+    way = f"tables need --map MAP.yaml, which `aircraft-sysid import {tmp_path / 'flight.csv'} --guess MAP.yaml` begins"
+    assert way in capsys.readouterr().err
     assert main(["import", str(tmp_path / "flight.csv")]) == 2
     assert "say with --out" in capsys.readouterr().err
 
