@@ -164,8 +164,11 @@ def _difference(found: probe_models.ProbeAnswer) -> str:
         if there and name in paper.values and not name.startswith("W_")
     }
     name = max(apart, key=lambda key: abs(apart[key]))
-    return (f"a linear curve in a steady wind says {name} = {paper.values[name]:.4g}, not {answer.values[name]:.4g}: "
-            f"{abs(apart[name]):.1f} standard errors away")  # fmt: skip
+    unit = found.model.units().get(name, "-").removesuffix("-")
+    said, ours = (f"{value:.4g} {unit}".rstrip() for value in (paper.values[name], answer.values[name]))
+    return (
+        f"a linear curve in a steady wind says {name} = {said}, not {ours}: {abs(apart[name]):.1f} standard errors away"
+    )
 
 
 def calibrate_magnetometer(

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder, Cal
 from aircraft_sysid_ros.workbench.frame import Frame
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot
 from aircraft_sysid_ros.workbench.views import calibration as views
-from aircraft_sysid_ros.workbench.worker import CALIBRATE, Job
+from aircraft_sysid_ros.workbench.worker import CALIBRATE, UNDO, Job
 
 _SENSORS = {
     "five-hole": "five-hole probe",
@@ -135,9 +135,12 @@ class CalibratePanel(Panel):
         ):
             self._words = ui.label("").classes("soft small").props("data-testid=calibrate-words")
             with ui.row().style("align-items:center; gap:12px; margin-top:10px") as self._row:
-                self._what = ui.select([], label="sensors").props("outlined dense options-dense").style("width:250px")
+                self._what = ui.select([], label="sensors", on_change=self._show_undo)
+                self._what.props("outlined dense options-dense").style("width:250px")
                 button = ui.button("Calibrate", on_click=self._calibrate).props("unelevated data-testid=calibrate")
                 self.changing(button)
+                self._undo = ui.button("Undo", on_click=self._take_back).props("flat data-testid=undo-calibrate")
+                self.changing(self._undo)
         self._below = ui.element("div").style("width:100%")
         self.update()
 
@@ -150,13 +153,25 @@ class CalibratePanel(Panel):
         self._what.set_options(
             options, value=self._what.value if self._what.value in options else next(iter(options), None)
         )
-        if folder is not None and (self._found is None or self._found.folder is not folder):
+        self._show_undo()
+        if folder is None:
+            self._below.clear()
+            self._found = None
+        elif self._found is None or self._found.folder is not folder:
             self._below.clear()
             self._found = CalibrationPanel(self.page, folder)
             self._found.place = self._below
             self._found.show()
-        elif self._found is not None:
+        else:
             self._found.refresh()
+
+    def _show_undo(self) -> None:
+        """Offer to take back what was calibrated last of the chosen sensors."""
+        self._undo.set_visibility(f"{CALIBRATE} {self._what.value}" in self.page.view.undoable)
+
+    def _take_back(self) -> None:
+        if not self.page.session.start(Job(UNDO, f"{CALIBRATE} {self._what.value}")):
+            ui.notify("Something else is under way: wait for it to end")
 
     def _calibrate(self) -> None:
         if not self.page.session.start(Job(CALIBRATE, str(self._what.value))):

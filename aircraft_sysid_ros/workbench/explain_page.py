@@ -43,7 +43,8 @@ def _trust(found: Explanation) -> list[str]:
     if count[ERROR]:
         first = f"Not as it is: {_counted(count[ERROR], 'error')} make what is estimated from it wrong."
     elif off := _off(found):
-        first = f"With care: {_counted(len(off), 'sensor')} or what the aircraft file says of it is off, see below."
+        of = "them are" if len(off) > 1 else "it is"
+        first = f"With care: {_counted(len(off), 'sensor')} or what the aircraft file says of {of} off, see below."
     elif count[WARNING]:
         first = f"With care: {_counted(count[WARNING], 'warning')}, of parts of the flight or single parameters."
     else:

@@ -23,7 +23,13 @@ _QUIET = """<script>
     if (String(e.reason?.message ?? e.reason).includes("displayed plot div")) e.preventDefault();
   });
 </script>"""
-_ASK_THEME = "matchMedia('(prefers-color-scheme: dark)').matches"
+#: What the system wants, which the browser keeps until it is closed where its user has chosen nothing: the next page is
+#: then made in it, and does not flash.
+_ASK_THEME = """
+  const wanted = matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light';
+  document.cookie = `theme=as-system-${wanted}; path=/; samesite=strict`;
+  return wanted === 'dark';
+"""
 
 
 @dataclass
@@ -40,7 +46,7 @@ class Frame:
     """One browser's page: a header with a notice under it, and views of which the first is shown."""
 
     def __init__(self, session: Any, theme: str | None) -> None:
-        self.session, self.look = session, Look(DARK if theme == "dark" else LIGHT)
+        self.session, self.look = session, Look(DARK if (theme or "").endswith("dark") else LIGHT)
         ui.add_css(STYLE)
         ui.add_head_html(_QUIET)
         ui.add_head_html(f"<script>{CROSSHAIR.read_text(encoding='utf8')}</script>")
@@ -56,7 +62,7 @@ class Frame:
         self.tabs.on_value_change(lambda event: self.panels[event.value].show())
         self.follow()
         ui.timer(POLL, self.follow)
-        if theme is None:
+        if theme not in ("light", "dark"):
             ui.timer(0.1, self._adopt_theme, once=True)
 
     # -- what a page adds ------------------------------------------------------------------------------------
@@ -141,9 +147,10 @@ class Frame:
     # -- theme -----------------------------------------------------------------------------------------------
 
     async def _adopt_theme(self) -> None:
-        """Light or dark as the browser asks, at the first visit."""
-        if await ui.run_javascript(_ASK_THEME, timeout=5.0):
-            self._set_theme(DARK)
+        """Light or dark as the system asks, where the user has not chosen."""
+        wanted = DARK if await ui.run_javascript(_ASK_THEME, timeout=5.0) else LIGHT
+        if wanted is not self.look.theme:
+            self._set_theme(wanted)
 
     def _toggle_theme(self) -> None:
         self._set_theme(LIGHT if self.look.theme is DARK else DARK)

@@ -90,7 +90,8 @@ class Page(Frame):
             "+ −": "zoom in and out",
             "0": "the whole flight",
             "Versions": "what each is called, and two of them, or two flights, side by side",
-            "Parameters, Calibration": "refine by maximum likelihood, and calibrate sensors, from this run",
+            "Parameters, Calibration": "refine by maximum likelihood, and calibrate sensors, from this run; "
+            "Undo brings back what was there before",
             **super().help(),
         }
 

@@ -11,7 +11,7 @@ from aircraft_sysid_ros.after_flight.refine import refined_sentences
 from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, OUTPUT_ERROR
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card
-from aircraft_sysid_ros.workbench.worker import REFINE, Job
+from aircraft_sysid_ros.workbench.worker import REFINE, UNDO, Job
 
 _WORDS = {
     FILTER_ERROR: "A Kalman filter with the model; gusts and the noise of the sensors are estimated, too.",
@@ -35,6 +35,8 @@ class RefinePanel(Panel):
                 self._method.props("outlined dense options-dense data-testid=refine-method").style("width:170px")
                 button = ui.button("Refine", on_click=self._refine).props("unelevated data-testid=refine")
                 self.changing(button)
+                self._undo = ui.button("Undo", on_click=self._take_back).props("flat data-testid=undo-refine")
+                self.changing(self._undo)
             self._words = ui.label("").classes("soft small")
             self._said = ui.element("div").props("data-testid=refined-words").style("margin-top:6px")
             with ui.element("div").classes("beside") as self._tables:
@@ -47,6 +49,7 @@ class RefinePanel(Panel):
         method, view = str(self._method.value), self.page.view
         found: Mapping[str, Any] | None = view.refined.get(method)
         self._words.text = _WORDS[method]
+        self._undo.set_visibility(f"{REFINE} {method}" in view.undoable)
         self._said.clear()
         self._tables.set_visibility(found is not None)
         with self._said:
@@ -61,4 +64,8 @@ class RefinePanel(Panel):
 
     def _refine(self) -> None:
         if not self.page.session.start(Job(REFINE, str(self._method.value))):
+            ui.notify("Something else is under way: wait for it to end")
+
+    def _take_back(self) -> None:
+        if not self.page.session.start(Job(UNDO, f"{REFINE} {self._method.value}")):
             ui.notify("Something else is under way: wait for it to end")

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.workbench.views.numbers import coefficients_csv
 from aircraft_sysid_ros.workbench.views.residuals import residual_figure, residual_rows
 
 WORDS = (
-    "On flight that was not fitted, over the noise that the sensors of the aircraft file make. A perfect model leaves "
+    "On flight that was not fitted, over the noise that the sensors had in this flight. A perfect model leaves "
     "95 % within two sigma, 0.3 % beyond three, and no correlation."
 )
 

@@ -34,6 +34,7 @@ from aircraft_sysid_ros.refinement.refine import METHODS
 from aircraft_sysid_ros.run_reader import DIAGNOSIS, ESTIMATES, PARAMETERS, SAMPLES, STATE, UNREADABLE, not_a_run
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import true_values, truth_path
+from aircraft_sysid_ros.workbench.undo import written
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 
@@ -75,6 +76,7 @@ class RunView:
     labels: Labels = field(default_factory=dict)  # names and notes of versions, the newest last
     refined: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of the current version, by method
     recorded: float | None = None  # [s] of the recording, of which only settled flight is compared
+    undoable: frozenset[str] = frozenset()  # work of the page that can be taken back, as in undo.written
 
     @property
     def comparison(self) -> Comparison:
@@ -174,6 +176,7 @@ def load_run_view(
         labels=_labels(run.path, notes),
         refined=_refined(folder_of(run, run.current)),
         recorded=recorded,
+        undoable=frozenset(name for name, target in written(run).items() if target.can_be_undone),
     )
 
 

@@ -27,8 +27,8 @@ def serve(
 ) -> None:
     """Serve a page until Ctrl-C on what ``listen`` gave; ``ready`` hears its addresses, that for this machine first.
 
-    ``make`` builds the page of one browser, which remembers "light", "dark" or nothing, of the run that its address
-    names, if any.
+    ``make`` builds the page of one browser, which remembers "light" or "dark" where its user has chosen, else what the
+    system wanted last, or nothing; of the run that its address names, if any.
     """
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 

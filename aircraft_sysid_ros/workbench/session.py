@@ -20,6 +20,7 @@ from aircraft_sysid_ros.workbench.worker import (
     RECORD,
     REFINE,
     REMOVE,
+    UNDO,
     UNNAME,
     Done,
     Failed,
@@ -35,7 +36,7 @@ READS = (LOAD, RECORD)
 WORDS = {
     LOAD: "reading {}", RECORD: "reading what was estimated in flight", DIAGNOSE: "looking for what is missing",
     ADD: "adding", REMOVE: "taking away", NAME: "naming", UNNAME: "taking the name back", REFINE: "refining",
-    CALIBRATE: "calibrating",
+    CALIBRATE: "calibrating", UNDO: "putting back what was there",
 }  # fmt: skip
 
 
@@ -46,6 +47,7 @@ class Session:
         self, path: str | Path, truth: TruthView = NO_TRUTH, calibration: CalibrationFolder | None = None
     ) -> None:
         self.path, self.truth, self.calibration = Path(path), truth, calibration
+        self._given = calibration  # what the page was started with
         self.view: RunView | None = None
         self.record: FlightRecord | None = None
         self.record_problem = ""
@@ -163,7 +165,8 @@ class Session:
     def _done(self, answer: Done) -> None:
         if answer.view is not None:
             self.view, self.damage = answer.view, ""
-        if answer.view is not None and (answer.job.kind == CALIBRATE or self.calibration is None):
+        is_calibrated = CALIBRATE in (answer.job.kind, answer.job.text.partition(" ")[0])  # or taken back
+        if answer.view is not None and (is_calibrated or self.calibration is None):
             self._find_calibration()
         if answer.record is not None:
             self.record, self.record_problem = answer.record, ""
@@ -172,11 +175,13 @@ class Session:
         self._go_on()
 
     def _find_calibration(self) -> None:
-        """What was calibrated from the samples of this run, if anything."""
+        """What was calibrated from the samples of this run last, or what was given."""
         folder = newest_of_run(self.path)
-        if folder is not None:
-            with contextlib.suppress(InputError):  # damaged: calibrate again
-                self.calibration = CalibrationFolder(folder)
+        if folder is None:
+            self.calibration = self._given
+            return
+        with contextlib.suppress(InputError):  # damaged: calibrate again
+            self.calibration = CalibrationFolder(folder)
 
     def _go_on(self) -> None:
         """After a job: what waits, or the record of the flight where it was not read yet."""

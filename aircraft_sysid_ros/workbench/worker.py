@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 from aircraft_sysid_ros.errors import InputError
 
 LOAD, RECORD, DIAGNOSE, ADD, REMOVE = "load", "record", "diagnose", "add", "remove"
-NAME, UNNAME, REFINE, CALIBRATE = "name", "unname", "refine", "calibrate"
+NAME, UNNAME, REFINE, CALIBRATE, UNDO = "name", "unname", "refine", "calibrate", "undo"
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class Desk:
             return Done(job, record=load_flight_record(self.path, self._view.zero))
         work = {
             DIAGNOSE: self._diagnose, ADD: self._add, REMOVE: self._remove, NAME: self._name, UNNAME: self._take_back,
-            REFINE: self._refine, CALIBRATE: self._calibrate,
+            REFINE: self._refine, CALIBRATE: self._calibrate, UNDO: self._undo,
         }.get(job.kind, self._nothing)  # fmt: skip
         sentence = work(job)
         return Done(job, view=self._read(), sentence=sentence)
@@ -156,8 +157,11 @@ class Desk:
         from aircraft_sysid_ros.after_flight.refine import refine_run, refined_sentences
         from aircraft_sysid_ros.report.refined_figure import draw_refined
 
-        self.progress(f"refining by {job.text}", 0.0)
-        return ". ".join(refined_sentences(refine_run(self.path, draw_refined, job.text, tell=self.progress)))
+        def tell(what: str, share: float) -> None:
+            self.progress(f"refining by {what}", share)
+
+        with self._undoable(job):
+            return ". ".join(refined_sentences(refine_run(self.path, draw_refined, job.text, tell=tell)))
 
     def _calibrate(self, job: Job) -> str:
         from aircraft_sysid_ros.after_flight.calibrate import CalibrationOptions, calibrate
@@ -166,9 +170,32 @@ class Desk:
 
         out = str(of_run(self.path, job.text))
         options = CalibrationOptions(job.text, self.path, out=out, overwrite=True)
-        result = calibrate(
-            options,
-            draw_calibration,
-            lambda stage, done, of: self.progress(f"calibrate {job.text}: {stage}", done / of if of else 0.05),
-        )
+        with self._undoable(job):
+            result = calibrate(
+                options,
+                draw_calibration,
+                lambda stage, done, of: self.progress(f"calibrate {job.text}: {stage}", done / of if of else 0.05),
+            )
         return f"stage 1: {result['decision']}; stage 2: {result['stage_2']}; kept in {out}"
+
+    @contextmanager
+    def _undoable(self, job: Job) -> Iterator[None]:
+        """Keep what work writes over, when it is done."""
+        from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+        from aircraft_sysid_ros.workbench.undo import written
+
+        target = written(open_run(self.path)).get(f"{job.kind} {job.text}")
+        before = {} if target is None else target.read()
+        yield
+        with suppress(OSError):  # a full disk: what was done is done, and cannot be undone
+            if target is not None:
+                target.keep(before)
+
+    def _undo(self, job: Job) -> str:
+        from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+        from aircraft_sysid_ros.workbench.undo import written
+
+        target = written(open_run(self.path)).get(job.text)
+        if target is None:
+            raise InputError("there is nothing to undo")
+        return f"{job.text}: {'what was there before is back' if target.put_back() else 'taken back'}"

@@ -241,7 +241,12 @@ def test_of_a_vane_that_is_bent_in_flight_no_zero_is_given(aircraft, flight):
 @pytest.mark.parametrize(
     ("kinds", "findings", "begin"),
     [
-        (["instrument offset"], [], "With care: 1 sensor or"),
+        (["instrument offset"], [], "With care: 1 sensor or what the aircraft file says of it is off"),
+        (
+            ["instrument offset", "instrument scale"],
+            [],
+            "With care: 2 sensors or what the aircraft file says of them are",
+        ),
         (["airspeed_scale", "stall"], [], "With care: 1 sensor or"),
         (["stall"], [], "Yes"),
         (["stall"], [Finding(("elevator",), "sign", "warning", "…")], "With care: 1 warning,"),

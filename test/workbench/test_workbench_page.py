@@ -269,6 +269,12 @@ def test_two_browsers_see_the_same_run(server, open_page, capsys) -> None:
 DARK = "Math.max(...getComputedStyle(document.body).backgroundColor.match(/[0-9.]+/g).slice(0, 3).map(Number))"
 
 
+#: Whether a page was light at any time since it began to load.
+SEES_LIGHT = """new MutationObserver(() => {
+  if (document.body?.classList.contains('body--light')) window.sawLight = true;
+}).observe(document, {subtree: true, childList: true, attributes: true})"""
+
+
 def test_the_other_views_and_the_dark_page(server, open_page) -> None:
     page = open_page(server[1], color_scheme="dark")
     page.wait_for_selector("body.body--dark")
@@ -301,6 +307,10 @@ def test_the_other_views_and_the_dark_page(server, open_page) -> None:
     page.wait_for_function("document.querySelectorAll('.effect-menu .effect-kind').length >= 1")
     widths = "(s) => document.querySelector(s).closest('.q-field, .effect-menu').getBoundingClientRect().width"
     assert page.evaluate(widths, ".effect-menu") <= page.evaluate(widths, marked("effect")) + 1.0
+    page.add_init_script(SEES_LIGHT)
+    page.goto(server[1])
+    page.wait_for_selector(marked("plot-Cn") + " .main-svg")
+    assert page.evaluate("document.body.classList.contains('body--dark') && !window.sawLight"), "no flash of light"
 
 
 def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_page, capsys) -> None:

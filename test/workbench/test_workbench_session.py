@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import time
 
@@ -14,7 +15,8 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import server
 from aircraft_sysid_ros.workbench.run_view import load_run_view
 from aircraft_sysid_ros.workbench.session import Session
-from aircraft_sysid_ros.workbench.worker import ADD, CALIBRATE, DIAGNOSE, LOAD, NAME, REFINE, REMOVE, UNNAME, Job
+from aircraft_sysid_ros.workbench.undo import written
+from aircraft_sysid_ros.workbench.worker import ADD, CALIBRATE, DIAGNOSE, LOAD, NAME, REFINE, REMOVE, UNDO, UNNAME, Job
 
 
 @pytest.fixture
@@ -84,6 +86,62 @@ def test_the_page_refines_and_calibrates_as_the_commands_do(session, run, tmp_pa
     assert main(["calibrate", "compatibility", str(other), "--out", str(tmp_path / "out")]) == 0
     made = [json.loads((f / "result.json").read_text()) for f in (run / "calibration-compatibility", tmp_path / "out")]
     assert made[0]["parameters"] == made[1]["parameters"]
+    assert session.view.undoable == {"refine output-error", "calibrate compatibility"}
+    for undone in ("refine output-error", "calibrate compatibility"):
+        assert session.start(Job(UNDO, undone))
+        session.wait(120.0)
+        assert session.sentence == f"{undone}: taken back" and not session.is_bad
+    assert sorted(path.name for path in run.rglob("*")) == before and session.view.refined == {}
+    assert session.calibration is None and session.view.undoable == frozenset()
+
+
+def files_of(folder):
+    """Content and time of change of every file that a user sees."""
+    found = [file for file in folder.rglob("*") if file.is_file() and not file.name.startswith(".")]
+    return {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in found}
+
+
+def test_what_the_page_wrote_over_comes_back_to_the_last_byte(run) -> None:
+    """Of a refinement and of a calibration that were there, and of one that was not."""
+    calibration = run / "calibration-magnetometer"
+    calibration.mkdir()
+    (calibration / "result.json").write_text("{}")
+    (run / "refined-filter-error.json").write_text('{"value": 1}')
+    known, before = written(open_run(run)), files_of(run)
+    changes = {
+        "calibrate magnetometer": {calibration / "result.json": "[]", calibration / "trace.png": "picture"},
+        "refine filter-error": {run / "refined-filter-error.json": '{"value": 2}'},
+        "refine output-error": {run / "refined-output-error.json": "{}", run / "refined-output-error.png": "picture"},
+    }
+    for name, files in changes.items():
+        kept = known[name].read()
+        assert not known[name].can_be_undone
+        for file, content in files.items():
+            file.write_text(content)
+        known[name].keep(kept)
+    assert load_run_view(run).undoable == set(changes)
+    for name in changes:
+        assert known[name].put_back() is (name != "refine output-error")
+        with pytest.raises(InputError, match="nothing to undo"):
+            known[name].put_back()
+    assert files_of(run) == before and not list(run.glob(".before*"))
+
+
+def test_undo_leaves_alone_what_another_program_has_written_since(run) -> None:
+    target, file = written(open_run(run))["refine output-error"], run / "refined-output-error.json"
+    file.write_text("of the page")
+    target.keep({})
+    later = time.time_ns() + 10**9
+    file.write_text("of a terminal")
+    os.utime(file, ns=(later, later))
+    with pytest.raises(InputError, match="another program has written since"):
+        target.put_back()
+    assert file.read_text() == "of a terminal"
+    os.utime(file, ns=(0, 0))
+    target.archive.write_bytes(b"PK damaged")
+    with pytest.raises(InputError, match="cannot be read: what was there before is lost"):
+        target.put_back()
+    assert file.read_text() == "of a terminal"
 
 
 def test_bad_work_is_one_sentence_and_writes_nothing(session, run) -> None:
@@ -95,6 +153,8 @@ def test_bad_work_is_one_sentence_and_writes_nothing(session, run) -> None:
         (Job(REFINE, "../magic"), "is no method of refine"),
         (Job(NAME, "nobody", ("name", "note")), "has no model 'nobody'"),
         (Job(UNNAME, session.view.current), "nothing to undo"),
+        (Job(UNDO, "refine output-error"), "nothing to undo"),
+        (Job(UNDO, "calibrate ../../x"), "nothing to undo"),
         (Job(NAME, session.view.current, ("n", "x" * 1_000_000)), "2000 are the most"),
     ):
         assert session.start(job)
