@@ -84,7 +84,7 @@ def read_yaml(path: str | Path, what: str) -> Any:
             raise InputError(f"the {what} {path} is larger than {LARGEST // 10**6} MB: write numbers into a recording")
         text = Path(path).read_text(encoding="utf8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = (error.strerror or error) if isinstance(error, OSError) else "it is not a text file"
+        reason = (error.strerror or error) if isinstance(error, OSError) else "it is not text in UTF-8"
         raise InputError(f"cannot read the {what} {path}: {reason}") from None
     try:
         return yaml.load(text, _Loader)

@@ -219,8 +219,8 @@ def windows_of(aircraft: Aircraft, samples: Samples, method: str, power: str | N
     flown = sum(len(part.gained) for part in parts) * BETWEEN
     if flown < LEAST_FLIGHT - WINDOW:
         raise InputError(
-            f"{flown:.0f} s of windows above {aircraft.minimum_airspeed:g} m/s with all signals are too few for a drag "
-            f"polar: {LEAST_FLIGHT:g} s of flight are needed"
+            f"{flown:.0f} s of windows above {aircraft.minimum_airspeed:.3g} m/s with all signals are too few for a "
+            f"drag polar: {LEAST_FLIGHT:g} s of flight are needed"
         )
     windows = Windows.joined(parts)
     low, high = np.percentile(windows.lift**2, (5.0, 95.0))

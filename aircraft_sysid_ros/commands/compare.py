@@ -116,11 +116,12 @@ def _beside(both: dict[str, Any]) -> list[str]:
     """Two runs side by side, for people."""
     names = [f"{run} ({model})" for run, model in zip(both["runs"], both["models"], strict=True)]
     lines = [f"a: {names[0]}", f"b: {names[1]}", ""]
-    header = f"{'parameter':<14}{'a':>12}{'b':>12}{'b - a':>12}{'std. error':>12}"
+    width = max([14, *(len(p["name"]) + 1 for p in both["parameters"])])
+    header = f"{'parameter':<{width}}{'a':>12}{'b':>12}{'b - a':>12}{'std. error':>12}"
     lines += [header, "-" * len(header)]
     for p in both["parameters"]:
         numbers = "".join(f"{_number(x):>12}" for x in (*p["value"], p["difference"], p["std_difference"]))
-        lines.append(f"{p['name']:<14}{numbers}{_verdict(p, p['name'] in both['doubtful'])}")
+        lines.append(f"{p['name']:<{width}}{numbers}{_verdict(p, p['name'] in both['doubtful'])}")
     for run, only in zip("ab", both["only_in"], strict=True):
         if only:
             lines.append(f"only in {run}: {' '.join(only)}")

@@ -95,11 +95,12 @@ def _no_band(low: float, high: float) -> InputError:
 
 def parameter_table(parameters: list[dict[str, Any]], truth: dict[str, float] | None = None) -> str:
     """Table of parameters for people; with the truth where it is known."""
-    header = f"{'parameter':<12}{'estimate':>12}{'std. error':>12}"
+    width = max([12, *(len(p["name"]) + 1 for p in parameters)])
+    header = f"{'parameter':<{width}}{'estimate':>12}{'std. error':>12}"
     header += (f"{'truth':>12}" if truth else "") + "  status"
     lines = [header, "-" * (len(header) + 8)]
     for p in parameters:
-        line = f"{p['name']:<12}{_number(p['value']):>12}{_number(p['std']):>12}"
+        line = f"{p['name']:<{width}}{_number(p['value']):>12}{_number(p['std']):>12}"
         if truth:
             line += f"{_number(truth.get(p['name'])):>12}"
         lines.append(f"{line}  {p['status']:<7}{p['reason']}".rstrip())

@@ -21,8 +21,10 @@ from aircraft_sysid_ros.recordings.raw_messages import Channel, RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import Table as Columns
 from aircraft_sysid_ros.recordings.tables import table_of
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 _PX4 = "px4_msgs/"
+_OURS = {type_name for type_name in TOPICS.values() if type_name.startswith("aircraft_sysid_msgs/")}
 _UNIX = 10**18  # [ns] 2001: more is Unix time, which uXRCE-DDS makes of the autopilot's when it synchronises
 
 
@@ -33,11 +35,19 @@ def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> Imp
     mavros = {key: name for key, c in raw.channels.items() if (name := _mavros_name(c.topic)) in MAVROS}
     if not px4 and not mavros:
         raise InputError(f"it has neither topics of MAVROS nor px4_msgs: it holds {raw.topic_names()[:300]}")
+    if not px4 and _is_ours(raw):
+        raise InputError("it is a recording with our topics as it is: give it to check, replay or explain")
     if len(px4) >= len(mavros):
         content = _content(raw, "bag of px4_msgs", px4, set(PX4))
         batches = _with_sample_times(content.batches)
         return import_content(LogContent(content.format, batches, content.found, content.notes), PX4, mapping)
     return import_content(_content(raw, "bag of MAVROS topics", mavros, set(MAVROS)), MAVROS, mapping)
+
+
+def _is_ours(raw: RawMessages) -> bool:
+    """Whether a bag holds what only we read, and nothing from under MAVROS, some of whose names are ours, too."""
+    of_mavros = any("mavros/" in channel.topic for channel in raw.channels.values())
+    return not of_mavros and any(channel.type in _OURS for channel in raw.channels.values())
 
 
 def _content(raw: RawMessages, form: str, names: dict[int, str], known: set[str]) -> LogContent:

@@ -117,7 +117,7 @@ BAD = {
     "number of 5000 digits": (MINIMAL + "trim_airspeed: " + "9" * 5000, "not valid YAML"),
     "nesting bomb": (MINIMAL + "model: " + "[" * 5000, "it is nested too deeply"),
     "control character": (MINIMAL + "model: \x01", "not valid YAML"),
-    "binary file": (b"\x89HDF\r\n\x1a\n\xff\xfe\x00", "not a text file"),
+    "binary file": (b"\x89HDF\r\n\x1a\n\xff\xfe\x00", "not text in UTF-8"),
     "name that is false": (MINIMAL.replace("Small", "no"), "name must be text .*, not false"),
     "name of blanks": (MINIMAL.replace("Small", "'  '"), "name must be text"),
     "name that is a list": (MINIMAL.replace("Small", "[a]"), "name must be text .*, not a list"),

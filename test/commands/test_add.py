@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.commands.options import parameter_table
 
 
 @pytest.fixture
@@ -63,3 +64,10 @@ def test_bad_requests_are_one_line_and_exit_2(what: str, run, capsys) -> None:
     captured = capsys.readouterr()
     assert captured.out == "" and len(captured.err.splitlines()) == 1 and "Error" not in captured.err
     assert not (run / "model.json").exists() and not (run / "models").exists()
+
+
+def test_a_long_name_of_an_added_term_keeps_the_columns_in_line() -> None:
+    names = ("CX_0", "CX_0.0666667*(sqrt(1+(beta/0.0666667)**2)-1)", "CZ_alpha")
+    rows = [{"name": name, "value": -0.1, "std": 0.01, "status": "USE", "reason": ""} for name in names]
+    head, _, *lines = parameter_table(rows).splitlines()
+    assert {line.index("USE") for line in lines} == {head.index("status")}

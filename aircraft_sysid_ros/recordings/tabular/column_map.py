@@ -87,7 +87,7 @@ def load_column_map(path: str | Path) -> ColumnMap:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        reason = error.strerror if isinstance(error, OSError) else "it is not text in UTF-8"
         raise InputError(f"cannot read the map {path}: {reason}") from None
     try:
         return parse_column_map(text)
