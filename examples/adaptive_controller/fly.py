@@ -213,6 +213,13 @@ def seen(result: dict[str, Any], parameters: str, fixed: float | None) -> str:
     return f"{told} On fixed parameters it is {fixed:.2f} deg in the same air: {verdict} ({100.0 * share:+.0f} %)."
 
 
+def lines_of(result: dict[str, Any]) -> list[str]:
+    """The result for people: numbers with three digits, a dash for what is not there, and what was seen at the end."""
+    shown = {key.replace("_", " "): value for key, value in result.items() if key not in ("problems", "seen")}
+    texts = {key: f"{value:.3g}" if isinstance(value, float) else value for key, value in shown.items()}
+    return [*(f"{key}: {'-' if text is None else text}" for key, text in texts.items()), result.get("seen", "")]
+
+
 def problems(aeroplane: Any, controller: Any, processes: list[subprocess.Popen]) -> list[str]:
     """What did not work in flight, a sentence each."""
     controller.look()
@@ -252,9 +259,7 @@ def main() -> int:
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
-    shown = {key: value for key, value in result.items() if key not in ("problems", "seen")}
-    lines = [*(f"{key}: {value}" for key, value in shown.items()), result.get("seen", "")]
-    print(json.dumps(result) if args.json else "\n".join(lines))
+    print(json.dumps(result) if args.json else "\n".join(lines_of(result)))
     for problem in result["problems"]:
         print(problem, file=sys.stderr)
     return 1 if result["problems"] else 0

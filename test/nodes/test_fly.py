@@ -92,6 +92,14 @@ def test_the_end_says_what_was_seen_and_whether_learning_helped():
     assert fly.EVENTS.keys() == fly.CASES.keys()
 
 
+def test_people_read_numbers_and_no_python():
+    import fly
+
+    result = {"case": "none", "lost_at": None, "tracking_error_deg_before": 1.9193517684873722, "refused": 0}
+    lines = fly.lines_of({**result, "problems": [], "seen": "Nothing was lost."})
+    assert lines == ["case: none", "lost at: -", "tracking error deg before: 1.92", "refused: 0", "Nothing was lost."]
+
+
 def is_running(pid):
     """Whether a process is there and no zombie."""
     try:
