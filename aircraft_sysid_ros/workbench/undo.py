@@ -11,6 +11,7 @@ import json
 import os
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,6 +79,8 @@ class Written:
             if file.name not in before:
                 file.unlink()
         self.archive.unlink()
+        with suppress(OSError):  # it holds something else, or is the run itself
+            self.folder.rmdir()
         return bool(before)
 
 

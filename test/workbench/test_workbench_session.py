@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import time
+from contextlib import contextmanager
 
 import pytest
 
@@ -19,16 +20,23 @@ from aircraft_sysid_ros.workbench.undo import written
 from aircraft_sysid_ros.workbench.worker import ADD, CALIBRATE, DIAGNOSE, LOAD, NAME, REFINE, REMOVE, UNDO, UNNAME, Job
 
 
+@contextmanager
+def opened(run):
+    """An open session on a run, which has told what it does."""
+    session, told = Session(run), []
+    try:
+        session.wait(120.0, lambda what, share: told.append(what))
+        assert told[0] == f"reading {run}" and any(what.startswith("comparing version") for what in told)
+        yield session
+    finally:
+        session.close()
+
+
 @pytest.fixture
 def session(run):
-    """An open session on a copy of the run, which has told what it does."""
-    opened, told = Session(run), []
-    try:
-        opened.wait(120.0, lambda what, share: told.append(what))
-        assert told[0] == f"reading {run}" and any(what.startswith("comparing version") for what in told)
-        yield opened
-    finally:
-        opened.close()
+    """One on a copy of the run."""
+    with opened(run) as session:
+        yield session
 
 
 def until(true, seconds: float = 90.0) -> None:
@@ -63,10 +71,17 @@ def test_jobs_one_at_a_time_and_the_folder_is_watched(session, run) -> None:
 
 
 @pytest.mark.long
-def test_the_page_refines_and_calibrates_as_the_commands_do(session, run, tmp_path) -> None:
-    """The same numbers in the same files; what is stopped leaves nothing."""
-    other = tmp_path / "other"
+def test_the_page_refines_and_calibrates_as_the_commands_do(tmp_path, aircraft_file) -> None:
+    """The same numbers in the same files; what is stopped leaves nothing, nor does what is undone."""
+    run, other = tmp_path / "run", tmp_path / "other"
+    assert main(["simulate", "--out", str(tmp_path / "bag"), "--duration", "100", "--seed", "1"]) == 0
+    assert main(["replay", str(tmp_path / "bag"), "--aircraft", str(aircraft_file), "--out", str(run)]) == 0
     shutil.copytree(run, other)
+    with opened(run) as session:
+        refine_and_calibrate(session, run, other, tmp_path)
+
+
+def refine_and_calibrate(session, run, other, tmp_path) -> None:
     before = sorted(path.name for path in run.rglob("*"))
     assert session.start(Job(REFINE, "output-error"))
     until(lambda: session.told.share > 0.0)
@@ -102,7 +117,7 @@ def files_of(folder):
 
 
 def test_what_the_page_wrote_over_comes_back_to_the_last_byte(run) -> None:
-    """Of a refinement and of a calibration that were there, and of one that was not."""
+    """Of a refinement and of a calibration that were there, and of those that were not."""
     calibration = run / "calibration-magnetometer"
     calibration.mkdir()
     (calibration / "result.json").write_text("{}")
@@ -112,19 +127,21 @@ def test_what_the_page_wrote_over_comes_back_to_the_last_byte(run) -> None:
         "calibrate magnetometer": {calibration / "result.json": "[]", calibration / "trace.png": "picture"},
         "refine filter-error": {run / "refined-filter-error.json": '{"value": 2}'},
         "refine output-error": {run / "refined-output-error.json": "{}", run / "refined-output-error.png": "picture"},
+        "calibrate five-hole": {run / "calibration-five-hole" / "result.json": "{}"},
     }
     for name, files in changes.items():
         kept = known[name].read()
         assert not known[name].can_be_undone
         for file, content in files.items():
+            file.parent.mkdir(exist_ok=True)
             file.write_text(content)
         known[name].keep(kept)
     assert load_run_view(run).undoable == set(changes)
     for name in changes:
-        assert known[name].put_back() is (name != "refine output-error")
+        assert known[name].put_back() is (name in ("calibrate magnetometer", "refine filter-error"))
         with pytest.raises(InputError, match="nothing to undo"):
             known[name].put_back()
-    assert files_of(run) == before and not list(run.glob(".before*"))
+    assert files_of(run) == before and not list(run.glob(".before*")) and not (run / "calibration-five-hole").exists()
 
 
 def test_undo_leaves_alone_what_another_program_has_written_since(run) -> None:
