@@ -57,7 +57,7 @@ def record_of(flight, rate: float, begin: float = 0.0, end: float = np.inf) -> T
     g = float(gravity(truth.origin[0], truth.origin[2]))
     model = flight_model_of(aircraft, g)
     coefficients = np.array([aircraft.coefficients[name] for name in aircraft.model.parameter_names])
-    return TrueRecord(model, make_theta(model, coefficients, BIASES), t.time, states, inputs, y)
+    return TrueRecord(model, make_theta(model, coefficients, BIASES), t.time.copy(), states, inputs, y)
 
 
 @pytest.fixture(scope="session")

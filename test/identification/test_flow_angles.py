@@ -157,7 +157,7 @@ def test_compensated_least_squares_is_true_on_the_average():
         slopes = np.column_stack([np.zeros(count), np.ones(count), 2.0 * noisy]) * std
         theta = inverse @ terms.T @ y
         plain.append(theta)
-        freed.append(compensation(inverse, count, slopes.T @ slopes / count).freed(theta))
+        freed.append(compensation(inverse, float(count), slopes.T @ slopes / count).freed(theta))
     bias, left = (np.abs(np.mean(found, axis=0) - truth) for found in (plain, freed))
     assert np.all(left < 0.25 * bias)
 

@@ -33,7 +33,7 @@ def setup(aircraft) -> Setup:
     estimator = StateEstimator(aircraft)
     estimator._alignment.origin = np.array([0.8, -1.5, 300.0])
     found = estimator._new_setup(np.full(WIDTH, np.nan))
-    return found._replace(gate=np.full(4, np.inf))
+    return found._replace(gate=(np.inf,) * 4)
 
 
 def prior() -> tuple[np.ndarray, np.ndarray]:
