@@ -2,13 +2,14 @@
 
 Numba keeps what it compiles beside the sources and does not notice that a function which a kernel calls has changed
 in another file: ``make env`` therefore deletes the caches and runs this whenever a compiled source has changed.
-Parts that share few kernels are compiled side by side; one process then goes through all of them again, which
-compiles whatever is left and otherwise loads what is there.
+Parts are compiled side by side. Of two processes that come to the same kernel one compiles it, and the other waits and
+loads it: kernels do not call themselves, so that none waits for one that waits for it.
 """
 
 from __future__ import annotations
 
 import fcntl
+import gc
 import multiprocessing
 import tempfile
 from collections.abc import Callable
@@ -17,10 +18,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba.core import caching
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
 from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
@@ -46,7 +48,9 @@ from aircraft_sysid_ros.reconstruction.state_row import wind_of
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.ros_messages.output_messages import state_fields
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.simulation.closed_loop import SteppedAeroplane
+from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, simulate_samples
+from aircraft_sysid_ros.simulation.truth_files import write_flight
 
 #: Of an aircraft file that says nothing of its sensors, which are then estimated as well.
 _SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia")
@@ -83,15 +87,24 @@ def search() -> None:
     tied_gains(fits, {"CZ": signals[:, :1]}, {"CZ": np.ones((1, 1))})
 
 
-def whole_way() -> None:
-    """Fly, record, read and replay for some seconds, with a model that changes; and what may follow."""
-    from aircraft_sysid_ros.simulation.closed_loop import SteppedAeroplane
-    from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
-    from aircraft_sysid_ros.simulation.truth_files import write_flight
+def simulation() -> None:
+    """An aeroplane that flies, and one of which every step is asked for."""
+    _flown(20.0)
+    SteppedAeroplane(load_aircraft(config_path(DEFAULT_AIRCRAFT)), seed=1, duration=1.0).look()
 
+
+def checks() -> None:
+    """What looks at a flight as it is, and at two parts of one that disagree."""
+    RangeAgreement(load_aircraft(config_path(DEFAULT_AIRCRAFT)).model).warm_up()
+    in_flight.warm_up()
+    solved(np.eye(4))
+
+
+def whole_way() -> None:
+    """Record, read and replay for some seconds, with a model that changes, and with sensors that no file describes."""
     aircraft = load_aircraft(config_path(DEFAULT_AIRCRAFT))
     with tempfile.TemporaryDirectory() as folder:
-        write_flight(simulate_samples(aircraft, duration=30.0), Path(folder) / "flight", overwrite=False)
+        write_flight(_flown(30.0), Path(folder) / "flight", overwrite=False)
         samples = read_recording(Path(folder) / "flight").samples
     pipeline, memory, half = Pipeline(aircraft), SampleMemory(), len(samples) // 2
     rows, points = pipeline.push(samples[:half])
@@ -105,23 +118,20 @@ def whole_way() -> None:
     sensors_unknown = Pipeline(aircraft_from_dict({key: aircraft.source[key] for key in _SHAPE}))
     sensors_unknown.push(samples[:half])
     sensors_unknown.flush()
-    solved(np.eye(4))  # of the monitor, where two parts of a flight disagree
-    RangeAgreement(aircraft.model).warm_up()
-    in_flight.warm_up()
-    _refine(aircraft, samples)
-    _calibrate()
-    SteppedAeroplane(aircraft, seed=1, duration=1.0).look()
 
 
-def _refine(aircraft: Aircraft, samples: Samples) -> None:
-    record = record_of(aircraft, samples, 50.0)
+def refinement() -> None:
+    """The banks of flights and filters of `refine`."""
+    aircraft = load_aircraft(config_path(DEFAULT_AIRCRAFT))
+    record = record_of(aircraft, _flown(30.0).samples, 50.0)
     theta = make_theta(record.model, np.zeros(len(aircraft.model.parameter_names)))[None]
     flown = record.time[:2], record.inputs[:2]
     filter_bank(record.states[0], np.eye(15), *flown, record.outputs[:2], theta, record.model)
     simulation_bank(record.states[:1], *flown, theta, record.model)
 
 
-def _calibrate() -> None:
+def calibration() -> None:
+    """The outputs that `calibrate` integrates."""
     times, north, still, zeros = np.zeros(1), np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
     level, outputs = np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((2, 6))
     integrated_outputs(
@@ -129,19 +139,27 @@ def _calibrate() -> None:
     )
 
 
-#: Longest first, so that two processes end at about the same time.
-PARTS: tuple[Callable[[], None], ...] = (maximum_likelihood, filters, least_squares, search)
+#: Longest first, so that all processes end at about the same time.
+PARTS: tuple[Callable[[], None], ...] = (
+    maximum_likelihood,
+    filters,
+    simulation,
+    least_squares,
+    search,
+    checks,
+    calibration,
+    refinement,
+    whole_way,
+)
 
 
 def main() -> None:
-    """Call every kernel, first in parts side by side and then as a whole."""
-    with tempfile.NamedTemporaryFile() as lock:
+    """Call every kernel."""
+    with tempfile.TemporaryDirectory() as turns:
         processes = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(mp_context=processes, initializer=_take_turns, initargs=(lock.name,)) as pool:
+        with ProcessPoolExecutor(mp_context=processes, initializer=_in_turns, initargs=(turns,)) as pool:
             for compiled in [pool.submit(part) for part in PARTS]:
                 compiled.result()
-    for part in (*PARTS, whole_way):
-        part()
 
 
 def _identifier(estimator: EstimatorName) -> Identifier:
@@ -149,16 +167,29 @@ def _identifier(estimator: EstimatorName) -> Identifier:
     return Identifier(aircraft, ParameterOptions(estimator=estimator))
 
 
-def _take_turns(lock: str) -> None:
-    """One process at a time writes into the caches: a file is entered in the index of its function before it exists."""
-    save: Any = caching.IndexDataCacheFile.save
+def _flown(duration: float) -> SimulatedFlight:
+    return simulate_samples(load_aircraft(config_path(DEFAULT_AIRCRAFT)), duration=duration)
 
-    def save_alone(self: Any, key: Any, data: Any) -> None:
-        with open(lock) as turn:
+
+def _in_turns(folder: str) -> None:
+    """For a process of several: who compiles or loads a kernel has the lock of its function, a file in this folder."""
+    gc.disable()  # what compiles makes millions of objects, and hardly any that is to be collected
+    compiled: Callable[..., Any] = Dispatcher.compile
+    held: set[str] = set()
+
+    def compiled_in_turn(kernel: Any, signature: Any) -> Any:
+        name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
+        if name in held or not isinstance(kernel._cache, FunctionCache):
+            return compiled(kernel, signature)
+        with open(Path(folder) / name, "w") as turn:
             fcntl.flock(turn, fcntl.LOCK_EX)
-            save(self, key, data)
+            held.add(name)
+            try:
+                return compiled(kernel, signature)
+            finally:
+                held.remove(name)
 
-    caching.IndexDataCacheFile.save = save_alone  # type: ignore[method-assign]
+    Dispatcher.compile = compiled_in_turn  # type: ignore[method-assign, assignment]
 
 
 if __name__ == "__main__":
