@@ -39,7 +39,7 @@ else:
             return numba.njit(cache=cache, **options)
 
         def compiled_when_called(function):
-            kernel = numba.njit(**options)(function)
+            kernel = numba.njit(no_cfunc_wrapper=True, **options)(function)
             if isinstance(kernel, Dispatcher):  # it is the function itself where Numba is turned off
                 kernel._cache = _Cache(function)
             return kernel
