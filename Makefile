@@ -50,27 +50,28 @@ $(STAMPS)/python:
 
 $(STAMPS)/packages: setup.py constraints.txt $(STAMPS)/python
 	@rm -f $(STAMPS)/complete
-	@echo "make env: installing packages, about a minute"
-	@$(PIP) install 'setuptools>=70.1,<80' wheel
-	@$(PIP) install --no-build-isolation -c constraints.txt -e '.[all]'
+	@echo "make env: installing packages, half a minute"
+	@$(PIP) install --upgrade pip 'setuptools>=70.1,<80' wheel
+	@$(PIP) install --no-compile --no-build-isolation -c constraints.txt -e '.[all]'
 	@touch $@
 
-$(STAMPS)/messages: msg_defs/CMakeLists.txt msg_defs/package.xml $(wildcard msg_defs/msg msg_defs/srv msg_defs/*/*) tools/build_messages.sh $(STAMPS)/packages
-	@rm -f $(STAMPS)/complete
+MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml $(wildcard msg_defs/msg msg_defs/srv msg_defs/*/*) tools/build_messages.sh
+
+$(STAMPS)/messages: $(MESSAGES) $(STAMPS)/packages
 	@echo "make env: building aircraft_sysid_msgs"
 	@tools/build_messages.sh "$(VENV)" build/messages
 	@touch $@
 
 KERNELS := $(shell grep -rl --include='*.py' njit aircraft_sysid_ros)
 
-$(STAMPS)/kernels: $(KERNELS) $(STAMPS)/messages
-	@rm -f $(STAMPS)/complete
-	@echo "make env: compiling the numerical kernels, about two minutes"
+$(STAMPS)/kernels: $(KERNELS) $(STAMPS)/packages
+	@echo "make env: compiling the numerical kernels, a minute or two"
 	@find aircraft_sysid_ros examples test -name '*.nb[ic]' -delete
 	@$(BIN)/python -m aircraft_sysid_ros.compile_kernels
 	@touch $@
 
-$(STAMPS)/complete: $(STAMPS)/kernels
+$(STAMPS)/complete: $(MESSAGES) $(KERNELS) $(STAMPS)/packages
+	@$(MAKE) --no-print-directory -j2 $(STAMPS)/messages $(STAMPS)/kernels
 	@touch $@
 
 # --- checks -----------------------------------------------------------------------------------------------
