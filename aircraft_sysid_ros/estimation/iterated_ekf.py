@@ -88,11 +88,25 @@ class Update(NamedTuple):
 
 
 @njit(cache=True)
+def working_size(m: int, n: int) -> int:
+    """How many numbers the working memory of an update is, with m outputs of n states."""
+    return 4 * m * n + 2 * m * m + n
+
+
+@njit(cache=True)
 def new_update(m: int, n: int) -> Update:
     """Working memory for m outputs and n states, which have not moved."""
-    rows = np.empty((4, m, n))
-    squares = np.empty((2, m, m))
-    return Update(rows[0], rows[1], rows[2], rows[3], squares[0], squares[1], np.zeros(n))
+    return update_within(np.empty(working_size(m, n)), m, n)
+
+
+@njit(cache=True)
+def update_within(memory: Array, m: int, n: int) -> Update:
+    """The same in memory that is there, of at least ``working_size(m, n)``."""
+    rows = memory[: 4 * m * n].reshape(4, m, n)
+    squares = memory[4 * m * n : 4 * m * n + 2 * m * m].reshape(2, m, m)
+    delta = memory[4 * m * n + 2 * m * m : working_size(m, n)]
+    delta[:] = 0.0
+    return Update(rows[0], rows[1], rows[2], rows[3], squares[0], squares[1], delta)
 
 
 @njit(cache=True)
@@ -128,7 +142,7 @@ def normalised_square(innovation: Array, update: Update) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _gain(update: Update) -> None:
     """K = P H' S^-1 (3.14), after ``weigh``."""
     ph, gains, factor = update.ph, update.gains, update.factor
@@ -152,28 +166,30 @@ def _gain(update: Update) -> None:
             gains[a, i] /= factor[a, a]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def move(p: Array, residual: Array, update: Update) -> float:
     """One iteration (3.15), after ``weigh``: delta becomes K residual; returns by how much it changed (3.16).
 
     ``residual`` (m,) is y - h(eta) + H delta, referred back to the prediction. The change is the largest of all states,
     in their standard deviations, since they have different units.
     """
-    gains, delta = update.gains, update.delta
+    gains, delta, changes = update.gains, update.delta, update.rest[0]
     _gain(update)
-    change = 0.0
     for k in range(len(delta)):
         moved = 0.0
         for i in range(len(residual)):
             moved += gains[i, k] * residual[i]
-        change = max(change, abs(moved - delta[k]) / np.sqrt(p[k, k]))
+        changes[k] = abs(moved - delta[k]) / np.sqrt(p[k, k])
         delta[k] = moved
+    change = 0.0
+    for k in range(len(delta)):
+        change = max(change, changes[k])
     return change
 
 
 @njit(cache=True)
 def settle_covariance(p: Array, r: Array, update: Update) -> None:
-    """(I - K H) P (I - K H)' + K diag(r) K', (3.18), over p, with the last gain; symmetric to the last bit."""
+    """(I - K H) P (I - K H)' + K diag(r) K', (3.18), over p, which is symmetric to the bit, with the last gain."""
     h, hp, gains, rest, hph = update.h, update.ph, update.gains, update.rest, update.innovation_covariance
     m, n = h.shape
     for i in range(m):
@@ -187,6 +203,20 @@ def settle_covariance(p: Array, r: Array, update: Update) -> None:
             rest[k, i] = gains[k, i] * r[k] - hp[k, i]
             for a in range(m):
                 rest[k, i] += gains[a, i] * hph[a, k]
+    if m > 1:
+        _add_products(p, rest, gains, hp)
+        return
+    for i in range(n):  # most measurements are scalars: both halves are made their mean at once
+        for j in range(n):
+            here = p[i, j] + (rest[0, i] * gains[0, j] - gains[0, i] * hp[0, j])
+            there = p[i, j] + (rest[0, j] * gains[0, i] - gains[0, j] * hp[0, i])
+            p[i, j] = 0.5 * (here + there)
+
+
+@njit(cache=True)
+def _add_products(p: Array, rest: Array, gains: Array, hp: Array) -> None:
+    """rest' gains - gains' hp, each (m, n), added to p (n, n), which is then made symmetric."""
+    m, n = gains.shape
     for i in range(n):
         for k in range(m):
             for j in range(n):
@@ -218,6 +248,7 @@ def joseph_update(p: Array, k_gain: Array, h: Array, r: Array) -> None:
     weigh(p, r, update)
     update.gains[:] = k_gain.T
     settle_covariance(p, r, update)
+    symmetrise(p)
 
 
 @njit(cache=True)
@@ -288,4 +319,5 @@ def iterated_update(
         iterations += 1
     updated = covariance.copy()
     settle_covariance(updated, variances, update)
+    symmetrise(updated)
     return Updated(eta, updated, iterations, change <= tolerance, first, nis)

@@ -10,10 +10,10 @@ from aircraft_sysid_ros.aircraft.frames import Matrix, applied, three, transpose
 from aircraft_sysid_ros.estimation.iterated_ekf import (
     Update,
     move,
-    new_update,
     normalised_square,
     settle_covariance,
     symmetrise,
+    update_within,
     weigh,
 )
 from aircraft_sysid_ros.kernels import njit
@@ -118,13 +118,15 @@ def jacobian_of(delta: Array) -> Matrix:
 
 @njit(cache=True)
 def turn_attitude_error(p: Array, jacobian: Matrix) -> None:
-    """Covariance p (n, n) after the attitude error is multiplied by ``jacobian``, in place."""
+    """Covariance p (n, n) after the attitude error is multiplied by ``jacobian``, in place; symmetric to the bit."""
     a, b, c = D_ATTITUDE, D_ATTITUDE + 1, D_ATTITUDE + 2
     for j in range(len(p)):
         p[a, j], p[b, j], p[c, j] = applied(jacobian, (p[a, j], p[b, j], p[c, j]))
-    for j in range(len(p)):
+    for j in range(a, c + 1):
         p[j, a], p[j, b], p[j, c] = applied(jacobian, (p[j, a], p[j, b], p[j, c]))
-    symmetrise(p)
+    symmetrise(p[a : c + 1, a : c + 1])
+    for j in range(len(p)):
+        p[j, a], p[j, b], p[j, c] = p[a, j], p[b, j], p[c, j]
 
 
 @njit(cache=True)
@@ -166,9 +168,9 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
     x (19,), p (18, 18), or x (25,), p (24, 24) with errors of the air data.
     """
     n = len(p)
-    update = new_update(outputs_of(kind), n)
-    h, delta = update.h, update.delta
-    residual, eta = np.empty(len(h)), x.copy()
+    update = update_within(memory.working, outputs_of(kind), n)
+    h, delta, residual, eta = update.h, update.delta, memory.residual[: outputs_of(kind)], memory.eta[: len(x)]
+    eta[:] = x
     base = measurement_variance(kind, values, setup)
     variance, learns = _variance_in_use(kind, base, setup, memory.noise), False
     # with errors of the air data as states an update is one of what they show, in which they are linear
@@ -181,8 +183,10 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
         if iteration > 0:  # (3.15): the residual at eta is referred back to the prediction
             _turn_attitude_columns(h, jacobian_of(delta))
         for i in range(count):
+            total = residual[i]
             for k in range(n):
-                residual[i] += h[i, k] * delta[k]
+                total += h[i, k] * delta[k]
+            residual[i] = total
         if not weigh(p, variance, update):
             memory.skipped[kind] += 1
             return
@@ -194,7 +198,8 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
         _retract(x, delta, eta)
         if change <= setup.tolerance:
             break
-    memory.moved[-1, :n] += delta
+    for k in range(n):
+        memory.moved[-1, k] += delta[k]
     _note_left(kind, residual, update, learns, memory)
     settle_covariance(p, variance, update)
     # from the error about the predicted attitude to that about the updated one

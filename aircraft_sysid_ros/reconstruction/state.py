@@ -19,7 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.frames import Vector
+from aircraft_sysid_ros.estimation.iterated_ekf import working_size
 from aircraft_sysid_ros.reconstruction.sensor_noise import new_channels, new_imu_noise
+from aircraft_sysid_ros.records import Record, record
 
 # Nominal state, 19 numbers: velocity over ground and position NED, quaternion, biases, air-relative velocity.
 VELOCITY = slice(0, 3)
@@ -220,7 +222,7 @@ def in_moving_air(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 NO_GUIDE = -1
 
 
-class Memory(NamedTuple):
+class Memory(Record):
     """What the jitted loop changes besides state and covariance."""
 
     imu: npt.NDArray[np.float64]  # (7,) time, specific force, angular rate as measured
@@ -247,6 +249,9 @@ class Memory(NamedTuple):
     noise: npt.NDArray[np.float64]  # (kinds, 3, CHANNEL_WIDTH) what was learnt of each sensor, see ``sensor_noise``
     imu_noise: npt.NDArray[np.float64]  # (7, 6) the same of the IMU
     moved: npt.NDArray[np.float64]  # (kinds + 1, 24) sums of all corrections, at the newest sample of a kind; last: now
+    eta: npt.NDArray[np.float64]  # (25,) working memory of an update: the state, its residual (3,), and the rest
+    residual: npt.NDArray[np.float64]
+    working: npt.NDArray[np.float64]
 
 
 #: Random walk of the wind [m/s per sqrt(s)] at the start: that of moderate turbulence.
@@ -259,7 +264,8 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
     The wind is allowed to be gusty until the air data say that it is not: gusts that are taken for a steady wind
     would be explained by tilt and accelerometer bias, and a bias that is known too well is never found again.
     """
-    return Memory(
+    return record(
+        Memory,
         imu=np.zeros(7),
         imu_before=np.full(7, -np.inf),
         sparse=np.zeros(1, np.int64),
@@ -282,4 +288,7 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         noise=new_channels(kinds),
         imu_noise=new_imu_noise(),
         moved=np.zeros((kinds + 1, 24)),
+        eta=np.zeros(25),
+        residual=np.zeros(3),
+        working=np.zeros(working_size(3, 24)),
     )
