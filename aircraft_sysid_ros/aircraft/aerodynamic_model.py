@@ -12,6 +12,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -112,8 +113,11 @@ class AerodynamicModel:
 
     def axis_slice(self, axis: str) -> slice:
         """Where the parameters of an axis stand among all."""
-        i = AXES.index(axis)
-        return slice(int(self.offsets[i]), int(self.offsets[i + 1]))
+        return self._slices[axis]
+
+    @cached_property
+    def _slices(self) -> dict[str, slice]:
+        return {axis: slice(*pair) for axis, pair in zip(AXES, pairwise(self.offsets.tolist()), strict=True)}
 
     def regressors(self, axis: str, signals: Mapping[str, npt.ArrayLike]) -> npt.NDArray[np.float64]:
         """Regressor matrix of one axis, shape (n, terms), for arrays of signals by name."""

@@ -135,6 +135,11 @@ class ParameterCheckpoint:
         return self.describe()
 
     @cached_property
+    def said(self) -> Array:
+        """Values and standard errors (2, parameters) as they were published then."""
+        return np.array([(p.value, p.std) for p in self.found.parameters]).reshape(-1, 2).T
+
+    @cached_property
     def theta(self) -> Array:
         """The same values (parameters,), 0 where nothing was known."""
         return np.nan_to_num(self.describe.values())

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.identification.estimators.recursive_least_squares import
 from aircraft_sysid_ros.identification.prior import AxisPrior, helped
 from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
 from aircraft_sysid_ros.identification.undescribed_sensors import OfSensors
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 
@@ -86,9 +87,7 @@ def axis_estimates(
     if sensors is not None:
         estimate = _with_sensors(estimate, sensors, own is not None)
     if known.samples > n:
-        moments = sums[0] / sums[0, n + 1, n + 1]
-        excitation, correlation = _excitation(moments, state.noise_square[first : first + n])
-        per_unit = _effect_of_std(moments, np.ones(n))
+        excitation, correlation, per_unit = _motion(sums[0], state.noise_square[first : first + n])
         effect = per_unit * np.sqrt(np.diag(estimate.covariance))
     if estimate.excitation is not None:
         excitation = estimate.excitation
@@ -158,33 +157,42 @@ def told_apart(axis: str, names: Sequence[str], correlation: Array, j: int) -> s
     return f"{told}: move the {CONTROL_WORDS.get(term) or CONTROL_WORDS.get(other) or _INPUT_OF_AXIS[axis]} by itself"
 
 
-def _excitation(moments: Array, noise_square: Array) -> tuple[Array, Array]:
-    """Rms of each term that others of its axis do not explain, over its noise (n,), and correlations of all (n, n)."""
-    n = len(noise_square)
-    scale = np.sqrt(np.diag(moments)[:n])
+def _motion(sums: Array, noise_square: Array) -> tuple[Array, Array, Array]:
+    """How the terms of an axis have moved, by their sums of products (n + 2, n + 2) and the noise of each (n,).
+
+    Rms of each that others of its axis do not explain, over its noise (n,); correlations of all (n, n); what a unit of
+    each parameter moves the coefficient by, over the coefficient's spread (n,).
+    """
+    scale, correlation, per_unit = _moments(sums)
     if not np.all(scale > 0.0):
-        return np.zeros(n), np.eye(n)
-    correlation = moments[:n, :n] / np.outer(scale, scale)
-    alone = scale / np.sqrt(_inflation(correlation))
+        return np.zeros(len(scale)), np.eye(len(scale)), per_unit
     noise = np.sqrt(noise_square)
-    return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE)), correlation
+    alone = scale / np.sqrt(_inflation(correlation))
+    return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE)), correlation, per_unit
+
+
+@njit(cache=True, error_model="numpy")
+def _moments(sums: Array) -> tuple[Array, Array, Array]:
+    """Rms of each term (n,), correlations (n, n), and effects (n,) as in ``_motion``."""
+    n = len(sums) - 2
+    moments = sums / sums[n + 1, n + 1]
+    scale, correlation, effect = np.empty(n), np.empty((n, n)), np.empty(n)
+    spread = max(moments[n, n] - moments[n, n + 1] ** 2, 1e-300)
+    for i in range(n):
+        scale[i], effect[i] = np.sqrt(moments[i, i]), np.sqrt(moments[i, i] / spread)
+    for i in range(n):
+        for j in range(n):
+            correlation[i, j] = moments[i, j] / (scale[i] * scale[j])
+    return scale, correlation, effect
 
 
 def _inflation(correlation: Array) -> Array:
     """Diagonal (n,) of the inverse of a correlation matrix (n, n): 1 for a term alone, huge for collinear ones."""
-    with np.errstate(all="ignore"):
-        try:
-            found = np.diag(np.linalg.inv(correlation + _ROUNDING * np.eye(len(correlation))))
-        except np.linalg.LinAlgError:
-            found = np.zeros(len(correlation))
-    if np.all(found > 0.5):  # not so where rounding is all that is left of a term
+    try:
+        found = np.diag(np.linalg.inv(correlation + _ROUNDING * np.eye(len(correlation))))
+    except np.linalg.LinAlgError:
+        found = np.zeros(len(correlation))
+    if (found > 0.5).all():  # not so where rounding is all that is left of a term
         return np.asarray(found)
     values, vectors = np.linalg.eigh(correlation)
     return np.asarray(vectors**2 @ (1.0 / np.maximum(values, _ROUNDING)))
-
-
-def _effect_of_std(moments: Array, std: Array) -> Array:
-    """What one standard error of each parameter moves the coefficient by, over the coefficient's spread."""
-    n = len(std)
-    spread = moments[n, n] - moments[n, n + 1] ** 2
-    return np.asarray(std * np.sqrt(np.diag(moments)[:n] / max(spread, 1e-300)))

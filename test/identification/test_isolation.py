@@ -126,7 +126,8 @@ def known_as(aircraft, theta, share: float = 0.01):
     for axis, n in enumerate(np.diff(offsets)):
         sums[axis, 0, : n + 2, : n + 2] = np.diag([*np.ones(n), 1e-6, 1.0])  # each term moves more than matters
     state = SimpleNamespace(sums=sums, offsets=offsets)
-    return SimpleNamespace(found=SimpleNamespace(parameters=found), least_squares=state, theta=theta)
+    said = np.array([(p.value, p.std) for p in found]).T
+    return SimpleNamespace(found=SimpleNamespace(parameters=found), said=said, least_squares=state, theta=theta)
 
 
 def with_(aircraft, truth, **factors: float):

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.coefficients.layout import MEASURED, PREDICTED, VALID
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 
@@ -30,25 +31,35 @@ def model_errors(samples: Array) -> list[AxisError]:
     """One entry per axis that was evaluated in samples (n, …) of ``CoefficientSample``."""
     errors = []
     for i, axis in enumerate(AXES):
-        valid = samples[:, CoefficientSample.VALID.start + i] > 0.0
-        if valid.sum() > 2:
-            measured = samples[valid, CoefficientSample.MEASURED.start + i]
-            errors.append(_axis_error(axis, measured, samples[valid, CoefficientSample.PREDICTED.start + i]))
+        count, measured, predicted, spread, rms, correlation = _axis_error(samples, i)
+        if count > 2:
+            nrmse, white = rms / spread if spread > 0.0 else np.nan, abs(correlation) < 2.58 / np.sqrt(count)
+            errors.append(AxisError(axis, measured, predicted, nrmse, rms, correlation, bool(white)))
     return errors
 
 
-def _axis_error(axis: str, measured: Array, predicted: Array) -> AxisError:
-    residual = measured - predicted
-    rms, spread = float(np.sqrt(np.mean(residual**2))), float(np.std(measured))
-    centred = residual - residual.mean()
-    power = float(centred @ centred)
-    correlation = float(centred[1:] @ centred[:-1]) / power if power > 0.0 else 0.0
-    return AxisError(
-        axis,
-        float(measured[-1]),
-        float(predicted[-1]),
-        rms / spread if spread > 0.0 else np.nan,
-        rms,
-        correlation,
-        bool(abs(correlation) < 2.58 / np.sqrt(len(measured))),
-    )
+@njit(cache=True)
+def _axis_error(samples: Array, axis: int) -> tuple[int, float, float, float, float, float]:
+    """How many of the samples (n, …) are valid in an axis, the newest of what was measured and predicted of them.
+
+    Then the standard deviation of what was measured, and rms and lag-one correlation of the residuals.
+    """
+    count, mean, mean_residual, square = 0, 0.0, 0.0, 0.0
+    measured, residual = np.empty(len(samples)), np.empty(len(samples))
+    predicted = np.nan
+    for sample in samples:
+        if sample[VALID + axis] > 0.0:
+            predicted = sample[PREDICTED + axis]
+            measured[count], residual[count] = sample[MEASURED + axis], sample[MEASURED + axis] - predicted
+            mean, mean_residual = mean + measured[count], mean_residual + residual[count]
+            square += residual[count] ** 2
+            count += 1
+    if count == 0:
+        return 0, np.nan, np.nan, np.nan, np.nan, np.nan
+    variance, power, product, before = 0.0, 0.0, 0.0, 0.0
+    for i in range(count):
+        variance += (measured[i] - mean / count) ** 2
+        centred = residual[i] - mean_residual / count
+        power, product, before = power + centred * centred, product + centred * before, centred
+    correlation = product / power if power > 0.0 else 0.0
+    return count, measured[count - 1], predicted, np.sqrt(variance / count), np.sqrt(square / count), correlation

@@ -90,7 +90,7 @@ class KnownBefore:
     def note(self, axis: int, kept: ParameterCheckpoint) -> None:
         """What is known of an axis that does not contradict what was."""
         part = self._model.axis_slice(AXES[axis])
-        now, best = self._said(kept, part), self._best[:, part]
+        now, best = kept.said[:, part], self._best[:, part]
         sure = (now[1] < SURELY * np.abs(now[0])) & self._moving[part]
         sure &= np.array([p.status == Trust.USE for p in kept.found.parameters[part]], np.bool_)
         better = sure & ~(now[1] >= BETTER * best[1])  # or nothing was known
@@ -112,7 +112,7 @@ class KnownBefore:
             part = self._model.axis_slice(AXES[axis])
             if np.isnan(self._best[0, part]).all():
                 continue
-            now, best = self._said(kept, part), self._best[:, part]
+            now, best = kept.said[:, part], self._best[:, part]
             changed = _contradicts(now, best) & ~_is_near(now, self._whole[:, part])
             changed &= np.abs(now[0] - best[0]) * _effect(kept, axis) > NEGLIGIBLE
             changed &= strict | (now[1] >= BETTER * best[1])
@@ -120,10 +120,6 @@ class KnownBefore:
                 name, before = self._model.parameter_names[j], float(self._best[0, j])
                 found.append(Change(axis, name, before, float(now[0, j - part.start])))
         return found
-
-    def _said(self, kept: ParameterCheckpoint, part: slice) -> Array:
-        """Values and standard errors (2, n) of an axis."""
-        return np.array([(p.value, p.std) for p in kept.found.parameters[part]]).reshape(-1, 2).T
 
     def accept(self, changes: list[Change], kept: ParameterCheckpoint, words: str) -> None:
         """The aeroplane is another one from now on, for which there are words; what it was is remembered, too."""
@@ -137,7 +133,7 @@ class KnownBefore:
 
     def regain(self, kept: ParameterCheckpoint) -> bool:
         """Whether what changed is again what it was; that is then known best."""
-        values = np.array([p.value for p in kept.found.parameters])
+        values = kept.said[0]
         back = _is_near(values[None], self._whole) & ~_is_near(values[None], self._best)
         self._best[:, back], self._whole[:, back] = self._whole[:, back], np.nan
         for j in np.flatnonzero(back).tolist():
