@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding
 from aircraft_sysid_ros.kernels import njit
-from aircraft_sysid_ros.samples import Kind, Samples, concatenate
+from aircraft_sysid_ros.samples import WIDTH, Kind, Samples, concatenate
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -55,6 +55,7 @@ _ROUNDS = 8
 #: Speeds [m/s] above this are none; a standard error over that of what was said of the scale, for it to be said anew.
 _FASTEST, _SURER = 1e3, 0.7
 _SECOND = 1_000_000_000
+_AIRSPEED, _GPS_VELOCITY = int(Kind.AIRSPEED), int(Kind.GPS_VELOCITY)
 #: Columns of what is remembered of a second.
 _TIME, _SPEED, _NORTH, _EAST, _DOWN, _HEIGHT, _WIDTH = 0, 1, 2, 3, 4, 5, 6
 
@@ -209,6 +210,52 @@ def _solve(
 
 
 @njit(cache=True)
+def _line(x: float, at: Array, values: Array) -> float:
+    """Value at ``x`` on straight lines between ``values`` (n,) at rising times (n,), the nearest outside of them."""
+    after = int(np.searchsorted(at, x, side="right"))
+    if after == 0:
+        return float(values[0])
+    if after == len(at):
+        return float(values[-1])
+    slope = (values[after] - values[after - 1]) / (at[after] - at[after - 1])
+    return float(slope * (x - at[after - 1]) + values[after - 1])
+
+
+@njit(cache=True)
+def _second_of(stamps: Integers, kinds: Integers, values: Array, second: int, minimum_airspeed: float) -> Array:
+    """Mean time [s], and medians of airspeed and velocity NED over ground, at the fixes of a second: (5,).
+
+    NaN where there are none with an airspeed near them, in flight. The samples (n,) are in order of time, with those of
+    the next second.
+    """
+    n, of_air = len(stamps), 0
+    air, speeds, found, count = np.empty(n), np.empty(n), np.empty((4, n)), 0
+    for i in range(n):
+        if kinds[i] == _AIRSPEED and np.isfinite(values[i, 0]):
+            air[of_air], speeds[of_air] = (stamps[i] - second * _SECOND) * 1e-9, values[i, 0]
+            of_air += 1
+    out, total = np.full(5, np.nan), 0.0
+    for i in range(n if of_air else 0):
+        if kinds[i] != _GPS_VELOCITY or stamps[i] // _SECOND != second:
+            continue
+        at = (stamps[i] - second * _SECOND) * 1e-9
+        speed = _line(at, air[:of_air], speeds[:of_air])
+        is_sound = np.min(np.abs(air[:of_air] - at)) < _NEAR and minimum_airspeed <= speed < _FASTEST
+        for k in range(3):
+            is_sound = is_sound and abs(values[i, k]) < _FASTEST
+            found[1 + k, count] = values[i, k]
+        if is_sound:
+            found[0, count] = speed
+            total += at
+            count += 1
+    if count:
+        out[0] = second + total / count
+        for k in range(4):
+            out[1 + k] = np.median(found[k, :count])
+    return out
+
+
+@njit(cache=True)
 def scale_of(flown: Array, of_air: bool, was_wrong: bool) -> tuple[float, float, int]:
     """Scale of the airspeed of late, its standard error, and since which of the seconds (n, _WIDTH) it has been so.
 
@@ -238,6 +285,7 @@ def warm_up() -> None:
     """Compile, or load from the cache."""
     for of_air in (False, True):
         scale_of(np.ones((LEAST, _WIDTH)) * np.arange(float(LEAST))[:, None], of_air, False)
+    _second_of(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros((1, WIDTH)), 0, 0.0)
 
 
 class Reading(NamedTuple):
@@ -317,26 +365,17 @@ class WindTriangle:
         waiting = self._waiting[0] if len(self._waiting) == 1 else concatenate(self._waiting)
         first, after = np.searchsorted(waiting.stamp, np.array([second, second + 2]) * _SECOND)
         self._waiting = [waiting[first:]] if first < len(waiting) else []  # the second itself, to interpolate the next
-        samples = waiting[:after]
-        fixes = np.flatnonzero((samples.kind == Kind.GPS_VELOCITY) & (samples.stamp // _SECOND == second))
-        air = np.flatnonzero((samples.kind == Kind.AIRSPEED) & np.isfinite(samples.values[:, 0]))
-        if not len(fixes) or not len(air):
+        seen = waiting[:after]
+        found = _second_of(seen.stamp, seen.kind, seen.values, second, self._minimum_airspeed)
+        if np.isnan(found[0]):
             return
-        times = (samples.stamp - second * _SECOND) * 1e-9
-        at, velocity = times[fixes], samples.values[fixes, :3]
-        is_near = np.abs(times[air][:, None] - at).min(axis=0) < _NEAR
-        speed = np.interp(at, times[air], samples.values[air, 0])
-        good = is_near & (np.abs(velocity) < _FASTEST).all(axis=1)
-        good &= (speed >= self._minimum_airspeed) & (speed < _FASTEST)
-        if not good.any():
-            return
-        time, mean, height = float(second) + float(at[good].mean()), np.median(velocity[good], axis=0), 0.0
+        (time, speed), mean, height = found[:2], found[2:5], 0.0
         self._begin = time if np.isnan(self._begin) else self._begin
         if len(self._flown):
             before = self._flown[-1]
             height = before[_HEIGHT] - 0.5 * (before[_DOWN] + mean[2]) * (time - before[_TIME])
         kept = self._flown[self._flown[:, _TIME] > time - MEMORY]
-        self._flown = np.vstack([kept, [time, np.median(speed[good]), *mean, height]])
+        self._flown = np.vstack([kept, [time, speed, *mean, height]])
 
     def _judge(self) -> None:
         flown = self._flown.copy()

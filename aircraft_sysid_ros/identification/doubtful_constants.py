@@ -50,10 +50,8 @@ class DoubtfulConstants:
 
     def note(self, rows: Array) -> None:
         """Take rows (n, StateField.WIDTH) in order of time; the newest counts that rests on air data."""
-        status = rows[:, StateField.STATUS]
-        known = np.flatnonzero(np.isin(status, list(INFERRED)))
-        if len(known):
-            row = rows[known[-1]]
+        row = next((row for row in rows[::-1] if row[StateField.STATUS] in INFERRED), None)
+        if row is not None:
             self.without_gps = int(row[StateField.STATUS]) in WITHOUT_GPS
             self.angles = INFERRED[int(row[StateField.STATUS])]
             self.std = float(row[StateField.AIR_VELOCITY_STD] / max(row[StateField.AIRSPEED], 1e-3))

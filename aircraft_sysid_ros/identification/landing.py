@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]
@@ -28,6 +29,8 @@ SLOW, ROLLING = 5.0, 20.0
 #: [m/s] of climb and descent on the ground at most, and [s] in flight before there is a landing.
 LEVEL, FLOWN = 1.0, 30.0
 _MEMORY = ROLLING + SLOW + 5.0
+_TIME, _AIRSPEED, _NORTH = StateField.TIME, StateField.AIRSPEED, StateField.VELOCITY.start
+_SLOW_SINCE, _FLOWN, _NEWEST = range(3)
 
 
 class Known(NamedTuple):
@@ -35,6 +38,27 @@ class Known(NamedTuple):
 
     kept: ParameterCheckpoint
     publish: Callable[[], ParameterSet]
+
+
+@njit(cache=True)
+def _follow(rows: Array, minimum_airspeed: float, motion: Array) -> bool:
+    """Take states (n, StateField.WIDTH) in order of time; whether it was fast, or climbed or sank, in any of them.
+
+    motion (3,) [s]: since when it has been slow and level, infinite if it is not; how long it has flown; the newest.
+    """
+    was_fast = False
+    for row in rows:
+        time, airspeed = row[_TIME], row[_AIRSPEED]
+        north, east, down = row[_NORTH], row[_NORTH + 1], row[_NORTH + 2]
+        if airspeed >= minimum_airspeed and np.isfinite(motion[_NEWEST]):
+            motion[_FLOWN] += time - motion[_NEWEST]
+        motion[_NEWEST] = time
+        over_ground = np.sqrt(north * north + east * east)
+        if airspeed < minimum_airspeed and over_ground < minimum_airspeed and abs(down) < LEVEL:
+            motion[_SLOW_SINCE] = min(motion[_SLOW_SINCE], time)
+        else:
+            motion[_SLOW_SINCE], was_fast = np.inf, True
+    return was_fast
 
 
 class Landing:
@@ -48,26 +72,14 @@ class Landing:
     def restart(self) -> None:
         """The clock began anew."""
         self._kept: deque[Known] = deque()
-        self._slow_since, self._flown, self._newest = np.inf, 0.0, np.nan
+        self._motion = np.array([np.inf, 0.0, np.nan])
         self._air: Known | None = None  # what is published on the ground
         self.since = np.nan  # [s] on the ground since then
 
     def add(self, rows: Array) -> None:
         """States (n, StateField.WIDTH) in order of time."""
-        time = rows[:, StateField.TIME]
-        north, east, down = rows[:, StateField.VELOCITY].T
-        speed = np.maximum(rows[:, StateField.AIRSPEED], np.hypot(north, east))
-        slow = (speed < self._minimum_airspeed) & (np.abs(down) < LEVEL)
-        steps = np.diff(time, prepend=self._newest if np.isfinite(self._newest) else time[:1])
-        self._flown += float(steps[rows[:, StateField.AIRSPEED] >= self._minimum_airspeed].sum())
-        self._newest = float(time[-1])
-        fast = np.flatnonzero(~slow)
-        if len(fast):
-            self._slow_since = np.inf
+        if _follow(rows, self._minimum_airspeed, self._motion):
             self._air, self.since = None, np.nan
-        first = fast[-1] + 1 if len(fast) else 0
-        if first < len(rows):
-            self._slow_since = min(self._slow_since, float(time[first]))
 
     def keep(self, known: Known) -> None:
         """What is known now."""
@@ -78,12 +90,13 @@ class Landing:
 
     def touched_down(self, now: float) -> Known | None:
         """What was known in the air, once, where it is found ``now`` [s] to be on the ground."""
-        if self._air is not None or now - self._slow_since < SLOW or self._flown < FLOWN:
+        slow_since, flown, _ = self._motion.tolist()
+        if self._air is not None or now - slow_since < SLOW or flown < FLOWN:
             return None
-        before = [known for known in self._kept if known.kept.time <= self._slow_since - ROLLING]
+        before = [known for known in self._kept if known.kept.time <= slow_since - ROLLING]
         if not before:
             return None
-        self._air, self.since = before[-1], self._slow_since
+        self._air, self.since = before[-1], slow_since
         self._kept.clear()
         return self._air
 

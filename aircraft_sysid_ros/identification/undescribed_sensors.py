@@ -160,13 +160,10 @@ class UndescribedSensors:
         self._asked = np.array([not {sensor, _GROUP} & described for sensor in _SENSORS])
         self._place = 0.0 if "imu_position" in aircraft.source else PLACE * aircraft.span
         self._motion = None if _OF_MOTION & described else LateMotion()
+        self._any = bool(self._asked.any() or self._place or self._motion)
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self.restart_clock()
-
-    @property
-    def _any(self) -> bool:
-        return bool(self._asked.any() or self._place or self._motion)
 
     def adopt(self, model: AerodynamicModel) -> None:
         """Another model: what its terms do is seen anew."""

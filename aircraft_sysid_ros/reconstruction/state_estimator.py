@@ -182,7 +182,7 @@ class StateEstimator:
 
     def _show_absurd(self, samples: Samples) -> None:
         """Let the watch see what the filter does not: angles in degrees are no angles. Not what comes too late."""
-        angles = np.isin(samples.kind, (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP))
+        angles = (samples.kind == Kind.ANGLE_OF_ATTACK) | (samples.kind == Kind.SIDESLIP)
         absurd = is_absurd(samples).any(axis=1) & angles & (np.abs(samples.values[:, 0]) <= 180.0)
         if absurd.any() and self.watch is not None:
             self.watch.add(samples[absurd & (samples.stamp >= self.order.newest_due(samples))])
@@ -434,9 +434,9 @@ class StateEstimator:
                 if self._setup.guide == NO_GUIDE:
                     without_wind(rows[:count])
                 self.last_row = rows[count - 1]
-                airborne = np.flatnonzero(np.isin(rows[:count, StateField.STATUS], _AIRBORNE))
-                if len(airborne):
-                    self._last_airborne = rows[airborne[-1]]
+                airborne = next((row for row in rows[count - 1 :: -1] if row[StateField.STATUS] in _AIRBORNE), None)
+                if airborne is not None:
+                    self._last_airborne = airborne
                 yield rows[:count]
             if self.tape is not None:
                 self.tape.add(tape[:steps], rows[:count], self._x, self._p)

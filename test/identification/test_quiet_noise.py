@@ -12,7 +12,7 @@ HALF_WIDTH = 0.08
 
 
 def shown(time, force, rates):
-    noise, row = new_quiet_noise(), np.zeros(StateField.WIDTH)
+    noise, row = new_quiet_noise()[0], np.zeros(StateField.WIDTH)
     for k in range(len(time)):
         row[StateField.TIME] = time[k]
         row[StateField.SPECIFIC_FORCE], row[StateField.ANGULAR_VELOCITY] = force[k], rates[k]

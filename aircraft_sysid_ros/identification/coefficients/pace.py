@@ -150,7 +150,8 @@ class Pace:
         full = len(waiting) // BLOCK
         self._open = waiting[full * BLOCK :]
         cuts, found, now = [], [], self.interval
-        medians = np.median(waiting[: full * BLOCK].reshape(full, BLOCK), axis=1) if full else np.empty(0)
+        ordered = np.sort(waiting[: full * BLOCK].reshape(full, BLOCK), axis=1)
+        medians = 0.5 * (ordered[:, (BLOCK - 1) // 2] + ordered[:, BLOCK // 2])
         for number, median in enumerate(np.where(medians > LONG, medians, 0.0).tolist()):
             if median > CHANGE * now or CHANGE * median < now:
                 now = median

@@ -54,6 +54,7 @@ _INTERVALS, _OLDEST = 5, 2.0
 _KINDS = [int(kind) for kind in (
     Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP, Kind.GPS_POSITION, Kind.GPS_VELOCITY,
 )]  # fmt: skip
+_IS_USED = np.isin(np.arange(len(Kind)), _KINDS)
 
 _LEAST_SQUARES = "nothing calls for another: calm air, or vanes in the regressors, or no vane at all"
 
@@ -116,7 +117,7 @@ class EstimatorChoice:
 
     def push_samples(self, samples: Samples, epoch: int) -> None:
         """Samples as they arrive: a successor is to have all from its beginning on, and no other."""
-        samples = samples[np.isin(samples.kind, _KINDS)]
+        samples = samples[_IS_USED[samples.kind]]
         if not len(samples):
             return
         times, self._epoch = seconds(samples.stamp - self._delays[samples.kind], epoch), epoch

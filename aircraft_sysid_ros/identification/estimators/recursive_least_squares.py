@@ -59,6 +59,7 @@ _MOTION_TIME = 2.0
 _PRIOR_WORTH = 50.0
 
 _TIME = CoefficientSample.TIME
+_NOTHING = nothing_known(0)
 _FORCES = 3  # axes whose measured coefficient holds the accelerometer bias
 _BY_AXIS = ("theta", "p", "sums", "updates", "bias_variance", "prior", "prior_variance", "sampling", "vane_covariance")
 _BY_PARAMETER = ("noise_square", "last_learnt")
@@ -177,7 +178,7 @@ class RecursiveLeastSquares:
         The predictions stand in the samples: nothing more is to be made of them.
         """
         learn(batch.samples, batch.noise, batch.vane_noise, batch.weights, self.state, self.tuning)
-        return nothing_known(0)
+        return _NOTHING
 
     def estimate(self, axis: int) -> AxisEstimate:
         """Parameters of one axis now, with standard errors corrected for coloured residuals."""

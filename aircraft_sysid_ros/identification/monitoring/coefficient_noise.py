@@ -30,6 +30,7 @@ from aircraft_sysid_ros.identification.coefficients.flow_angles import share_in_
 from aircraft_sysid_ros.identification.coefficients.layout import (
     FLYING,
     FORCE_BIAS_VARIANCE,
+    MEASURED,
     TERMS_OF_SAMPLE,
     WEIGHT_COLUMNS,
     Body,
@@ -37,7 +38,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientSample,
 )
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
-from aircraft_sysid_ros.identification.monitoring.quiet_noise import QuietNoise, follow, in_use, new_quiet_noise
+from aircraft_sysid_ros.identification.monitoring.quiet_noise import follow, in_use, new_quiet_noise
 from aircraft_sysid_ros.identification.trust import TrustRules
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.sensor_noise import imu_interval, imu_scales, learn_imu, new_imu_noise
@@ -69,14 +70,40 @@ def slope_variance(interval: float, half_width: float) -> float:
 
 @njit(cache=True)
 def _learn(
-    rows: Array, flying: Array, of_force: float, of_rate: float, half_width: float, noise: Array, quiet: QuietNoise
+    rows: Array,
+    flying: Array,
+    of_force: float,
+    of_rate: float,
+    half_width: float,
+    noise: Array,
+    one_quiet: npt.NDArray[np.void],
 ) -> None:
-    values = np.empty(6)
+    values, quiet = np.empty(6), one_quiet[0]
     for i in range(len(rows)):
         if flying[i] > 0.0:
             values[:3], values[3:] = rows[i, _FORCE : _FORCE + 3], rows[i, _RATES : _RATES + 3]
             learn_imu(rows[i, _TIME], values, of_force, of_rate, noise)
             follow(rows[i], half_width, quiet)
+
+
+@njit(cache=True)
+def _respond(samples: Array, response: Array, of_force: float, of_rate: float, out: Array) -> None:
+    """Variances (m, 6) of samples from those of the mean force and of the slope of the rates in their windows."""
+    for k in range(len(samples)):
+        for axis in range(out.shape[1]):
+            at_unit = response[axis, 0] * of_force + response[axis, 1] * of_rate
+            out[k, axis] = at_unit / samples[k, _QBAR] ** 2
+
+
+@njit(cache=True)
+def _add_known(samples: Array, weights: Array, terms: Array, sampling: Array, out: Array) -> None:
+    """Add that of the terms (6,), of sparse samples (6,) and of the bias of the accelerometer to variances (m, 6)."""
+    for k in range(len(samples)):
+        for axis in range(out.shape[1]):
+            out[k, axis] += terms[axis]
+            out[k, axis] += sampling[axis] * samples[k, MEASURED + axis] ** 2
+        for axis in range(WEIGHT_COLUMNS - FORCE_BIAS_VARIANCE):
+            out[k, axis] += weights[k, FORCE_BIAS_VARIANCE + axis]
 
 
 @njit(cache=True)
@@ -97,14 +124,15 @@ def _add_parameters(samples: Array, offsets: Integers, p: Array, own: Array, out
             out[k, axis] = out[k, axis] * (1.0 + relative) + total if known else np.nan
 
 
-def _shares(model: AerodynamicModel, axis: str, over_noise: Sequence[float]) -> Array:
+def _forces_that_show(model: AerodynamicModel) -> list[list[int]]:
+    """Of each axis and term the force whose error shows what the noise of its angle can be; its own axis: none does."""
+    names = [(axis, [_SHOWN_BY.get(term.partition("**")[0], axis) for term in model.terms[axis]]) for axis in AXES]
+    return [[AXES.index(force) for force in forces] for _, forces in names]
+
+
+def _shares(axis: int, forces: list[int], over_noise: Sequence[float]) -> Array:
     """Of the noise of each term of an axis (n,) as much as the error of the force of its angle leaves."""
-    shares = np.ones(len(model.terms[axis]))
-    for j, term in enumerate(model.terms[axis]):
-        force = _SHOWN_BY.get(term.partition("**")[0], axis)
-        if force != axis:
-            shares[j] = np.fmin(over_noise[AXES.index(force)] ** 2, 1.0)
-    return shares
+    return np.array([1.0 if force == axis else np.fmin(over_noise[force] ** 2, 1.0) for force in forces])
 
 
 class CoefficientNoise:
@@ -116,6 +144,7 @@ class CoefficientNoise:
         self._said = sensors["accelerometer"].noise[0] ** 2, sensors["gyro"].noise[0] ** 2
         self._half_width, self._imu, self._quiet = half_width, new_imu_noise(), new_quiet_noise()
         self._set_body(body_of(aircraft))
+        self._model, self._forces = aircraft.model, _forces_that_show(aircraft.model)
         self._terms = self._sampling = np.zeros(len(AXES))
         self._offsets = np.zeros(len(AXES) + 1, np.int64)
         self._p = self._own = np.zeros((len(AXES), 0, 0))
@@ -133,12 +162,14 @@ class CoefficientNoise:
         """Take what is known now; ``over_noise`` (6,) rms error of each axis over what noise makes of it, or NaN."""
         known, self._offsets = kept.least_squares, model.offsets
         self._sampling, self._p, self._own = known.sampling, known.p, np.zeros_like(known.p)
+        if model is not self._model:
+            self._model, self._forces = model, _forces_that_show(model)
         terms = np.zeros(len(AXES))
         for axis, own in enumerate(kept.describe.own):
             part = slice(model.offsets[axis], model.offsets[axis + 1])
             n = part.stop - part.start
             theta = known.theta[axis, :n] if own is None else np.nan_to_num(own.theta)
-            terms[axis] = theta**2 @ (known.noise_square[part] * _shares(model, AXES[axis], over_noise))
+            terms[axis] = theta**2 @ (known.noise_square[part] * _shares(axis, self._forces[axis], over_noise))
             if own is not None:
                 enough = own.samples >= TrustRules().samples
                 self._own[axis, :n, :n] = own.covariance if enough else np.nan
@@ -148,17 +179,19 @@ class CoefficientNoise:
         """Variances (m, 6) of samples (m, …) from the noise of the IMU."""
         interval = imu_interval(self._imu)
         shown = (0.0, 0.0) if interval > LONG else imu_scales(self._imu, np.inf)  # beside sparse ones it is motion
-        force, rate = map(in_use, self._said, shown, self._quiet.variance.tolist())
+        force, rate = map(in_use, self._said, shown, self._quiet["variance"][0].tolist())
         of_force = self._body.mass**2 * force * share_in_window(interval, self._half_width)
         of_rate = rate * slope_variance(interval, self._half_width)
-        return np.asarray((self._response @ np.array([of_force, of_rate])) / samples[:, _QBAR, None] ** 2)
+        found = np.empty((len(samples), len(AXES)))
+        _respond(samples, self._response, of_force, of_rate, found)
+        return found
 
     def variances(self, samples: Array, weights: Array) -> Array:
         """Of the errors of samples (m, …), with weights (m, WEIGHT_COLUMNS), from all that is known now: (m, 6).
 
         NaN where it was not known what was predicted.
         """
-        found = self.response(samples) + self._terms + self._sampling * samples[:, CoefficientSample.MEASURED] ** 2
-        found[:, :3] += weights[:, FORCE_BIAS_VARIANCE:WEIGHT_COLUMNS]
+        found = self.response(samples)
+        _add_known(samples, weights, self._terms, self._sampling, found)
         _add_parameters(samples, self._offsets, self._p, self._own, found)
         return found

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, PREDICTED, CoefficientSample
-from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW, Summary, thinness
+from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW, thinness
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
@@ -24,13 +24,14 @@ def _exceeds(level: float, usual: float, largest: float, common: float, limits: 
 
 
 @njit(cache=True)
-def error_levels(samples: Array, since: Array, summary: Summary, levels: Array, flags: Bools) -> None:
+def error_levels(samples: Array, since: Array, one_summary: npt.NDArray[np.void], levels: Array, flags: Bools) -> None:
     """Mean square error of the newest WINDOW samples of motion of each axis, and what it says.
 
     samples (n, …) ascending; ``since`` (6,) [s] from when they count; ``levels`` (6,) NaN where there are too few;
     ``flags`` (6, 3): above SIGN, above ALARM, above the slight unease at which older parameters are compared. Where the
-    aeroplane is slower than it was, what is usual grows as 1/qbar.
+    aeroplane is slower than it was, what is usual grows as 1/qbar. ``one_summary`` holds a ``residuals.Summary``.
     """
+    summary = one_summary[0]
     for axis in range(6):
         total, thin, count = 0.0, 0.0, 0
         for i in range(len(samples) - 1, -1, -1):

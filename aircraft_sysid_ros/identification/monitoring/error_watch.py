@@ -88,7 +88,11 @@ class ErrorWatch:
         """Axes whose error calls for a hold, of those that are ``known`` or ``held`` (6,)."""
         asked, begin = known | held, self.begin(now)
         error_levels(
-            self._history.since(0), np.maximum(begin, self._released), self.monitor.summary, self._levels, self._flags
+            self._history.since(0),
+            np.maximum(begin, self._released),
+            self.monitor.one_summary,
+            self._levels,
+            self._flags,
         )
         if not self._flags.any():
             self._uneasy_since[asked], self._raised[asked] = np.nan, 0

@@ -12,14 +12,13 @@ differences, axis by axis, the quarter that is quietest tells. In gusts that nev
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.sensor_noise import bounded
 from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.records import Record, one_record
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -41,7 +40,7 @@ _TIME, _FORCE, _RATES = StateField.TIME, StateField.SPECIFIC_FORCE.start, StateF
 _SAMPLES, _MEANS, _DIFFERENCES, _BLOCKS, _EACH = range(5)
 
 
-class QuietNoise(NamedTuple):
+class QuietNoise(Record):
     """Memory; forces [m/s^2] before rates [rad/s]."""
 
     sums: Array  # (6,) of the samples of a mean that is being taken
@@ -53,12 +52,18 @@ class QuietNoise(NamedTuple):
     pace: Array  # (2,) time [s] of the newest sample, and the usual time [s] between two
 
 
-def new_quiet_noise() -> QuietNoise:
-    """Before a flight."""
-    return QuietNoise(
-        np.zeros(_AXES), np.zeros((_AXES, _DEPTH)), np.zeros(_AXES), np.zeros((_AXES, MOST)), np.zeros(5, np.int64),
-        np.full(2, np.nan), np.array([-np.inf, 0.0]),
-    )  # fmt: skip
+def new_quiet_noise() -> npt.NDArray[np.void]:
+    """One before a flight, (1,)."""
+    return one_record(
+        QuietNoise,
+        sums=np.zeros(_AXES),
+        means=np.zeros((_AXES, _DEPTH)),
+        squares=np.zeros(_AXES),
+        blocks=np.zeros((_AXES, MOST)),
+        counts=np.zeros(5, np.int64),
+        variance=np.full(2, np.nan),
+        pace=np.array([-np.inf, 0.0]),
+    )
 
 
 @njit(cache=True)

@@ -83,6 +83,14 @@ def _add(
 
 
 @njit(cache=True)
+def _add_sums(block: Array, whole: Array) -> None:
+    """Sums of a block, of which those of the axis stand first, to ``whole`` (n + 2, n + 2)."""
+    for j in range(len(whole)):
+        for k in range(len(whole)):
+            whole[j, k] += block[j, k]
+
+
+@njit(cache=True)
 def _add_square(inverse: Array, g: Array, out: Array) -> None:
     """z z' with z = inverse g, to ``out`` (n, n)."""
     z = np.zeros(len(g))
@@ -115,29 +123,45 @@ def _add_clusters(sums: Array, rank: Integers, ranks: tuple[int, int], theta: Ar
 
 
 @njit(cache=True)
-def _part(sums: Array, rank: Integers, ranks: tuple[int, int], noise: Array, theta: Array, covariance: Array) -> int:
-    """Least squares over the blocks between two ranks into ``theta`` (n,), with its covariance (n, n).
+def _part(sums: Array, rank: Integers, ranks: tuple[int, int], theta: Array, inverse: Array) -> float:
+    """Least squares over the blocks between two ranks into ``theta`` (n,), with the inverse (n, n) of its matrix.
 
-    Returns how many clusters there are; 0 where it cannot be told.
+    Returns of how many samples; 0 where it cannot be told.
     """
     n = len(theta)
     whole = np.zeros((n + 2, n + 2))
     for i in range(len(sums)):
         if ranks[0] <= rank[i] < ranks[1]:
-            whole += sums[i, : n + 2, : n + 2]
+            _add_sums(sums[i], whole)
     for j in range(n):
         if not whole[j, j] > 0.0:
-            return 0
-    found, inverse, is_regular = solved_sums(whole)
-    if not is_regular:
-        return 0
-    theta[:] = found
+            return 0.0
+    theta[:], inverse[:], is_regular = solved_sums(whole)
+    return whole[n + 1, n + 1] if is_regular else 0.0
+
+
+@njit(cache=True)
+def _spread(
+    sums: Array,
+    rank: Integers,
+    ranks: tuple[int, int],
+    noise: Array,
+    points: float,
+    theta: Array,
+    inverse: Array,
+    covariance: Array,
+) -> int:
+    """The covariance (n, n) of what ``_part`` found of so many ``points``; returns how many clusters there are.
+
+    0 where there are too few.
+    """
+    n = len(theta)
     covariance[:] = 0.0
     clusters = _add_clusters(sums, rank, ranks, theta, inverse, covariance)
     if clusters < n + _SPARE:
         return 0
     covariance *= clusters / (clusters - n)
-    _add_square(inverse, whole[n + 1, n + 1] * noise * theta, covariance)
+    _add_square(inverse, points * noise * theta, covariance)
     return clusters
 
 
@@ -151,25 +175,30 @@ def _compare(sums: Array, rank: Integers, noise: Array, edge: Integers, theta: A
     count, n = len(rank), len(noise)
     whole, found = np.zeros((n + 2, n + 2)), np.full(len(edge), np.nan)
     for i in range(count):
-        whole += sums[i, : n + 2, : n + 2]
+        _add_sums(sums[i], whole)
     points = max(whole[n + 1, n + 1], 1.0)
     variance = whole[n, n] / points - (whole[n, n + 1] / points) ** 2
-    both = np.zeros((n + 2, n + 2))
+    both, inverse = np.zeros((n + 2, n + 2)), np.empty((2, n, n))
     for k in range(len(edge)):
         edge[k] = int(SHARES[k] * count)
         if edge[k] < LEAST or count - edge[k] < LEAST:
             continue
-        clusters = _part(sums, rank, (0, edge[k]), noise, theta[k, 0], covariance[k, 0])
-        clusters = min(clusters, _part(sums, rank, (edge[k], count), noise, theta[k, 1], covariance[k, 1]))
-        if clusters == 0:
-            continue
+        low, high = (0, edge[k]), (edge[k], count)
+        of_low = _part(sums, rank, low, theta[k, 0], inverse[0])
+        of_high = _part(sums, rank, high, theta[k, 1], inverse[1])
         d, moved = theta[k, 1] - theta[k, 0], 0.0  # mean square of x' d
-        both[:n, :n], both[:n, n] = covariance[k, 0] + covariance[k, 1], d
         for i in range(n):
             for j in range(n):
                 moved += d[i] * whole[i, j] / points * d[j]
-        if not moved > LARGE**2 * variance:
+        if min(of_low, of_high) == 0.0 or not moved > LARGE**2 * variance:
             continue
+        clusters = min(
+            _spread(sums, rank, low, noise, of_low, theta[k, 0], inverse[0], covariance[k, 0]),
+            _spread(sums, rank, high, noise, of_high, theta[k, 1], inverse[1], covariance[k, 1]),
+        )
+        if clusters == 0:
+            continue
+        both[:n, :n], both[:n, n] = covariance[k, 0] + covariance[k, 1], d
         solution, _, is_regular = solved_sums(both)
         if is_regular:
             found[k] = 0.0

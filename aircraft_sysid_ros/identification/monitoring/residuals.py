@@ -22,7 +22,6 @@ from a time on is largest from the most likely one on (Page 1954, cumulative sum
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +29,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
 from aircraft_sysid_ros.kernels import njit
+from aircraft_sysid_ros.records import Record, one_record
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -55,7 +55,7 @@ _TIME = CoefficientSample.TIME
 QBAR = CoefficientSample.SIGNALS.start + SIGNAL_INDEX["qbar"]
 
 
-class Errors(NamedTuple):
+class Errors(Record):
     """Squared model errors of six axes."""
 
     newest: Array  # (6, GUARD) newest first
@@ -75,7 +75,7 @@ class Errors(NamedTuple):
     fit_count: Integers  # (6,)
 
 
-class Summary(NamedTuple):
+class Summary(Record):
     """What the errors of all axes are now against what they were."""
 
     window: Array  # (6, 3) mean square of window, of all blocks, and of the largest; NaN where they do not compare
@@ -193,8 +193,9 @@ def excesses(summary: Summary, out: Array) -> None:
 
 
 @njit(cache=True)
-def _fits(errors: Errors, out: Array) -> None:
+def _fits(one_errors: npt.NDArray[np.void], out: Array) -> None:
     """``ResidualMonitor.fits`` of all axes (6, 3), in place; NaN where there are too few."""
+    errors = one_errors[0]
     ratios = np.empty(FIT_BLOCKS)
     for axis in range(6):
         count, error, mean, square, over, known = errors.fit_count[axis], 0.0, 0.0, 0.0, 0.0, 0
@@ -222,11 +223,12 @@ def _follow(
     noise: Array,
     known: npt.NDArray[np.bool_],
     longest: float,
-    errors: Errors,
-    summary: Summary,
+    one_errors: npt.NDArray[np.void],
+    one_summary: npt.NDArray[np.void],
     excess: Array,
 ) -> None:
-    """``add_errors``, and all that follows from them, in one call."""
+    """``add_errors``, and all that follows from them, in one call; one record each, see ``records``."""
+    errors, summary = one_errors[0], one_summary[0]
     add_errors(samples, predicted, noise, known, errors)
     summarise(errors, longest, summary)
     excesses(summary, excess)
@@ -238,7 +240,8 @@ class ResidualMonitor:
     def __init__(self, step: float) -> None:
         """``step`` [s] between evaluations."""
         self._longest = SPREAD * WINDOW * step
-        self._errors = Errors(
+        self._one_errors = one_record(
+            Errors,
             newest=np.zeros((6, GUARD)),
             time=np.zeros((6, GUARD)),
             filled=np.zeros(6, np.int64),
@@ -255,7 +258,11 @@ class ResidualMonitor:
             fit_noise=np.zeros((6, FIT_BLOCKS)),
             fit_count=np.zeros(6, np.int64),
         )
-        self.summary = Summary(np.full((6, 3), np.nan), np.full((6, 3), np.nan), np.ones(1))
+        self._errors: Errors = self._one_errors[0]
+        self.one_summary = one_record(
+            Summary, window=np.full((6, 3), np.nan), usual=np.full((6, 3), np.nan), common=np.ones(1)
+        )
+        self._summary: Summary = self.one_summary[0]
         self._excess = np.full(6, np.nan)
         self._raised = np.zeros(6, np.int64)  # evaluations in a row at which the error was too large
 
@@ -265,12 +272,12 @@ class ResidualMonitor:
         ``noise`` (m, 6): variances that noise makes of their errors, where they are known.
         """
         noise = np.zeros((len(samples), 6)) if noise is None else noise
-        _follow(samples, predicted, noise, known, self._longest, self._errors, self.summary, self._excess)
+        _follow(samples, predicted, noise, known, self._longest, self._one_errors, self.one_summary, self._excess)
 
     def forget(self, axis: int) -> None:
         """The parameters of an axis are others now: what its errors are is still to be seen."""
-        for array in self._errors:
-            array[axis] = 0
+        for name in self._errors.dtype.names or ():
+            self._errors[name][axis] = 0
         self._raised[axis] = 0
         self._compare()
 
@@ -282,13 +289,13 @@ class ResidualMonitor:
         self._compare()
 
     def _compare(self) -> None:
-        summarise(self._errors, self._longest, self.summary)
-        excesses(self.summary, self._excess)
+        summarise(self._errors, self._longest, self._summary)
+        excesses(self._summary, self._excess)
 
     def usual(self, axis: int) -> tuple[float, float]:
         """Mean square error and largest block of an axis, grown as in most axes; NaN before there are enough blocks."""
-        mean, largest = self.summary.usual[axis, :2].tolist()
-        common = float(self.summary.common[0])
+        mean, largest = self._summary.usual[axis, :2].tolist()
+        common = float(self._summary.common[0])
         return common * mean, common * largest
 
     def variance(self, axis: int) -> float:
@@ -299,7 +306,7 @@ class ResidualMonitor:
     def fits(self) -> Array:
         """Of each axis (6, 3) ``unexplained``, ``over_noise`` and ``worst_over_noise``."""
         out = np.full((6, 3), np.nan)
-        _fits(self._errors, out)
+        _fits(self._one_errors, out)
         return out
 
     def unexplained(self, axis: int) -> float:

@@ -290,7 +290,8 @@ class SensorFaultDetector:
         if self._newest is None:
             return []
         signs = _evaluate(self._newest, self._gap, self._memory, self._limits)
-        code = int(np.nan_to_num(self._newest[_CONTRADICTED]))
+        contradicted = float(self._newest[_CONTRADICTED])
+        code = int(contradicted) if contradicted > 0.0 else 0
         self._suspect = code if code in SUSPECTED else self._suspect if signs else 0
         self._newest, self._gap = None, 0.0
         return [self._sign(i) for i in range(len(WORDS)) if signs >> i & 1] if signs else []
