@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream, one_clock
 from aircraft_sysid_ros.identification.estimators.contract import Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
-from aircraft_sysid_ros.identification.learning import Learning
+from aircraft_sysid_ros.identification.learning import STALE, Learning
 from aircraft_sysid_ros.identification.monitoring.error_window import AxisError, model_errors
 from aircraft_sysid_ros.identification.options import ParameterOptions, check_change
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
@@ -113,6 +114,17 @@ class Identifier:
             return
         self.learning.push_samples(samples, epoch)
         self.stream.controls.add(samples, epoch, due)
+
+    def states_until_news(self, times: Array) -> int:
+        """How many of the next states at times (n,) [s] may come at once: those that bring no sample and leave ``time``
+        as it is, and the one after them.
+        """
+        newest = self.learning.newest
+        stale = np.inf if newest is None else float(newest[CoefficientSample.TIME]) + STALE + self.options.settle
+        if self.stream.has_passed(float(times[0])):
+            return 1
+        brings = (times >= min(self.stream.next_sample, stale)) | (np.diff(times, prepend=-np.inf) <= 0.0)
+        return int(np.argmax(brings)) + 1 if brings.any() else len(times)
 
     def push_states(self, rows: Array, epoch: int | None = None) -> Array:
         """Take states (n, StateField.WIDTH) in order of time; returns new samples (m, CoefficientSample.TERMS + …)."""

@@ -185,14 +185,16 @@ class ParameterEstimatorNode(EstimatorNode):
         self._learn(row_from_state(message, np.nan), np.array([nanoseconds_of(message)], dtype=np.int64))
 
     def _learn(self, rows: Any, stamps: Any) -> None:
-        """Learn from states one by one, so that what is published does not depend on how they come."""
+        """Learn from states up to each that may bring news: what is published does not depend on how they come."""
         if self._epoch is None:
             self._epoch = epoch_of(int(stamps[0]))
         rows = rows.copy()
         rows[:, StateField.TIME] = seconds(stamps, self._epoch)
-        for row in np.split(rows, len(rows)):
-            self.states_received += 1
-            self._keep(self.estimator.push_states(row, self._epoch), row)
+        while len(rows):
+            count = self.estimator.states_until_news(rows[:, StateField.TIME])
+            part, rows = rows[:count], rows[count:]
+            self.states_received += count
+            self._keep(self.estimator.push_states(part, self._epoch), part[-1:])
             self._publish_due()
 
     def _keep(self, points: Any, row: Any = None) -> None:

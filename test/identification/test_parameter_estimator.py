@@ -53,6 +53,23 @@ def learn(aircraft, rows, controls, options=None, block: int = 500) -> tuple[Ide
     return estimator, np.vstack([*points, estimator.flush()])
 
 
+def test_samples_and_time_change_with_the_last_state_until_news_alone(flight):
+    rows, controls = perfect_inputs(flight)
+    rows = np.delete(rows[:3000], slice(1500, 1800), axis=0)  # with a pause in which what is known becomes stale
+    estimator, number, parts = Identifier(flight.aircraft), 0, []
+    estimator.push_samples(controls, EPOCH)
+    while number < len(rows):
+        count = estimator.states_until_news(rows[number:, StateField.TIME])
+        before = estimator.time
+        for row in rows[number : number + count - 1]:
+            assert not len(estimator.push_states(row[None], EPOCH))
+            np.testing.assert_equal(estimator.time, before)
+        estimator.push_states(rows[number + count - 1 : number + count], EPOCH)
+        parts.append(count)
+        number += count
+    assert np.median(parts) == 4  # states at 100 Hz, samples at 25 Hz
+
+
 @pytest.fixture(scope="module")
 def replayed(flight) -> Pipeline:
     pipeline = Pipeline(flight.aircraft)

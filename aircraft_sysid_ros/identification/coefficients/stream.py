@@ -36,6 +36,8 @@ Integers = npt.NDArray[np.int64]
 
 #: Rows this long [s] before the newest window are dropped.
 _MARGIN = 0.5
+#: [s] by which times that are equal may differ.
+_ROUNDING = 1e-6
 _OWN_KINDS = [int(kind) for kind in (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.INPUTS, *(kind for kind, _ in VANES))]
 
 
@@ -124,6 +126,14 @@ class CoefficientStream:
     def has_passed(self, time: float) -> bool:
         """Whether a state of this time [s] cannot follow those that have come."""
         return self._newest is not None and time <= self._newest
+
+    @property
+    def next_sample(self) -> float:
+        """Time [s] of the first state that may bring another sample; those before it bring none."""
+        if self.start_time is None:
+            return -np.inf
+        options = self._options
+        return self._next_index * options.step + options.half_width + options.settle - _ROUNDING
 
     def add_states(self, rows: Array) -> float:
         """States (n, StateField.WIDTH) in order of time; returns up to when [s] their controls should be there."""
