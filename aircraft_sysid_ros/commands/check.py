@@ -94,7 +94,8 @@ def render(result: dict[str, Any]) -> str:
 def _parameter_lines(result: dict[str, Any]) -> list[str]:
     """Those that the flight shows by name, the others with the reason; one line for those that share it."""
     shown = [name for name, is_shown in result["identifiable"].items() if is_shown]
-    lines = [f"shown by this flight: {len(shown)} of {len(result['identifiable'])} parameters"]
+    count = f"{len(shown)} of {len(result['identifiable'])} parameters"
+    lines = [f"shown by measured signals alone: {count}; replay knows the states better and may show more"]
     lines += textwrap.wrap(" ".join(shown), 112, initial_indent="  ", subsequent_indent="  ")
     reasons: dict[str, list[str]] = {}
     for parameter in result["parameters"]:
