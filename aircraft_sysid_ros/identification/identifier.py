@@ -205,4 +205,5 @@ def warm_up(identifier: Identifier) -> None:
     identifier.push_states(rows)
     identifier.flush()
     identifier.snapshot()
+    identifier.model_error()
     identifier.learning.warm_up()

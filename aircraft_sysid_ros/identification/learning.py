@@ -27,7 +27,12 @@ from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN,
 from aircraft_sysid_ros.identification.monitoring.hold import Restore
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
+from aircraft_sysid_ros.identification.parameter_set import (
+    ParameterEstimate,
+    ParameterSet,
+    axis_estimates,
+    motion_of_terms,
+)
 from aircraft_sysid_ros.identification.predictions import KnownHistory
 from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
@@ -379,6 +384,8 @@ class Learning:
         """Compile, or load from the cache, what two seconds of level flight do not reach."""
         self.least_squares.warm_up()
         self.estimator.warm_up()
+        for sums in (np.eye(3), np.eye(4)[:3, :3]):  # of the longest axis, and of another
+            motion_of_terms(sums, np.zeros(1))
         self.integrity.doubts.warm_up()
         if self.choice is not None:
             self.choice.warm_up()

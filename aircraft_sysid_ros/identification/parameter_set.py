@@ -87,7 +87,7 @@ def axis_estimates(
     if sensors is not None:
         estimate = _with_sensors(estimate, sensors, own is not None)
     if known.samples > n:
-        excitation, correlation, per_unit = _motion(sums[0], state.noise_square[first : first + n])
+        excitation, correlation, per_unit = motion_of_terms(sums[0], state.noise_square[first : first + n])
         effect = per_unit * np.sqrt(np.diag(estimate.covariance))
     if estimate.excitation is not None:
         excitation = estimate.excitation
@@ -157,7 +157,7 @@ def told_apart(axis: str, names: Sequence[str], correlation: Array, j: int) -> s
     return f"{told}: move the {CONTROL_WORDS.get(term) or CONTROL_WORDS.get(other) or _INPUT_OF_AXIS[axis]} by itself"
 
 
-def _motion(sums: Array, noise_square: Array) -> tuple[Array, Array, Array]:
+def motion_of_terms(sums: Array, noise_square: Array) -> tuple[Array, Array, Array]:
     """How the terms of an axis have moved, by their sums of products (n + 2, n + 2) and the noise of each (n,).
 
     Rms of each that others of its axis do not explain, over its noise (n,); correlations of all (n, n); what a unit of
@@ -173,7 +173,7 @@ def _motion(sums: Array, noise_square: Array) -> tuple[Array, Array, Array]:
 
 @njit(cache=True, error_model="numpy")
 def _moments(sums: Array) -> tuple[Array, Array, Array]:
-    """Rms of each term (n,), correlations (n, n), and effects (n,) as in ``_motion``."""
+    """Rms of each term (n,), correlations (n, n), and effects (n,) as in ``motion_of_terms``."""
     n = len(sums) - 2
     moments = sums / sums[n + 1, n + 1]
     scale, correlation, effect = np.empty(n), np.empty((n, n)), np.empty(n)
