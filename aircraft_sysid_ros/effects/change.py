@@ -115,6 +115,7 @@ EFFECTS: tuple[Effect, ...] = (
         "From one moment on C_X, C_Y and C_Z are wrong by the same factor; moments too, as inertia changed.",
         "Any, before and after the change; throttle steps tell it from icing.",
         _TIME_OF_CHANGE,
+        takes_time=True,
     ),
     Effect(
         "cg_shift",
@@ -139,6 +140,7 @@ EFFECTS: tuple[Effect, ...] = (
         "From one moment on C_m is wrong in proportion to lift, C_n to side force.",
         "Pull-ups and sideslips before and after.",
         _TIME_OF_CHANGE,
+        takes_time=True,
     ),
     Effect(
         "loss_of_thrust",

@@ -144,6 +144,8 @@ class Effect:
     beyond_ordinary: bool = False
     #: Where another one explains as much with as many numbers, that one is named.
     rare: bool = False
+    #: A change that may take minutes: fuel is moved, a load runs out. Others happen at once.
+    takes_time: bool = False
     #: Of an effect in the measurement, what it makes of coefficients that are told by what the sensor shows; the one
     #: number of its terms is the value of the setting.
     in_coefficients: Variant | None = None

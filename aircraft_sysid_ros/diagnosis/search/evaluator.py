@@ -239,7 +239,7 @@ class CandidateEvaluator:
 
     def _growing(self, effect: Effect, trials: Sequence[Score]) -> Iterator[Score]:
         """Changes that take their time: of each variant the best step is the middle."""
-        for variant, edge in _steps(effect, trials):
+        for variant, edge in _steps(effect, trials) if effect.takes_time else ():
             if (growing := variant.growing) is None:
                 continue
             for values in growths(edge, self.data):
