@@ -390,36 +390,6 @@ EFFECTS: tuple[Effect, ...] = (
         (BEGIN,),
     ),
     Effect(
-        "unrecorded_flaps",
-        "Flaps, slats or spoilers that are not recorded",
-        AERODYNAMIC,
-        "A wing whose flaps, slats or spoilers go out has another camber from one moment on, which nothing in the "
-        "recording shows. At the same angle of attack lift, drag and pitching moment have other constants.",
-        "J. Roskam, Airplane Design, part VI; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
-        "C_Z, C_X, C_m += a for t > t₀, with a number for each axis",
-        (Variant(terms={axis: (STEP,) for axis in _LONGITUDINAL}),),
-        "From some time on constant errors of C_Z, C_X and C_m.",
-        "Flaps out and in at constant speed, recorded.",
-        (BEGIN,),
-    ),
-    Effect(
-        "tow_line",
-        "Tow line, tether or load on a line",
-        AERODYNAMIC,
-        "A line that is hooked on or dropped pulls with a force of its own, which does not grow with dynamic pressure "
-        "as those of the air do. Where it holds away from the centre of gravity it makes a pitching moment as well.",
-        "B. Etkin and L. Reid, Dynamics of Flight; W. Phillips, Mechanics of Flight",
-        "C_X, C_Z, C_m += a / q̄ for t > t₀, or for t < t₀, with a number for each axis",
-        (
-            Variant("hooked on", {axis: (f"{STEP}*(1/qbar)",) for axis in _LONGITUDINAL}),
-            Variant("dropped", {axis: (f"(1-{STEP})*(1/qbar)",) for axis in _LONGITUDINAL}),
-        ),
-        "From some time on, or until then, errors of C_X, C_Z and C_m that are larger the slower it flies.",
-        "Two speeds before and after the line is hooked on or dropped.",
-        (BEGIN,),
-        rare=True,
-    ),
-    Effect(
         "icing",
         "Icing",
         AERODYNAMIC,

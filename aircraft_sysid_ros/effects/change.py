@@ -1,4 +1,4 @@
-"""Effects that begin during a flight: damage, failures, and changes of mass and of the centre of gravity."""
+"""Effects that begin during a flight: damage, failures, what goes out or is hooked on, mass and where its centre is."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from aircraft_sysid_ros.effects.effect import (
 )
 
 _TIME_OF_CHANGE = (BEGIN,)
+_LONGITUDINAL = ("CZ", "CX", "Cm")
 
 
 def _after(*terms: str) -> tuple[str, ...]:
@@ -157,6 +158,36 @@ EFFECTS: tuple[Effect, ...] = (
         "From one moment on C_X is wrong in proportion to the thrust that is recorded; none of C_Z.",
         "Throttle steps at constant speed, before and after.",
         _TIME_OF_CHANGE,
+    ),
+    Effect(
+        "unrecorded_flaps",
+        "Flaps, slats or spoilers that are not recorded",
+        CHANGE,
+        "A wing whose flaps, slats or spoilers go out has another camber from one moment on, which nothing in the "
+        "recording shows. At the same angle of attack lift, drag and pitching moment have other constants.",
+        "J. Roskam, Airplane Design, part VI; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
+        "C_Z, C_X, C_m += a for t > t₀, with a number for each axis",
+        (Variant(terms={axis: _after("1") for axis in _LONGITUDINAL}),),
+        "From some time on constant errors of C_Z, C_X and C_m.",
+        "Flaps out and in at constant speed, recorded.",
+        _TIME_OF_CHANGE,
+    ),
+    Effect(
+        "tow_line",
+        "Tow line, tether or load on a line",
+        CHANGE,
+        "A line that is hooked on or dropped pulls with a force of its own, which does not grow with dynamic pressure "
+        "as those of the air do. Where it holds away from the centre of gravity it makes a pitching moment as well.",
+        "B. Etkin and L. Reid, Dynamics of Flight; W. Phillips, Mechanics of Flight",
+        "C_X, C_Z, C_m += a / q̄ for t > t₀, or for t < t₀, with a number for each axis",
+        (
+            Variant("hooked on", {axis: _after("(1/qbar)") for axis in _LONGITUDINAL}),
+            Variant("dropped", {axis: (f"(1-{STEP})*(1/qbar)",) for axis in _LONGITUDINAL}),
+        ),
+        "From some time on, or until then, errors of C_X, C_Z and C_m that are larger the slower it flies.",
+        "Two speeds before and after the line is hooked on or dropped.",
+        _TIME_OF_CHANGE,
+        rare=True,
     ),
     Effect(
         "fuel_burn",
