@@ -109,8 +109,8 @@ def names_of(row: list[str]) -> list[str]:
 
 
 def has(owner: Any, name: str) -> bool:
-    """An attribute, or a field of a dataclass or a named tuple."""
-    return hasattr(owner, name) or name in getattr(owner, "__dataclass_fields__", ())
+    """An attribute, or a field of a dataclass, a named tuple or a record."""
+    return hasattr(owner, name) or name in getattr(owner, "__annotations__", ())
 
 
 def resolve(name: str) -> str | None:

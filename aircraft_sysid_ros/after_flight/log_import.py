@@ -51,8 +51,6 @@ def _there(log: str | Path) -> Path:
     path = Path(log)
     if not path.exists():
         raise InputError(f"there is no log {path}")
-    if path.is_file() and not path.stat().st_size:
-        raise InputError(f"{path} is empty")
     return path
 
 

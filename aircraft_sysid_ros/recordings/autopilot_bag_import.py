@@ -35,13 +35,17 @@ def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> Imp
     mavros = {key: name for key, c in raw.channels.items() if (name := _mavros_name(c.topic)) in MAVROS}
     if not px4 and not mavros:
         raise InputError(f"it has neither topics of MAVROS nor px4_msgs: it holds {raw.topic_names()[:300]}")
-    if not px4 and _is_ours(raw):
-        raise InputError("it is a recording with our topics as it is: give it to check, replay or explain")
     if len(px4) >= len(mavros):
         content = _content(raw, "bag of px4_msgs", px4, set(PX4))
         batches = _with_sample_times(content.batches)
         return import_content(LogContent(content.format, batches, content.found, content.notes), PX4, mapping)
-    return import_content(_content(raw, "bag of MAVROS topics", mavros, set(MAVROS)), MAVROS, mapping)
+    content = _content(raw, "bag of MAVROS topics", mavros, set(MAVROS))
+    if _is_ours(raw):
+        content.notes.append(
+            "this is a recording with our topics: check, replay and explain take it as it is; what MAVROS has no names "
+            "for, such as vanes and surfaces, is left out here"
+        )
+    return import_content(content, MAVROS, mapping)
 
 
 def _is_ours(raw: RawMessages) -> bool:
