@@ -8,6 +8,7 @@ from collections.abc import Collection
 from aircraft_sysid_ros.effects.effect import (
     AERODYNAMIC,
     BEGIN,
+    LONGITUDINAL,
     OF_TIME,
     STEP,
     Domain,
@@ -23,7 +24,6 @@ from aircraft_sysid_ros.effects.effect import (
 _ATTACHED = "0.5-0.5*tanh((alpha-{onset})/{width})"
 _LIFT_LOST = f"(1-0.25*(1+sqrt({_ATTACHED}))**2)"
 _LIFT_LOST_LATE = f"(1-0.25*(1+sqrt(lag({_ATTACHED},{{lag}})))**2)"
-_LONGITUDINAL = ("CZ", "CX", "Cm")
 
 
 def _in_one_wash(name: str, axes: Collection[str]) -> Variant:
@@ -67,8 +67,8 @@ EFFECTS: tuple[Effect, ...] = (
         "C_Z, C_X, C_m += a (α - α₀)⁺ + b ((α - α₀)⁺)², or (a + b α) (1 - (1 + √x)² / 4), "
         "x = (1 - tanh((α - α₀) / w)) / 2",
         (
-            Variant(terms={axis: ("max(alpha-{onset},0)", "max(alpha-{onset},0)**2") for axis in _LONGITUDINAL}),
-            Variant("gradual", {axis: (_LIFT_LOST, f"{_LIFT_LOST}*alpha") for axis in _LONGITUDINAL}),
+            Variant(terms={axis: ("max(alpha-{onset},0)", "max(alpha-{onset},0)**2") for axis in LONGITUDINAL}),
+            Variant("gradual", {axis: (_LIFT_LOST, f"{_LIFT_LOST}*alpha") for axis in LONGITUDINAL}),
         ),
         "No error below an angle of attack, above it C_Z, C_X and C_m run away together, on the way down longer than "
         "on the way up.",
@@ -88,7 +88,7 @@ EFFECTS: tuple[Effect, ...] = (
         "M. Goman and A. Khrabrov, State-Space Representation of Aerodynamic Characteristics of an Aircraft at High "
         "Angles of Attack, J. Aircraft 31(5), 1994; R. Jategaonkar, Flight Vehicle System Identification",
         "C_Z, C_X, C_m += (a + b α) (1 - (1 + √x)² / 4), τ x' + x = (1 - tanh((α - α*) / w)) / 2",
-        (Variant(terms={axis: (_LIFT_LOST_LATE, f"{_LIFT_LOST_LATE}*alpha") for axis in _LONGITUDINAL}),),
+        (Variant(terms={axis: (_LIFT_LOST_LATE, f"{_LIFT_LOST_LATE}*alpha") for axis in LONGITUDINAL}),),
         "Errors of C_Z, C_X and C_m above an angle of attack that differ on the way up and on the way down.",
         "Stalls at several rates of pitch, each with a quick and with a slow recovery.",
         (
@@ -112,7 +112,7 @@ EFFECTS: tuple[Effect, ...] = (
             Variant(
                 terms={
                     axis: ("exp(-max(height,0)/{decay})", "exp(-max(height,0)/{decay})*alpha")
-                    for axis in ("CZ", "CX", "Cm")
+                    for axis in LONGITUDINAL
                 }
             ),
         ),

@@ -8,6 +8,7 @@ from aircraft_sysid_ros.effects.effect import (
     BEGIN,
     CHANGE,
     CHORD_BY_SPAN,
+    LONGITUDINAL,
     STEP,
     Effect,
     Tie,
@@ -16,7 +17,6 @@ from aircraft_sysid_ros.effects.effect import (
 )
 
 _TIME_OF_CHANGE = (BEGIN,)
-_LONGITUDINAL = ("CZ", "CX", "Cm")
 
 
 def _after(*terms: str) -> tuple[str, ...]:
@@ -167,7 +167,7 @@ EFFECTS: tuple[Effect, ...] = (
         "recording shows. At the same angle of attack lift, drag and pitching moment have other constants.",
         "J. Roskam, Airplane Design, part VI; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
         "C_Z, C_X, C_m += a for t > t₀, with a number for each axis",
-        (Variant(terms={axis: _after("1") for axis in _LONGITUDINAL}),),
+        (Variant(terms={axis: _after("1") for axis in LONGITUDINAL}),),
         "From some time on constant errors of C_Z, C_X and C_m.",
         "Flaps out and in at constant speed, recorded.",
         _TIME_OF_CHANGE,
@@ -181,8 +181,8 @@ EFFECTS: tuple[Effect, ...] = (
         "B. Etkin and L. Reid, Dynamics of Flight; W. Phillips, Mechanics of Flight",
         "C_X, C_Z, C_m += a / q̄ for t > t₀, or for t < t₀, with a number for each axis",
         (
-            Variant("hooked on", {axis: _after("(1/qbar)") for axis in _LONGITUDINAL}),
-            Variant("dropped", {axis: (f"(1-{STEP})*(1/qbar)",) for axis in _LONGITUDINAL}),
+            Variant("hooked on", {axis: _after("(1/qbar)") for axis in LONGITUDINAL}),
+            Variant("dropped", {axis: (f"(1-{STEP})*(1/qbar)",) for axis in LONGITUDINAL}),
         ),
         "From some time on, or until then, errors of C_X, C_Z and C_m that are larger the slower it flies.",
         "Two speeds before and after the line is hooked on or dropped.",

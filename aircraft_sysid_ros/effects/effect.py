@@ -26,6 +26,8 @@ from aircraft_sysid_ros.aircraft.expression import SURFACE_WORDS, parse_expressi
 AERODYNAMIC, CHANGE, MEASUREMENT = "aerodynamic", "change in flight", "measurement"
 KINDS = (AERODYNAMIC, CHANGE, MEASUREMENT)
 
+#: Axes of what changes lift, drag and the pitching moment.
+LONGITUDINAL = ("CZ", "CX", "Cm")
 #: Ranges of inner numbers that come from the flight: the time of the flight, a signal that is in it.
 OF_TIME = "time"
 #: What is there from the inner number t0 on, what is there from t0 to t1, and what grows from t0 on and stays as it is

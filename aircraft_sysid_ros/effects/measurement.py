@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, ShapeParameter, Tie, Variant
+from aircraft_sysid_ros.effects.effect import LONGITUDINAL, MEASUREMENT, Effect, ShapeParameter, Tie, Variant
 
 
 def _of_drift(axes: Iterable[str], slope: str, factor: float) -> Variant:
@@ -112,7 +112,7 @@ EFFECTS: tuple[Effect, ...] = (
         "A vertical wind that grows and turns with the bank of the aeroplane; constants of C_Z and C_m that change.",
         "Straight flight and steep turns in calm air, at the beginning and at the end.",
         (ShapeParameter("drift", "rad/s", -0.001, 0.001, 9),),
-        in_coefficients=_of_drift(("CZ", "CX", "Cm"), "_alpha", -1.0),
+        in_coefficients=_of_drift(LONGITUDINAL, "_alpha", -1.0),
     ),
     Effect(
         "beta_drift",

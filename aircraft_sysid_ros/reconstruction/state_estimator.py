@@ -250,9 +250,9 @@ class StateEstimator:
 
         assert self.tape is not None
         rows = smooth(self.tape, with_covariance)
-        airborne = np.flatnonzero(np.isin(rows[:, StateField.STATUS], _AIRBORNE))
-        if self._last_airborne is not None:
-            self._last_airborne = rows[airborne[-1]].copy()
+        airborne = _newest_airborne(rows)
+        if self._last_airborne is not None and airborne is not None:
+            self._last_airborne = airborne.copy()
         self.smoothed = True
         return rows
 
@@ -434,7 +434,7 @@ class StateEstimator:
                 if self._setup.guide == NO_GUIDE:
                     without_wind(rows[:count])
                 self.last_row = rows[count - 1]
-                airborne = next((row for row in rows[count - 1 :: -1] if row[StateField.STATUS] in _AIRBORNE), None)
+                airborne = _newest_airborne(rows[:count])
                 if airborne is not None:
                     self._last_airborne = airborne
                 yield rows[:count]
@@ -554,6 +554,11 @@ class StateEstimator:
 
     def _new_setup(self, imu: Array, guide: int = Kind.GPS_VELOCITY) -> Setup:
         return new_setup(self.aircraft, self.options, self._gate, self._origin, imu, guide)
+
+
+def _newest_airborne(rows: Array) -> Array | None:
+    """The last of some rows that air data have a part in."""
+    return next((row for row in rows[::-1] if row[StateField.STATUS] in _AIRBORNE), None)
 
 
 def _joined(first: Batch, second: Batch) -> Batch:

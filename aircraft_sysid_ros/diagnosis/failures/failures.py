@@ -241,8 +241,8 @@ def _is_told(failure: Failure, ahead: float) -> bool:
         lost = failure.is_loss_of_thrust and failure.left < THROTTLE_LEFT and ahead > -THRESHOLDS.failure_lead
         return lost and (failure.end is None or failure.end - failure.begin > ENGINE_TIME)
     gone = abs(failure.left) < MOST_LEFT and failure.left + 2.0 * failure.left_std < MOST_LEFT_AT_ALL
-    gone = gone and failure.moved >= LEAST_MOTION * failure.usual
-    return (gone or abs(failure.asked - failure.level) > FAR * failure.usual) and ahead > 0.0
+    shown = failure.moved >= LEAST_MOTION * failure.usual
+    return ((gone and shown) or abs(failure.asked - failure.level) > FAR * failure.usual) and ahead > 0.0
 
 
 def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> Failure:

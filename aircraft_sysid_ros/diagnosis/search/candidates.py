@@ -25,6 +25,8 @@ Array = npt.NDArray[np.float64]
 SLOPES_IN, _SLOPE_STEP = ("alpha", "beta"), 0.01
 #: Inner numbers that are times at which something changes.
 MOMENTS_OF_CHANGE = ("t0", "t1")
+#: Time [s] for which a change that is undone is there: two blocks, one to learn it from, one to judge it on.
+SHORTEST_CHANGE = 2.0 * BLOCK
 #: Lengths of growth that are tried first, as shares of the flight.
 _GROWTHS = (0.04, 0.08, 0.16, 0.32, 0.64)
 
@@ -206,11 +208,9 @@ def is_possible(effect: Effect, values: Mapping[str, float], data: FlightData) -
 
 
 def lasts(values: Mapping[str, float]) -> bool:
-    """Whether a change that is undone, or that takes its time, does so for two blocks: one to learn it from, one to
-    judge it on.
-    """
+    """Whether a change that is undone, or that takes its time, does so for long enough."""
     end = values.get("t1", values.get("full", np.inf))
-    return end == np.inf or end - values["t0"] >= 2.0 * BLOCK
+    return end == np.inf or end - values["t0"] >= SHORTEST_CHANGE
 
 
 def is_measured(variant: Variant, data: FlightData, base: Mapping[str, str]) -> bool:

@@ -196,10 +196,15 @@ class AxisFit:
     @property
     def nrmse_fit(self) -> float:
         """The same of the residuals of the fit to all points."""
-        return self._nrmse(self._base.residual**2)
+        return self._nrmse(self.residual**2)
 
     def _nrmse(self, squares: Array) -> float:
         return float(np.sqrt(np.sum(squares) / len(self.y)) / self.spread) if self.spread > 0.0 else np.nan
+
+    @property
+    def residual(self) -> Array:
+        """What the fit to all points leaves of each of them (N,)."""
+        return self._base.residual
 
     @property
     def parameters(self) -> Array:
@@ -212,12 +217,12 @@ class AxisFit:
     def fit(self) -> Fit:
         """The whole result."""
         theta = np.where(self.determined, self.parameters, np.nan)
-        held_out = self._base.residual - np.sum(self.basis * self._judged[1][self._row_fold], axis=1)
+        held_out = self.residual - np.sum(self.basis * self._judged[1][self._row_fold], axis=1)
         return Fit(
             names=self.names,
             parameters=theta,
             covariance=self._covariance(),
-            residual=self._spread_out(self._base.residual),
+            residual=self._spread_out(self.residual),
             held_out=self._spread_out(held_out),
             nrmse_fit=self.nrmse_fit,
             nrmse_held_out=self.nrmse_held_out,

@@ -17,8 +17,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
-from aircraft_sysid_ros.diagnosis.search.candidates import limits
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.candidates import SHORTEST_CHANGE, limits
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.effects.effect import END, STEP, Variant, fill
 
@@ -40,9 +40,8 @@ class _AxisSums:
         terms = np.nan_to_num(data.columns(data.parsed(always))[fit.rows])
         size = np.sqrt(np.mean(terms**2, axis=0))
         terms = terms / np.where(size > 0.0, size, 1.0)
-        residual = fit.y - fit.basis @ (fit.basis.T @ fit.y)
-        (count, self._k), self._whole = terms.shape, float(residual @ residual)
-        beside = np.column_stack([terms, fit.basis, residual])
+        (count, self._k), self._whole = terms.shape, float(fit.residual @ fit.residual)
+        beside = np.column_stack([terms, fit.basis, fit.residual])
         products = (terms[:, :, None] * beside[:, None, :]).reshape(count, -1)
         self._sums = np.vstack([np.zeros(products.shape[1]), np.cumsum(products, axis=0)])
         self._time = data.time[fit.rows]
@@ -69,7 +68,7 @@ def best_intervals(
     low, high = limits(END, data)
     moments = np.unique([*np.linspace(low, high, _MOMENTS), *data.seams])
     first, last = np.triu_indices(len(moments), 1)
-    long = moments[last] - moments[first] >= 2.0 * BLOCK
+    long = moments[last] - moments[first] >= SHORTEST_CHANGE
     first, last = first[long], last[long]
     gains = _over_axes(sums, moments[first], moments[last])
     for _ in range(_STARTS):
@@ -91,6 +90,6 @@ def _closer(sums: Sequence[_AxisSums], begin: float, end: float, width: float) -
     for _ in range(_CLOSER):
         starts = np.repeat(begin + width * steps, len(steps))
         ends = np.tile(end + width * steps, len(steps))
-        best = int(np.argmax(np.where(ends - starts >= 2.0 * BLOCK, _over_axes(sums, starts, ends), -np.inf)))
+        best = int(np.argmax(np.where(ends - starts >= SHORTEST_CHANGE, _over_axes(sums, starts, ends), -np.inf)))
         begin, end, width = float(starts[best]), float(ends[best]), width / _NEARBY
     return begin, end
