@@ -18,6 +18,10 @@ R = TypeVar("R")
 _PR_SET_PDEATHSIG = 1
 #: Environment variable with the number of processes at a time, where it is not that of the cores.
 CORES = "AIRCRAFT_SYSID_CORES"
+#: One thread of linear algebra in each process, where numpy is loaded afterwards: what is solved here is small, cores
+#: are shared by processes, and threads that wait for each other spin (diagnosis of half an hour took five times as much
+#: processor time). What is computed depends on the number of threads besides.
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def cores() -> int:

@@ -17,6 +17,7 @@ from aircraft_sysid_ros import __version__
 from aircraft_sysid_ros.errors import IncompleteError, InputError, echo, without_control
 from aircraft_sysid_ros.installation import unmet_requirement
 from aircraft_sysid_ros.json_text import json_text
+from aircraft_sysid_ros.processes import ONE_THREAD
 from aircraft_sysid_ros.spelling import did_you_mean
 
 #: Command, the module that has it and its purpose, in the order in which a user meets them.
@@ -139,6 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
     if arguments is not None:
         return _run(arguments)
+    os.environ.update({name: os.environ.get(name, count) for name, count in ONE_THREAD.items()})
     gc.disable()  # until all is imported, see `_parsed`
     try:
         return _run(sys.argv[1:])

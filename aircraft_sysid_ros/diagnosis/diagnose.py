@@ -178,10 +178,12 @@ def diagnose(
         known = {f.trial.candidate.family for f in listed}
         listed += [f for f in significant if f.trial.candidate.family not in known]
         level = THRESHOLDS.further if found else THRESHOLDS.verdict
-        sure = (f for f in significant if f.matters and f.p_value < level and (not found or f.lowers_the_error()))
-        best = next((f for f in sure if f.trial.main_axis not in resting), None)
-        if best is None:
+        sizeable = (f for f in significant if f.matters and f.trial.main_axis not in resting)
+        named = [f for f in sizeable if not found or f.lowers_the_error()]
+        sure = next((f for f in named if f.p_value < level), None)
+        if sure is None:
             break
+        best = next((f for f in named[: named.index(sure)] if explains_more(f.trial, sure.trial)), sure)
         terms = new_terms(bench.data, best.trial)
         bench = bench.judging(best.trial.candidate).extended(terms)
         shapes = shapes_of(bench, best.trial)

@@ -26,6 +26,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     imu_explains,
     in_file,
     is_a_fault,
+    is_small,
     jobs_of,
     measurement_faults,
     setting_of,
@@ -34,7 +35,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
 )
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
-from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, replicas_of
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
@@ -84,12 +85,14 @@ def diagnose_flight(
             settings.append(place)
     trim = trim_finding(data)
     model = None if trim is None else trim.flight.with_terms(new_terms(trim.flight, trim.trial)).model
+    repeated: list[Replica] = []
     while True:
-        if model is not None:  # what hides what the moment does otherwise, here and in replicas
-            flight = replace(flight, aircraft=replace(flight.aircraft, model=model))
-            data = settled_flight(flight)
-        bench = CandidateEvaluator(data)
-        repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
+        if not repeated:
+            if model is not None:  # what hides what the moment does otherwise, here and in replicas
+                flight = replace(flight, aircraft=replace(flight.aircraft, model=model))
+                data = settled_flight(flight)
+            bench = CandidateEvaluator(data)
+            repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
         result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
         shown = next((f for f in result.found if _is_of_sensor(f)), None)
         if shown is None:
@@ -100,6 +103,7 @@ def diagnose_flight(
             aircraft, flight, finding = corrected
             data = settled_flight(flight)
             settings.append(finding)
+            repeated = []
     if trim is not None:
         result, data = result.after(trim), trim.flight
     data = replace(data, names=tuple(names), runs=tuple(runs))
@@ -305,6 +309,8 @@ def with_setting_of(
     likelihood of the first step; None where the flight that is reconstructed with it does not keep what it promises.
     """
     setting, terms = setting_of(finding.trial, measuring, aircraft, finding.evidence), finding.trial.candidate.effect
+    if is_small(setting.variant.setting, setting.value, flight):
+        return None
     for left in range(_CORRECTIONS, -1, -1):
         try:
             better = with_setting(aircraft, setting.variant.setting, setting.value)

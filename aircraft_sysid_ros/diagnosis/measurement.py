@@ -247,7 +247,7 @@ def try_setting(job: Job) -> Setting:
         needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
     beside = ((AIR_DATA_LAG, float(f"{lags[value]:.4g}")),) if value in lags else ()
     found_so = Setting(effect, variant, start, float(f"{value:.4g}"), best, 0.0, std, beside=beside)
-    if feigns and (_is_small(variant.setting, value, flight) or not (calm or walk <= THRESHOLDS.calm)):
+    if feigns and (is_small(variant.setting, value, flight) or not (calm or walk <= THRESHOLDS.calm)):
         best = 0.0
     elif best > needed and not of_controls and variant.setting[-1] != "drift":  # which begins anew with each half
         without = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
@@ -325,7 +325,7 @@ def _in_both_halves(better: Aircraft, file: Aircraft, samples: Samples) -> bool:
     return all(gained > -THRESHOLDS.half_against or not np.isfinite(gained) for gained in gains)
 
 
-def _is_small(setting: tuple[str, ...], value: float, flight: Reconstruction) -> bool:
+def is_small(setting: tuple[str, ...], value: float, flight: Reconstruction) -> bool:
     """Whether a scale, an offset or a drift is less than what matters to any coefficient."""
     quantity, of_airspeed = setting[-1], setting[1] == "airspeed"
     seconds = float(np.ptp(flight.points[:, 0])) if len(flight.points) else 0.0

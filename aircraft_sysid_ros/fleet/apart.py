@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError, one_line
-from aircraft_sysid_ros.processes import CORES, end_with
+from aircraft_sysid_ros.processes import CORES, ONE_THREAD, end_with
 
 #: How often a process is begun anew that was killed from outside.
 TRIES = 3
@@ -48,7 +48,7 @@ class Failed(Exception):
 def run_apart(work: Callable[..., Mapping[str, Any]], *args: Any, limits: Limits, preload: Sequence[str] = ()) -> Any:
     """``work(*args)``, a mapping, from a process of its own that has imported ``preload``. Raises Failed."""
     multiprocessing.current_process().daemon = False  # one of Dask's may have no children otherwise
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    os.environ.update(ONE_THREAD)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(preload))
     for _ in range(TRIES):

@@ -19,9 +19,9 @@ from typing import Any, BinaryIO, NamedTuple, cast
 
 from aircraft_sysid_ros.diagnosis.live.search_in_flight import LiveFlight, diagnose_live
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.processes import ONE_THREAD
 
 _NICENESS = 10
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 class Answer(NamedTuple):
@@ -88,7 +88,7 @@ def _start() -> subprocess.Popen[bytes]:
         [sys.executable, "-m", "aircraft_sysid_ros.diagnosis.live.worker"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        env={**os.environ, **_ONE_THREAD},
+        env={**os.environ, **ONE_THREAD},
         start_new_session=True,  # Ctrl-C is for the node
     )
 
