@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba.extending import register_jitable
 
 from aircraft_sysid_ros.kernels import njit
+
+Array = npt.NDArray[np.float64]
 
 GAS_CONSTANT = 287.05287  # [J/(kg K)] dry air
 HEAT_RATIO = 1.4
@@ -34,6 +37,15 @@ def pressure(altitude: float) -> float:
     if altitude > TROPOPAUSE:
         p *= np.exp(-STANDARD_GRAVITY * (altitude - TROPOPAUSE) / (GAS_CONSTANT * temperature(altitude)))
     return p
+
+
+@njit(cache=True)
+def pressures(altitudes: Array) -> Array:
+    """``pressure`` at each altitude (n,) [m]."""
+    out = np.empty(len(altitudes))
+    for i in range(len(altitudes)):
+        out[i] = pressure(altitudes[i])
+    return out
 
 
 @register_jitable

@@ -179,6 +179,15 @@ def rotation_matrix(q: Array) -> Array:
 
 
 @njit(cache=True)
+def rotation_matrices(quaternions: Array) -> Array:
+    """``rotation_matrix`` of each of n quaternions (n, 4): (n, 3, 3)."""
+    out = np.empty((len(quaternions), 3, 3))
+    for i in range(len(quaternions)):
+        out[i] = rotation_matrix(quaternions[i])
+    return out
+
+
+@njit(cache=True)
 def quaternion_product(a: Array, b: Array) -> Array:
     """a (x) b, (4,): first turn by b, then by a."""
     p = np.empty(4)
@@ -289,6 +298,15 @@ def air_data_from_velocity(v: Array | Vector) -> tuple[float, float, float]:
     alpha = np.arctan2(v[2], v[0])
     beta = np.arctan2(v[1], np.sqrt(v[0] * v[0] + v[2] * v[2]))
     return speed, alpha, beta
+
+
+@njit(cache=True)
+def air_data_from_velocities(velocities: Array) -> Array:
+    """``air_data_from_velocity`` of each of n velocities (n, 3): (n, 3)."""
+    out = np.empty((len(velocities), 3))
+    for i in range(len(velocities)):
+        out[i, 0], out[i, 1], out[i, 2] = air_data_from_velocity(velocities[i])
+    return out
 
 
 @njit(cache=True)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.aircraft.frames import rotation_matrices
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
@@ -173,7 +173,7 @@ def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
         epoch,
         rows[:, StateField.TIME].copy(),
         rows[:, StateField.VELOCITY].copy(),
-        np.array([rotation_matrix(q) for q in rows[:, StateField.ATTITUDE]]),
+        rotation_matrices(rows[:, StateField.ATTITUDE]),
         rows[:, StateField.ANGULAR_VELOCITY].copy(),
         down[0] - down,
         rows[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE : D_ATTITUDE + 3].copy(),

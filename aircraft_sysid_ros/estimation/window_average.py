@@ -80,3 +80,15 @@ def window_average(
             else:
                 means[k] += 0.5 * weight * (data[j, k] + data[j + 1, k])
             slopes[k] += weight * (data[j + 1, k] - data[j, k]) / step
+
+
+@njit(cache=True)
+def window_averages(times: Array, data: Array, centers: Array, half_width: float, sparse: bool) -> Array:
+    """Means (c, m) of the columns of data (n, m) over the windows about c centers; NaN where times do not span one."""
+    means, slopes = np.full((len(centers), data.shape[1]), np.nan), np.empty(data.shape[1])
+    for i in range(len(centers)):
+        first = np.searchsorted(times, centers[i] - half_width, side="right") - 1
+        last = np.searchsorted(times, centers[i] + half_width)
+        if first >= 0 and last < len(times):
+            window_average(times, data, first, last, centers[i], half_width, means[i], slopes, sparse)
+    return means

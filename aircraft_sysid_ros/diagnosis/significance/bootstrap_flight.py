@@ -19,14 +19,14 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT, evaluate_rows, with_lags
-from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix
+from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, evaluate_rows, with_lags
+from aircraft_sysid_ros.aircraft.frames import air_data_from_velocities, rotation_matrices
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconstruction
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
-from aircraft_sysid_ros.estimation.window_average import window_average
+from aircraft_sysid_ros.estimation.window_average import window_averages
 from aircraft_sysid_ros.identification.coefficients.body import body_of
-from aircraft_sysid_ros.identification.coefficients.signals import fill_signals
+from aircraft_sysid_ros.identification.coefficients.signals import signals_of
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, manoeuvre_at, run_of_manoeuvres, samples_of
@@ -82,16 +82,10 @@ class FlightConditions:
 
         ``seen``: the times [s] of the states where those are sparse; a measured coefficient knows no others.
         """
-        out, slopes = np.full((len(times), 6), np.nan), np.empty(6)
         grid, excess, sparse = self.truth.time, self.excess, seen is not None
         if seen is not None:
             grid, excess = seen, np.stack([np.interp(seen, grid, column) for column in excess.T], axis=1)
-        for i, center in enumerate(times):
-            first = int(np.searchsorted(grid, center - half_width, side="right")) - 1
-            last = int(np.searchsorted(grid, center + half_width))
-            if first >= 0 and last < len(grid):
-                window_average(grid, excess, first, last, center, half_width, out[i], slopes, sparse)
-        return out
+        return window_averages(grid, excess, times, half_width, sparse)
 
 
 def world_of(flight: Reconstruction, stretches: list[Array], parameters: Array, seed: int) -> FlightConditions:
@@ -113,9 +107,9 @@ def world_of(flight: Reconstruction, stretches: list[Array], parameters: Array, 
     band = gust_band(sensing, float(np.mean(rows[:, StateField.AIRSPEED])), gusts)
     wind = on_grid[:, StateField.WIND] + _fast_gusts(len(time), gusts, band, seed)
     velocity = on_grid[:, StateField.VELOCITY]
-    to_body = np.array([rotation_matrix(q).T for q in quaternion])
+    to_body = np.ascontiguousarray(rotation_matrices(quaternion).transpose(0, 2, 1))
     air_velocity = np.einsum("nij,nj->ni", to_body, velocity - wind)
-    flow = np.array([air_data_from_velocity(v) for v in air_velocity])
+    flow = air_data_from_velocities(air_velocity)
     world_rows = on_grid.copy()
     world_rows[:, StateField.ANGULAR_VELOCITY] = rates
     world_rows[:, StateField.SPECIFIC_FORCE], world_rows[:, StateField.AIR_VELOCITY] = force, air_velocity
@@ -140,7 +134,7 @@ def world_of(flight: Reconstruction, stretches: list[Array], parameters: Array, 
         alpha=flow[:, 1],
         beta=flow[:, 2],
         density=on_grid[:, StateField.AIR_DENSITY],
-        static_pressure=np.array([atmosphere.pressure(h) for h in altitude]),
+        static_pressure=atmosphere.pressures(altitude),
         height=height,
         controls=controls,
         inputs=inputs[:, : len(aircraft.inputs)],
@@ -246,9 +240,8 @@ def _series(samples: Samples, kind: Kind, width: int, time: Array, epoch: int) -
 
 def _model_coefficients(aircraft: Aircraft, rows: Array, controls: Array, height: Array, parameters: Array) -> Array:
     """What the model says of a motion, (n, 6)."""
-    body, signals = body_of(aircraft), np.empty((len(rows), SIGNAL_COUNT))
-    for row, control, h, out in zip(rows, controls, height, signals, strict=True):
-        fill_signals(row, control, h, float(rows[0, StateField.TIME]), body.geometry, body.gravity, out)
+    body = body_of(aircraft)
+    signals = signals_of(rows, controls, height, body.geometry, body.gravity)
     signals = with_lags(aircraft.model.lags, rows[:, StateField.TIME], signals, 1.5 / RATE)
     code, offsets = aircraft.model.linked
     terms = np.empty((len(rows), len(offsets) - 1))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, MOST_INPUTS, SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, MOST_INPUTS, SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.kernels import njit
@@ -78,6 +78,15 @@ def fill_signals(
     for k in range(MOST_INPUTS):
         out[_INPUTS + k] = controls[CONTROL_COUNT + k]
     out[FIRST_LAG:] = np.nan
+
+
+@njit(cache=True)
+def signals_of(rows: Array, controls: Array, heights: Array, geometry: Array, gravity: float) -> Array:
+    """Signals (n, SIGNAL_COUNT) of rows of StateField, as ``fill_signals`` makes them; time from the first row on."""
+    out = np.empty((len(rows), SIGNAL_COUNT))
+    for i in range(len(rows)):
+        fill_signals(rows[i], controls[i], heights[i], rows[0, 0], geometry, gravity, out[i])
+    return out
 
 
 def sensor_noise(aircraft: Aircraft) -> Array:
