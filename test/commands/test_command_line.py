@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.processes import ONE_THREAD
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS, nanoseconds_of
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
@@ -222,6 +223,21 @@ def test_bad_options_and_commands(cli, bag, aircraft_file, tmp_path, monkeypatch
 
 
 # -- what comes out -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("asked", "alone"), [(None, True), ("2", len(os.sched_getaffinity(0)) < 2)])
+def test_a_command_has_one_thread_of_linear_algebra_unless_the_user_asks_for_more(asked, alone):
+    """Its processes share the cores; threads that wait for each other spin."""
+    probe = (
+        "import os, sys; sys.argv = ['aircraft-sysid', 'compare', 'nowhere']\n"
+        "from aircraft_sysid_ros.commands.main import main; main()\n"
+        "import numpy; square = numpy.ones((500, 500)); square @ square\n"
+        "print(len(os.listdir('/proc/self/task')))"
+    )
+    others = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
+    environment = {**others, **({"OPENBLAS_NUM_THREADS": asked} if asked else {})}
+    done = subprocess.run([sys.executable, "-c", probe], env=environment, capture_output=True, text=True, check=True)
+    assert (int(done.stdout) == 1) == alone
 
 
 def test_json_is_one_document(run, bag, cli, tmp_path, aircraft_file):

@@ -347,6 +347,28 @@ def test_the_rule_that_refuses_an_effect_of_size_is_said(aircraft):
     assert "less than 10%" in replace(far, size=0.05).refusal(first=True)
 
 
+@pytest.mark.parametrize(("size", "named"), [(1.1, "dihedral_alpha"), (0.8, "sideslip_pitching")])
+def test_of_a_surer_effect_and_one_that_explains_clearly_more_that_is_named(aircraft, size, named):
+    """That something is missing the first one proves, what it is the other one tells."""
+
+    def lacking(c, after, f):
+        c[:, 3] -= size * f["alpha"] * f["beta"]
+        c[:, 4] += f["beta"] ** 2
+        return c
+
+    library = [BY_ID["dihedral_alpha"], BY_ID["sideslip_pitching"]]
+    benches = [CandidateEvaluator(random_flight(aircraft, seed=seed)) for seed in range(1, 7)]
+    by_chance = 0.3 * np.random.default_rng(3).normal(size=6)  # as wide as dihedral_alpha is hardly beyond
+    repeated = [
+        Replica(bench.data, {"dihedral_alpha": score, "sideslip_pitching": 0.001 * score}, {})
+        for bench, score in zip(benches, by_chance, strict=True)
+    ]
+    found = diagnose(CandidateEvaluator(random_flight(aircraft, lacking)), repeated, library)
+    chances = {each.trial.candidate.family: each.p_value for each in found.candidates}
+    assert chances["sideslip_pitching"] < THRESHOLDS.verdict < chances["dihedral_alpha"] < THRESHOLDS.false_alarm
+    assert found.found[0].trial.candidate.family == named
+
+
 @pytest.mark.parametrize("size", [0.0, 0.3])
 def test_what_nothing_explains_is_said_though_it_has_no_name(aircraft, size):
     """A pitching moment that follows nothing that is recorded: the answer is not that nothing is missing."""

@@ -1,5 +1,7 @@
 """A sensor that drifts moves every coefficient that reads it, in gusts too, where the wind hides it from the filter."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_tied_fit import flight_of
@@ -71,6 +73,15 @@ def test_a_vane_that_bends_in_gusts_is_told_by_forces_and_moments(aircraft):
     assert (found.verdict, first["effect"]) == ("missing", "alpha_drift")
     assert first["inner"]["drift"] == pytest.approx(rate, rel=0.2)
     assert "fits forces and moments better" in first["where"]
+
+
+def test_a_drift_that_grows_to_less_than_what_matters_is_none(monkeypatch, aircraft):
+    """The flight of the test above, of which forces and moments show the drift; a limit beyond it refuses the name."""
+    flown = simulate_samples(aircraft, 41, 45.0, turbulence="light", hidden=[("alpha_drift", 2.0)])
+    beyond = 1.2 * abs(flown.hidden[0].settings[0][1]) * 45.0
+    monkeypatch.setattr("aircraft_sysid_ros.diagnosis.measurement.THRESHOLDS", replace(THRESHOLDS, least_offset=beyond))
+    found = diagnose_flight(aircraft, flown.samples, [BY_ID["alpha_drift"], BY_ID["icing"]], 2)
+    assert "alpha_drift" not in [each["effect"] for each in found.json["candidates"] if each["found"]]
 
 
 def test_a_verdict_on_a_sensor_needs_the_level_of_a_verdict():
