@@ -31,7 +31,7 @@ from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 Array = npt.NDArray[np.float64]
 
 #: Replicas of a flight, and how much [s] of it they repeat.
-COUNT, LONGEST = 10, 300.0
+COUNT, LONGEST = 20, 300.0
 
 
 def fitted_parameters(data: FlightData) -> Array:
