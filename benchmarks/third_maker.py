@@ -55,7 +55,7 @@ MISSED = ("flaps", "engine_cut", "ground", "propeller_wash", "half_fin", "half_e
 JUDGING_2 = _drawn(950_000, 17, (*MISSED, *(effect for effect in EFFECTS if effect not in MISSED)))
 
 #: Number of the rules that a flight was judged by, in its line; 1 where it has none. It rises with the next rules.
-RULES = 4
+RULES = 5
 
 RIGHT, IN_SET, LATER, UNEXPLAINED, NONE, WRONG = "first", "in its set", "later", "unexplained", "none", "wrong"
 

@@ -177,7 +177,8 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
         1: "rules of before",
         2: "rules frozen since",
         3: "rules since then, fresh seeds",
-        4: "rules since that look, the rest",
+        4: "rules since that look",
+        5: "twenty replicas, the rest",
     }
     kinds = itertools.product(rules.items(), {**paces, "all": sum(paces.values(), ())}.items())
     for (number, when), (words, rates) in kinds:

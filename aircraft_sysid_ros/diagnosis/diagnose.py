@@ -76,16 +76,12 @@ class Finding:
     @property
     def _weakness(self) -> str:
         """The first rule of size that refuses it, in words; empty where none does."""
-        effect, gain = self.trial.candidate.effect, self.trial.gains[self.trial.main_axis]
+        gain = self.trial.gains[self.trial.main_axis]
         moved = np.sqrt(max(gain.nrmse_before**2 - gain.nrmse_after**2, 0.0))
-        must = effect.shows_in if effect else ()
-        shown = [size_of(self.trial.gains[axis]) for axis in must if axis in self.trial.gains]
-        if must and not any(size >= 0.5 * THRESHOLDS.size for size in shown):
-            axes = " and ".join(f"{axis[0]}_{axis[1]}" for axis in must)
-            cause = "does not show" if shown else "cannot be seen"
-            return f"it {cause} in {axes}, where it cannot be absent"
-        if wrong := self._wrong_sign:
-            return f"its part of {wrong[0]}_{wrong[1]} has the sign that it cannot have"
+        if impossible := self.impossible:
+            return impossible
+        if self._must_show_in and not self._shown:
+            return f"it cannot be seen in {self._must_show_in}, where it cannot be absent"
         if self.size < THRESHOLDS.size:
             return f"that is less than {THRESHOLDS.size:.0%}"
         if moved < THRESHOLDS.least_moved:
@@ -99,6 +95,28 @@ class Finding:
                 "widely say little of chance"
             )
         return "" if self.excess > self.trial.price else "it explains no more than its numbers cost"
+
+    @property
+    def impossible(self) -> str:
+        """Why its physics rules it out, in words; empty where it does not."""
+        shown = self._shown
+        if shown and max(shown) < 0.5 * THRESHOLDS.size:
+            return f"it does not show in {self._must_show_in}, where it cannot be absent"
+        if wrong := self._wrong_sign:
+            return f"its part of {wrong[0]}_{wrong[1]} has the sign that it cannot have"
+        return ""
+
+    @property
+    def _must_show_in(self) -> str:
+        """The axes where its physics cannot be absent, in words."""
+        effect = self.trial.candidate.effect
+        return " and ".join(f"{axis[0]}_{axis[1]}" for axis in (effect.shows_in if effect else ()))
+
+    @property
+    def _shown(self) -> list[float]:
+        """Share of the error of each of these axes that goes, where the flight can judge it."""
+        effect, gains = self.trial.candidate.effect, self.trial.gains
+        return [size_of(gains[axis]) for axis in (effect.shows_in if effect else ()) if axis in gains]
 
     @property
     def _wrong_sign(self) -> str:
@@ -379,13 +397,15 @@ class _Round:
         return self._finding(trial, excess, evidence, p_value)
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
-        """The finding with the candidates that this flight cannot tell from it."""
+        """The finding with the candidates that this flight cannot tell from it; what physics rules out is none."""
         axis, family = finding.trial.main_axis, finding.trial.candidate.family
         own = self.bench.contribution(finding.trial, axis)
         names = []
         for other in others:
             candidate = other.trial.candidate
             if candidate.effect is None or candidate.family == family or axis not in other.trial.gains:
+                continue
+            if other.impossible:
                 continue
             alike = _correlation(own, self.bench.contribution(other.trial, axis))
             if alike >= THRESHOLDS.alike and other.excess >= THRESHOLDS.as_good * finding.excess:

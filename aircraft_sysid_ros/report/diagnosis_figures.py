@@ -45,7 +45,7 @@ def comparison_figure(comparison: Comparison, path: str | Path, title: str) -> P
     plots[0, 0].legend(loc="upper right", ncols=2, fontsize=8)
     plots[0, 1].set_title("held-out residual, two sigma of noise (green), worse (orange)", loc="left", fontsize=10)
     for plot in plots[-1]:
-        plot.set_xlabel("time of the recording [s]")
+        plot.set_xlabel("time since the filter started [s]")
     figure.suptitle(title)
     figure.savefig(path, dpi=110)
     plt.close(figure)

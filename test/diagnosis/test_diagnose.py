@@ -34,7 +34,7 @@ from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import (
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.words import FlightDiagnosis
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.effects.effect import with_setting
+from aircraft_sysid_ros.effects.effect import Variant, with_setting
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import Kind
@@ -367,6 +367,24 @@ def test_of_a_surer_effect_and_one_that_explains_clearly_more_that_is_named(airc
     chances = {each.trial.candidate.family: each.p_value for each in found.candidates}
     assert chances["sideslip_pitching"] < THRESHOLDS.verdict < chances["dihedral_alpha"] < THRESHOLDS.false_alarm
     assert found.found[0].trial.candidate.family == named
+
+
+@pytest.mark.parametrize(("must", "alike"), [((), ("twin",)), (("Cn",), ())])
+def test_what_physics_rules_out_is_not_what_it_may_as_well_be(aircraft, must, alike):
+    """The same rolling moment, of an effect that may have a yawing moment or must have one, which is not there."""
+
+    def lacking(c, after, f):
+        c[:, 3] -= 0.8 * f["alpha"] * f["beta"]
+        return c
+
+    terms = {**BY_ID["dihedral_alpha"].variants[0].terms, "Cn": ("alpha*de",)}
+    twin = replace(BY_ID["dihedral_alpha"], identifier="twin", variants=(Variant(terms=terms),), shows_in=must)
+    library = [BY_ID["dihedral_alpha"], twin]
+    benches = [CandidateEvaluator(random_flight(aircraft, seed=seed)) for seed in range(1, 5)]
+    repeated = [Replica(b.data, {e.identifier: b.best_of(e).score for e in library}, {}) for b in benches]
+    found = diagnose(CandidateEvaluator(random_flight(aircraft, lacking)), repeated, library)
+    assert [each.trial.candidate.family for each in found.found] == ["dihedral_alpha"]
+    assert found.found[0].confounded_with == alike
 
 
 @pytest.mark.parametrize("size", [0.0, 0.3])

@@ -21,7 +21,7 @@ Span = tuple[float, float]
 FAILS, MORE, NOISE, SHORT, NO_DATA = "fails", "more than noise", "only noise", "too short to tell", "no data"
 #: Forces at the left, moments at the right.
 ORDER = ("CX", "Cl", "CY", "Cm", "CZ", "Cn")
-TIME_TITLE = "time of the recording [s]"
+TIME_TITLE = "time since the filter started [s]"
 #: Of the folds, the one whose blocks are shaded.
 _SHOWN_FOLD = 0
 #: What the line of the model is called.

@@ -51,7 +51,7 @@ SIGNAL_WORDS = {
     "height": Quantity("height", "m"),
     "alpha_dot": Quantity("rate of α, α̇ c/V", "-"),
     "beta_dot": Quantity("rate of β, β̇ b/2V", "-"),
-    "time": Quantity("time of the recording", "s"),
+    "time": Quantity("time since the filter started", "s"),
 }
 
 
