@@ -140,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
     if arguments is not None:
         return _run(arguments)
-    os.environ.update({name: os.environ.get(name, count) for name, count in ONE_THREAD.items()})
+    os.environ.update({**ONE_THREAD, **os.environ})
     gc.disable()  # until all is imported, see `_parsed`
     try:
         return _run(sys.argv[1:])

@@ -201,6 +201,7 @@ def diagnose(
         sure = next((f for f in named if f.p_value < level), None)
         if sure is None:
             break
+        # That something is missing the surest one proves; what it is, the one that explains clearly most.
         best = next((f for f in named[: named.index(sure)] if explains_more(f.trial, sure.trial)), sure)
         terms = new_terms(bench.data, best.trial)
         bench = bench.judging(best.trial.candidate).extended(terms)
