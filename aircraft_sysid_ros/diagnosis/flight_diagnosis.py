@@ -15,7 +15,7 @@ from scipy.special import chdtrc, chdtri
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
-from aircraft_sysid_ros.diagnosis.diagnose import Finding, diagnose
+from aircraft_sysid_ros.diagnosis.diagnose import Diagnosis, Finding, diagnose
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces
@@ -85,25 +85,18 @@ def diagnose_flight(
             settings.append(place)
     trim = trim_finding(data)
     model = None if trim is None else trim.flight.with_terms(new_terms(trim.flight, trim.trial)).model
-    repeated: list[Replica] = []
     while True:
-        if not repeated:
-            if model is not None:  # what hides what the moment does otherwise, here and in replicas
-                flight = replace(flight, aircraft=replace(flight.aircraft, model=model))
-                data = settled_flight(flight)
-            bench = CandidateEvaluator(data)
-            repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
-        result = diagnose(bench, repeated, others, lambda share: progress("try the library", share))
-        shown = next((f for f in result.found if _is_of_sensor(f)), None)
-        if shown is None:
-            break
-        others = [effect for effect in others if effect.identifier != shown.trial.candidate.family]
-        corrected = with_setting_of(shown, measuring, aircraft, flight)
-        if corrected is not None:
-            aircraft, flight, finding = corrected
+        if model is not None:  # what hides what the moment does otherwise, here and in replicas
+            flight = replace(flight, aircraft=replace(flight.aircraft, model=model))
             data = settled_flight(flight)
-            settings.append(finding)
-            repeated = []
+        bench = CandidateEvaluator(data)
+        repeated = replicas_of(flight, others, replicas, lambda share: progress("fly replicas", share))
+        result, others, corrected = _searched(bench, repeated, others, measuring, aircraft, flight, progress)
+        if corrected is None:
+            break
+        aircraft, flight, finding = corrected
+        data = settled_flight(flight)
+        settings.append(finding)
     if trim is not None:
         result, data = result.after(trim), trim.flight
     data = replace(data, names=tuple(names), runs=tuple(runs))
@@ -113,6 +106,30 @@ def diagnose_flight(
     zero = flight.epoch + int(1e9 * (flight.points[0, CoefficientSample.TIME] - data.begin))
     first = int(samples.stamp[samples.kind != Kind.SEAM].min())
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen), zero, first)
+
+
+def _searched(
+    bench: CandidateEvaluator,
+    repeated: Sequence[Replica],
+    others: Sequence[Effect],
+    measuring: Sequence[Effect],
+    aircraft: Aircraft,
+    flight: Reconstruction,
+    progress: Callable[[str, float], None],
+) -> tuple[Diagnosis, list[Effect], tuple[Aircraft, Reconstruction, MeasurementFinding] | None]:
+    """The answer of the library, what of it is to be tried from now on, and the flight with the error of a sensor that
+    the answer names, if it names one that holds; one that does not is left out, and the rest is tried again.
+    """
+    left = list(others)
+    while True:
+        result = diagnose(bench, repeated, left, lambda share: progress("try the library", share))
+        shown = next((f for f in result.found if _is_of_sensor(f)), None)
+        if shown is None:
+            return result, left, None
+        left = [effect for effect in left if effect.identifier != shown.trial.candidate.family]
+        corrected = with_setting_of(shown, measuring, aircraft, flight)
+        if corrected is not None:
+            return result, left, corrected
 
 
 def _measurement_first(

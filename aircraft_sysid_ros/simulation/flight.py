@@ -155,7 +155,7 @@ def _truth(
         alpha=column("alpha"),
         beta=column("beta"),
         density=np.array([atmosphere.air_density(h) for h in altitude]),
-        static_pressure=np.array([atmosphere.pressure(h) for h in altitude]),
+        static_pressure=atmosphere.pressures(altitude),
         height=column("height"),
         controls=controls,
         inputs=signals[:, len(SIGNALS) : len(SIGNALS) + len(setup.airframe.inputs)].copy(),
