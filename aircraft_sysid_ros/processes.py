@@ -56,6 +56,7 @@ _WORK: list[Any] = []
 
 def _begin(parent: int, function: Callable[[T], R], items: Sequence[T]) -> None:
     end_with(parent)
+    os.environ[CORES] = "1"  # the others have theirs
     gc.freeze()  # what was there before is neither looked through nor, by that, copied
     _WORK[:] = function, items
 

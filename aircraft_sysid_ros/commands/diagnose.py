@@ -13,7 +13,7 @@ from aircraft_sysid_ros.commands.compare import percent
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
-from aircraft_sysid_ros.diagnosis.words import headline
+from aircraft_sysid_ros.diagnosis.words import chosen_anew, headline
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -73,6 +73,8 @@ def _about(candidate: dict[str, Any]) -> list[str]:
     if candidate["expression"] and candidate["expression"] != candidate["label"]:
         lines.append(f'    to add: "{candidate["expression"]}"')
     lines.append(f"    where: {candidate['where']}")
+    if anew := chosen_anew(candidate):
+        lines.append(f"    {anew}")
     if candidate["confounded_with"]:
         lines.append(f"    this flight cannot tell it from {', '.join(candidate['confounded_with'])}")
     if candidate.get("refused"):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aircraft_sysid_ros.diagnosis.diagnose import resting_on
+from aircraft_sysid_ros.diagnosis.finding import resting_on
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
 from aircraft_sysid_ros.diagnosis.measurement import feigns_wind
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act, candidates_of, where_it_acts

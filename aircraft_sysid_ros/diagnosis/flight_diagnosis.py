@@ -15,7 +15,8 @@ from scipy.special import chdtrc, chdtri
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
-from aircraft_sysid_ros.diagnosis.diagnose import Diagnosis, Finding, diagnose
+from aircraft_sysid_ros.diagnosis.diagnose import Diagnosis, diagnose
+from aircraft_sysid_ros.diagnosis.finding import Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces

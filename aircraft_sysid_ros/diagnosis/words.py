@@ -10,7 +10,8 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.cannot_show import OutOfReach
-from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Diagnosis, Finding, resting_on
+from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Diagnosis
+from aircraft_sysid_ros.diagnosis.finding import Finding, resting_on
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
 from aircraft_sysid_ros.diagnosis.search.candidates import MOMENTS_OF_CHANGE, Candidate
@@ -36,6 +37,19 @@ def headline(said: Mapping[str, Any]) -> str:
         axes = listed([f"{axis[0]}_{axis[1]}" for axis in said["left"]])
         return f"nothing is named, and most of {axes} is not explained"
     return _HEADLINES[said["verdict"]]
+
+
+def chosen_anew(candidate: Mapping[str, Any]) -> str:
+    """In words what is named without each part of the flight, and the error there; empty of what nothing says that."""
+    nested = candidate.get("nested")
+    if not nested:
+        return ""
+    others = sorted({name or "nothing" for name in nested["others"]})
+    return (
+        f"chosen anew without each quarter of the flight: the same in {nested['same']} of {nested['parts']}"
+        + (f" (else {listed(others)})" if others else "")
+        + f"; error of {candidate['main_axis']} in the quarters left out {100.0 * nested['error_after']:.3g} %"
+    )
 
 
 #: Candidates of which it is said why they are no verdict.
@@ -146,6 +160,7 @@ class FlightDiagnosis:
                 for text, (value, std) in zip(texts, _fitted(added, a, texts), strict=True)
             ],
             "shape": dict(finding.shape),
+            "nested": _nested(finding),
             "found": finding in self.diagnosis.found,
             "refused": self._refusal(finding),
         }
@@ -315,6 +330,15 @@ class FlightDiagnosis:
             for other in finding.confounded_with:
                 if other in BY_ID:
                     yield f"This flight cannot tell it from {BY_ID[other].name}; to separate them: {effect.manoeuvre}"
+
+
+def _nested(finding: Finding) -> dict[str, Any] | None:
+    nested, own = finding.nested, finding.trial.candidate.family
+    if nested is None:
+        return None
+    others = [name for name in nested.names if name != own]
+    parts = len(nested.names)
+    return {"parts": parts, "same": parts - len(others), "others": others, "error_after": nested.error}
 
 
 def _fitted(flight: FlightData, axis: str, texts: Sequence[str]) -> list[tuple[float, float]]:

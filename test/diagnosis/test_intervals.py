@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,3 +78,29 @@ def test_the_best_interval_comes_first_and_none_is_shorter_than_can_be_judged(ai
     assert 1 <= len(found) <= 3 and all(each["t1"] - each["t0"] >= 10.0 for each in found)
     assert (found[0]["t0"], found[0]["t1"]) == pytest.approx((SPAN[0] + 1.0, SPAN[1] + 1.0), abs=1.5)
     assert not list(best_intervals(flight, {}, variant, bench.base))
+
+
+@pytest.mark.parametrize("since_start", [0.0, 777.0])
+def test_times_count_from_the_start_of_the_recording(aircraft, since_start):
+    """The flight that is judged may begin long after it."""
+    flight = flight_of(aircraft, 3)
+    signals = flight.signals.copy()
+    signals[:, SIGNAL_INDEX["time"]] += since_start
+    bench = CandidateEvaluator(flight.with_signals(signals))
+    (variant,) = effect_of("unrecorded_flaps").variants
+    (first, *_) = best_intervals(bench.data, bench.fits, variant, bench.base)
+    assert (first["t0"], first["t1"]) == pytest.approx(
+        (SPAN[0] + 1.0 + since_start, SPAN[1] + 1.0 + since_start), abs=1.5
+    )
+
+
+def test_a_change_that_is_not_undone_in_what_was_measured_has_no_end(aircraft):
+    """Beginnings are found to the second together with an end; without it the same change has a number less."""
+    for begin in (311.37, 412.8, 500.1):
+        flight = flight_of(aircraft, 5, with_flaps=False)
+        measured = flight.measured.copy()
+        measured[:, 2] -= 0.25 * (flight.time >= begin)
+        measured[:, 4] -= 0.02 * (flight.time >= begin)
+        measured[flight.time > 880.0] = np.nan
+        best = CandidateEvaluator(replace(flight, measured=measured)).best_of(effect_of("unrecorded_flaps"))
+        assert dict(best.candidate.inner) == {"t0": pytest.approx(begin, abs=0.25)}

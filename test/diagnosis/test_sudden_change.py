@@ -12,7 +12,8 @@ from test_tied_fit import flight_of as random_flight
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.commands.diagnose import render
-from aircraft_sysid_ros.diagnosis.diagnose import diagnose, explains_more
+from aircraft_sysid_ros.diagnosis.diagnose import diagnose
+from aircraft_sysid_ros.diagnosis.finding import explains_more
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import fit_sensor_noise, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request

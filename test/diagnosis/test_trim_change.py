@@ -9,7 +9,7 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
-from aircraft_sysid_ros.diagnosis.diagnose import Finding
+from aircraft_sysid_ros.diagnosis.finding import Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.trim.trim_change import trim_change

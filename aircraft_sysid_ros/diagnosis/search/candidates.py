@@ -75,6 +75,11 @@ class Candidate:
         return dict(self.inner)["t0"]
 
     @property
+    def moments(self) -> tuple[float, ...]:
+        """Times [s] at which a change begins, is complete, or ends; none of what is no change."""
+        return tuple(value for name, value in self.inner if name in (*MOMENTS_OF_CHANGE, FULL.name))
+
+    @property
     def passes(self) -> bool:
         """It is a change that is undone later."""
         return "t1" in dict(self.inner)

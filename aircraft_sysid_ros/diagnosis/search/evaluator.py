@@ -217,6 +217,7 @@ class CandidateEvaluator:
         forms = [t for t in (best, passing, growing) if t is not None]
         most = max(t.score for t in forms)
         found = [self._refined(t) for t in forms if t.score >= _CATCHES_UP * most]
+        found += [t for t in map(self._lasting, found) if t is not None]
         return max(found, key=lambda t: t.score - t.price)
 
     def best_candidates(self, effects: Sequence[Effect]) -> Iterator[Candidate | None]:
@@ -246,6 +247,15 @@ class CandidateEvaluator:
                 trial = self.trial(with_inner(effect, growing, values, self.base))
                 if trial is not None:
                     yield trial
+
+    def _lasting(self, trial: Score) -> Score | None:
+        """A change that is undone, with the same beginning and no end; None of anything else."""
+        effect, candidate = trial.candidate.effect, trial.candidate
+        if effect is None or not candidate.passes:
+            return None
+        variant = next(v for v in effect.variants if v.name == candidate.variant)
+        values = {name: value for name, value in candidate.inner if name != END.name}
+        return self.trial(with_inner(effect, variant, values, self.base))
 
     def _refined(self, best: Score) -> Score:
         """Move each inner number to where it explains most, in ever smaller steps."""

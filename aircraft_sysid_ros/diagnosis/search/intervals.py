@@ -44,7 +44,7 @@ class _AxisSums:
         beside = np.column_stack([terms, fit.basis, fit.residual])
         products = (terms[:, :, None] * beside[:, None, :]).reshape(count, -1)
         self._sums = np.vstack([np.zeros(products.shape[1]), np.cumsum(products, axis=0)])
-        self._time = data.time[fit.rows]
+        self._time = data.signal("time")[fit.rows]
 
     def log_ratios(self, begin: Array, end: Array) -> Array:
         """ln(sum of squares without a change / with it) of intervals (w,) [s]."""

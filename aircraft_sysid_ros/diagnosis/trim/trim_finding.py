@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aircraft_sysid_ros.diagnosis.diagnose import Finding
+from aircraft_sysid_ros.diagnosis.finding import Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, with_inner
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.words import chosen_anew
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import END, FULL
 from aircraft_sysid_ros.errors import InputError
@@ -58,6 +59,7 @@ class Card:
     refused: str  # why it has no name
     numbers: tuple[str, ...]  # parameters and inner numbers with their values
     evidence: Evidence | None
+    chosen_anew: str = ""  # what is named without each part of the flight
 
     @property
     def gain(self) -> str:
@@ -97,6 +99,7 @@ def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
         refused=candidate.get("refused", ""),
         numbers=tuple(numbers),
         evidence=evidence(flight, main, terms[main]) if main in terms else None,
+        chosen_anew=chosen_anew(candidate),
     )
 
 

@@ -1,0 +1,157 @@
+"""A candidate that is significant, with its evidence, and the rules of size by which it is a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.evaluator import Score, errors_of, log_ratio, size_of
+from aircraft_sysid_ros.diagnosis.search.fit import Gain
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.identification.conditions import listed
+
+#: Axes whose model reads a signal of the air data.
+_RESTING = {"V": AXES, "alpha": ("CX", "CZ", "Cm"), "beta": ("CY", "Cl", "Cn")}
+
+
+@dataclass(frozen=True)
+class NestedValidation:
+    """What is named without a part of the flight, part by part, and the error on these parts."""
+
+    names: tuple[str, ...]  # families; empty: nothing
+    error: float  # NRMSE of the main axis of what was named on the whole flight
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A significant candidate, with its evidence."""
+
+    trial: Score
+    flight: FlightData = field(repr=False)  # under the model that lacks it: with what was found before
+    excess: float  # of the score over that in replicas
+    evidence: float  # the same in standard deviations over replicas
+    p_value: float  # allowing for the number of candidates
+    size: float  # share of the held-out rms error of its main axis, before anything was found, that goes
+    above_floor: float  # error of its main axis without it, over that of the replicas
+    confounded_with: tuple[str, ...] = ()
+    blocks: tuple[int, ...] = ()  # numbers of the blocks of time that hold most of the evidence
+    amid: tuple[str, ...] = ()  # axes on which it does not act and of which most is left
+    #: By axis the term that explains most of what the effect leaves since it has another shape, if that has size.
+    shape: Mapping[str, str] = field(default_factory=dict)
+    nested: NestedValidation | None = None  # of what is named in a search of the flight
+    told_by: str = ""  # in words, of what is no held-out error of the whole flight
+
+    @property
+    def matters(self) -> bool:
+        """It has size, moves the coefficient, and explains more than its numbers cost."""
+        return not self._weakness
+
+    @property
+    def _weakness(self) -> str:
+        """The first rule of size that refuses it, in words; empty where none does."""
+        gain = self.trial.gains[self.trial.main_axis]
+        moved = np.sqrt(max(gain.nrmse_before**2 - gain.nrmse_after**2, 0.0))
+        if impossible := self.impossible:
+            return impossible
+        if self._must_show_in and not self._shown:
+            return f"it cannot be seen in {self._must_show_in}, where it cannot be absent"
+        if self.size < THRESHOLDS.size:
+            return f"that is less than {THRESHOLDS.size:.0%}"
+        if moved < THRESHOLDS.least_moved:
+            return f"it moves the coefficient by less than {THRESHOLDS.least_moved:.0%} of its spread"
+        if self.above_floor < THRESHOLDS.above_floor:
+            return f"the error is only {self.above_floor:.2g} times what noise makes of it"
+        if len(self.amid) >= THRESHOLDS.left_axes and self._share_above_noise() < THRESHOLDS.left_share:
+            return (
+                f"it explains only {self._share_above_noise():.0%} of what is above the noise, while most of "
+                f"{listed([f'{axis[0]}_{axis[1]}' for axis in self.amid])} is left: replicas of a model that fails so "
+                "widely say little of chance"
+            )
+        return "" if self.excess > self.trial.price else "it explains no more than its numbers cost"
+
+    @property
+    def impossible(self) -> str:
+        """Why its physics rules it out, in words; empty where it does not."""
+        shown = self._shown
+        if shown and max(shown) < 0.5 * THRESHOLDS.size:
+            return f"it does not show in {self._must_show_in}, where it cannot be absent"
+        if wrong := self._wrong_sign:
+            return f"its part of {wrong[0]}_{wrong[1]} has the sign that it cannot have"
+        return ""
+
+    @property
+    def _must_show_in(self) -> str:
+        """The axes where its physics cannot be absent, in words."""
+        effect = self.trial.candidate.effect
+        return " and ".join(f"{axis[0]}_{axis[1]}" for axis in (effect.shows_in if effect else ()))
+
+    @property
+    def _shown(self) -> list[float]:
+        """Share of the error of each of these axes that goes, where the flight can judge it."""
+        effect, gains = self.trial.candidate.effect, self.trial.gains
+        return [size_of(gains[axis]) for axis in (effect.shows_in if effect else ()) if axis in gains]
+
+    @property
+    def _wrong_sign(self) -> str:
+        """The first axis in which the mean of what it adds has not the sign that its physics gives; empty: none has."""
+        trial, effect = self.trial, self.trial.candidate.effect
+        for axis, sign in effect.signs.items() if effect else ():
+            if axis in trial.gains:
+                columns = self.flight.columns(self.flight.parsed(trial.candidate.terms[axis]))
+                if sign * np.nanmean(columns @ np.nan_to_num(trial.gains[axis].parameters)) < 0.0:
+                    return axis
+        return ""
+
+    def refusal(self, first: bool) -> str:
+        """Why it is no verdict, in words; empty where nothing but what was found before it is in the way."""
+        level = THRESHOLDS.verdict if first else THRESHOLDS.further
+        return self._weakness or (f"chance does as much (p = {self.p_value:.2g})" if self.p_value >= level else "")
+
+    def _share_above_noise(self) -> float:
+        """Share of the variance of what is left of its main axis, beyond that of the replicas, that goes."""
+        goes = 1.0 - (1.0 - size_of(self.trial.gains[self.trial.main_axis])) ** 2
+        return goes / max(1.0 - self.above_floor**-2.0, goes)
+
+    def lowers_the_error(self) -> bool:
+        """Whether what is left falls as ``add`` adds it: the search has shapes of what was found before besides."""
+        before, after = errors_of(self.flight, self.trial, self.trial.main_axis)
+        return after <= (1.0 - THRESHOLDS.size) * before
+
+
+def resting_on(inferred: Collection[str]) -> set[str]:
+    """Axes that rest on signals of the air data that no sensor measures."""
+    return {axis for name in inferred for axis in _RESTING[name]}
+
+
+def explains_more(outside: Score, inside: Score) -> bool:
+    """An expression explains clearly more than an effect: in some axis where it has size, and in all."""
+    if outside.score - outside.price <= inside.score - inside.price + max(
+        THRESHOLDS.preference, THRESHOLDS.preference_share * inside.score
+    ):
+        return False
+    return any(_clearly_more(gain, inside.gains.get(axis)) for axis, gain in outside.gains.items())
+
+
+def _clearly_more(gain: Gain, other: Gain | None) -> bool:
+    if size_of(gain) < THRESHOLDS.size:
+        return False
+    if other is None:
+        return True
+    return (
+        explained(other) < THRESHOLDS.enough * explained(gain)
+        or log_ratio(gain) > log_ratio(other) + THRESHOLDS.clearly
+    )
+
+
+def explained(gain: Gain) -> float:
+    """Share of the held-out sum of squares that goes."""
+    return 1.0 - float(np.sum(gain.after)) / float(np.sum(gain.before))
+
+
+def share_of_first(gain: Gain, now: float, first: float) -> float:
+    """Share of the error that an axis had at first that goes; ``now`` is what it has now."""
+    return size_of(gain) * min(now / first, 1.0) if first > 0.0 else 0.0

@@ -1,0 +1,230 @@
+"""One pass of the search over the library and over the expressions outside it, and what is named of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.diagnosis.finding import Finding, explains_more, resting_on, share_of_first
+from aircraft_sysid_ros.diagnosis.search.candidates import can_act
+from aircraft_sysid_ros.diagnosis.search.evaluator import (
+    CandidateEvaluator,
+    Score,
+    best_by_axis,
+    expressions,
+    size_of,
+)
+from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
+from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
+from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.effects.effect import Effect
+from aircraft_sysid_ros.processes import in_parallel
+
+Array = npt.NDArray[np.float64]
+
+
+class SearchRound:
+    """One pass over the library and over the expressions outside it."""
+
+    def __init__(
+        self,
+        bench: CandidateEvaluator,
+        empty: Sequence[CandidateEvaluator],
+        null: Null,
+        library: Sequence[Effect],
+        progress: Callable[[float], None],
+        last: SearchRound | None,
+        first: Mapping[str, float],
+        floor: Mapping[str, float],
+    ) -> None:
+        """``first``: held-out errors by axis before anything was found; ``floor``: those of the replicas."""
+        self.bench, self.empty, self.null, self.library = bench, empty, null, library
+        self.first, self.floor = first, floor
+        self.left = left_of(bench, floor, resting_on(bench.data.inferred))
+        changed = {axis for axis, fit in bench.fits.items() if last is None or fit is not last.bench.fits[axis]}
+        tried: dict[str, Score | None] = {}
+        if last is not None:
+            tried |= {t.candidate.family: t for t in (*last.trials, *last.outside)}
+        acting = [e for e in library if can_act(e, bench.data)]  # replicas have scored all: that is chance, too
+        again = [e for e in acting if changed & {*e.axes, *e.reads} or e.identifier not in tried]
+        for i, (effect, candidate) in enumerate(zip(again, bench.best_candidates(again), strict=True)):
+            progress(0.7 * i / len(again))
+            trial = None if candidate is None else bench.trial(candidate)
+            tried |= {effect.identifier: trial}
+        self.trials: list[Score] = [trial for e in acting if (trial := tried.get(e.identifier)) is not None]
+        self.outside: list[Score] = []
+        for candidate in expressions(bench.data):
+            new = changed & set(candidate.terms) or candidate.family not in tried
+            trial = bench.trial(candidate) if new else tried[candidate.family]
+            if trial is not None:
+                self.outside.append(trial)
+
+    def on(self, bench: CandidateEvaluator) -> SearchRound:
+        """The same pass over another flight, or a part of this one."""
+        return SearchRound(bench, self.empty, self.null, self.library, _nobody, None, self.first, self.floor)
+
+    def findings(self, before: Sequence[Finding]) -> list[Finding]:
+        """Significant candidates, best first."""
+        done = {f.trial.candidate.family for f in before}
+        tested = [self._test(t) for t in self.trials if t.candidate.family not in done]
+        significant = [f for f in tested if f.p_value < THRESHOLDS.false_alarm]
+        significant.sort(key=lambda f: f.trial.price - f.excess)
+        if significant:
+            near = [f for f in significant if f.excess >= THRESHOLDS.nearly * significant[0].excess]
+            best = min(near, key=_simplicity)
+            significant.sort(key=lambda f: f is not best)
+        outside = self._outside(significant[0] if significant else None, first=not before)
+        if outside is not None:
+            significant.insert(0, outside)
+        return [self._with_company(f, significant) for f in significant]
+
+    def named(self, significant: Sequence[Finding], before: Sequence[Finding]) -> Finding | None:
+        """The one of the findings that is named, after some that were found before; None where none is a verdict."""
+        level, resting = THRESHOLDS.further if before else THRESHOLDS.verdict, resting_on(self.bench.data.inferred)
+        sizeable = (f for f in significant if f.matters and f.trial.main_axis not in resting)
+        candidates = [f for f in sizeable if not before or f.lowers_the_error()]
+        sure = next((f for f in candidates if f.p_value < level), None)
+        if sure is None:
+            return None
+        # That something is missing the surest one proves; what it is, the one that explains clearly most.
+        return next((f for f in candidates[: candidates.index(sure)] if explains_more(f.trial, sure.trial)), sure)
+
+    @property
+    def p_value(self) -> float:
+        """The smallest of all candidates, the changes at one moment apart."""
+        families = [(t.candidate.family, t.score) for t in self.trials]
+        families += [(outside_in(axis), trial.score) for axis, trial in best_by_axis(self.outside).items()]
+        return min((self.null.test(family, score)[2] for family, score in families), default=1.0)
+
+    def _test(self, trial: Score) -> Finding:
+        excess, evidence, p_value = self.null.test(trial.candidate.family, trial.score)
+        return self._finding(trial, excess, evidence, p_value)
+
+    def _finding(self, trial: Score, excess: float, evidence: float, p_value: float) -> Finding:
+        data = self.bench.judging(trial.candidate).data
+        over = self._above_floor(trial)
+        amid = tuple(axis for axis in self.left if axis not in trial.gains)
+        return Finding(
+            trial, data, excess, evidence, p_value, self._size(trial), over, blocks=_blocks(trial), amid=amid
+        )
+
+    def _above_floor(self, trial: Score) -> float:
+        """Error of the main axis of a candidate without it, over what noise makes of it.
+
+        That is the error of the replicas, or what the candidate leaves where that is less: an aircraft file that says
+        nothing of a sensor may make replicas noisier than the flight.
+        """
+        axis = trial.main_axis
+        error = self.bench.fits[axis].nrmse_held_out
+        floor = min(self.floor.get(axis, 0.0), error * (1.0 - size_of(trial.gains[axis])))
+        return error / floor if floor > 0.0 else np.inf
+
+    def _size(self, trial: Score) -> float:
+        axis = trial.main_axis
+        return share_of_first(trial.gains[axis], self.bench.fits[axis].nrmse_held_out, self.first[axis])
+
+    def _outside(self, best: Finding | None, first: bool) -> Finding | None:
+        """The generic expression that explains most, if it explains clearly more than the best effect."""
+        rivals = sorted(self._rivals(best, first), key=lambda t: -t.score)
+        for trial in rivals:
+            if best is None or explains_more(trial, best.trial):
+                finding = self._test_outside(trial)
+                if finding.p_value < THRESHOLDS.false_alarm and finding.size >= THRESHOLDS.size:
+                    return finding
+        return None
+
+    def _rivals(self, best: Finding | None, first: bool) -> Iterator[Score]:
+        """The best expression of each axis and, where an effect would be named first, the best change at one moment."""
+        yield from best_by_axis(self.outside).values()
+        if first and best is not None and best.size >= THRESHOLDS.size:
+            change = sudden_change(self.bench)
+            if change is not None:
+                yield change
+
+    def _test_outside(self, trial: Score) -> Finding:
+        null, family = self.null, outside_in(trial.main_axis)
+        if trial.candidate.happens:  # the same search in every replica, which takes its time
+            family = trial.candidate.family
+            null = null.with_family(family, np.array([*in_parallel(_change_in, self.empty)]))
+        excess, evidence, p_value = null.test(family, trial.score)
+        return self._finding(trial, excess, evidence, p_value)
+
+    def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
+        """The finding with the candidates that this flight cannot tell from it; what physics rules out is none."""
+        axis, family = finding.trial.main_axis, finding.trial.candidate.family
+        own = self.bench.contribution(finding.trial, axis)
+        names = []
+        for other in others:
+            candidate = other.trial.candidate
+            if candidate.effect is None or candidate.family == family or axis not in other.trial.gains:
+                continue
+            if other.impossible:
+                continue
+            alike = _correlation(own, self.bench.contribution(other.trial, axis))
+            if alike >= THRESHOLDS.alike and other.excess >= THRESHOLDS.as_good * finding.excess:
+                names.append(candidate.family)
+        return replace(finding, confounded_with=tuple(names))
+
+
+def _nobody(share: float) -> None:
+    """Hears the progress that nobody waits for."""
+
+
+def null_of(replicas: Sequence[Replica], library: Sequence[Effect], axes: Collection[str]) -> Null:
+    """What the same search finds in the replicas: each effect, and the best expression of each axis."""
+    effects = {e.identifier: np.array([r.scores.get(e.identifier, np.nan) for r in replicas]) for e in library}
+    outside = {outside_in(axis): np.array([r.outside.get(axis, np.nan) for r in replicas]) for axis in axes}
+    return Null({**effects, **outside})
+
+
+def outside_in(axis: str) -> str:
+    """Family of the expressions of an axis, of which the best one counts."""
+    return f"outside the library in {axis}"
+
+
+def left_of(
+    bench: CandidateEvaluator, floor: Mapping[str, float], resting: Collection[str]
+) -> dict[str, tuple[float, float]]:
+    """Axes of which most is left, far above the replicas: their error, and that over the replicas'."""
+    errors = {a: fit.nrmse_held_out for a, fit in bench.fits.items() if a not in resting and floor.get(a, 0.0) > 0.0}
+    return {
+        axis: (error, error / floor[axis])
+        for axis, error in errors.items()
+        if error > THRESHOLDS.left and error > THRESHOLDS.left_times * floor[axis]
+    }
+
+
+def _change_in(bench: CandidateEvaluator) -> float:
+    """What the best change at one moment scores."""
+    change = sudden_change(bench)
+    return 0.0 if change is None else change.score
+
+
+def _simplicity(finding: Finding) -> tuple[int, bool]:
+    """Numbers that a candidate fits, and whether it is rare: the smallest is named first."""
+    candidate = finding.trial.candidate
+    return candidate.numbers, candidate.effect is not None and candidate.effect.rare
+
+
+def _correlation(a: Array, b: Array) -> float:
+    size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
+    return abs(float(np.sum(a * b))) / size if size > 0.0 else 0.0
+
+
+def _blocks(trial: Score) -> tuple[int, ...]:
+    """Blocks that hold most of what a candidate explains, in order of time."""
+    gain = trial.gains[trial.main_axis]
+    explained = gain.before - gain.after
+    order = np.argsort(-explained)
+    total, wanted = 0.0, 0.6 * float(np.sum(np.maximum(explained, 0.0)))
+    chosen = []
+    for i in order:
+        if total >= wanted:
+            break
+        total += float(explained[i])
+        chosen.append(int(gain.fit.blocks[i]))
+    return tuple(sorted(chosen))
