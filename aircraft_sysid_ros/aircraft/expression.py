@@ -3,8 +3,9 @@
 An expression is compiled once to a short postfix program, which one small numba loop evaluates sample by
 sample, so that a model of any terms costs the same in flight and in replay and gives the same bits in both.
 
-``lag(x, tau)`` is the one function with a memory: y with tau y' + y = x, a first-order lag. It is a signal that the
-model makes: ``Memory`` writes it into the signal row, sample by sample, and the program of the term reads it there.
+Two functions have a memory: ``lag(x, tau)``, y with tau y' + y = x, a first-order lag, and ``limited(x, rate)``, what
+follows x and moves by no more than ``rate`` in a second, as a servo does. They are signals that the model makes:
+``Memory`` writes them into the signal row, sample by sample, and the program of the term reads them there.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ CONTROL_WORDS = {
 SURFACE_WORDS = {name: CONTROL_WORDS[name] for name in ("de", "da", "dr", "flaps")}
 #: Signals that an aircraft file may name besides (``inputs:``); they follow SIGNALS in a signal row, in its order.
 MOST_INPUTS = 10
-#: And so many different ``lag(…)`` that the terms of a model read; they follow the inputs.
+#: And so many different ``lag(…)`` and ``limited(…)`` that the terms of a model read; they follow the inputs.
 MOST_LAGS = 4
 FIRST_LAG = len(SIGNALS) + MOST_INPUTS
 SIGNAL_COUNT = FIRST_LAG + MOST_LAGS
@@ -50,8 +51,9 @@ _FUNCTIONS = {
     "abs": (_ABS, 1), "sin": (_SIN, 1), "cos": (_COS, 1), "exp": (_EXP, 1), "sqrt": (_SQRT, 1),
     "tanh": (_TANH, 1), "sign": (_SIGN, 1), "max": (_MAX, 2), "min": (_MIN, 2),
 }  # fmt: skip
-_LAG_NAME, _LAG = "lag", 17  # argument: number among the lags of its own program
-FUNCTION_NAMES = (*_FUNCTIONS, _LAG_NAME)
+_LAG = 17  # argument: number among the lags of its own program
+_WITH_MEMORY = ("lag", "limited")
+FUNCTION_NAMES = (*_FUNCTIONS, *_WITH_MEMORY)
 _OPERATORS: dict[type[ast.operator], int] = {
     ast.Add: _ADD, ast.Sub: _SUBTRACT, ast.Mult: _MULTIPLY, ast.Div: _DIVIDE,
 }  # fmt: skip
@@ -82,11 +84,15 @@ class Program:
 
 @dataclass(frozen=True)
 class Lag:
-    """A signal with a memory: y of tau y' + y = x. ``program`` gives x, ``tau`` is in s."""
+    """A signal with a memory: y of tau y' + y = x that changes by no more than ``rate`` in a second.
+
+    ``program`` gives x, ``tau`` is in s.
+    """
 
     text: str
     program: Program
-    tau: float
+    tau: float = 0.0
+    rate: float = np.inf
 
 
 def parse_expression(text: str, inputs: tuple[str, ...] = ()) -> Program:
@@ -194,8 +200,8 @@ def _compile_call(
         raise InputError(
             f"'{echo(name)}(…)' in '{echo(text)}' is not allowed: the functions are {' '.join(FUNCTION_NAMES)}"
         )
-    if name == _LAG_NAME:
-        lag = _lag_of(node, text, inputs)
+    if name in _WITH_MEMORY:
+        lag = _lag_of(node, name, text, inputs)
         if lag.text not in [other.text for other in lags]:
             lags.append(lag)
         rows.append((_LAG, float([other.text for other in lags].index(lag.text))))
@@ -208,23 +214,28 @@ def _compile_call(
     rows.append((operation, 0.0))
 
 
-def _lag_of(node: ast.Call, text: str, inputs: tuple[str, ...]) -> Lag:
-    """``lag(x, tau)``, whose time constant is a number and whose x has no memory itself."""
+def _lag_of(node: ast.Call, name: str, text: str, inputs: tuple[str, ...]) -> Lag:
+    """``lag(x, tau)`` or ``limited(x, rate)``, whose second argument is a number and whose x has no memory itself."""
+    number, example = {"lag": ("time constant in s", "lag(alpha, 0.2)"), "limited": ("rate per s", "limited(de, 0.5)")}[
+        name
+    ]
     if len(node.args) != 2:
-        raise InputError(
-            f"lag in '{echo(text)}' takes an expression and a time constant in s: write it like lag(alpha, 0.2)"
-        )
+        raise InputError(f"{name} in '{echo(text)}' takes an expression and a {number}: write it like {example}")
     inner = _parsed(ast.unparse(node.args[0]), inputs)
     if inner.lags:
         raise InputError(f"'{echo(text)}' has a lag within a lag: write two terms instead")
-    tau = _parsed(ast.unparse(node.args[1]), inputs)
+    given = _parsed(ast.unparse(node.args[1]), inputs)
     stack = np.full((STACK_SIZE, 1), np.nan)
-    if not (tau.signals or tau.lags):
-        evaluate_program(tau.code, 0, len(tau.code), np.empty((1, 0)), stack)
-    value = float(stack[0, 0])
+    if not (given.signals or given.lags):
+        evaluate_program(given.code, 0, len(given.code), np.empty((1, 0)), stack)
+    value, whole = float(stack[0, 0]), ast.unparse(node).replace(" ", "")
+    if name == "limited":
+        if not 0.0 < value < np.inf:
+            raise InputError(f"the rate of limited in '{echo(text)}' must be a number above 0, of x in a second")
+        return Lag(whole, inner, rate=value)
     if not 0.0 <= value <= LONGEST_LAG:
         raise InputError(f"the time constant of lag in '{echo(text)}' must be a number from 0 to {LONGEST_LAG:g} s")
-    return Lag(ast.unparse(node).replace(" ", ""), inner, value)
+    return Lag(whole, inner, value)
 
 
 def _integer_power(node: ast.expr, text: str) -> float:
@@ -396,6 +407,7 @@ def follow_lags(
     code: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.int64],
     taus: npt.NDArray[np.float64],
+    rates: npt.NDArray[np.float64],
     times: npt.NDArray[np.float64],
     rows: npt.NDArray[np.float64],
     longest: float,
@@ -403,8 +415,9 @@ def follow_lags(
 ) -> None:
     """Write the lags into signal rows (n, SIGNAL_COUNT) at ``times`` (n,) [s], going on from ``memory`` (k, 3).
 
-    The exact solution of tau y' + y = x for an x that is linear between rows. ``memory`` holds time, x and y of each
-    lag; what does not follow on within ``longest`` [s], or was NaN, begins in the steady state y = x.
+    The exact solution of tau y' + y = x for an x that is linear between rows, and no faster than the rates [1/s].
+    ``memory`` holds time, x and y of each lag; what does not follow on within ``longest`` [s], or was NaN, begins in
+    the steady state y = x.
     """
     stack = np.empty((STACK_SIZE, 1))
     for i in range(len(rows)):
@@ -412,8 +425,11 @@ def follow_lags(
             evaluate_program(code, offsets[k], offsets[k + 1], rows[i : i + 1], stack)
             x, (past, x0, y) = stack[0, 0], memory[k]
             step = times[i] - past
-            if not (0.0 < step <= longest and np.isfinite(y)) or taus[k] <= 0.0:
+            follows_on, most = 0.0 < step <= longest and np.isfinite(y), rates[k] * step
+            if not follows_on:
                 y = x
+            elif taus[k] <= 0.0:
+                y = x if np.isinf(most) or np.isnan(x) else min(max(x, y - most), y + most)
             else:
                 kept = np.exp(-step / taus[k])
                 mean = (1.0 - kept) * taus[k] / step  # of exp(-t / tau) over the step
@@ -428,6 +444,7 @@ class Memory:
     def __init__(self, lags: Sequence[Lag]) -> None:
         self._code, self._offsets = link([lag.program for lag in lags])
         self._taus = np.array([lag.tau for lag in lags])
+        self._rates = np.array([lag.rate for lag in lags])
         self.forget()
 
     def forget(self) -> None:
@@ -436,7 +453,7 @@ class Memory:
 
     def write(self, times: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], longest: float) -> None:
         """Lags into signal rows, which follow those before: ``follow_lags``."""
-        follow_lags(self._code, self._offsets, self._taus, times, rows, longest, self._state)
+        follow_lags(self._code, self._offsets, self._taus, self._rates, times, rows, longest, self._state)
 
 
 def with_lags(

@@ -6,6 +6,8 @@ Several runs of one aeroplane are one body of evidence, and what changed between
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from aircraft_sysid_ros.after_flight.diagnose import diagnose
@@ -48,7 +50,7 @@ def render(result: dict[str, Any]) -> str:
     if "runs" in result:
         lines[1:] = [f"{len(result['runs'])} runs: {', '.join(result['runs'])}; held out: {result['held_out']}", ""]
     for candidate in result["candidates"]:
-        lines += _about(candidate)
+        lines += _about(candidate, result.get("file"))
     lines += [result["advice"], ""]
     lines += note_lines(result["notes"])
     if result.get("cannot_show"):
@@ -64,14 +66,17 @@ def render(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _about(candidate: dict[str, Any]) -> list[str]:
+def _about(candidate: dict[str, Any], file: str | None) -> list[str]:
     mark = "*" if candidate["found"] else " "
     fall = f"{percent(candidate['error_before'])} to {percent(candidate['error_after'])} %"
     lines = [f"{mark} {candidate['label']}: error of {candidate['main_axis']} {fall}, p {candidate['p_value']:.1g}"]
     if candidate["name"] != candidate["label"]:
         lines.append(f"    {candidate['name']}. {candidate['physics']}")
-    if candidate["expression"] and candidate["expression"] != candidate["label"]:
-        lines.append(f'    to add: "{candidate["expression"]}"')
+    added = candidate["effect"] or f'"{candidate["expression"]}"'
+    if candidate["found"] and file is not None:
+        lines.append(f"    to add: aircraft-sysid add {quote(str(Path(file).parent))} {added}")
+    elif candidate["expression"] and candidate["expression"] != candidate["label"]:
+        lines.append(f"    to add: {added}")
     lines.append(f"    where: {candidate['where']}")
     if anew := chosen_anew(candidate):
         lines.append(f"    {anew}")

@@ -147,6 +147,17 @@ def _clearly_more(gain: Gain, other: Gain | None) -> bool:
     )
 
 
+def is_simpler(other: Finding, named: Finding) -> bool:
+    """Whether a rival that the flight cannot tell from what is named explains clearly more with fewer numbers.
+
+    What has more of them explains more in all: it stands for a second effect in another axis as well.
+    """
+    candidate, axis = other.trial.candidate, named.trial.main_axis
+    if candidate.family not in named.confounded_with or candidate.numbers >= named.trial.candidate.numbers:
+        return False
+    return log_ratio(other.trial.gains[axis]) > log_ratio(named.trial.gains[axis]) + THRESHOLDS.clearly
+
+
 def explained(gain: Gain) -> float:
     """Share of the held-out sum of squares that goes."""
     return 1.0 - float(np.sum(gain.after)) / float(np.sum(gain.before))

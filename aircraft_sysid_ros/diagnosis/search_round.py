@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.diagnosis.finding import Finding, explains_more, resting_on, share_of_first
+from aircraft_sysid_ros.diagnosis.finding import Finding, explains_more, is_simpler, resting_on, share_of_first
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import (
     CandidateEvaluator,
@@ -91,7 +91,8 @@ class SearchRound:
         if sure is None:
             return None
         # That something is missing the surest one proves; what it is, the one that explains clearly most.
-        return next((f for f in candidates[: candidates.index(sure)] if explains_more(f.trial, sure.trial)), sure)
+        best = next((f for f in candidates[: candidates.index(sure)] if explains_more(f.trial, sure.trial)), sure)
+        return next((f for f in candidates if is_simpler(f, best)), best)
 
     @property
     def p_value(self) -> float:

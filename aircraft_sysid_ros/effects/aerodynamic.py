@@ -54,6 +54,11 @@ def _slack(symbol: str) -> str:
     return f"min(max({symbol}-{{centre}},-{{gap}}),{{gap}})"
 
 
+def _late_by_rate(symbol: str) -> str:
+    """What a surface lacks of its command while it moves as fast as it can."""
+    return f"limited({symbol},{{rate}})-{symbol}"
+
+
 EFFECTS: tuple[Effect, ...] = (
     Effect(
         "stall",
@@ -344,6 +349,25 @@ EFFECTS: tuple[Effect, ...] = (
         "Small inputs of one surface do nothing, large ones nearly what they should.",
         "Doublets of one surface in three sizes, from the smallest that shows to the largest.",
         (ShapeParameter("gap", "rad", 0.008, 0.056, 4), ShapeParameter("centre", "rad", -0.08, 0.08, 5)),
+    ),
+    Effect(
+        "rate_limit",
+        "Servo that reaches its greatest rate",
+        AERODYNAMIC,
+        "A servo, or hydraulics that are short of flow, moves a surface no faster than at its greatest rate. Small "
+        "commands arrive as they are; large ones become ramps, and quick ones are never reached.",
+        "R. Jategaonkar, Flight Vehicle System Identification; B. Stevens, F. Lewis and E. Johnson, Aircraft Control "
+        "and Simulation",
+        "C += a C_δ (δ_R - δ), where δ_R follows δ by no more than R in a second, with one share a in the axes of the "
+        "surface; a = 1 where the recorded command is that of the servo",
+        (
+            surface("elevator", ("Cm", "CZ"), (_late_by_rate("de"),)),
+            surface("aileron", ("Cl", "Cn"), (_late_by_rate("da"),)),
+            surface("rudder", ("Cn", "CY"), (_late_by_rate("dr"),)),
+        ),
+        "Slow inputs of one surface fit, quick ones come late, and the later the larger they are.",
+        "Doublets of one surface in three sizes, as quick as they can be commanded.",
+        (ShapeParameter("rate", "rad/s", 0.05, 1.65, 9),),
     ),
     Effect(
         "control_effectiveness_alpha",

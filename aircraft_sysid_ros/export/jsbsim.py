@@ -156,9 +156,10 @@ def _properties(root: Element, learnt: LearntModel) -> None:
         followed = SubElement(channel, "fcs_function", name=_lag_input(k))
         signals = {name: property_of(name) for name in learnt.model.signal_names}
         SubElement(followed, "function").append(function_of(lag.program.text, signals, {}))
-        filtered = SubElement(channel, "lag_filter", name=lag_property(k))
+        is_lag = np.isinf(lag.rate)
+        filtered = SubElement(channel, "lag_filter" if is_lag else "actuator", name=lag_property(k))
         _text(filtered, "input", _lag_input(k))
-        _text(filtered, "c1", repr(1.0 / max(lag.tau, 1e-6)))
+        _text(filtered, *(("c1", repr(1.0 / max(lag.tau, 1e-6))) if is_lag else ("rate_limit", repr(lag.rate))))
 
 
 def _surfaces(root: Element, learnt: LearntModel, full: Array | None) -> None:

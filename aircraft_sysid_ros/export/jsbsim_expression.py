@@ -57,7 +57,7 @@ def _element(tree: ast.expr, properties: Mapping[str, str], lags: Mapping[str, s
     if isinstance(tree, ast.BinOp):
         return node(_OPERATORS[type(tree.op)], of(tree.left), of(tree.right))
     assert isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name)
-    if tree.func.id == "lag":
+    if tree.func.id in ("lag", "limited"):
         return prop(lags[ast.unparse(tree).replace(" ", "")])
     return _call(tree.func.id, [of(argument) for argument in tree.args])
 

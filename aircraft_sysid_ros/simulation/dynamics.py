@@ -87,6 +87,7 @@ class Airframe(NamedTuple):
     lag_code: Array  # what its lags follow, linked
     lag_offsets: npt.NDArray[np.int64]
     lag_times: Array  # (lags,) [s]
+    lag_rates: Array  # (lags,) most that they change by in a second
     inputs: Array  # (k, 3) middle, swing [SI] and rate [rad/s] of the two sines that each named input follows
 
 
@@ -124,7 +125,7 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
         raise InputError(
             f"aircraft '{aircraft.name}' cannot be simulated: its file lacks the coefficients {' '.join(missing)}"
         )
-    if any(lag.tau < SHORTEST_LAG for lag in model.lags):
+    if any(lag.tau < SHORTEST_LAG and np.isinf(lag.rate) for lag in model.lags):
         raise InputError(f"the simulator follows lags of {SHORTEST_LAG:g} s and longer: write the static term")
     code, term_offsets = model.linked
     lag_code, lag_offsets = link([lag.program for lag in model.lags])
@@ -139,7 +140,8 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
         actuator_rates=ACTUATOR_RATES,
         lag_code=lag_code,
         lag_offsets=lag_offsets,
-        lag_times=np.array([lag.tau for lag in model.lags]),
+        lag_times=np.array([max(lag.tau, SHORTEST_LAG) for lag in model.lags]),
+        lag_rates=np.array([lag.rate for lag in model.lags]),
         inputs=np.array([_moved(k, item) for k, item in enumerate(aircraft.inputs)]).reshape(-1, 3),
     )  # fmt: skip
 
@@ -277,7 +279,8 @@ def state_derivative(airframe: Airframe, place: Place, state: Array, command: Ar
     out[ATTITUDE : ATTITUDE + 4] = 0.5 * quaternion_product(attitude, np.array([0.0, p, q, r]))
     out[RATES : RATES + 3] = acting.angular_acceleration
     out[CONTROLS:STATE_SIZE] = airframe.actuator_rates * (limited(command) - state[CONTROLS:STATE_SIZE])
-    out[STATE_SIZE:] = (lagging(airframe, acting.signals) - state[STATE_SIZE:]) / airframe.lag_times
+    towards = (lagging(airframe, acting.signals) - state[STATE_SIZE:]) / airframe.lag_times
+    out[STATE_SIZE:] = np.minimum(np.maximum(towards, -airframe.lag_rates), airframe.lag_rates)
     return out
 
 

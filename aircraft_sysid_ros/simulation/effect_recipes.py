@@ -145,6 +145,15 @@ RECIPES: dict[str, Recipe] = {
         },
         inner={"gap": (0.02, 0.04)},
     ),
+    "rate_limit": Recipe(
+        {
+            "elevator": (Term("Cm", "limited(de,{rate})-de", 1.0, "Cm_de"),
+                         Term("CZ", "limited(de,{rate})-de", 1.0, "CZ_de")),
+            "aileron": (Term("Cl", "limited(da,{rate})-da", 1.0, "Cl_da"),
+                        Term("Cn", "limited(da,{rate})-da", 1.0, "Cn_da")),
+        },
+        inner={"rate": (0.12, 0.3)},
+    ),
     "control_effectiveness_alpha": Recipe(
         {
             "elevator": (Term("Cm", "alpha*de", -2.5, "Cm_de"), Term("CZ", "alpha*de", -2.5, "CZ_de")),

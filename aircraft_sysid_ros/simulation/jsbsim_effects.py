@@ -110,7 +110,7 @@ def _function(node: ast.expr) -> str:
     if isinstance(node, ast.BinOp):
         return _call(_OPERATORS[type(node.op)], _function(node.left), _function(node.right))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        if node.func.id == "lag":
+        if node.func.id in ("lag", "limited"):
             started = _call("gt", _property("simulation/sim-time-sec"), _value(0.0))  # trimmed in steady flight
             return _call("ifthen", started, _property(_lag_name(ast.unparse(node))), _function(node.args[0]))
         arguments = [_function(argument) for argument in node.args]
@@ -133,13 +133,16 @@ _FILTER_RATE = 120.0
 
 
 def lag_filters(terms: Sequence[Effect]) -> str:
-    """XML of a system with one filter of JSBSim for each ``lag(…)`` of some terms; it goes before the aerodynamics."""
+    """XML of a system with one filter of JSBSim for each ``lag(…)`` of some terms, and an actuator for each
+    ``limited(…)``; it goes before the aerodynamics.
+    """
     parts = []
     for lag in lags_of([parse_expression(term.expression) for term in terms]):
-        name, rate = _lag_name(lag.text), _FILTER_RATE / RATE / lag.tau
+        name = _lag_name(lag.text)
+        kind, key, rate = ("lag_filter", "c1", 1.0 / lag.tau) if lag.tau > 0.0 else ("actuator", "rate_limit", lag.rate)
         parts.append(
             f'<fcs_function name="{name}-of"><function>{function_of(lag.program.text)}</function></fcs_function>'
-            f'<lag_filter name="{name}"><input>{name}-of</input><c1>{rate:.12g}</c1></lag_filter>'
+            f'<{kind} name="{name}"><input>{name}-of</input><{key}>{_FILTER_RATE / RATE * rate:.12g}</{key}></{kind}>'
         )
     return f'<system name="hidden"><channel name="hidden">{"".join(parts)}</channel></system>' if parts else ""
 

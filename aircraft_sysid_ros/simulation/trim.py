@@ -20,6 +20,7 @@ from aircraft_sysid_ros.simulation.dynamics import (
     Airframe,
     Place,
     aerodynamic_coefficients,
+    lagging,
     motion,
 )
 
@@ -93,7 +94,7 @@ def trim_level(airframe: Airframe, place: Place, airspeed: float) -> Trim:
 
 
 def derivatives_at(airframe: Airframe, place: Place, trim: Trim) -> Derivatives:
-    """Derivatives at trim, by central differences of the same coefficients that are simulated."""
+    """Derivatives at trim, by central differences of the coefficients that are simulated, lags in steady flight."""
     acting = motion(airframe, place, trim.state, _CALM, 0.0)
     force_rate = acting.signals[SIGNAL_INDEX["qbar"]] * airframe.wing_area / airframe.mass
 
@@ -101,6 +102,8 @@ def derivatives_at(airframe: Airframe, place: Place, trim: Trim) -> Derivatives:
         high, low = acting.signals.copy(), acting.signals.copy()
         high[SIGNAL_INDEX[signal]] += _STEP
         low[SIGNAL_INDEX[signal]] -= _STEP
+        for row in (high, low):
+            row[FIRST_LAG : FIRST_LAG + len(airframe.lag_times)] = lagging(airframe, row)
         difference = aerodynamic_coefficients(airframe, high) - aerodynamic_coefficients(airframe, low)
         return float(difference[coefficient] / (2.0 * _STEP))
 

@@ -1,4 +1,6 @@
-"""``lag(x, tau)`` in terms: the first-order lag of textbooks, the same in batches of any size, begun anew at gaps."""
+"""``lag(x, tau)`` and ``limited(x, rate)`` in terms: the first-order lag of textbooks, and what moves no faster than it
+can; the same in batches of any size, begun anew at gaps.
+"""
 
 import numpy as np
 import pytest
@@ -60,8 +62,27 @@ def test_terms_are_made_of_it():
     assert program.text == "lag(alpha,0.4)*beta" and program.signals == {"alpha", "beta"}
 
 
+def test_a_limited_signal_follows_what_is_slow_and_is_a_ramp_behind_what_is_quick():
+    np.testing.assert_array_equal(column("limited(alpha,9)"), ALPHA)  # it never moves so fast
+    step = np.where(TIME < 1.0, 0.1, -0.2)
+    begun = TIME[np.argmax(TIME >= 1.0) - 1]
+    ramp = np.maximum(0.1 - 0.25 * np.maximum(TIME - begun, 0.0), -0.2)
+    np.testing.assert_allclose(column("limited(alpha,0.25)", alpha=step), ramp, atol=1e-12)
+    np.testing.assert_allclose(column("limited(-alpha,0.25)", alpha=step), -ramp, atol=1e-12)
+
+
+def test_a_limited_signal_moves_no_faster_and_turns_only_where_it_meets_what_it_follows():
+    quick = 0.3 * np.sin(7.0 * TIME) * np.sin(0.9 * TIME)
+    moved = column("limited(alpha,0.6)", alpha=quick)
+    steps = np.diff(moved) / 0.02
+    assert np.max(np.abs(steps)) <= 0.6 * (1.0 + 1e-9)
+    behind = np.abs(moved - quick)[1:] > 1e-12
+    assert 0.2 < behind.mean() < 0.98
+    np.testing.assert_allclose(steps[behind], 0.6 * np.sign(quick - moved)[1:][behind], rtol=1e-9)
+
+
 def test_batches_of_any_size_give_the_same_bits():
-    lags = parse_expression("lag(alpha,0.4)+lag(alpha**2,1)").lags
+    lags = parse_expression("lag(alpha,0.4)+lag(alpha**2,1)+limited(alpha,0.05)").lags
     whole = with_lags(lags, TIME, rows_of(TIME, ALPHA), 0.1)
     memory, parts = Memory(lags), rows_of(TIME, ALPHA)
     for part in np.split(np.arange(len(TIME)), [1, 2, 50, 51, 200]):
@@ -94,6 +115,12 @@ def test_after_a_gap_and_after_what_is_not_known_it_begins_anew():
         ("lag(alpha,beta)", "must be a number from 0 to 100 s"),
         ("lag(alpha,-1)", "must be a number from 0 to 100 s"),
         ("lag(alpha,0/0)", "must be a number from 0 to 100 s"),
+        ("limited(alpha)", "takes an expression and a rate per s"),
+        ("limited(alpha,0)", "must be a number above 0"),
+        ("limited(alpha,-0.1)", "must be a number above 0"),
+        ("limited(alpha,1/0)", "must be a number above 0"),
+        ("limited(alpha,q)", "must be a number above 0"),
+        ("limited(lag(alpha,1),1)", "a lag within a lag"),
         ("lag", "is no signal"),
         ("lag(gamma,1)", "is no signal"),
     ],

@@ -14,6 +14,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.diagnose import render
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
+from aircraft_sysid_ros.diagnosis.finding import Finding, is_simpler
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     fit_sensor_noise,
     fit_wind_noise,
@@ -24,6 +25,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
 )
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight, with_best_setting
 from aircraft_sysid_ros.diagnosis.measurement import Setting, maximum, measurement_faults
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import (
@@ -367,6 +369,28 @@ def test_of_a_surer_effect_and_one_that_explains_clearly_more_that_is_named(airc
     chances = {each.trial.candidate.family: each.p_value for each in found.candidates}
     assert chances["sideslip_pitching"] < THRESHOLDS.verdict < chances["dihedral_alpha"] < THRESHOLDS.false_alarm
     assert found.found[0].trial.candidate.family == named
+
+
+def test_a_rival_with_fewer_numbers_goes_first_where_it_explains_clearly_more_of_the_axis(aircraft):
+    """What stands for two effects in two axes by one name explains more in all, and less of the one that is there."""
+
+    def lacking(c, after, f):
+        c[:, 2] += 12.0 * f["beta"] ** 2
+        c[:, 4] += 0.12 * np.abs(f["beta"])
+        return c
+
+    def finding(company=(), **terms):
+        trial = bench.trial(Candidate(None, "", (), {axis: (text,) for axis, text in terms.items()}))
+        return Finding(trial, bench.data, 0.0, 0.0, 0.0, 0.0, 0.0, company)
+
+    bench = CandidateEvaluator(random_flight(aircraft, lacking))
+    true, half = finding(CZ="beta**2"), finding(CZ="alpha*beta**2")
+    both = finding((true.trial.candidate.family, half.trial.candidate.family), CZ="abs(beta)", Cm="abs(beta)")
+    assert both.trial.score > true.trial.score and both.trial.main_axis == "CZ"
+    assert is_simpler(true, both)
+    assert not is_simpler(true, replace(both, confounded_with=()))
+    assert not is_simpler(half, both)
+    assert not is_simpler(finding((), CZ="beta**2", Cm="beta**2"), both)
 
 
 @pytest.mark.parametrize(("must", "alike"), [((), ("twin",)), (("Cn",), ())])

@@ -240,6 +240,14 @@ def test_a_surface_with_free_play_rests_in_the_gap_and_follows_with_its_half_wid
     np.testing.assert_allclose(moved, [-0.18, 0.01, 0.01, 0.01, 0.01, 0.01, 0.09], atol=1e-15)
 
 
+def test_a_surface_at_its_greatest_rate_lacks_what_is_left_of_the_command():
+    signals = {"time": np.arange(0.0, 2.0, 0.1), "da": np.r_[np.zeros(5), np.full(15, 0.3)]}
+    column = of_terms("rate_limit", "aileron", {"rate": 0.5}, signals, "Cl")[:, 0]
+    np.testing.assert_allclose(column[:5], 0.0, atol=1e-15)
+    np.testing.assert_allclose(column[5:11], [-0.25, -0.2, -0.15, -0.1, -0.05, 0.0], atol=1e-12)
+    np.testing.assert_allclose(column[11:], 0.0, atol=1e-12)
+
+
 def test_a_line_pulls_as_hard_at_any_speed():
     """Its coefficient times dynamic pressure is the same while it is there, and nothing else."""
     signals = {"time": [1.0, 2.0, 9.0, 10.0], "qbar": [100.0, 200.0, 100.0, 400.0]}

@@ -256,6 +256,28 @@ def test_an_aileron_with_free_play_is_told_from_one_that_saturates(aircraft):
     assert inner["gap"] == pytest.approx(gap, abs=0.006) and abs(inner["centre"]) < 0.01
 
 
+@pytest.mark.parametrize("rate", [0.15, 0.6])
+def test_an_aileron_at_its_greatest_rate_is_told_from_one_with_free_play_or_one_that_saturates(aircraft, rate):
+    """A servo in steps of its own, of which the diagnosis knows nothing."""
+    known = aircraft.coefficients
+
+    def slow(c, after, values):
+        command, place = np.asarray(values["da"]), 0.0
+        moved = np.empty(len(command))
+        for i, wanted in enumerate(command):
+            place += float(np.clip(wanted - place, -rate * STEP, rate * STEP))
+            moved[i] = place
+        c[:, 3] += known["Cl_da"] * (moved - command)
+        c[:, 5] += known["Cn_da"] * (moved - command)
+        return c
+
+    bench = CandidateEvaluator(flight_of(aircraft, slow))
+    best, *rivals = (bench.best_of(effect_of(name)) for name in ("rate_limit", "free_play", "control_nonlinearity"))
+    assert best.candidate.variant == "aileron" and dict(best.candidate.inner)["rate"] == pytest.approx(rate, rel=0.15)
+    assert best.score - best.price > max(rival.score - rival.price for rival in rivals)
+    assert float(best.gains["Cl"].parameters[0]) == pytest.approx(known["Cl_da"], rel=0.15)
+
+
 def test_a_banner_that_is_dropped_is_a_line_and_no_gear(aircraft):
     """At two speeds its drag has the same size, and the drag of a gear the same coefficient."""
     flight = flight_of(aircraft)

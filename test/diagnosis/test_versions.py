@@ -232,6 +232,7 @@ def _shift(run: Path, kind: Kind, nanoseconds: int) -> None:
     "text, words",
     [
         ("stal", "did you mean stall"),
+        ("icing (growing on one wing)", "did you mean icing"),
         ("CZ alpha", "no effect"),
         ("CQ: alpha", "'CQ' is no axis: the axes are CX CY CZ Cl Cm Cn"),
         ("CZ: wing", "'wing' in 'wing' is no signal"),

@@ -12,6 +12,7 @@ from documented_commands import ROOT
 from rosbags.highlevel import AnyReader
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.commands.diagnose import render
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.workbench.run_view import load_run_view
 from aircraft_sysid_ros.workbench.views.candidates import cards
@@ -111,6 +112,10 @@ def diagnosed(user, before):
     found = said["candidates"][0]
     assert found["axes"] == ["CX"] and found["p_value"] < 0.05
     assert found["error_before"] == pytest.approx(before["axes"]["CX"]["nrmse_held_out"], **SAME)
+    nested = found["nested"]
+    assert nested["same"] == nested["parts"] == 4
+    assert nested["error_after"] == pytest.approx(found["error_after"], rel=0.2)
+    assert "    to add: aircraft-sysid add runs/flight sideslip_drag\n" in render(said)
     return found
 
 

@@ -114,6 +114,21 @@ def test_a_lag_is_followed(learnt, held_out):
     assert e[lag_property(0)] == pytest.approx(0.1 * (1.0 - np.exp(-steps * benchmark.STEP / 0.2)), rel=0.05)
 
 
+def test_a_limited_surface_moves_at_its_rate_and_no_further(learnt, held_out):
+    exported = in_jsbsim(with_terms(learnt, {**ODD_TERMS, "Cm": ["1", "alpha", "q", "limited(de, 0.3)"]}))
+    e, seen = exported.executive, []
+    exported.put(held_out, 0)
+    for command in (0.0, 0.1):
+        e["sysid/elevator-rad"] = command
+        for _ in range(400):
+            e.run()
+            seen.append(e[lag_property(0)])
+    moved = np.diff(seen[399:])
+    steps = round(0.1 / 0.3 / benchmark.STEP)
+    np.testing.assert_allclose(moved[2 : steps - 2], 0.3 * benchmark.STEP, rtol=1e-6)
+    assert seen[-1] == pytest.approx(0.1, abs=1e-12)
+
+
 def test_it_counts_the_signals_that_are_outside_of_what_was_learnt(learnt, held_out):
     exported = in_jsbsim(learnt)
     low, high = learnt.ranges["alpha"]

@@ -14,6 +14,7 @@ from aircraft_sysid_ros.simulation.dynamics import (
     CONTROLS,
     POSITION,
     RATES,
+    SHORTEST_LAG,
     VELOCITY,
     Effect,
     airframe_of,
@@ -118,6 +119,27 @@ def test_a_lag_in_the_aerodynamics_is_a_state_of_the_motion(aircraft):
     assert np.ptp(lagged) > 0.05
     with pytest.raises(InputError, match=r"lags of 0\.02 s and longer"):
         prepare(aircraft, [Effect("Cm", "lag(alpha,0.001)", -0.1)])
+
+
+def test_a_limited_signal_is_one_too_behind_a_quick_servo(aircraft):
+    """The exact solution has no time constant; the simulator's servo is behind it by no more than its own lag."""
+    rate = 0.1
+    _, truth = short_flight(aircraft, effects=[Effect("Cm", f"limited(alpha,{rate})", 0.02)])
+    signals = {**signals_of(aircraft, truth), "time": truth.time}
+    wanted = evaluate([parse_expression(f"limited(alpha,{rate})")], signals)[:, 0]
+    own = (truth.coefficients - aircraft.model.coefficients(aircraft.coefficients, signals))[:, 4] / 0.02
+    assert np.max(np.abs(own - wanted)) < 1.5 * SHORTEST_LAG * rate < 0.2 * np.max(np.abs(truth.alpha - wanted))
+    assert np.max(np.abs(np.diff(own))) <= rate * (truth.time[1] - truth.time[0]) * (1.0 + 1e-9)
+
+
+def test_the_autopilot_reckons_with_surfaces_that_arrive_late(aircraft):
+    """A derivative with a lag held fast would be none where the whole deflection is late."""
+    late = [Effect("Cm", "lag(de,0.05)-de", aircraft.coefficients["Cm_de"])]
+    assert prepare(aircraft, late).autopilot.pitch_gain == pytest.approx(
+        prepare(aircraft).autopilot.pitch_gain, rel=1e-3
+    )
+    _, truth = short_flight(aircraft, effects=late)
+    assert np.max(np.abs(truth.alpha)) < 0.3
 
 
 def test_flow_rates_are_derivatives_of_the_flow_angles():

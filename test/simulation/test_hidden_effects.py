@@ -54,7 +54,7 @@ def test_every_effect_of_the_library_can_be_hidden_but_one():
 @pytest.mark.parametrize(
     "name",
     [
-        n if i % 3 == 0 else pytest.param(n, marks=pytest.mark.long)
+        n if i % 5 == 0 else pytest.param(n, marks=pytest.mark.long)
         for i, n in enumerate([*RECIPES, "mass_change", "cg_shift"])
     ],
 )
@@ -100,7 +100,11 @@ def test_mass_and_centre_of_gravity_change_at_their_time():
 
 @pytest.mark.parametrize(
     ("name", "field"),
-    [("airspeed_drift", "true_airspeed"), ("alpha_drift", "angle_of_attack"), ("beta_drift", "sideslip")],
+    [
+        ("airspeed_drift", "true_airspeed"),
+        ("alpha_drift", "angle_of_attack"),
+        pytest.param("beta_drift", "sideslip", marks=pytest.mark.long),
+    ],
 )
 def test_a_drift_grows_from_nothing(clean, name, field):
     """Same flight, same noise: an angle shows d t more, an airspeed the share d t."""
@@ -119,7 +123,10 @@ def test_a_drift_grows_from_nothing(clean, name, field):
         np.testing.assert_allclose(more, rate * time, atol=1e-4)
 
 
-@pytest.mark.parametrize(("name", "field"), [("alpha_offset", "angle_of_attack"), ("beta_offset", "sideslip")])
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [("alpha_offset", "angle_of_attack"), pytest.param("beta_offset", "sideslip", marks=pytest.mark.long)],
+)
 def test_a_vane_that_is_mounted_wrong_shows_the_same_too_much_always(clean, name, field):
     flight = hidden_flight(effect=name, seed=4, duration=40.0, manoeuvres=clean.manoeuvres)
     ((key, offset),) = flight.hidden[0].settings

@@ -34,7 +34,7 @@ TERMS = (
     Effect("CX", "max(sign(time+19.9),0)*tanh(3*alpha)*exp(-abs(de))", 0.02),
     Effect("Cm", "min(Tc,0.3)*sqrt(V)/10-(1-exp(-height/500))", 0.001),
     Effect("Cn", "p-r*propeller_speed*V/qbar/50", 0.05),
-    Effect("Cl", "alpha_dot+sin(da)*cos(dr)+throttle/100", 0.03),
+    Effect("Cl", "alpha_dot+limited(sin(da),0.7)*cos(dr)+throttle/100", 0.03),  # with an actuator of its own
 )
 
 
@@ -99,7 +99,14 @@ def test_mass_changes_at_its_time():
     np.testing.assert_allclose(ratio[after], 1.0 / flight.hidden[0].mass_factor, rtol=1e-3)
 
 
-@pytest.mark.parametrize("effect", ["cg_shift", "control_damage", "thrust_offset", "asymmetric_thrust"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "cg_shift",
+        "control_damage",
+        *(pytest.param(effect, marks=pytest.mark.long) for effect in ("thrust_offset", "asymmetric_thrust")),
+    ],
+)
 def test_the_oracle_explains_what_the_user_cannot(effect):
     """Injected, of the mass properties, or JSBSim's own: in the axis that it enters the error falls."""
     flight = hidden_flight(NAME, effect, seed=2, duration=40.0)
