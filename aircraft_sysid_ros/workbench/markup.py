@@ -80,9 +80,10 @@ LEGEND, LIVE_LEGEND = _part("legend"), _part("live_legend")
 TRACE_LEGEND, RESIDUAL_LEGEND = _part("trace_legend"), _part("residual_legend")
 
 
-def version_key(version: str) -> Markup:
-    """The key of a version that is drawn as well."""
-    return _part("version_key", version)
+def further_keys(version: str | None, has_changes: bool) -> Markup:
+    """The keys of a version that is drawn as well, and of the moments of changes."""
+    keys = [_part("version_key", version)] if version is not None else []
+    return Markup("").join([*keys, *([_part("change_key")] if has_changes else [])])
 
 
 # -- the model -----------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.errors_panel import Errors
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, WherePanel, WhyPanel
+from aircraft_sysid_ros.workbench.views.candidates import moments_named
 from aircraft_sysid_ros.workbench.views.coefficients import ORDER, Span, axis_rows, coefficient_figure, whole
 from aircraft_sysid_ros.workbench.views.figure import Figure
 
@@ -70,7 +71,7 @@ class ModelPanel(Panel):
         with ui.element("div").classes("legend-row"):
             with ui.element("div").classes("legend"):
                 Html(markup.LEGEND).style("display:contents")
-                self._second_key = Html().style("display:contents")
+                self._further_keys = Html().style("display:contents")
             with ui.element("div").classes("window"):
                 self._window = ui.label("").props("data-testid=window")
                 button = ui.button("Whole flight", on_click=lambda: self.look_at(None, [])).props("flat dense")
@@ -87,7 +88,8 @@ class ModelPanel(Panel):
     def _figure(self, name: str) -> Figure:
         look = self.page.look
         window = look.window or whole(self.page.view.comparison)
-        return coefficient_figure(self.page.view.comparison, name, look.theme, window, look.marks, self.page.beside)
+        view, moments = self.page.view, moments_named(self.page.view.diagnosis)
+        return coefficient_figure(view.comparison, name, look.theme, window, look.marks, self.page.beside, moments)
 
     def _describe(self) -> None:
         for row in axis_rows(self.page.view.comparison):
@@ -97,7 +99,8 @@ class ModelPanel(Panel):
                 box.classes(add="fails" if row.fails else "", remove="" if row.fails else "fails")
         begin, end = self.page.look.window or whole(self.page.view.comparison)
         self._window.text = f"{begin:.1f} to {end:.1f} s"
-        self._second_key.show(markup.version_key(str(self.page.look.beside)) if self.page.beside else "")
+        version = str(self.page.look.beside) if self.page.beside else None
+        self._further_keys.show(markup.further_keys(version, bool(moments_named(self.page.view.diagnosis))))
 
     def draw(self) -> None:
         """Draw all axes in the window."""

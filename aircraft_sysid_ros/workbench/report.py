@@ -26,6 +26,7 @@ from aircraft_sysid_ros.workbench.views import (
     states,
     track,
 )
+from aircraft_sysid_ros.workbench.views.candidates import moments_named
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
 from aircraft_sysid_ros.workbench.views.history import effect_names, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
@@ -152,13 +153,13 @@ def _script_json(content: object) -> Markup:
 def _model(figures: _Figures, view: RunView) -> dict[str, Any]:
     rows = coefficients.axis_rows(view.comparison)
     ordered = {row.axis: row for row in rows}
-    axes = []
+    axes, moments = [], moments_named(view.diagnosis)
     for name in coefficients.ORDER:
-        made = coefficients.coefficient_figure(view.comparison, name, figures.theme)
+        made = coefficients.coefficient_figure(view.comparison, name, figures.theme, moments=moments)
         words = f"{name} measured and predicted over time, and the residual"
         axes.append((ordered[name], figures.add(made, words, linked=True)))
     scale = markup.errors_scale(row.held_out for row in rows)
-    return {"errors": rows, "scale": scale, "notes": view.notes, "axes": axes}
+    return {"errors": rows, "scale": scale, "notes": view.notes, "axes": axes, "changes": moments}
 
 
 def _residuals(figures: _Figures, view: RunView) -> dict[str, Any]:

@@ -151,6 +151,24 @@ def test_a_response_is_drawn_bold_where_it_is_coherent_alone() -> None:
     assert set(numbers(least["y"])) == {np.float32(0.6)}
 
 
+def test_changes_that_are_named_stand_in_the_figures_and_their_key_in_the_legend(view) -> None:
+    found = [
+        {"found": True, "inner": {"t0": 20.0, "t1": 31.5}},
+        {"found": True, "inner": {"onset": 0.2, "width": 0.02}},
+        {"found": False, "inner": {"t0": 3.0}},
+        {"found": True, "inner": {"t0": 12.0, "full": 20.0}},
+    ]
+    moments = candidates.moments_named({"candidates": found})
+    assert moments == [12.0, 20.0, 31.5] and candidates.moments_named(None) == []
+    window = (15.0, 40.0)
+    shapes = coefficients.coefficient_figure(view.comparison, "CZ", figure.LIGHT, window, moments=moments)["layout"][
+        "shapes"
+    ]
+    assert [shape["x0"] for shape in shapes if shape["type"] == "line"] == [20.0, 31.5]
+    assert "a change that was named" in markup.further_keys(None, True)
+    assert "a change" not in markup.further_keys("v2", False) and "v2" in markup.further_keys("v2", False)
+
+
 def test_every_axis_of_a_figure_has_a_unit(view, hidden_effect) -> None:
     record = load_flight_record(hidden_effect, view.zero)
     made = [residuals.residual_figure(view.comparison, name, figure.LIGHT) for name in view.comparison.axes]

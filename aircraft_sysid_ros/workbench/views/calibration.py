@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView, Residual
 from aircraft_sysid_ros.workbench.views.coefficients import bands
-from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure
+from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, upright
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL
 
 Array = npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ def trace_figure(view: CalibrationView, column: int, theme: Theme, height: int =
     data = [_dots(view.xi2[:, column], view.trace, theme), _minima(view, column, theme)]
     shapes = []
     if parameter.value is not None:
-        shapes.append(_upright(parameter.value, theme))
+        shapes.append(upright(parameter.value, theme.predicted, 1.6))
     if parameter.value is not None and parameter.std is not None:
         half = INTERVAL * parameter.std
         shapes.insert(0, {
@@ -141,13 +141,6 @@ def _minima(view: CalibrationView, column: int, theme: Theme) -> dict[str, Any]:
         "x": encoded([xi2[column] for xi2, _ in view.minima]), "y": encoded([trace for _, trace in view.minima]),
         "marker": {"size": 10, "symbol": "diamond-open", "color": theme.ink, "line": {"width": 2}},
         "hovertemplate": f"minimum %{{x:.3g}}<br>{TRACE} %{{y:.3g}}<extra></extra>",
-    }  # fmt: skip
-
-
-def _upright(at: float, theme: Theme) -> dict[str, Any]:
-    return {
-        "type": "line", "xref": "x", "yref": "paper", "x0": at, "x1": at, "y0": 0, "y1": 1,
-        "line": {"color": theme.predicted, "width": 1.6, "dash": "dash"},
     }  # fmt: skip
 
 

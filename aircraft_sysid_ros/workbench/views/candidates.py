@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.candidates import MOMENTS_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.words import chosen_anew
 from aircraft_sysid_ros.effects import BY_ID
@@ -70,6 +71,12 @@ class Card:
     def sure(self) -> str:
         """How sure, in words."""
         return f"{chance(self.p_value)} if nothing were missing"
+
+
+def moments_named(diagnosis: Mapping[str, Any] | None) -> list[float]:
+    """Times [s] at which a change that is named begins, is complete, or ends."""
+    found = [c["inner"] for c in (diagnosis or {}).get("candidates", ()) if c["found"]]
+    return sorted({inner[name] for inner in found for name in (*MOMENTS_OF_CHANGE, FULL.name) if name in inner})
 
 
 def cards(diagnosis: Mapping[str, Any], flight: FlightData) -> list[Card]:

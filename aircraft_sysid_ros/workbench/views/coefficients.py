@@ -12,7 +12,17 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import AxisComparison, Comparison
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, figure, line, span_of, thinned
+from aircraft_sysid_ros.workbench.views.figure import (
+    TIMED,
+    Figure,
+    Theme,
+    axis,
+    figure,
+    line,
+    span_of,
+    thinned,
+    upright,
+)
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
 
 Array = npt.NDArray[np.float64]
@@ -87,11 +97,13 @@ def coefficient_figure(
     window: Span | None = None,
     marks: Sequence[Span] = (),
     beside: Comparison | None = None,
+    moments: Sequence[float] = (),
     height: int = 226,
 ) -> Figure:
     """One axis in a window of time [s]: above measured and predicted, below the held-out residual in its noise.
 
-    ``marks`` are spans of time that were chosen; ``beside`` is the same flight under another version.
+    ``marks`` are spans of time that were chosen; ``beside`` is the same flight under another version; ``moments`` [s]
+    are those at which something changed.
     """
     window = window or whole(comparison)
     time, measured = time_of(comparison.flight), comparison.flight.coefficient(name)
@@ -110,7 +122,11 @@ def coefficient_figure(
         xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
         yaxis=axis(theme, symbol(name) + " [-]", domain=[split + 0.05, 1.0], fixedrange=True, nticks=5),
         yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, nticks=4),
-        **TIMED, shapes=[*bands(held_out, window, theme.shade), *bands(marks, window, theme.mark)],
+        **TIMED, shapes=[
+            *bands(held_out, window, theme.shade),
+            *bands(marks, window, theme.mark),
+            *(upright(t, theme.second, 1.5) for t in moments if window[0] <= t <= window[1]),
+        ],
     )  # fmt: skip
 
 

@@ -116,6 +116,14 @@ def line(x: Array, y: Array, colour: str, name: str, **more: Any) -> dict[str, A
     return {**base, **more}
 
 
+def upright(at: float, colour: str, width: float) -> dict[str, Any]:
+    """A dashed line through all of a figure, at a place of its first axis."""
+    return {
+        "type": "line", "xref": "x", "yref": "paper", "x0": at, "x1": at, "y0": 0, "y1": 1,
+        "line": {"color": colour, "width": width, "dash": "dash"},
+    }  # fmt: skip
+
+
 def beyond(time: Array, values: Array, limits: Sequence[float] | None, theme: Theme) -> list[dict[str, Any]]:
     """Triangles at the edge of a plot where curves (n,) or (n, k) leave its range; nothing where none does.
 

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import FAILS, MORE, NO_DATA, NOISE, AxisRow
-from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, figure, line
+from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, figure, line, upright
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, symbol
 
@@ -84,13 +84,7 @@ def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[fl
         line(time, predicted, theme.predicted, "predicted", width=1.1, **style),
         line(time, measured - predicted, theme.residual, "residual", yaxis="y2", width=1.0, **style),
     ]
-    shapes = [
-        {
-            "type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1,
-            "line": {"color": theme.second, "width": 1.5, "dash": "dash"},
-        }
-        for t in changes if t >= window[0]
-    ]  # fmt: skip
+    shapes = [upright(t, theme.second, 1.5) for t in changes if t >= window[0]]
     return figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=window, anchor="y2", nticks=9, fixedrange=True),
