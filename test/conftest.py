@@ -32,6 +32,7 @@ NUMBER, *LOCKS = claim_domain()
 os.environ["ROS_DOMAIN_ID"] = str(NUMBER)
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    os.environ["AIRCRAFT_SYSID_CORES"] = "1"  # the other workers have theirs; with more: test_in_parallel.py
 os.environ["PYTHONFAULTHANDLER"] = "1"  # a child that hangs and is ended shows where, see waiting.py
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 # Killed processes leave segments of shared memory behind, which make later ones deaf.

@@ -132,7 +132,7 @@ def short():
     """Final parameters of a few flights, by the live estimators and by output error."""
     records = []
     for air in flights.AIRS:
-        for seed in SEEDS:
+        for seed in SEEDS if air == "none" else SEEDS[:1]:
             flight = flights.fly(seed, air)
             for method in ("rls", "fourier") + (("rml",) if (seed, air) == (0, "light") else ()):
                 run = flights.LiveRun(flight, ParameterOptions(estimator=method), RARELY)

@@ -35,7 +35,10 @@ def test_one_core_does_only_what_is_asked_for(monkeypatch):
     assert done == ["first"]
 
 
-def test_a_refusal_is_the_callers():
+@pytest.mark.parametrize("cores", ["1", "2"])
+def test_a_refusal_is_the_callers(monkeypatch, cores):
+    monkeypatch.setenv(CORES, cores)
+
     def refuse(number):
         raise InputError(f"{number} is no good: take another")
 

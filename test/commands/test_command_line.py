@@ -24,6 +24,14 @@ NAMES = (
     "CZ_0 CZ_alpha CZ_q CZ_de",
     "Cl_0 Cl_beta Cl_p Cl_r Cl_da Cl_dr", "Cm_0 Cm_alpha Cm_q Cm_de", "Cn_0 Cn_beta Cn_p Cn_r Cn_da Cn_dr",
 )  # fmt: skip
+#: Those of the GPS go one way.
+TOPICS_OF_A_FLIGHT = (
+    "imu/data",
+    "gps/fix",
+    pytest.param("gps/vel", marks=pytest.mark.long),
+    "air_data",
+    "control_surfaces",
+)
 RUN_FILES = {"estimates.mcap", "parameters.json", "state.json", "points.npz", "aircraft.yaml", "samples.npz"}
 
 
@@ -429,7 +437,7 @@ def check_good(result, short, note):
     assert any(note in text for text in result["notes"]), result["notes"]
 
 
-@pytest.mark.parametrize("topic", ["imu/data", "gps/fix", "gps/vel", "air_data", "control_surfaces"])
+@pytest.mark.parametrize("topic", TOPICS_OF_A_FLIGHT)
 def test_ten_seconds_without_a_sensor(cli, short, aircraft_file, tmp_path, topic):
     streams = []
     for stream in short.streams:
@@ -470,6 +478,9 @@ ALONE = {
     "five_hole": ("five_hole_probe", ""),
 }
 
+#: A number, a covariance and a topic of its own that say nothing.
+OF_EACH_KIND = ("airspeed", "attitude", "magnetic_field")
+
 
 def silenced(streams, sensor, begin, end):
     """Streams in which one sensor alone says nothing between two times of flight [s]."""
@@ -487,7 +498,7 @@ def silenced(streams, sensor, begin, end):
     return found
 
 
-@pytest.mark.parametrize("sensor", ALONE)
+@pytest.mark.parametrize("sensor", [s if s in OF_EACH_KIND else pytest.param(s, marks=pytest.mark.long) for s in ALONE])
 def test_ten_seconds_without_one_sensor_alone(cli, everything, aircraft_file, tmp_path, sensor):
     recording = write(tmp_path / "bag", silenced(everything.streams, sensor, 15.0, 25.0))
     result = replay(cli, recording, aircraft_file, tmp_path / "run")
@@ -513,7 +524,7 @@ def test_ten_seconds_without_a_probe_that_gives_the_air_data(cli, everything, ai
     assert inside and not [p for m in inside for p in m.parameters if p.status == p.USE]
 
 
-@pytest.mark.parametrize("topic", ["imu/data", "gps/fix", "gps/vel", "air_data", "control_surfaces"])
+@pytest.mark.parametrize("topic", TOPICS_OF_A_FLIGHT)
 def test_nan_among_the_samples(cli, short, aircraft_file, tmp_path, topic):
     streams = []
     for stream in short.streams:

@@ -26,9 +26,9 @@ SOME = [BY_ID[n] for n in ("alpha_scale", "dihedral_alpha", "sideslip_drag", "st
 
 @pytest.fixture(scope="module")
 def flight(aircraft):
-    """A flight of one minute in which the dihedral effect depends on lift."""
+    """A flight of 45 s in which the dihedral effect depends on lift."""
     hidden = [("dihedral_alpha", 1.0)]
-    return simulate_samples(aircraft, 1, 60.0, hidden=hidden, manoeuvres="standard", rate=200.0)
+    return simulate_samples(aircraft, 1, 45.0, hidden=hidden, manoeuvres="standard", rate=200.0)
 
 
 @pytest.fixture

@@ -97,9 +97,9 @@ def write_tables(flight, folder):
 
 @pytest.fixture(scope="module")
 def flight(aircraft):
-    """45 s with a trim tab that the model knows nothing of; its recording is in degrees."""
+    """36 s with a trim tab that the model knows nothing of; its recording is in degrees."""
     with_tab = aircraft_from_dict({**aircraft.source, "inputs": {"trim_tab": {"unit": "deg"}}})
-    return simulate_samples(with_tab, seed=3, duration=45.0, effects=[Effect("Cm", "trim_tab", TRUE)])
+    return simulate_samples(with_tab, seed=3, duration=36.0, effects=[Effect("Cm", "trim_tab", TRUE)])
 
 
 @pytest.fixture(scope="module")

@@ -87,7 +87,11 @@ def flown(aircraft):
 
 @pytest.mark.parametrize(
     ("topics", "note"),
-    [(("gps/vel",), "no GPS velocity: "), (("gps/fix",), "no GPS position: "), (GPS, "no GPS: wind is not estimated")],
+    [
+        (("gps/vel",), "no GPS velocity: "),
+        pytest.param(("gps/fix",), "no GPS position: ", marks=pytest.mark.long),
+        (GPS, "no GPS: wind is not estimated"),
+    ],
 )
 def test_derivatives_without_part_or_all_of_the_gps(replayed, flown, aircraft, topics, note):
     result = replayed(without(flown.streams, topics))
@@ -259,7 +263,11 @@ REAL = {
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("seaway", ["no angle of attack and no sideslip is measured", "no /control_surfaces"]),
+        pytest.param(  # what it says the others say as well; its import: test_import_guess.py
+            "seaway",
+            ["no angle of attack and no sideslip is measured", "no /control_surfaces"],
+            marks=pytest.mark.long,
+        ),
         ("wing", ["no airspeed: no parameter is learnt", "no /control_surfaces"]),
         ("alfa", ["no angle of attack and no sideslip is measured", "the controls come at 2.6 Hz"]),
     ],

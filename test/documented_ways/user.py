@@ -17,6 +17,8 @@ from typing import Any
 
 from documented_commands import ROOT, Told, command_of
 
+from aircraft_sysid_ros.processes import CORES
+
 #: Longest time [s] that anything may take on a busy machine.
 PATIENCE = 600.0
 #: The ROS wheels say by the one that they have set the other in this process: a new terminal has neither.
@@ -79,6 +81,7 @@ class User:
             (folder / name).symlink_to(ROOT / name)
         (folder / ".venv").symlink_to(sys.prefix)
         self.environment = {**os.environ, "PATH": f"{folder}/.venv/bin:{os.environ['PATH']}"}
+        self.environment.pop(CORES, None)  # a user has them all
         if self.environment.pop(_BY_WHEELS, None):
             self.environment.pop(_LIBRARIES, None)
 

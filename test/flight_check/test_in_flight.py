@@ -86,7 +86,7 @@ def test_the_reason_of_a_parameter_names_the_sensor(clean):
     assert any(contradiction_text(NUMBER["sideslip"]) in reason for reason in reasons)
 
 
-@pytest.mark.parametrize("block", [137, 1000])
+@pytest.mark.parametrize("block", [137, pytest.param(1000, marks=pytest.mark.long)])
 def test_a_density_that_leaves_its_height_is_told_while_it_does_and_nothing_is_used(clean, block):
     """A static port that is blocked or leaks: all coefficients are off by the same factor, and nothing else tells."""
     values, since = clean.values.copy(), (clean.stamp - clean.stamp[0]) * 1e-9

@@ -18,7 +18,7 @@ CHANGED = {"excitation": 100.0, "settle": 0.3, "largest_gap": 0.005, "error_wind
 
 @pytest.fixture(scope="module")
 def short(aircraft):
-    return simulate_samples(aircraft, seed=2, duration=40.0)
+    return simulate_samples(aircraft, seed=2, duration=28.0)
 
 
 def flown(flight, name, changed, block=500, at=0.5):

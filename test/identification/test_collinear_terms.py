@@ -61,7 +61,10 @@ def test_a_term_in_closed_loop_is_told_with_what_it_follows_and_the_input_that_t
         assert said.startswith("; it follows ") and said.endswith(": fly it over a wider range")
 
 
-@pytest.mark.parametrize(("surface", "begin"), [("elevator", 0.0), ("aileron", 20.0), ("rudder", 20.0)])
+@pytest.mark.parametrize(
+    ("surface", "begin"),
+    [("elevator", 0.0), pytest.param("aileron", 20.0, marks=pytest.mark.long), ("rudder", 20.0)],
+)
 def test_a_surface_that_is_never_recorded_to_move(surface, begin) -> None:
     """All looks at what is known go through, without a warning, and its effect is not to be used as new."""
     aircraft = default_aircraft()

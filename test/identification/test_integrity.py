@@ -239,6 +239,8 @@ def test_a_short_contradiction_is_held_and_forgotten_and_a_long_one_goes_back(ai
 # -- flights --------------------------------------------------------------------------------------------------------
 
 SENSORS = ("airspeed_blocked", "alpha_stuck", "gps_lost", "gps_spoofed", "imu_bias_jump")
+#: Faults that no other test here flies.
+ALONE = ("gps_spoofed", "imu_bias_jump")
 MAIN = ("CZ_alpha", "Cm_alpha", "Cm_q", "Cm_de", "Cl_p", "Cl_da", "Cn_beta", "Cn_r", "Cn_dr", "CY_beta")
 
 
@@ -295,7 +297,7 @@ def check_never_wild(flown: Flown, truth: dict[str, float], begin: float) -> Non
             assert found[name].status != Trust.USE or low <= found[name].value <= high
 
 
-@pytest.mark.parametrize("fault", SENSORS)
+@pytest.mark.parametrize("fault", [f if f in ALONE else pytest.param(f, marks=pytest.mark.long) for f in SENSORS])
 def test_a_sensor_that_fails_is_held_soon_and_used_again_when_it_is_well(bounded, sound, fault):
     flown = Flown(bounded, with_fault(sound.samples, fault, BEGIN, END))
     check_never_wild(flown, bounded.coefficients, BEGIN)
@@ -396,6 +398,7 @@ def test_an_airspeed_that_stands_still_in_gusts_is_held(bounded):
     assert found.value == pytest.approx(bounded.coefficients["Cm_alpha"], rel=0.15)
 
 
+@pytest.mark.long  # a change of the same kind: test_relearning.py
 def test_an_aeroplane_that_changes_is_learnt_anew_and_used_again(bounded):
     text = f"max(sign(time-{BEGIN}),0)*de"
     effects = tuple(Effect(axis, text, -0.4 * bounded.coefficients[f"{axis}_de"]) for axis in ("Cm", "CZ"))

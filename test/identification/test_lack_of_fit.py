@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
-from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.evaluation import measured_coefficients
@@ -33,8 +31,6 @@ from aircraft_sysid_ros.identification.monitoring.residuals import (
 from aircraft_sysid_ros.identification.trust import BEYOND_NOISE, Trust, lack_of_fit
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.recordings.mat_import import import_mat
-from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 STEP = 0.04
@@ -184,18 +180,10 @@ def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_
     assert any(p.status == Trust.USE for p in of_axis(known.snapshot(), "Cm"))
 
 
-@pytest.mark.parametrize("turbulence", ["light", "moderate"])
+@pytest.mark.parametrize("turbulence", [pytest.param("light", marks=pytest.mark.long), "moderate"])
 def test_gusts_are_no_lack_of_fit(aircraft, turbulence):
     flight = simulate_samples(aircraft, 8, 90.0, turbulence=turbulence, rate=200.0)
     identifier = flown(aircraft, flight.samples)
     assert max(identifier.learning.integrity.errors.monitor.unexplained(i) for i in range(6)) < 0.1
     assert 0.5 < max(identifier.learning.integrity.errors.monitor.over_noise(i) for i in range(6)) < 2.0
     assert not any("the model explains" in p.reason for p in identifier.snapshot().parameters)
-
-
-def test_on_a_real_flight_what_is_held_is_what_the_laboratory_contradicts(shared_data, tmp_path):
-    """Of Thor C_m,q is read five times too small, with a small standard error: docs/real-flights.md."""
-    import_mat(shared_data / "umn_thor_flight75" / "flight75.mat", tmp_path / "thor")
-    found = flown(load_aircraft(config_path("umn_thor.yaml")), read_recording(tmp_path / "thor").samples).snapshot()
-    assert not any(p.status == Trust.USE for axis in ("Cl", "Cm") for p in of_axis(found, axis))
-    assert any("the model explains" in p.reason for p in of_axis(found, "Cm"))

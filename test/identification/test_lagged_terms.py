@@ -38,7 +38,7 @@ def test_it_is_learnt_from_perfect_states(lagging, inputs):
     assert found["Cm_alpha"] == pytest.approx(lagging.aircraft.coefficients["Cm_alpha"], rel=0.05)
 
 
-@pytest.mark.parametrize("estimator", ["rls", "fourier"])
+@pytest.mark.parametrize("estimator", ["rls", pytest.param("fourier", marks=pytest.mark.long)])
 def test_batches_of_any_size_give_the_same_numbers(lagging, inputs, estimator):
     rows, controls = inputs[0][:2500], inputs[1]
     results = [

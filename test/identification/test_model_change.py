@@ -173,7 +173,7 @@ def test_the_error_falls_at_once_and_other_axes_do_not_notice(flown, at_sixty):
     before, after = ({p.name: (p.value, p.std) for p in e.snapshot().parameters} for e in (plain, estimator))
     assert set(after) - set(before) == {"CZ_alpha3"}
     assert all(after[name] == before[name] for name in before if not name.startswith("CZ"))
-    later, without = flown.fly(estimator, 60.0, 110.0), flown.fly(plain, 60.0, 110.0)
+    later, without = flown.fly(estimator, 60.0, 90.0), flown.fly(plain, 60.0, 90.0)
     assert rms(later, 2) < 0.5 * rms(without, 2)
     others = [i for i in range(6) if i != 2]
     for block in (CoefficientSample.PREDICTED, CoefficientSample.MEASURED, CoefficientSample.LEARNT):
@@ -225,7 +225,7 @@ def test_the_longest_axis_may_grow(flown, at_sixty):
         assert np.linalg.eigvalsh(p / np.outer(scale, scale)).min() > 0.0
 
 
-@pytest.mark.parametrize("name", ["fourier", "rml"])
+@pytest.mark.parametrize("name", ["fourier", pytest.param("rml", marks=pytest.mark.long)])
 def test_another_learner_begins_anew_and_says_so(flown, name):
     estimator, memory = flown.estimator(estimator=name, rml_rate=25.0), SampleMemory()
     flown.fly(estimator, 0.0, 20.0, memory)

@@ -36,12 +36,12 @@ def said(capsys, *arguments):
 
 @pytest.fixture(scope="module")
 def flight(aircraft, tmp_path_factory):
-    """A simulated flight of 30 s as a bag."""
+    """A simulated flight of 22 s as a bag."""
     from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
     from aircraft_sysid_ros.simulation.truth_files import write_flight
 
     path = tmp_path_factory.mktemp("short") / "flight"
-    write_flight(simulate_samples(aircraft, seed=4, duration=30.0), path)
+    write_flight(simulate_samples(aircraft, seed=4, duration=22.0), path)
     return path
 
 

@@ -51,8 +51,13 @@ def label(bench, name):
     [
         ("state_estimator", [], "aircraft_file is empty"),
         ("parameter_estimator", ["aircraft_file:=nowhere.yaml"], "cannot read the aircraft file nowhere"),
-        ("state_estimator", ["aircraft_file:=BAD"], "mass must be positive"),
-        ("state_estimator", ["aircraft_file:=GOOD", "input_reliability:=maybe"], "not 'maybe'"),
+        pytest.param("state_estimator", ["aircraft_file:=BAD"], "mass must be positive", marks=pytest.mark.long),
+        pytest.param(
+            "state_estimator",
+            ["aircraft_file:=GOOD", "input_reliability:=maybe"],
+            "not 'maybe'",
+            marks=pytest.mark.long,
+        ),
         ("state_estimator", ["aircraft_file:=GOOD", "horizon:=9.0"], "out of range"),
         ("parameter_estimator", ["aircraft_file:=GOOD", "step:=quick"], "'quick'"),
     ],

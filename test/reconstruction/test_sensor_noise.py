@@ -174,7 +174,7 @@ def samples(flight):
     return without_variances(flight.samples)
 
 
-@pytest.mark.parametrize("scale", [1.0, 4.0])
+@pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.long), 4.0])
 def test_the_noise_of_all_sensors_is_found_from_a_file_with_mass_and_shape(scale):
     truth = default_aircraft()
     made = simulate_samples(truth, 62, 90.0, sensors=SensorOptions(noise_scale=scale, attitude=True))

@@ -33,7 +33,9 @@ def filtered(samples: Samples, size: int) -> np.ndarray:
     return np.vstack([still.without(samples[i : i + size]).values for i in range(0, len(samples), size)])
 
 
-@pytest.mark.parametrize("kind", [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP])
+@pytest.mark.parametrize(
+    "kind", [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, pytest.param(Kind.SIDESLIP, marks=pytest.mark.long)]
+)
 def test_what_stands_still_is_dropped_after_its_time_until_it_moves(flight, kind) -> None:
     samples = frozen(flight, kind)
     values = filtered(samples, len(samples))

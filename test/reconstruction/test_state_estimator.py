@@ -199,7 +199,7 @@ def test_without_gps_and_airspeed_the_filter_waits_and_says_so(flight, aircraft)
     assert estimator.summary()["wind_ned"] == [None] * 3
 
 
-@pytest.mark.parametrize("turbulence", ["light", "moderate"])
+@pytest.mark.parametrize("turbulence", [pytest.param("light", marks=pytest.mark.long), "moderate"])
 def test_gusts_do_not_corrupt_attitude_and_biases(turbulence: str, aircraft) -> None:
     """The aircraft file promises a nearly steady wind; the filter finds out that it is not, and stays honest."""
     from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples

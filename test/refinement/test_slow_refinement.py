@@ -31,7 +31,10 @@ def samples() -> Samples:
     return fast_flight(SEED, 40.0).samples
 
 
-@pytest.mark.parametrize(("rate", "lost"), [(10.0, 0.0), (10.0, 0.1), (25.0, 0.1), (33.0, 0.0)])
+@pytest.mark.parametrize(
+    ("rate", "lost"),
+    [(10.0, 0.1), (33.0, 0.0), *(pytest.param(*s, marks=pytest.mark.long) for s in ((10.0, 0.0), (25.0, 0.1)))],
+)
 def test_the_grid_is_dense_and_the_imu_stands_at_its_own_times(samples: Samples, rate: float, lost: float) -> None:
     slow = all_thinned(samples, rate, jitter=0.2 if lost else 0.0, lost=lost)
     record = record_of(file_of_users(), slow, 50.0)

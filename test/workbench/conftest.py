@@ -55,9 +55,9 @@ def served():
 
 
 @contextmanager
-def _served(*arguments):
+def _served(*arguments, program=("-m", "aircraft_sysid_ros.commands.main")):
     """The address of the page of a run, or of what else the command is told."""
-    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "workbench", *map(str, arguments)]
+    command = [sys.executable, *map(str, program), "workbench", *map(str, arguments)]
     with subprocess.Popen([*command, "--port", "0", "--no-browser"], stderr=subprocess.PIPE, text=True) as server:
         try:
             said, found = "", None

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import urllib.parse
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +30,8 @@ def server(hidden_effect, calibration, tmp_path_factory, served):
     shutil.copytree(hidden_effect, run)
     file = run / "aircraft.yaml"
     file.write_text(re.sub(r"(?m)^name: .*", f"name: {json.dumps(HOSTILE)}", file.read_text()))
-    with served(run, "--calibration", calibration) as address:
+    program = (Path(__file__).with_name("few_replicas.py"),)
+    with served(run, "--calibration", calibration, program=program) as address:
         yield run, address
 
 
