@@ -109,7 +109,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Change of mass",
         CHANGE,
         "Coefficients of force are mass times specific force, so that with a wrong mass all three are wrong by the "
-        "same factor. Dropped load or water makes it so from one moment on.",
+        "same factor. A load or water that is dropped makes it so at once, what burns or runs out little by little.",
         "V. Klein and E. Morelli, Aircraft System Identification; (6.14)-(6.18) of docs/references.md",
         "C_X, C_Y, C_Z += a C_X, a C_Y, a C_Z for t > t₀, with one a = m_file / m - 1 for the three",
         (_same_share(STEP),),

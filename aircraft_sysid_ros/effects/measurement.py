@@ -97,7 +97,7 @@ EFFECTS: tuple[Effect, ...] = (
         "The wind that is found turns with the heading, more from minute to minute.",
         "Turns through all headings in steady wind, at the beginning and at the end.",
         (ShapeParameter("drift", "1/s", -0.001, 0.001, 9),),
-        in_coefficients=_of_drift(AXES, "", -2.0),
+        in_coefficients=_of_drift(AXES, "_airspeed", 1.0),
     ),
     Effect(
         "alpha_drift",

@@ -25,6 +25,9 @@ def drifting(aircraft, effect, rate=RATE):
     name, time = effect.partition("_")[0], data.signal("time")
     if name == "airspeed":
         data.measured[:] /= ((1.0 + rate * time) ** 2)[:, None]  # a force over the dynamic pressure that is shown
+        data.signals[:, SIGNAL_INDEX["Tc"]] /= (1.0 + rate * time) ** 2  # and so is the thrust
+        for rotation in "pqr":
+            data.signals[:, SIGNAL_INDEX[rotation]] /= 1.0 + rate * time
     else:
         data.signals[:, SIGNAL_INDEX[name]] += rate * time
     return data

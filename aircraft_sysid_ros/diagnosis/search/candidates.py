@@ -23,6 +23,10 @@ Array = npt.NDArray[np.float64]
 
 #: Signals in which the slope of a model may stand in a term, and the step of its central difference [rad].
 SLOPES_IN, _SLOPE_STEP = ("alpha", "beta"), 0.01
+#: Powers of the airspeed in signals: what a wrong airspeed makes wrong of what is as it was.
+_POWERS_OF_AIRSPEED = {
+    "V": 1, "mach": 1, "qbar": 2, "Tc": -2, "p": -1, "q": -1, "r": -1, "alpha_dot": -1, "beta_dot": -1,
+}  # fmt: skip
 #: Inner numbers that are times at which something changes.
 MOMENTS_OF_CHANGE = ("t0", "t1")
 #: Time [s] for which a change that is undone is there: two blocks, one to learn it from, one to judge it on.
@@ -117,6 +121,27 @@ def slope_texts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dic
             more, less = (signal.sub(f"({name}{sign}{_SLOPE_STEP})", read) for sign in "+-")
             texts[f"{axis}_{name}"] = f"(({more})-({less}))/{2.0 * _SLOPE_STEP:g}"
     return texts
+
+
+def airspeed_texts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dict[str, str]:
+    """What coefficients gain, as they are shown, by the share by which the airspeed is shown too large:
+    ``{CX_airspeed}`` of a term.
+
+    A force is divided by a dynamic pressure that is too large, and so is the thrust of T_c, whose part stays as it is;
+    rates are made dimensionless by the airspeed, so that theirs loses half as much.
+    """
+    names = re.compile(rf"\b({'|'.join(_POWERS_OF_AIRSPEED)})\b")
+
+    def shown(parts: list[str], share: float) -> str:
+        true = names.sub(
+            lambda found: f"({found[0]}*{(1.0 + share) ** -_POWERS_OF_AIRSPEED[found[0]]:.9g})", "+".join(parts) or "0"
+        )
+        return f"({true})*{(1.0 + share) ** -2:.9g}"
+
+    return {
+        f"{axis}_airspeed": f"({shown(parts, _SLOPE_STEP)}-{shown(parts, -_SLOPE_STEP)})/{2.0 * _SLOPE_STEP:g}"
+        for axis, parts in _parts(model, parameters).items()
+    }
 
 
 def _parts(model: AerodynamicModel, parameters: Mapping[str, float]) -> dict[str, list[str]]:

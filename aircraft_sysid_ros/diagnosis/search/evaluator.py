@@ -21,6 +21,7 @@ from aircraft_sysid_ros.diagnosis.flight.flight_data import GUARD, FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import (
     MOMENTS_OF_CHANGE,
     Candidate,
+    airspeed_texts,
     base_texts,
     candidates_of,
     growths,
@@ -170,12 +171,16 @@ class CandidateEvaluator:
 
     @cached_property
     def base(self) -> dict[str, str]:
-        """Text of the fitted model by axis and of its slopes, for candidates that are made of it.
+        """Text of the fitted model by axis, of its slopes and of its changes with the airspeed, for candidates of it.
 
         An angle that drifts moves while the coefficient does not, and hides its slope: that is fitted beside the drift.
         """
         model = self.data.model
-        return {**base_texts(model, self.parameters), **slope_texts(model, self._parameters(beside=("time",)))}
+        return {
+            **base_texts(model, self.parameters),
+            **slope_texts(model, self._parameters(beside=("time",))),
+            **airspeed_texts(model, self.parameters),
+        }
 
     def _tied(self, candidate: Candidate) -> dict[str, Gain]:
         """Gains of a candidate whose axes share numbers."""
