@@ -403,6 +403,21 @@ def evaluate_rows(
 
 
 @njit(cache=True)
+def _moved(place: float, wanted: float, most: float) -> float:
+    """A place after it has moved towards the one that is wanted, by so much at most."""
+    return wanted if np.isinf(most) or np.isnan(wanted) else min(max(wanted, place - most), place + most)
+
+
+@njit(cache=True)
+def rate_limited(values: npt.NDArray[np.float64], rate: float, step: float) -> npt.NDArray[np.float64]:
+    """What follows values (n,) that are ``step`` [s] apart and moves by no more than ``rate`` in a second."""
+    out = values.copy()
+    for i in range(1, len(values)):
+        out[i] = _moved(out[i - 1], values[i], rate * step)
+    return out
+
+
+@njit(cache=True)
 def follow_lags(
     code: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.int64],
@@ -429,7 +444,7 @@ def follow_lags(
             if not follows_on:
                 y = x
             elif taus[k] <= 0.0:
-                y = x if np.isinf(most) or np.isnan(x) else min(max(x, y - most), y + most)
+                y = _moved(y, x, most)
             else:
                 kept = np.exp(-step / taus[k])
                 mean = (1.0 - kept) * taus[k] / step  # of exp(-t / tau) over the step

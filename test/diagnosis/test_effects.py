@@ -1,6 +1,7 @@
 """The library of effects: laws that every entry obeys, and a new effect in one entry."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,9 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SCALED_SENSORS, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate, parse_expression
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search.candidates import with_inner
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY, effect_of
 from aircraft_sysid_ros.effects.effect import (
     AERODYNAMIC,
@@ -22,6 +26,7 @@ from aircraft_sysid_ros.effects.effect import (
     with_setting,
 )
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 INTERFACE = {
     AERODYNAMIC: "stall ground_effect alpha_dot flaps propwash thrust_offset propeller_torque propeller_gyroscopic "
@@ -246,6 +251,19 @@ def test_a_surface_at_its_greatest_rate_lacks_what_is_left_of_the_command():
     np.testing.assert_allclose(column[:5], 0.0, atol=1e-15)
     np.testing.assert_allclose(column[5:11], [-0.25, -0.2, -0.15, -0.1, -0.05, 0.0], atol=1e-12)
     np.testing.assert_allclose(column[11:], 0.0, atol=1e-12)
+
+
+def test_a_surface_at_its_greatest_rate_is_followed_as_quickly_as_it_was_recorded(aircraft):
+    """Of means over windows the same limit makes another motion, and its error outweighs what it explains."""
+    flown = simulate_samples(aircraft, 4, 45.0, hidden=[("rate_limit", 1.0)])
+    data = settled_flight(reconstruct(aircraft, flown.samples, with_covariance=False))
+    effect, true = effect_of("rate_limit"), flown.hidden[0].inner["rate"]
+    quick, of_means = (CandidateEvaluator(each) for each in (data, replace(data, surfaces=None)))
+    variant = next(each for each in effect.variants if each.name == flown.hidden[0].variant)
+    explained, hardly = (b.trial(with_inner(effect, variant, {"rate": true}, b.base)) for b in (quick, of_means))
+    assert explained.log_ratios["Cm"] > 2.0 > 10.0 * hardly.log_ratios["Cm"]
+    best = quick.best_of(effect).candidate
+    assert best.variant == variant.name and dict(best.inner)["rate"] == pytest.approx(true, rel=0.05)
 
 
 def test_a_line_pulls_as_hard_at_any_speed():

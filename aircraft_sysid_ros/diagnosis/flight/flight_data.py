@@ -13,19 +13,28 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.expression import (
+    FIRST_LAG,
     SIGNAL_COUNT,
+    SURFACE_WORDS,
+    Lag,
     Program,
-    evaluate_signals,
+    evaluate_rows,
+    lags_of,
+    link,
     parse_expression,
+    rate_limited,
+    with_lags,
 )
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.window_average import window_averages
 from aircraft_sysid_ros.identification.coefficients.pace import (
     why_airspeed_too_slow,
     why_controls_too_slow,
     why_too_slow,
 )
 from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, listed, needs
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.run_reader import UNREADABLE, not_a_run, read_points
 from aircraft_sysid_ros.samples import Samples
 
@@ -40,6 +49,9 @@ FOLDS = 4
 #: So many manoeuvres are held out one by one, in place of blocks.
 LEAST_MANOEUVRES = 3
 _KEPT = 256
+#: Signals of surfaces, in the order of ``FlightData.surfaces``, and steps [s] in which one of them is followed.
+SURFACE_SIGNALS = tuple(SURFACE_WORDS)
+_QUICK = 0.01
 
 
 @dataclass(frozen=True)
@@ -67,6 +79,8 @@ class FlightData:
     rolled: float = 0.0  # [s] that are left out, since wheels may have pushed it
     #: One sigma per sample of IMU and surfaces as the recording shows it (``white_noise``), by the name of the sensor.
     white_noise: Mapping[str, float] = field(default_factory=dict)
+    #: Deflections as they were recorded, of one flight: times (k,) of the signal ``time`` and values (k, 4) [rad].
+    surfaces: tuple[Array, Array] | None = field(default=None, repr=False, compare=False)
     #: Newest columns by text: a search tries the same in several axes.
     _made: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -220,12 +234,37 @@ class FlightData:
         """Terms (n, len(programs)) on the signals, ``within`` flights; the points of each stand side by side."""
         made, new = self._made, [p for p in programs if p.source not in self._made]
         if new:
-            out = evaluate_signals(new, self.time, self.signals, 1.5 * self.step)
+            out = self._values(new)
             made.update(zip((p.source for p in new), self.within(out).T.copy(), strict=True))
         rows = np.array([made[p.source] for p in programs]).reshape(len(programs), len(self.time))
         while len(made) > _KEPT:
             del made[next(iter(made))]
         return rows.T
+
+    def _values(self, programs: Sequence[Program]) -> Array:
+        """Values (n, len(programs)) of terms on the signals."""
+        lags, out = lags_of(programs), np.empty((len(self.time), len(programs)))
+        rows = with_lags(lags, self.time, self.signals, 1.5 * self.step)
+        for k, lag in enumerate(lags):
+            if (quick := self._limited(lag)) is not None:
+                rows[:, FIRST_LAG + k] = np.where(np.isfinite(quick), quick, rows[:, FIRST_LAG + k])
+        evaluate_rows(*link(programs), rows, out)
+        return out
+
+    def _limited(self, lag: Lag) -> Array | None:
+        """What moves at its greatest rate (n,), worked out as quickly as a surface was recorded, in the mean over the
+        windows of the coefficients: the mean of what is limited is not what limits the mean. None of anything else.
+        """
+        name = lag.program.text
+        if name not in SURFACE_SIGNALS or np.isinf(lag.rate) or self.surfaces is None or self.sparse_interval > 0.0:
+            return None
+        time, values = self.surfaces
+        known = np.isfinite(column := values[:, SURFACE_SIGNALS.index(name)])
+        if known.sum() < 2:
+            return None
+        grid = np.arange(time[known][0], time[known][-1], _QUICK)
+        moved = rate_limited(np.interp(grid, time[known], column[known]), lag.rate, _QUICK)
+        return window_averages(grid, moved[:, None], self.signal("time"), ParameterOptions().half_width, False)[:, 0]
 
 
 def load_flight_data(run: str | Path) -> FlightData:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_sparse_rates
 from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
@@ -34,7 +34,7 @@ from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, sensor_delays
 from aircraft_sysid_ros.samples import (
     SHORTEST,
     Kind,
@@ -97,7 +97,18 @@ class Reconstruction:
         measured = set(self.samples.kind[np.isfinite(self.samples.values[:, 0])].tolist())
         inferred = tuple(name for name, kind in _AIR_SIGNALS.items() if kind not in measured)
         interval = sparse_interval(self.samples)
-        return replace(data, sparse_interval=interval, manoeuvre=number, flown=flown, run=run, inferred=inferred)
+        return replace(
+            data, sparse_interval=interval, manoeuvre=number, flown=flown, run=run, inferred=inferred,
+            surfaces=None if several or not len(self.points) else self._surfaces(data.begin),
+        )  # fmt: skip
+
+    def _surfaces(self, begin: float) -> tuple[Array, Array]:
+        """``FlightData.surfaces`` of a flight whose first point has this time."""
+        controls = self.samples[self.samples.kind == Kind.CONTROLS]
+        since = self.points[0, CoefficientSample.TIME] - begin + sensor_delays(self.aircraft)[Kind.CONTROLS]
+        times, order = np.unique((controls.stamp - self.epoch) * 1e-9 - since, return_index=True)
+        signs = [self.aircraft.surface_signs[name] for name in SURFACES]
+        return times, controls.values[order, : len(SURFACES)] * signs
 
     def manoeuvre_at(self, time: Array) -> npt.NDArray[np.int64]:
         """Number (n,) from 0 of the manoeuvre at times [s]."""
