@@ -84,16 +84,20 @@ def diagnose(
         best = one.named(significant, found)
         if best is None:
             break
-        best = replace(best, nested=nested_validation(best, bench, partial(_named_anew, one, tuple(found))))
-        terms = new_terms(bench.data, best.trial)
-        bench = bench.judging(best.trial.candidate).extended(terms)
-        shapes = shapes_of(bench, best.trial)
-        found.append(replace(best, shape=_sizeable(shapes, bench, first)))
+        nested = nested_validation(best, bench, partial(_named_anew, one, tuple(found)))
+        named = replace(best, nested=nested)
+        if found and not named.comes_again:
+            listed = [named if each is best else each for each in listed]
+            break
+        terms = new_terms(bench.data, named.trial)
+        bench = bench.judging(named.trial.candidate).extended(terms)
+        shapes = shapes_of(bench, named.trial)
+        found.append(replace(named, shape=_sizeable(shapes, bench, first)))
         columns = {
             axis: [text for part in parts for text in part.candidate.terms[axis]] for axis, parts in shapes.items()
         }
         bench = bench.extended({}, columns)
-        empty = [other.judging(best.trial.candidate).extended(terms, columns) for other in empty]
+        empty = [other.judging(named.trial.candidate).extended(terms, columns) for other in empty]
     progress(1.0)
     unknown = _unknown(bench, floor, resting, listed)
     names = {f.trial.candidate.family for f in found}

@@ -109,7 +109,24 @@ class Finding:
     def refusal(self, first: bool) -> str:
         """Why it is no verdict, in words; empty where nothing but what was found before it is in the way."""
         level = THRESHOLDS.verdict if first else THRESHOLDS.further
-        return self._weakness or (f"chance does as much (p = {self.p_value:.2g})" if self.p_value >= level else "")
+        if self._weakness or self.p_value >= level:
+            return self._weakness or f"chance does as much (p = {self.p_value:.2g})"
+        if first or self.nested is None or self.comes_again:
+            return ""
+        return (
+            f"chosen anew without each quarter of the flight it comes in {self.times_again} of {len(self.nested.names)}"
+        )
+
+    @property
+    def times_again(self) -> int:
+        """In how many parts of the nested validation it comes again, or what the flight cannot tell from it."""
+        own = {self.trial.candidate.family, *self.confounded_with}
+        return 0 if self.nested is None else sum(name in own for name in self.nested.names)
+
+    @property
+    def comes_again(self) -> bool:
+        """Whether it comes again in most of the parts."""
+        return self.nested is not None and self.times_again > THRESHOLDS.again * len(self.nested.names)
 
     def _share_above_noise(self) -> float:
         """Share of the variance of what is left of its main axis, beyond that of the replicas, that goes."""
@@ -148,14 +165,15 @@ def _clearly_more(gain: Gain, other: Gain | None) -> bool:
 
 
 def is_simpler(other: Finding, named: Finding) -> bool:
-    """Whether a rival that the flight cannot tell from what is named explains clearly more with fewer numbers.
+    """Whether a rival explains more of the axis of what is named with fewer numbers.
 
-    What has more of them explains more in all: it stands for a second effect in another axis as well.
+    What is there explains its own axis best. What has more numbers may explain more in all, since it stands for a
+    second effect in another axis as well.
     """
-    candidate, axis = other.trial.candidate, named.trial.main_axis
-    if candidate.family not in named.confounded_with or candidate.numbers >= named.trial.candidate.numbers:
+    gain, axis = other.trial.gains.get(named.trial.main_axis), named.trial.main_axis
+    if gain is None or other.trial.candidate.numbers >= named.trial.candidate.numbers:
         return False
-    return log_ratio(other.trial.gains[axis]) > log_ratio(named.trial.gains[axis]) + THRESHOLDS.clearly
+    return log_ratio(gain) > log_ratio(named.trial.gains[axis]) + THRESHOLDS.preference
 
 
 def explained(gain: Gain) -> float:

@@ -92,7 +92,8 @@ class SearchRound:
             return None
         # That something is missing the surest one proves; what it is, the one that explains clearly most.
         best = next((f for f in candidates[: candidates.index(sure)] if explains_more(f.trial, sure.trial)), sure)
-        return next((f for f in candidates if is_simpler(f, best)), best)
+        simpler, axis = [f for f in candidates if is_simpler(f, best)], best.trial.main_axis
+        return max(simpler, key=lambda f: f.trial.log_ratios[axis], default=best)
 
     @property
     def p_value(self) -> float:

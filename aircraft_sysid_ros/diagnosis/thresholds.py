@@ -76,6 +76,11 @@ class Thresholds:
         "The same of an effect after the first one: what that leaves, since it has not quite the shape of the truth,",
         "is in no replica. A judgement.",
     )
+    again: float = _of(
+        0.5,
+        "An effect after the first one must be chosen again, it or what the flight cannot tell from it, in more than",
+        "this share of the choices that are made without a part of the flight. A judgement.",
+    )
     size: float = _of(
         0.10,
         "Share of the held-out rms error of an axis that an effect must explain: what is true but tiny is listed and",

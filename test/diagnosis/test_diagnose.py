@@ -14,7 +14,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.diagnose import render
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
-from aircraft_sysid_ros.diagnosis.finding import Finding, is_simpler
+from aircraft_sysid_ros.diagnosis.finding import Finding, NestedValidation, is_simpler
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     fit_sensor_noise,
     fit_wind_noise,
@@ -347,6 +347,9 @@ def test_the_rule_that_refuses_an_effect_of_size_is_said(aircraft):
     assert far.refusal(first=True) == "" and far.matters
     assert "p = 0.02" in replace(far, p_value=0.02).refusal(first=True)
     assert "less than 10%" in replace(far, size=0.05).refusal(first=True)
+    rarely = replace(far, p_value=1e-6, nested=NestedValidation(("dihedral_alpha", "", "stall", "dihedral_alpha"), 0.2))
+    assert rarely.refusal(first=True) == "" and "it comes in 2 of 4" in rarely.refusal(first=False)
+    assert replace(rarely, confounded_with=("stall",)).refusal(first=False) == ""
 
 
 @pytest.mark.parametrize(("size", "named"), [(1.1, "dihedral_alpha"), (0.8, "sideslip_pitching")])
@@ -371,7 +374,7 @@ def test_of_a_surer_effect_and_one_that_explains_clearly_more_that_is_named(airc
     assert found.found[0].trial.candidate.family == named
 
 
-def test_a_rival_with_fewer_numbers_goes_first_where_it_explains_clearly_more_of_the_axis(aircraft):
+def test_a_rival_with_fewer_numbers_goes_first_where_it_explains_more_of_the_axis(aircraft):
     """What stands for two effects in two axes by one name explains more in all, and less of the one that is there."""
 
     def lacking(c, after, f):
@@ -379,18 +382,18 @@ def test_a_rival_with_fewer_numbers_goes_first_where_it_explains_clearly_more_of
         c[:, 4] += 0.12 * np.abs(f["beta"])
         return c
 
-    def finding(company=(), **terms):
+    def finding(**terms):
         trial = bench.trial(Candidate(None, "", (), {axis: (text,) for axis, text in terms.items()}))
-        return Finding(trial, bench.data, 0.0, 0.0, 0.0, 0.0, 0.0, company)
+        return Finding(trial, bench.data, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     bench = CandidateEvaluator(random_flight(aircraft, lacking))
     true, half = finding(CZ="beta**2"), finding(CZ="alpha*beta**2")
-    both = finding((true.trial.candidate.family, half.trial.candidate.family), CZ="abs(beta)", Cm="abs(beta)")
+    both = finding(CZ="abs(beta)", Cm="abs(beta)")
     assert both.trial.score > true.trial.score and both.trial.main_axis == "CZ"
     assert is_simpler(true, both)
-    assert not is_simpler(true, replace(both, confounded_with=()))
+    assert not is_simpler(both, true) and not is_simpler(finding(CX="beta**2"), both)
     assert not is_simpler(half, both)
-    assert not is_simpler(finding((), CZ="beta**2", Cm="beta**2"), both)
+    assert not is_simpler(finding(CZ="beta**2", Cm="beta**2"), both)
 
 
 @pytest.mark.parametrize(("must", "alike"), [((), ("twin",)), (("Cn",), ())])
