@@ -86,7 +86,7 @@ def diagnose(
             break
         nested = nested_validation(best, bench, partial(_named_anew, one, tuple(found)))
         named = replace(best, nested=nested)
-        if found and not named.comes_again:
+        if not named.comes_again:
             listed = [named if each is best else each for each in listed]
             break
         terms = new_terms(bench.data, named.trial)

@@ -111,7 +111,7 @@ class Finding:
         level = THRESHOLDS.verdict if first else THRESHOLDS.further
         if self._weakness or self.p_value >= level:
             return self._weakness or f"chance does as much (p = {self.p_value:.2g})"
-        if first or self.nested is None or self.comes_again:
+        if self.nested is None or self.comes_again:
             return ""
         return (
             f"chosen anew without each quarter of the flight it comes in {self.times_again} of {len(self.nested.names)}"
@@ -119,9 +119,14 @@ class Finding:
 
     @property
     def times_again(self) -> int:
-        """In how many parts of the nested validation it comes again, or what the flight cannot tell from it."""
-        own = {self.trial.candidate.family, *self.confounded_with}
-        return 0 if self.nested is None else sum(name in own for name in self.nested.names)
+        """In how many parts of the nested validation it comes again, or what the flight cannot tell from it.
+
+        What no effect of the library has goes by its axis: of many expressions another one is the best in each part.
+        """
+        candidate, own = self.trial.candidate, {self.trial.candidate.family, *self.confounded_with}
+        names = () if self.nested is None else self.nested.names
+        axis = f"{self.trial.main_axis}:"
+        return sum(name in own or (candidate.effect is None and axis in name) for name in names)
 
     @property
     def comes_again(self) -> bool:

@@ -78,8 +78,8 @@ class Thresholds:
     )
     again: float = _of(
         0.5,
-        "An effect after the first one must be chosen again, it or what the flight cannot tell from it, in more than",
-        "this share of the choices that are made without a part of the flight. A judgement.",
+        "What is named must be chosen again, it or what the flight cannot tell from it, in more than this share of the",
+        "choices that are made without a part of the flight. A judgement.",
     )
     size: float = _of(
         0.10,
