@@ -489,8 +489,13 @@ def evaluate_signals(
     programs: Sequence[Program], times: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], longest: float
 ) -> npt.NDArray[np.float64]:
     """Values (n, len(programs)) on the signal rows of a flight in order of time, with lags as ``with_lags``."""
+    return values_on(programs, with_lags(lags_of(programs), times, rows, longest))
+
+
+def values_on(programs: Sequence[Program], rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Values (n, len(programs)) on signal rows that hold the lags of these programs."""
     out = np.empty((len(rows), len(programs)))
-    evaluate_rows(*link(programs), with_lags(lags_of(programs), times, rows, longest), out)
+    evaluate_rows(*link(programs), rows, out)
     return out
 
 

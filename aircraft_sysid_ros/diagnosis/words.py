@@ -14,14 +14,14 @@ from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Di
 from aircraft_sysid_ros.diagnosis.finding import Finding, resting_on
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.measurement import Setting
-from aircraft_sysid_ros.diagnosis.search.candidates import MOMENTS_OF_CHANGE, Candidate
+from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE, Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import errors_of, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.effects.effect import FULL, Effect
+from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.identification.conditions import listed
 
 _HEADLINES = {
@@ -196,7 +196,7 @@ class FlightDiagnosis:
         """Stamps [ns] of when a change begins and ends, of one flight: what was joined has no clock in common."""
         if not candidate.happens or self.flight.manoeuvre is not None:
             return {}
-        times = {name: value for name, value in candidate.inner if name in (*MOMENTS_OF_CHANGE, FULL.name)}
+        times = {name: value for name, value in candidate.inner if name in TIMES_OF_CHANGE}
         return {"stamps": {name: self.zero + int(1e9 * value) for name, value in times.items()}}
 
     def _in_recording(self, candidate: Candidate) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 from aircraft_sysid_ros.effects.effect import (
     AERODYNAMIC,
@@ -47,6 +47,15 @@ def _ice_on_one_wing(grown: str, name: str) -> Variant:
     """Its drag yaws, and the lift that it takes away rolls: each has an arm that nobody knows."""
     drag, lift = (grown,), (f"{grown}*alpha",)
     return Variant(f"{name} on one wing", {"CX": drag, "Cn": drag, "CZ": lift, "Cl": lift})
+
+
+def _of_each_surface(term: Callable[[str], str]) -> tuple[Variant, ...]:
+    """What becomes of the elevator, of the aileron or of the rudder, by a term of its deflection."""
+    return (
+        surface("elevator", ("Cm", "CZ"), (term("de"),)),
+        surface("aileron", ("Cl", "Cn"), (term("da"),)),
+        surface("rudder", ("Cn", "CY"), (term("dr"),)),
+    )
 
 
 def _slack(symbol: str) -> str:
@@ -341,11 +350,7 @@ EFFECTS: tuple[Effect, ...] = (
         "one deflection do nothing. Large ones arrive less by half the width of the gap.",
         "J. Roskam, Airplane Design, part VI; R. Jategaonkar, Flight Vehicle System Identification",
         "C += a C_δ min(max(δ - δ₀, -g), g), with one share a in the axes of the surface; a = -1 where it rests",
-        (
-            surface("elevator", ("Cm", "CZ"), (_slack("de"),)),
-            surface("aileron", ("Cl", "Cn"), (_slack("da"),)),
-            surface("rudder", ("Cn", "CY"), (_slack("dr"),)),
-        ),
+        _of_each_surface(_slack),
         "Small inputs of one surface do nothing, large ones nearly what they should.",
         "Doublets of one surface in three sizes, from the smallest that shows to the largest.",
         (ShapeParameter("gap", "rad", 0.008, 0.056, 4), ShapeParameter("centre", "rad", -0.08, 0.08, 5)),
@@ -360,11 +365,7 @@ EFFECTS: tuple[Effect, ...] = (
         "and Simulation",
         "C += a C_δ (δ_R - δ), where δ_R follows δ by no more than R in a second, with one share a in the axes of the "
         "surface; a = 1 where the recorded command is that of the servo",
-        (
-            surface("elevator", ("Cm", "CZ"), (_late_by_rate("de"),)),
-            surface("aileron", ("Cl", "Cn"), (_late_by_rate("da"),)),
-            surface("rudder", ("Cn", "CY"), (_late_by_rate("dr"),)),
-        ),
+        _of_each_surface(_late_by_rate),
         "Slow inputs of one surface fit, quick ones come late, and the later the larger they are.",
         "Doublets of one surface in three sizes, as quick as they can be commanded.",
         (ShapeParameter("rate", "rad/s", 0.05, 1.65, 9),),

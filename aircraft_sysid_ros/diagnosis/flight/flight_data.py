@@ -18,11 +18,10 @@ from aircraft_sysid_ros.aircraft.expression import (
     SURFACE_WORDS,
     Lag,
     Program,
-    evaluate_rows,
     lags_of,
-    link,
     parse_expression,
     rate_limited,
+    values_on,
     with_lags,
 )
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -243,13 +242,12 @@ class FlightData:
 
     def _values(self, programs: Sequence[Program]) -> Array:
         """Values (n, len(programs)) of terms on the signals."""
-        lags, out = lags_of(programs), np.empty((len(self.time), len(programs)))
+        lags = lags_of(programs)
         rows = with_lags(lags, self.time, self.signals, 1.5 * self.step)
         for k, lag in enumerate(lags):
             if (quick := self._limited(lag)) is not None:
                 rows[:, FIRST_LAG + k] = np.where(np.isfinite(quick), quick, rows[:, FIRST_LAG + k])
-        evaluate_rows(*link(programs), rows, out)
-        return out
+        return values_on(programs, rows)
 
     def _limited(self, lag: Lag) -> Array | None:
         """What moves at its greatest rate (n,), worked out as quickly as a surface was recorded, in the mean over the

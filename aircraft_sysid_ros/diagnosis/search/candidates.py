@@ -29,6 +29,8 @@ _POWERS_OF_AIRSPEED = {
 }  # fmt: skip
 #: Inner numbers that are times at which something changes.
 MOMENTS_OF_CHANGE = ("t0", "t1")
+#: And those that are its times in words and pictures: when it is complete, too.
+TIMES_OF_CHANGE = (*MOMENTS_OF_CHANGE, FULL.name)
 #: Time [s] for which a change that is undone is there: two blocks, one to learn it from, one to judge it on.
 SHORTEST_CHANGE = 2.0 * BLOCK
 #: Lengths of growth that are tried first, as shares of the flight.
@@ -81,7 +83,7 @@ class Candidate:
     @property
     def moments(self) -> tuple[float, ...]:
         """Times [s] at which a change begins, is complete, or ends; none of what is no change."""
-        return tuple(value for name, value in self.inner if name in (*MOMENTS_OF_CHANGE, FULL.name))
+        return tuple(value for name, value in self.inner if name in TIMES_OF_CHANGE)
 
     @property
     def passes(self) -> bool:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.search.candidates import MOMENTS_OF_CHANGE
+from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.words import chosen_anew
 from aircraft_sysid_ros.effects import BY_ID
@@ -76,7 +76,7 @@ class Card:
 def moments_named(diagnosis: Mapping[str, Any] | None) -> list[float]:
     """Times [s] at which a change that is named begins, is complete, or ends."""
     found = [c["inner"] for c in (diagnosis or {}).get("candidates", ()) if c["found"]]
-    return sorted({inner[name] for inner in found for name in (*MOMENTS_OF_CHANGE, FULL.name) if name in inner})
+    return sorted({inner[name] for inner in found for name in TIMES_OF_CHANGE if name in inner})
 
 
 def cards(diagnosis: Mapping[str, Any], flight: FlightData) -> list[Card]:
