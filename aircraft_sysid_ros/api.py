@@ -405,15 +405,16 @@ def replay(
     smooth: bool = False,
     prior: Place | None = None,
     airframe: str | None = None,
+    as_live: bool = False,
     overwrite: bool = False,
     tell: Tell = nobody,
     **options: Any,
 ) -> Run:
     """Estimate everything from recordings, of one aeroplane, and write it to the run ``out``.
 
-    ``aircraft``: a file, or its content. ``prior``: folder of a fleet, and which ``airframe`` of it flies. Further
-    options are those of docs/nodes.md, such as estimator="rml" or calm_air=True. Raises InputError, and then nothing is
-    written.
+    ``aircraft``: a file, or its content. ``prior``: folder of a fleet, and which ``airframe`` of it flies. ``as_live``:
+    a vane that the aircraft file does not place stays in the middle, as live has it. Further options are those of
+    docs/nodes.md, such as estimator="rml" or calm_air=True. Raises InputError, and then nothing is written.
     """
     several = isinstance(recordings, Sequence) and not isinstance(recordings, str)
     listed: list[Any] = list(recordings) if several else [recordings]  # type: ignore[arg-type]
@@ -429,6 +430,7 @@ def replay(
         smooth=smooth,
         prior=text_path(prior),
         airframe=airframe,
+        as_live=as_live,
     )
     place = place_of(out)
     result = _replay.replay([str(_path(each)) for each in listed], aircraft_of(aircraft), place, chosen, tell)

@@ -29,6 +29,7 @@ from faults import MAIN, WRONG
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
+from aircraft_sysid_ros.flight_check.laws.vane_place import Vane
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
@@ -77,7 +78,7 @@ def watched(aircraft: Aircraft, samples: Samples, flight: dict[str, Any], way: s
     """What is published, every second, against the truth."""
     pipeline = Pipeline(aircraft)
     if way == "without":
-        check = InFlightCheck(aircraft.minimum_airspeed, (0.0, aircraft.span), asks_airspeed=False)
+        check = InFlightCheck(aircraft.minimum_airspeed, Vane(0.0, aircraft.span, True), asks_airspeed=False)
         pipeline.check = pipeline.state.watch = check
     names = list(aircraft.model.parameter_names)
     truth = np.array([aircraft.coefficients[name] for name in MAIN])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,7 @@ import yaml
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.after_flight.replay_notes import manoeuvre_notes, notes, why_no_start
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft, with_prior
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft, with_prior
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.calibration.filter_start import LONGEST, start_by_stage_1, start_of_calibration
@@ -26,7 +27,7 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.physical_bounds import check_bounds
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
-from aircraft_sysid_ros.reconstruction.found_noise import completed_file
+from aircraft_sysid_ros.reconstruction.found_noise import completed_file, placed
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
@@ -59,6 +60,7 @@ class ReplayOptions:
     learn_sensors: str | None = None  # file to write
     prior: str | None = None  # folder of a fleet
     airframe: str | None = None  # of that fleet
+    as_live: bool = False  # in one pass, even where the flight shows the place of a vane that the aircraft file omits
 
 
 def replay(
@@ -75,6 +77,26 @@ def replay(
     options = options or ReplayOptions()
     _check(options, bags)
     aircraft = with_prior(_aircraft(aircraft), options.prior, options.airframe)
+    pipeline, result = _flown(bags, aircraft, out, options, tell)
+    if result is None:
+        right = pipeline.check.vane_place
+        assert right is not None
+        there = placed(right, aircraft.source)
+        aircraft = aircraft_from_dict({**aircraft.source, "air_data_position": there})
+        pipeline, result = _flown(bags, aircraft, out, replace(options, as_live=True), tell)
+        assert result is not None
+        result["notes"].insert(0, _taken_there(there))
+    if options.learn_sensors:
+        delay = pipeline.parameters.learning.undescribed.delay_of_surfaces
+        learnt = completed_file(pipeline.state, delay, pipeline.check.vane_place)
+        _write_aircraft(Path(options.learn_sensors), learnt, options.overwrite)
+    return result
+
+
+def _flown(
+    bags: Sequence[str], aircraft: Aircraft, out: str | Path, options: ReplayOptions, tell: Tell
+) -> tuple[Pipeline, dict[str, Any] | None]:
+    """The pipeline after the flight, and the result; None, and nothing written: the vane is to be placed first."""
     correction = Correction(load_calibration(options.calibration)) if options.calibration else None
     pipeline = Pipeline(aircraft, options.state, options.parameters)
     if correction is not None and options.state.air_data_errors:
@@ -90,8 +112,11 @@ def replay(
         recording = body.recording
         begin = None if options.stage_1 is None else start_by_stage_1(recording.samples, aircraft, options.stage_1)
         feed(pipeline, recording.samples, writer, begin, tell)
+        pipeline.check.finish(pipeline.state.epoch)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
+        if not options.as_live and pipeline.check.vane_place is not None:
+            return pipeline, None
         told, unused = notes(body, pipeline, writer), manoeuvre_notes(body, pipeline, writer)
         result = writer.finish(
             pipeline.state,
@@ -101,10 +126,15 @@ def replay(
             (*recording.notes, *unused),
             [manoeuvre.json for manoeuvre in body.manoeuvres],
         )
-    if options.learn_sensors:
-        learnt = completed_file(pipeline.state, pipeline.parameters.learning.undescribed.delay_of_surfaces)
-        _write_aircraft(Path(options.learn_sensors), learnt, options.overwrite)
-    return {"run": str(out), "notes": [*told, *unused], **result}
+    return pipeline, {"run": str(out), "notes": [*told, *unused], **result}
+
+
+def _taken_there(position: list[float | None]) -> str:
+    return (
+        f"the aircraft file does not say where the vane of the angle of attack is: it is taken {position[1]} m to the "
+        "right of the centre of gravity, as this flight shows it. Live needs that from the start: write "
+        f"`air_data_position: {json.dumps(position)}` into the aircraft file, or let `--learn-sensors FILE` write it"
+    )
 
 
 def _prepared(recording: Recording, correction: Correction | None) -> Recording:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, is_placed
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.flight_check.signals import NAMES
 from aircraft_sysid_ros.identification.coefficients.pace import (
@@ -220,12 +220,13 @@ def rate_notes(stream: CoefficientStream) -> list[str]:
 
 def place_notes(aircraft: Aircraft) -> list[str]:
     """Places of sensors that the aircraft file does not say, and what that costs."""
-    unsaid = [key for key in ("imu_position", "air_data_position") if key not in aircraft.source]
+    places = ("imu_position", "air_data_position")
+    unsaid = [key for key in places if not all(is_placed(aircraft, key, coordinate) for coordinate in "xyz")]
     if not unsaid:
         return []
     return [
-        f"the aircraft file does not say {' and '.join(unsaid)}: the centre of gravity is taken, and a sensor that is "
-        "elsewhere makes values wrong by more than their standard errors say; measure it, or ask diagnose"
+        f"the aircraft file does not say all of {' and '.join(unsaid)}: what it leaves out is taken as that of the "
+        "centre of gravity, and standard errors count with some per cent of the span; measure it, or ask diagnose"
     ]
 
 

@@ -119,7 +119,7 @@ class Key:
     limits: tuple[float, float] | None = None  # of a number, in that unit: no aeroplane is outside
 
 
-_POSITION = "from the centre of gravity, FRD"
+_POSITION = "from the centre of gravity, FRD, of a coordinate that nobody knows `null`"
 _NEAR, _SPEEDS = (-200.0, 200.0), (0.01, 2000.0)
 KEYS = {
     "name": Key("what results call the aeroplane"),
@@ -373,7 +373,13 @@ def _position(data: Mapping[str, Any], key: str) -> Vector:
         return np.zeros(3)
     if not isinstance(value, (list, tuple)) or len(value) != 3:
         raise InputError(f"{key} must be three numbers [x forward, y right, z down] in m")
-    return np.array([_within(key, _number(v, key), key) for v in value])
+    return np.array([0.0 if v is None else _within(key, _number(v, key), key) for v in value])
+
+
+def is_placed(aircraft: Aircraft, key: str, coordinate: str) -> bool:
+    """Whether the aircraft file says a coordinate, "x", "y" or "z", of a position such as "imu_position"."""
+    position = aircraft.source.get(key)
+    return position is not None and position["xyz".index(coordinate)] is not None
 
 
 def _inertia(data: Any) -> Vector:

@@ -51,6 +51,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="FILE",
         help="write the aircraft file with the noise of sensors and gusts that the flight shows, where it says none",
     )
+    parser.add_argument(
+        "--as-live",
+        action="store_true",
+        help="a vane that the aircraft file does not place stays in the middle, as live has it, even where the flight "
+        "shows that it is out on the wing",
+    )
     add_estimator_options(parser)
     add_prior_options(parser)
     return parser
@@ -70,6 +76,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         args.learn_sensors,
         args.prior,
         args.airframe,
+        args.as_live,
     )
     with telling() as tell:
         return replay(args.bags, args.aircraft, args.out, options, tell)

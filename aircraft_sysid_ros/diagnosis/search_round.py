@@ -109,7 +109,9 @@ class SearchRound:
     def _finding(self, trial: Score, excess: float, evidence: float, p_value: float) -> Finding:
         data = self.bench.judging(trial.candidate).data
         over = self._above_floor(trial)
-        amid = tuple(axis for axis in self.left if axis not in trial.gains)
+        amid = tuple(
+            axis for axis, (error, _) in self.left.items() if error > THRESHOLDS.left_most and axis not in trial.gains
+        )
         return Finding(
             trial, data, excess, evidence, p_value, self._size(trial), over, blocks=_blocks(trial), amid=amid
         )
@@ -191,7 +193,7 @@ def outside_in(axis: str) -> str:
 def left_of(
     bench: CandidateEvaluator, floor: Mapping[str, float], resting: Collection[str]
 ) -> dict[str, tuple[float, float]]:
-    """Axes of which most is left, far above the replicas: their error, and that over the replicas'."""
+    """Axes of which a good part is left, far above the replicas: their error, and that over the replicas'."""
     errors = {a: fit.nrmse_held_out for a, fit in bench.fits.items() if a not in resting and floor.get(a, 0.0) > 0.0}
     return {
         axis: (error, error / floor[axis])

@@ -120,14 +120,15 @@ class Thresholds:
         "of its variance must be explained.",
     )
     left: float = _of(
-        0.5,
+        0.25,
         "What is left of an axis, as a share of its spread, above which the answer says so even where it has no name",
-        "for it: the limit at which parameters are held for lack of fit.",
+        "for it. A judgement: of less the variance is a sixteenth.",
     )
     left_times: float = _of(3.0, "And over the error of the replicas, as for parameters that are held.")
+    left_most: float = _of(0.5, "The share above which most is left: the limit at which parameters are held for that.")
     left_axes: int = _of(
         2,
-        "Axes of which so much is left, besides its own, among which an effect must explain most of what is above the",
+        "Axes of which most is left, besides its own, among which an effect must explain most of what is above the",
         "noise: replicas fly a model that is right, and such a flight has none. On one half of a real flight whose",
         "surfaces are commands a stall had been named that explained a quarter.",
     )

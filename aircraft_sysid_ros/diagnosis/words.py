@@ -34,8 +34,9 @@ def headline(said: Mapping[str, Any]) -> str:
     if said["verdict"] == NONE and said.get("unknown"):
         return "nothing can be named, since the angles of flow are not measured"
     if said["verdict"] == NONE and said.get("left"):
-        axes = listed([f"{axis[0]}_{axis[1]}" for axis in said["left"]])
-        return f"nothing is named, and most of {axes} is not explained"
+        most = [axis for axis, of in said["left"].items() if of["error"] > THRESHOLDS.left_most]
+        axes = listed([f"{axis[0]}_{axis[1]}" for axis in most or said["left"]])
+        return f"nothing is named, and {'most' if most else 'part'} of {axes} is not explained"
     return _HEADLINES[said["verdict"]]
 
 

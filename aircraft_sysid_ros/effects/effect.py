@@ -214,9 +214,10 @@ def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> 
     """
     source = copy.deepcopy(aircraft.source)
     if setting[0].endswith("_position"):
-        position = np.array(getattr(aircraft, setting[0]))
-        position["xyz".index(setting[1])] += value * aircraft.span
-        source[setting[0]] = position.tolist()
+        at = "xyz".index(setting[1])
+        position = [*(source.get(setting[0]) or [None] * 3)]
+        position[at] = float(getattr(aircraft, setting[0])[at] + value * aircraft.span)
+        source[setting[0]] = position
         return aircraft_from_dict(source)
     names = SENSOR_GROUPS.get(setting[1], (setting[1],))
     for name in names:

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, is_placed
 from aircraft_sysid_ros.flight_check.check import contradictions
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, short_names
 from aircraft_sysid_ros.flight_check.laws import vane_place
+from aircraft_sysid_ros.flight_check.laws.vane_place import Vane
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, flight_of
@@ -67,7 +68,8 @@ _AIR_DENSITY, _STATUS, _CONTRADICTION = StateField.AIR_DENSITY, StateField.STATU
 def watch_of(aircraft: Aircraft, options: StateOptions | None = None) -> InFlightCheck:
     """The check of a flight of an aircraft; where the filter estimates the errors of the air data, not of these."""
     is_estimated = options is not None and options.air_data_errors
-    vane = float(aircraft.air_data_position[1]), aircraft.span
+    is_said = is_placed(aircraft, "air_data_position", "y")
+    vane = Vane(float(aircraft.air_data_position[1]), aircraft.span, is_said)
     return InFlightCheck(aircraft.minimum_airspeed, vane, asks_airspeed=not is_estimated)
 
 
@@ -82,14 +84,13 @@ def warm_up() -> None:
 class InFlightCheck:
     """Takes the samples of the first step, and marks its rows from when on a sensor is contradicted."""
 
-    def __init__(
-        self, minimum_airspeed: float, vane: tuple[float, float] | None = None, asks_airspeed: bool = True
-    ) -> None:
+    def __init__(self, minimum_airspeed: float, vane: Vane | None = None, asks_airspeed: bool = True) -> None:
         """Time counts from ``minimum_airspeed`` [m/s] on: what is true of flight is not of taxiing.
 
-        ``vane``: how far [m] the aircraft file has it to the right of the centre of gravity, and the span [m].
-        ``asks_airspeed``: whether GPS and wind are asked what it reads.
+        ``vane``: where the aircraft file has it. ``asks_airspeed``: whether GPS and wind are asked what it reads.
         """
+        #: How far [m] to the right the vane is, where no file says it and it is not in the middle.
+        self.vane_place: float | None = None
         self._minimum_airspeed, self._vane = minimum_airspeed, vane
         self._triangle = WindTriangle(minimum_airspeed) if asks_airspeed else None
         self._found: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
@@ -104,6 +105,11 @@ class InFlightCheck:
         self._begin = self._newest = np.nan  # [s] of the first row in flight, of the newest row
         self._kept_since = -np.inf  # [s]
         self._over = False
+
+    def finish(self, epoch: int | None) -> None:
+        """The flight is over: the place of the vane by all of it, where it is not known yet."""
+        if epoch is not None and not self._over and self._flown > FIRST * NANOSECONDS:
+            self._look(self._newest, epoch)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -208,8 +214,10 @@ class InFlightCheck:
         stamps = past.stamp[past.kind == Kind.ANGLE_OF_ATTACK]
         if np.median(np.diff(stamps)) > vane_place.LONGEST * NANOSECONDS:  # lines between samples are no motion of it
             return True
-        place, (said, span) = vane_place.sideways(motion), self._vane
-        elsewhere, known = vane_place.findings(place, said, span), vane_place.is_known(place, span)
+        place = vane_place.sideways(motion)
+        elsewhere, known = vane_place.findings(place, self._vane), vane_place.is_known(place, self._vane.span)
+        if not self._vane.is_said:
+            self.vane_place = vane_place.taken(place, self._vane.span)
         if not known:  # what was found before stands
             elsewhere = elsewhere or [f for f in self._found if (f.kind, f.severity, *f.signals) == vane_place.MARKS]
         found += elsewhere

@@ -23,10 +23,11 @@ is not small: roll may die out in as long as servos need. Solved for theta, with
 
     theta = (1 - tau G)^-1 theta of the regression.
 
-*Place of the IMU.* At a distance e from where it is taken to be it feels w' x e besides, w' the angular acceleration,
-which goes into the three forces as delta a does above. PLACE is how far, of the span.
+*Places.* An IMU at a distance e from where it is taken to be feels w' x e besides, w' the angular acceleration, which
+goes into the three forces as delta a does above. Vanes see delta a = (w x e)/V across the flow. PLACE and VANE_PLACE
+are how far, of the span.
 
-A sensor that ``sensors`` of the aircraft file describes is as it says, and so is ``imu_position``. A file that says how
+A sensor that ``sensors`` of the aircraft file describes is as it says, and so are positions. A file that says how
 noisy a sensor is and nothing else, as one that a flight completed does, does not describe it.
 """
 
@@ -39,7 +40,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, is_placed
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import (
     FLYING,
@@ -65,14 +66,18 @@ _OF_MOTION = {"imu", "accelerometer", "gyro", "control_surfaces"}
 SCALE, LAG = 0.06, 0.04
 #: One sigma of the place of an IMU that nobody has given, in each axis, over the span: autopilots sit in the fuselage.
 PLACE = 0.03
+#: The same of vanes, ahead, to the right and below: a boom may be long, and farther out on the wing is found in flight.
+VANE_PLACE = np.array([0.15, 0.05, 0.03])
 #: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
 #: band; memory [s]; time [s] between what is summed; a pause [s] that begins anew.
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
 #: Least time [s] that is summed.
 _LEAST = 5.0
-#: What may be wrong: each angle and its derivative, the force coefficients that a turning of 1 m beside makes, and the
-#: rates of the surfaces.
-_TURNING, _RATES, DOUBTFUL = 4, 7, 10
+#: What may be wrong: each angle and its derivative, the force coefficients that a turning of 1 m beside makes, the
+#: rates of the surfaces, and what 1 m ahead and to the right make of alpha, 1 m ahead and below of beta.
+_TURNING, _RATES, _OF_VANES, DOUBTFUL = 4, 7, 10, 14
+#: Coordinates of those, by angle.
+_ACROSS = ([0, 1], [0, 2])
 #: So much of a derivative is taken away at most.
 _MOST = 0.75
 _P, _V, _QBAR = SIGNAL_INDEX["p"], SIGNAL_INDEX["V"], SIGNAL_INDEX["qbar"]
@@ -100,7 +105,8 @@ class SensorDoubt(NamedTuple):
 
     mean: Array  # (2, 2) of each angle (scale - 1, lag [s])
     covariance: Array  # (2, 2, 2)
-    place: float  # [m] one sigma of the place of the IMU, in each axis
+    place: Array  # (3,) [m] one sigma of the place of the IMU
+    vane_place: Array  # (3,) [m] the same of the vanes
     late: float  # [s] motion after the surfaces
     late_variance: float
     regressions: Array  # (6, DOUBTFUL, n): of each axis, of what may be wrong on its terms
@@ -118,10 +124,13 @@ class SensorDoubt(NamedTuple):
             shift += moved
             left += rows.T @ self.covariance[angle] @ rows
             found += np.outer(moved, moved)
-        if axis < 3:  # of e, the two axes across the force, by the angular acceleration about the other
+            beside = slope * all_rows[_OF_VANES + 2 * angle : _OF_VANES + 2 * angle + 2]
+            left += (beside.T * self.vane_place[_ACROSS[angle]] ** 2) @ beside
+        if axis < 3:  # of e, the two axes across the force, each by the angular acceleration about the other
             about = [k for k in range(3) if k != axis]
-            left += self.place**2 * all_rows[_TURNING:][about].T @ all_rows[_TURNING:][about]
-        self._late(all_rows[_RATES:], derivatives_of(model, axis), theta, shift, left, found)
+            turning = all_rows[_TURNING:_RATES][about]
+            left += (turning.T * self.place[about[::-1]] ** 2) @ turning
+        self._late(all_rows[_RATES:_OF_VANES], derivatives_of(model, axis), theta, shift, left, found)
         return OfSensors(shift, left, found)
 
     def _late(
@@ -158,9 +167,10 @@ class UndescribedSensors:
         of_file = aircraft.source.get("sensors") or {}
         described = {name for name, said in of_file.items() if {*(said or {})} - {"noise"}}
         self._asked = np.array([not {sensor, _GROUP} & described for sensor in _SENSORS])
-        self._place = 0.0 if "imu_position" in aircraft.source else PLACE * aircraft.span
+        unsaid = [[not is_placed(aircraft, key, at) for at in "xyz"] for key in ("imu_position", "air_data_position")]
+        self._place, self._vane_place = aircraft.span * np.array(unsaid) * [np.full(3, PLACE), VANE_PLACE]
         self._motion = None if _OF_MOTION & described else LateMotion()
-        self._any = bool(self._asked.any() or self._place or self._motion)
+        self._any = bool(self._asked.any() or np.any(unsaid) or self._motion)
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self.restart_clock()
@@ -233,7 +243,7 @@ class UndescribedSensors:
                 right = (self._products[axis, :, :n] / by).T
                 found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
         late, variance = (0.0, 0.0) if self._motion is None else (self._motion.late, self._motion.variance)
-        return SensorDoubt(mean, covariance, self._place, late, variance, found)
+        return SensorDoubt(mean, covariance, self._place, self._vane_place, late, variance, found)
 
 
 def _estimate(moments: Array, count: float, instruments: npt.NDArray[np.int64]) -> tuple[Array, Array]:
@@ -341,6 +351,8 @@ def _regress(samples: Array, offsets: npt.NDArray[np.int64], body: Body, squares
             turning = (after[_P + k] - before[_P + k]) / step * now[_V] / length
             force = body.mass * turning / (now[_QBAR] * area)
             wrong[_TURNING + k] = force if np.isfinite(force) else 0.0
+        p, q, r = now[_P] * 2.0 / span, now[_P + 1] / chord, now[_P + 2] * 2.0 / span  # over V
+        wrong[_OF_VANES], wrong[_OF_VANES + 1], wrong[_OF_VANES + 2], wrong[_OF_VANES + 3] = -q, p, r, -p
         for axis in range(len(squares)):
             if samples[i, LEARNT + axis] <= 0.0:
                 continue

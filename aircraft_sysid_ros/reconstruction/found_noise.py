@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -148,10 +149,13 @@ def noise_notes(state: StateEstimator) -> list[str]:
     return found
 
 
-def completed_file(state: StateEstimator, delay_of_surfaces: float | None = None) -> dict[str, Any]:
+def completed_file(
+    state: StateEstimator, delay_of_surfaces: float | None = None, vane_place: float | None = None
+) -> dict[str, Any]:
     """The content of the aircraft file with what the flight has shown, where the file says nothing.
 
-    ``delay_of_surfaces`` [s]: what the second step has found of them.
+    ``delay_of_surfaces`` [s]: what the second step has found of them. ``vane_place`` [m]: how far to the right of the
+    centre of gravity the check in flight has found the vane.
     """
     source = copy.deepcopy(state.aircraft.source)
     sensors = {name: dict(value or {}) for name, value in (source.get("sensors") or {}).items()}
@@ -164,10 +168,18 @@ def completed_file(state: StateEstimator, delay_of_surfaces: float | None = None
         sensors.setdefault("control_surfaces", {})["delay"] = round(delay_of_surfaces, 4)
     if sensors:
         source["sensors"] = sensors
+    if vane_place is not None:
+        source["air_data_position"] = placed(vane_place, source)
     walk, where = found_wind_walk(state)
     if where == FLIGHT:
         source["process_noise"] = {**(source.get("process_noise") or {}), "wind": float(f"{walk:.3g}")}
     return source
+
+
+def placed(vane_place: float, source: Mapping[str, Any]) -> list[float | None]:
+    """``air_data_position`` [m] of a vane that was found so far to the right, and what the file says besides."""
+    x, _, z = source.get("air_data_position") or (None, None, None)
+    return [x, round(vane_place, 2), z]
 
 
 def _rounded(values: Array) -> list[float]:

@@ -53,3 +53,28 @@ def test_a_file_that_is_there_or_cannot_be_written_is_said_before_the_flight(flo
         assert replay(flown, flown / "plain.yaml", tmp_path / "run", "--learn-sensors", str(path)) == 2
         assert words in capsys.readouterr().err
     assert there.read_text() == "mine" and not (tmp_path / "run").exists()
+
+
+def test_a_vane_out_on_the_wing_that_the_file_leaves_out_is_placed_and_said(flown, tmp_path, capsys):
+    """As live has it nothing may be used; placed where the roll shows it, 0.4 m to the right, most of it may."""
+    silent = yaml.safe_load((flown / "plain.yaml").read_text())
+    del silent["air_data_position"]
+    (tmp_path / "silent.yaml").write_text(yaml.safe_dump(silent))
+    assert replay(flown, tmp_path / "silent.yaml", tmp_path / "live", "--as-live") == 0
+    as_live = json.loads(capsys.readouterr().out)
+    assert not any(p["status"] == "USE" for p in as_live["parameters"]["parameters"])
+    assert any("does not say where it is: set air_data_position: [null, 0." in note for note in as_live["notes"])
+    learnt = tmp_path / "learnt.yaml"
+    assert replay(flown, tmp_path / "silent.yaml", tmp_path / "run", "--learn-sensors", str(learnt)) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert "`air_data_position: [null, 0." in said["notes"][0] and "`--learn-sensors FILE`" in said["notes"][0]
+    for path in (learnt, tmp_path / "run" / "aircraft.yaml"):
+        assert load_aircraft(path).air_data_position == pytest.approx([0.0, 0.4, 0.0], abs=0.03)
+    truth = default_aircraft().coefficients
+    used = {p["name"]: p for p in said["parameters"]["parameters"] if p["status"] == "USE"}
+    assert {"CZ_alpha", "Cm_alpha", "Cm_q", "Cm_de", "Cl_p", "Cl_da", "Cn_beta", "Cn_dr"} <= {*used}
+    assert all(abs(used[name]["value"] - truth[name]) < 3.5 * used[name]["std"] for name in used)
+    placed = {**silent, "air_data_position": yaml.safe_load(learnt.read_text())["air_data_position"]}
+    (tmp_path / "placed.yaml").write_text(yaml.safe_dump(placed))
+    assert replay(flown, tmp_path / "placed.yaml", tmp_path / "again", "--as-live") == 0
+    assert json.loads(capsys.readouterr().out)["parameters"]["parameters"] == said["parameters"]["parameters"]

@@ -9,6 +9,8 @@ A vane on a wing of which the aircraft file says nothing spoils all that depends
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from aircraft_sysid_ros.flight_check.finding import ERROR, Finding
@@ -22,8 +24,19 @@ _SHORT, _LONG = 0.25, 4.0
 LONGEST = 0.2
 #: Share of the span by which a vane is elsewhere that matters, and by how many standard errors it surely is.
 _MATTERS, _SURE = 0.1, 5.0
+#: Where no file says it, it is taken there if that is farther out than this share of the span, and so many standard
+#: errors.
+_OUT, _LIKELY = 0.03, 3.0
 #: Standard error over what matters from which the place is known to be right, if it is not found to be wrong.
 _KNOWN = 0.5
+
+
+class Vane(NamedTuple):
+    """What an aircraft file has of the vane."""
+
+    right: float  # [m] of the centre of gravity
+    span: float  # [m]
+    is_said: bool  # the file says it, and does not leave it out
 
 
 def sideways(motion: Motion) -> tuple[float, float] | None:
@@ -39,17 +52,26 @@ def sideways(motion: Motion) -> tuple[float, float] | None:
     return None if solved is None else (float(solved[0][2]), float(solved[1][2]))
 
 
+def taken(found: tuple[float, float] | None, span: float) -> float | None:
+    """Where [m] to the right a vane is taken to be of which nobody says it; None: in the middle."""
+    if found is None or abs(found[0]) < max(_OUT * span, _LIKELY * found[1]):
+        return None
+    return found[0]
+
+
 def is_known(found: tuple[float, float] | None, span: float) -> bool:
     """Whether the place is known well enough to say that it is right."""
     return found is not None and found[1] < _KNOWN * _MATTERS * span
 
 
-def findings(found: tuple[float, float] | None, said: float, span: float) -> list[Finding]:
-    """That the vane is not where the aircraft file has it, ``said`` [m] to the right; ``span`` [m]."""
-    if found is None or not abs(found[0] - said) > max(_MATTERS * span, _SURE * found[1]):
+def findings(found: tuple[float, float] | None, vane: Vane) -> list[Finding]:
+    """That the vane is not where the aircraft file has it."""
+    if found is None or not abs(found[0] - vane.right) > max(_MATTERS * vane.span, _SURE * found[1]):
         return []
-    return [Finding(
-        MARKS[2:], *MARKS[:2],
-        f"when the wing rolls it moves as one {found[0]:.2f} ± {found[1]:.2f} m to the right of the centre of gravity, "
-        f"which the aircraft file has at {said:.2f} m: set y of air_data_position",
-    )]  # fmt: skip
+    of_file = (
+        f", which the aircraft file has at {vane.right:.2f} m: set y of air_data_position"
+        if vane.is_said
+        else f". The aircraft file does not say where it is: set air_data_position: [null, {found[0]:.2f}, null] there"
+    )
+    place = f"{found[0]:.2f} ± {found[1]:.2f} m to the right of the centre of gravity"
+    return [Finding(MARKS[2:], *MARKS[:2], f"when the wing rolls it moves as one {place}{of_file}")]
