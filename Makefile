@@ -143,6 +143,7 @@ bench: env ## accuracy, speed and real flights: results, tables and pictures in 
 	@$(MAKE) --no-print-directory docs
 
 certificate: env ## coverage, bias and times of all estimators over 200 flights; goes on where it was stopped (hours)
+	$(BIN)/python benchmarks/certificate_cells.py --each 100
 	$(BIN)/python benchmarks/certificate.py
 	@$(MAKE) --no-print-directory docs
 

@@ -440,6 +440,11 @@ def certificate(name: str) -> Callable[[], str]:
     return lambda: table(*certificate_tables.TABLES[name](load("certificate")))
 
 
+def certificate_cells(of_cells: bool) -> Callable[[], str]:
+    """The default estimator by air, vanes, IMU and aircraft file."""
+    return lambda: table(*certificate_tables.by_cell(load("certificate_cells"), of_cells))
+
+
 def diagnosis(name: str) -> Callable[[], str]:
     """A table of docs/diagnosis.md, over the sets of flights that have been flown."""
 
@@ -712,6 +717,8 @@ TABLES: dict[str, Callable[[], str]] = {
     **{f"trust_{name}": trust(name) for name in trust_tables.TABLES},
     **{f"gusts_{name}": gusts(name) for name in gusts_tables.TABLES},
     **{name: diagnosis(name) for name in diagnosis_tables.TABLES},
+    "certificate_parts": certificate_cells(False),
+    "certificate_cells": certificate_cells(True),
     **{f"certificate_{name}": certificate(name) for name in certificate_tables.TABLES},
     **{f"closed_loop_{name}": closed_loop(name) for name in closed_loop_tables.TABLES},
     "explain": explain,

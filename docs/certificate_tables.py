@@ -143,6 +143,46 @@ def _seconds(found: dict[str, float | None]) -> str:
     return f"{seconds(found['median'])}{late}"
 
 
+#: Words for the values of a cell.
+_CELL = {
+    "none": "calm", "light": "light turbulence", "moderate": "moderate turbulence", "complete": "complete",
+    "shape": "mass, shape, places", "bare": "mass and shape",
+}  # fmt: skip
+
+
+def _cell(name: str) -> list[str]:
+    """Air, vanes, IMU and file of a cell or of a part of all, in words."""
+    parts = {"air": "all", "vane": "all", "imu": "all", "file": "all"}
+    if name.count(","):
+        parts = dict(zip(parts, name.split(","), strict=True))
+    elif name != "all":
+        key, _, value = name.partition(" ")
+        parts[key] = value
+    units = {"vane": "°", "imu": " Hz"}
+    return [v if v == "all" else _CELL.get(v, v + units.get(k, "")) for k, v in parts.items()]
+
+
+def by_cell(summary: Summary, of_cells: bool) -> Table:
+    """The default estimator, over the values of each dimension or in every cell."""
+    rows = []
+    for name, c in summary["cells"].items():
+        if ("," in name) != of_cells:
+            continue
+        worst = ", ".join(f"{parameter} {100 * share:.0f} %" for parameter, share in c["least_covered"])
+        rows.append(
+            [*_cell(name), str(c["flights"]), covered(c["use"]), "" if c["use"]["rms_z"] is None else
+             f"{c['use']['rms_z']:.2f}", f"{percent(c['use_share'])} / {percent(c['main_use_share'])}",
+             f"{c['main_wrong']} of {c['main_uses']}", f"{c['sure_wrong']} of {c['uses']}",
+             f"{percent(c['main_error'], 2)} / {percent(c['main_error_90'], 1)}", worst]
+        )  # fmt: skip
+    header = [
+        "air", "vanes", "IMU", "aircraft file", "flights", "95 % intervals with USE that hold the truth", "rms of z",
+        "marked USE, of all / of main derivatives", "of those main ones more than 25 % off", "of all confidently wrong",
+        "error of main ones with USE, median / 90 % below", "least covered",
+    ]  # fmt: skip
+    return header, rows
+
+
 TABLES: dict[str, Callable[[Summary], Table]] = {
     "coverage": coverage,
     "same_flights": same_flights,

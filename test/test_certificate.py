@@ -10,6 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 import certificate
+import certificate_cells as cells
 import certificate_flights as flights
 import certificate_summary as summary
 from accuracy import MAIN_DERIVATIVES
@@ -171,3 +172,21 @@ def test_uncorrected_standard_errors_of_least_squares_are_far_too_small(short):
     found = summary.corrections(short, "none")
     assert found["white"]["share"] < 0.85
     assert found["white"]["rms_z"] > 2.0 * found["std"]["rms_z"]
+
+
+def test_cells_take_turns_and_a_cell_can_be_flown_alone():
+    wanted = cells.jobs(2, 7, "")
+    assert len(wanted) == 2 * len(cells.CELLS) and len({job["seed"] for job in wanted}) == len(wanted)
+    first = [(job["air"], job["vane"], job["imu"], job["file"]) for job in wanted[: len(cells.CELLS)]]
+    assert first == list(cells.CELLS)
+    alone = cells.jobs(1, 7, "light,0.3,100,bare")
+    assert [job for job in wanted if job in alone] == alone and len(alone) == 1
+
+
+def test_with_mass_and_shape_only_intervals_hold_the_truth_in_gusts():
+    """The probe is out on the wing, and nobody says so: the flight does, to some centimetres."""
+    record = cells.fly(*cells.jobs(1, 40, "light,0.3,100,bare"))
+    assert record["right"] == pytest.approx(0.4, abs=0.1)
+    found = cells.summaries([record])["cells"]["light,0.3,100,bare"]
+    assert found["uses"] >= 16 and found["sure_wrong"] == 0
+    assert found["use"]["share"] >= 0.9
