@@ -1,12 +1,14 @@
 """Flights of strangers: what does the diagnosis say with an aircraft file that holds mass and shape only?
 
-    python benchmarks/strangers.py [--clean 40] [--hidden 24] [--jobs 2] [--first 9100000] [--figure]
+    python benchmarks/strangers.py [--clean 40] [--hidden 24] [--jobs 2] [--first 9100000] [--placed] [--figure]
 
 Flights of 150 s whose sensors, rates, air and manoeuvres are drawn from the seed and written nowhere: the noise of each
 sensor, IMU at 50, 100 or 200 Hz, air data at 20 or 50 Hz, an attitude or none, wind that is steady, walks slowly, or
-gusts lightly. No lever arms, no delays. The diagnosis gets the samples and an aircraft file with mass and shape. Each
-flight is a line in results/strangers.jsonl; a run that is stopped goes on where it was. Seeds are drawn before and
-looked at once. ``--figure`` draws the p-values that were stated of the clean flights into docs/figures.
+gusts lightly. No delays; with ``--placed`` sensors are where the aeroplane has them, a probe out on the wing, an IMU
+ahead of the centre of gravity and below it, else there are no lever arms. The diagnosis gets the samples and an
+aircraft file with mass and shape, and the place of the vane where ``replay`` finds it. Each flight is a line in
+results/strangers.jsonl; a run that is stopped goes on where it was. Seeds are drawn before and looked at once.
+``--figure`` draws the p-values that were stated of the clean flights into docs/figures.
 """
 
 from __future__ import annotations
@@ -29,6 +31,9 @@ from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.effects.aliases import aliases_of
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.found_noise import placed
+from aircraft_sysid_ros.samples import Samples
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.hidden_effects import SIMULATED
 from aircraft_sysid_ros.simulation.simulated_flight import HIDDEN_RATE, simulate_samples
@@ -72,9 +77,20 @@ def centred(known: Aircraft) -> Aircraft:
     return aircraft_from_dict({**known.source, **placed})
 
 
-def flown(known: Aircraft, setting: dict[str, Any]) -> Aircraft:
-    """The aeroplane with the sensors of a flight, all of them at its centre of gravity."""
-    return aircraft_from_dict({**centred(known).source, "sensors": setting["sensors"]})
+def flown(known: Aircraft, setting: dict[str, Any], placed: bool = False) -> Aircraft:
+    """The aeroplane with the sensors of a flight, all of them at its centre of gravity if they are not ``placed``."""
+    return aircraft_from_dict({**(known if placed else centred(known)).source, "sensors": setting["sensors"]})
+
+
+def given(known: Aircraft, samples: Samples) -> Aircraft:
+    """What a new user knows of an aeroplane, and what the flight says of the place of its vane, as ``replay``."""
+    pipeline = Pipeline(users(known))
+    for begin in range(0, len(samples), 1000):
+        pipeline.push(samples[begin : begin + 1000])
+    pipeline.flush()
+    pipeline.check.finish(pipeline.state.epoch)
+    right, source = pipeline.check.vane_place, users(known).source
+    return users(known) if right is None else aircraft_from_dict({**source, "air_data_position": placed(right, source)})
 
 
 def users(known: Aircraft) -> Aircraft:
@@ -90,13 +106,13 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
     result = {**job, **{k: v for k, v in setting.items() if k != "sensors"}}
     try:
         flight = simulate_samples(
-            flown(known, setting), job["seed"], DURATION, rate=HIDDEN_RATE,
+            flown(known, setting, job.get("placed", False)), job["seed"], DURATION, rate=HIDDEN_RATE,
             wind=(*setting["wind"], 0.0), wind_walk=WALKS[setting["air"]],
             turbulence="light" if setting["air"] == "light" else "none",
             hidden=[(effect, 1.0)] if effect else [], manoeuvres=None if effect else setting["manoeuvres"],
             sensors=SensorOptions(attitude=setting["attitude"], height_above_ground=True),
         )  # fmt: skip
-        said = diagnose_flight(users(known), flight.samples).json
+        said = diagnose_flight(given(known, flight.samples), flight.samples).json
     except InputError as error:
         return {**result, "failed": str(error)}
     names = [c["label"] for c in said["candidates"] if c["found"]]
@@ -163,12 +179,13 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--placed", action="store_true", help="sensors are where the aeroplane has them")
     parser.add_argument("--figure", action="store_true", help="draw the p-values of the flights that are there")
     args = parser.parse_args()
     if args.figure:
         draw([json.loads(line) for line in args.results.read_text().splitlines()], FIGURE)
         return
-    wanted = jobs(args.clean, args.hidden, args.first)
+    wanted = [{**job, "placed": args.placed} for job in jobs(args.clean, args.hidden, args.first)]
     results = []
     for result in resumed.flown(fly, wanted, args.results, args.jobs):
         results.append(result)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, is_placed
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.flight_check.signals import NAMES
 from aircraft_sysid_ros.identification.coefficients.pace import (
@@ -220,8 +220,7 @@ def rate_notes(stream: CoefficientStream) -> list[str]:
 
 def place_notes(aircraft: Aircraft) -> list[str]:
     """Places of sensors that the aircraft file does not say, and what that costs."""
-    places = ("imu_position", "air_data_position")
-    unsaid = [key for key in places if not all(is_placed(aircraft, key, coordinate) for coordinate in "xyz")]
+    unsaid = sorted({key for key, _ in aircraft.unsaid}, reverse=True)
     if not unsaid:
         return []
     return [

@@ -212,6 +212,9 @@ class Aircraft:
     parameter_bounds: dict[str, tuple[float, float]] = field(default_factory=dict)  # outside: never to be used
     prior: FleetPrior | None = None  # of the parameters, from flights before
     inputs: tuple[NamedInput, ...] = ()  # in the order of the file, which is that of their values in samples
+    #: Coordinates of sensors that nobody has said, such as ("imu_position", "x"); what is found of them stands in the
+    #: position.
+    unsaid: frozenset[tuple[str, str]] = frozenset()
     source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
 
 
@@ -259,6 +262,7 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         magnetic_declination=_optional_number(data, "magnetic_declination"),
         minimum_airspeed=_positive(data, "minimum_airspeed", default=0.8 * float(stall)),
         trim_airspeed=_positive(data, "trim_airspeed") if data.get("trim_airspeed") is not None else None,
+        unsaid=_unsaid(data),
         parameter_bounds=_bounds(_mapping(data, "parameter_bounds", "{CZ_alpha: [-8, -2]}"), model),
         prior=prior_from_dict(data.get("prior")),
         inputs=inputs,
@@ -376,10 +380,11 @@ def _position(data: Mapping[str, Any], key: str) -> Vector:
     return np.array([0.0 if v is None else _within(key, _number(v, key), key) for v in value])
 
 
-def is_placed(aircraft: Aircraft, key: str, coordinate: str) -> bool:
-    """Whether the aircraft file says a coordinate, "x", "y" or "z", of a position such as "imu_position"."""
-    position = aircraft.source.get(key)
-    return position is not None and position["xyz".index(coordinate)] is not None
+def _unsaid(data: Mapping[str, Any]) -> frozenset[tuple[str, str]]:
+    places = {key: data.get(key) or (None, None, None) for key in ("imu_position", "air_data_position")}
+    return frozenset(
+        (key, at) for key, place in places.items() for at, value in zip("xyz", place, strict=True) if value is None
+    )
 
 
 def _inertia(data: Any) -> Vector:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, is_placed
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.diagnose import Diagnosis, diagnose
 from aircraft_sysid_ros.diagnosis.finding import Finding
@@ -78,7 +78,7 @@ def diagnose_flight(
     given = aircraft
     aircraft, flight, calm, settings = _measurement_first(aircraft, flight, calm, measuring, replicas, progress)
     data = settled_flight(flight)
-    if not calm and not is_placed(given, "imu_position", "y"):  # in calm air the likelihood tells it
+    if not calm and ("imu_position", "y") in given.unsaid:  # in calm air the likelihood tells it
         placed = with_place_of_imu(aircraft, flight, measuring)
         if placed is not None and placed[-1].setting.label not in {each.setting.label for each in settings}:
             aircraft, flight, calm, place = placed
@@ -209,7 +209,7 @@ def _needed_beside_places(
     places = [
         replace(effect, variants=variants)
         for effect in measuring
-        if (variants := tuple(v for v in effect.variants if _is_unsaid_place(v.setting, given)))
+        if (variants := tuple(v for v in effect.variants if v.setting in given.unsaid))
     ]
     done = set[str]()
     for _ in range(THRESHOLDS.most_settings):
@@ -230,10 +230,6 @@ def _accuses(finding: MeasurementFinding, given: Aircraft, samples: Samples) -> 
     setting = finding.setting
     seen = setting.of_motion or setting.variant.setting[-1] != "delay" or _has_size(finding)
     return seen and is_a_fault(setting, given, samples)
-
-
-def _is_unsaid_place(setting: tuple[str, ...], given: Aircraft) -> bool:
-    return setting[0].endswith("_position") and not is_placed(given, *setting)
 
 
 def _why_no_fault(finding: MeasurementFinding, given: Aircraft, samples: Samples) -> str:

@@ -1,10 +1,9 @@
 """Where the IMU sits, sideways, as the forces tell it where gusts hide that from the likelihood of the first step.
 
-An accelerometer at r + d, of which the aircraft file says r, measures E d more than the force at the centre of
-gravity, E d = ω' x d + ω x (ω x d), (6.3). The angular acceleration stands in the measured moments, (6.16)-(6.18): it
-is averaged over the same windows as the forces are. So d is found beside the model's own parameters, by least squares
-over both forces at once that it stands in, and judged on held-out flight. What turns an aeroplane in gusts is mostly
-sideslip, which drives r' by its yaw stiffness: an IMU a third of a metre to the side had been "C_X depends on beta".
+What a place adds to the forces is in ``flight.imu_columns``. So d is found beside the model's own parameters, by least
+squares over both forces at once that it stands in, and judged on held-out flight. What turns an aeroplane in gusts is
+mostly sideslip, which drives r' by its yaw stiffness: an IMU a third of a metre to the side had been "C_X depends on
+beta".
 
 An IMU aside adds the yaw acceleration to C_X and the roll acceleration to C_Z, by the same d. No air does that to a
 symmetric aeroplane. A place ahead or below is left to the likelihood: what the angles of flow are wrong by in gusts,
@@ -15,42 +14,19 @@ IMU behind the centre of gravity, in C_Y with p' and C_X with q' one above it: a
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.imu_columns import FORCES, columns_of
 from aircraft_sysid_ros.diagnosis.measurement import Setting
 from aircraft_sysid_ros.diagnosis.search.evaluator import log_ratio, price_of_one, size_of
 from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 
-Array = npt.NDArray[np.float64]
-
-FORCES = ("CX", "CY", "CZ")
 #: Number of the coordinate.
 SIDEWAYS = 1
 #: Farthest place [spans] that is believed.
 FARTHEST = 0.3
-
-
-def turning_of(data: FlightData) -> Array:
-    """Angular acceleration (n, 3) [rad/s²] that the measured moments (n,) are."""
-    aircraft = data.aircraft
-    made = data.measured * (data.signal("qbar") * aircraft.wing_area)[:, None]
-    force, moment = made[:, :3], made[:, 3:]
-    rates = np.column_stack([data.signal(name) for name in "pqr"])
-    moment = moment * [aircraft.span, aircraft.chord, aircraft.span] + np.cross(aircraft.aerodynamic_reference, force)
-    moment -= np.cross(rates, rates @ aircraft.inertia.T)
-    return np.asarray(np.linalg.solve(aircraft.inertia, moment.T).T)
-
-
-def columns_of(data: FlightData) -> dict[str, Array]:
-    """By force, what each coordinate of d [m] adds to its coefficient, (n, 3)."""
-    rates = np.column_stack([data.signal(name) for name in "pqr"])
-    turning, unit = turning_of(data), np.eye(3)
-    felt = np.stack([np.cross(turning, e) + np.cross(rates, np.cross(rates, e)) for e in unit], axis=2)
-    scale = data.aircraft.mass / (data.signal("qbar") * data.aircraft.wing_area)
-    return {axis: data.within(felt[:, k] * scale[:, None]) for k, axis in enumerate(FORCES)}
 
 
 def sideways_of_forces(data: FlightData) -> tuple[float, float] | None:

@@ -154,7 +154,7 @@ def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:
     """
     key, size = setting.variant.setting, abs(setting.value - setting.nominal)
     if setting.is_place:
-        return key[0] in file.source
+        return key not in file.unsaid
     if key[-1] == "delay":
         kinds = {**_OF_MOTION, CONTROLS: Kind.CONTROLS, **AIR_DATA}
         interval = interval_of(samples, kinds.get(key[1], Kind.AIRSPEED))

@@ -210,7 +210,7 @@ def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> 
 
     A position such as ("imu_position", "x") is moved by value * span [m]; anything else, such as
     ("sensors", "air_data", "delay") or ("process_noise", "wind"), becomes the value. Raises InputError where the
-    file may not hold it.
+    file may not hold it. What nobody has said, nobody has said then.
     """
     source = copy.deepcopy(aircraft.source)
     if setting[0].endswith("_position"):
@@ -218,7 +218,7 @@ def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> 
         position = [*(source.get(setting[0]) or [None] * 3)]
         position[at] = float(getattr(aircraft, setting[0])[at] + value * aircraft.span)
         source[setting[0]] = position
-        return aircraft_from_dict(source)
+        return replace(aircraft_from_dict(source), unsaid=aircraft.unsaid)
     names = SENSOR_GROUPS.get(setting[1], (setting[1],))
     for name in names:
         place = source
@@ -226,7 +226,7 @@ def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> 
             place[key] = dict(place.get(key) or {})
             place = place[key]
         place[setting[-1]] = float(value)
-    return aircraft_from_dict(source)
+    return replace(aircraft_from_dict(source), unsaid=aircraft.unsaid)
 
 
 def _signals_of(variant: Variant) -> frozenset[str]:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, is_placed
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.flight_check.check import contradictions
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, short_names
 from aircraft_sysid_ros.flight_check.laws import vane_place
@@ -68,7 +68,7 @@ _AIR_DENSITY, _STATUS, _CONTRADICTION = StateField.AIR_DENSITY, StateField.STATU
 def watch_of(aircraft: Aircraft, options: StateOptions | None = None) -> InFlightCheck:
     """The check of a flight of an aircraft; where the filter estimates the errors of the air data, not of these."""
     is_estimated = options is not None and options.air_data_errors
-    is_said = is_placed(aircraft, "air_data_position", "y")
+    is_said = ("air_data_position", "y") not in aircraft.unsaid
     vane = Vane(float(aircraft.air_data_position[1]), aircraft.span, is_said)
     return InFlightCheck(aircraft.minimum_airspeed, vane, asks_airspeed=not is_estimated)
 

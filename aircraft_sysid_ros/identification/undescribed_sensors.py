@@ -40,7 +40,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, is_placed
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import (
     FLYING,
@@ -167,7 +167,8 @@ class UndescribedSensors:
         of_file = aircraft.source.get("sensors") or {}
         described = {name for name, said in of_file.items() if {*(said or {})} - {"noise"}}
         self._asked = np.array([not {sensor, _GROUP} & described for sensor in _SENSORS])
-        unsaid = [[not is_placed(aircraft, key, at) for at in "xyz"] for key in ("imu_position", "air_data_position")]
+        places = ("imu_position", "air_data_position")
+        unsaid = [[(key, at) in aircraft.unsaid for at in "xyz"] for key in places]
         self._place, self._vane_place = aircraft.span * np.array(unsaid) * [np.full(3, PLACE), VANE_PLACE]
         self._motion = None if _OF_MOTION & described else LateMotion()
         self._any = bool(self._asked.any() or np.any(unsaid) or self._motion)

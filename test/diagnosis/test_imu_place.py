@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.flight.imu_columns import columns_of, turning_of, unsaid_columns
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
-from aircraft_sysid_ros.diagnosis.imu_place import columns_of, setting_of_forces, sideways_of_forces, turning_of
+from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces, sideways_of_forces
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects import BY_ID
 
 STEP = 0.04
@@ -87,3 +91,16 @@ def test_what_is_no_place_is_none(aircraft):
     for seed in (1, 11, 21):
         assert sideways_of_forces(flight(aircraft, seed=seed)[0]) is None
         assert sideways_of_forces(flight(aircraft, of_beta=0.3, seed=seed)[0]) is None
+
+
+def test_a_place_that_nobody_said_explains_the_forces_before_an_expression_may(aircraft):
+    """An IMU a tenth of the span below where a silent file has it leaves no p' in C_Y to be named."""
+    silent = replace(aircraft, unsaid=frozenset(("imu_position", at) for at in "xyz"))
+    there, below = (flight(silent, place)[0] for place in ((0.0, 0.0, 0.0), (0.0, 0.0, 0.1)))
+    columns, names = unsaid_columns(below, "CY")
+    assert names == ["CY_place_x", "CY_place_y", "CY_place_z"]
+    np.testing.assert_array_equal(columns, columns_of(below)["CY"])
+    said = replace(below, aircraft=aircraft)
+    errors = [CandidateEvaluator(data).fits["CY"].nrmse_held_out for data in (there, below, said)]
+    assert errors[1] < 1.2 * errors[0] and errors[2] > 3.0 * errors[0]
+    assert unsaid_columns(below, "Cm")[1] == [] and unsaid_columns(said, "CY")[1] == []

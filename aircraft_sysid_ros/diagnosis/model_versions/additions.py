@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms, term_label
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, is_placed
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
@@ -212,7 +212,7 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
             raise _only_gusts(effect)
         shown = setting_of(trial, [effect], run.current.aircraft, trial.score / trial.price)
         return Change(settings=((shown.variant.setting, shown.value),)), shown
-    if not calm and effect.identifier == "imu_offset" and not is_placed(run.current.aircraft, "imu_position", "y"):
+    if not calm and effect.identifier == "imu_offset" and ("imu_position", "y") in run.current.aircraft.unsaid:
         place = setting_of_forces(flight, effect)
         if place is not None:
             return Change(settings=((place.variant.setting, place.value),)), place
