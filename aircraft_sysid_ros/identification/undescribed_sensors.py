@@ -4,7 +4,9 @@
 Between two samples true angles change as kinematics say (``flow_angle_rates``, from the IMU), whose integral I is
 without noise to speak of, but not what gusts add. In a band of motion, without what is slow,
 
-    a = s I - s tau I' + gusts.
+    a = s I - s tau I' + gusts,
+
+where both are those of the air at the IMU.
 
 An aeroplane answers gusts, so that I goes together with them: least squares of this would find a scale that is too
 small. What moves the surfaces is no gust, so that s and tau are those for which the rest does not go together with the
@@ -42,6 +44,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.identification.coefficients.flow_angles import angle_at
 from aircraft_sysid_ros.identification.coefficients.layout import (
     FLYING,
     LEARNT,
@@ -55,6 +58,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
 from aircraft_sysid_ros.identification.late_motion import SURFACES, LateMotion
 from aircraft_sysid_ros.kernels import njit
+from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]
 
@@ -80,6 +84,7 @@ _TURNING, _RATES, _OF_VANES, DOUBTFUL = 4, 7, 10, 14
 _ACROSS = ([0, 1], [0, 2])
 #: So much of a derivative is taken away at most.
 _MOST = 0.75
+_OF_STATE = (StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP)
 _P, _V, _QBAR = SIGNAL_INDEX["p"], SIGNAL_INDEX["V"], SIGNAL_INDEX["qbar"]
 _FIRST_CONTROL, _COUNT_OF_CONTROLS = SIGNAL_INDEX["de"], 3
 #: Angle, I, I', and each control with what follows it.
@@ -196,7 +201,7 @@ class UndescribedSensors:
         """States and samples that came together."""
         if not self._any:
             return
-        _follow(batch.rows, batch.history, batch.body.gravity, self._filter, self._last, self._counts, self._moments)
+        _follow(batch.rows, batch.history, batch.body, self._filter, self._last, self._counts, self._moments)
         if len(batch.samples):
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
             _regress(samples, self._offsets, batch.body, self._squares, self._products)
@@ -291,7 +296,7 @@ def _high_pass(series: Array, controls: Array, step: float, begins: bool, filter
 
 @njit(cache=True)
 def _follow(
-    rows: Array, history: Array, gravity: float, filters: Array, last: Array, counts: Array, moments: Array
+    rows: Array, history: Array, body: Body, filters: Array, last: Array, counts: Array, moments: Array
 ) -> None:
     """Sums of products of the series of both angles, (2, _SERIES, _SERIES), and how many are in them, from states.
 
@@ -308,12 +313,13 @@ def _follow(
         if not good:
             last[0] = np.nan
             continue
-        rates = flow_angle_rates(rows[i], gravity)
+        rates = flow_angle_rates(rows[i], body.gravity)
         begins = not (0.0 < step < _PAUSE)
         if begins:
             last[2] = time
         for angle in range(2):
-            series[0], series[2] = row[SIGNAL + angle], rates[angle]
+            at_imu = angle_at(rows[i], body.imu, angle == 1) - rows[i, _OF_STATE[angle]]
+            series[0], series[2] = row[SIGNAL + angle] + at_imu, rates[angle]
             _high_pass(series, row[SIGNAL + _FIRST_CONTROL :], step, begins, filters[angle])
         last[0] = time
         if time - last[2] < 2.0 * _BAND or time - last[1] < _STEP - 1e-6:

@@ -84,7 +84,7 @@ def share_in_window(interval: float, half_width: float) -> float:
 
 
 @njit(cache=True)
-def _expected(row: Array, arm: Array, of_sideslip: bool) -> float:
+def angle_at(row: Array, arm: Array, of_sideslip: bool) -> float:
     """Angle [rad] of the air at ``arm`` from the centre of gravity, by a state."""
     p, q, r = row[_RATES], row[_RATES + 1], row[_RATES + 2]
     u = row[_AIR] + q * arm[2] - r * arm[1]
@@ -102,7 +102,7 @@ def _follow_rows(rows: Array, of_sideslip: bool, place: _Place, track: Array, ou
         row, before, now = rows[i], out[i], out[i + 1]
         rates = flow_angle_rates(row, place.gravity)
         now[_OF_TIME], now[_OF_FILTER] = row[_TIME], row[column]
-        now[_LEVER] = _expected(row, place.arm, of_sideslip) - row[column]
+        now[_LEVER] = angle_at(row, place.arm, of_sideslip) - row[column]
         now[_RATE] = rates[1] if of_sideslip else rates[0]
         step = now[_OF_TIME] - before[_OF_TIME]
         now[_INTEGRAL] = before[_INTEGRAL] + 0.5 * step * (now[_RATE] + before[_RATE])
