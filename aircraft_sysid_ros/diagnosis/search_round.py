@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.finding import Finding, explains_more, is_simpler, resting_on, share_of_first
+from aircraft_sysid_ros.diagnosis.flight.imu_columns import unsaid_columns
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import (
     CandidateEvaluator,
@@ -137,9 +138,24 @@ class SearchRound:
         for trial in rivals:
             if best is None or explains_more(trial, best.trial):
                 finding = self._test_outside(trial)
-                if finding.p_value < THRESHOLDS.false_alarm and finding.size >= THRESHOLDS.size:
+                sizeable = finding.size >= THRESHOLDS.size and not self._is_of_place(trial)
+                if finding.p_value < THRESHOLDS.false_alarm and sizeable:
                     return finding
         return None
+
+    def _is_of_place(self, trial: Score) -> bool:
+        """Whether an expression in a force has no size beside the place of the IMU, where nobody has said that.
+
+        The moments that turn the aeroplane are measured: what acts in them as well as in a force may look like a place
+        too, so that effects of the library, which have a name, are not asked.
+        """
+        axis, data = trial.main_axis, self.bench.data
+        columns, names = unsaid_columns(data, axis)
+        if not names or trial.candidate.happens:
+            return False
+        fit = self.bench.fits[axis].extended(columns, names)
+        gain = fit.gain(data.columns(data.parsed(trial.candidate.terms[axis])))
+        return share_of_first(gain, fit.nrmse_held_out, self.first[axis]) < THRESHOLDS.size
 
     def _rivals(self, best: Finding | None, first: bool) -> Iterator[Score]:
         """The best expression of each axis and, where an effect would be named first, the best change at one moment."""

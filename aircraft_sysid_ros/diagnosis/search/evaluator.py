@@ -18,7 +18,6 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
 from aircraft_sysid_ros.diagnosis.flight.flight_data import GUARD, FlightData
-from aircraft_sysid_ros.diagnosis.flight.imu_columns import unsaid_columns
 from aircraft_sysid_ros.diagnosis.search.candidates import (
     MOMENTS_OF_CHANGE,
     Candidate,
@@ -404,17 +403,8 @@ def shapes_of(bench: CandidateEvaluator, trial: Score) -> dict[str, list[Score]]
 def _fits(
     data: FlightData, axes: Collection[str] = AXES, shapes: Mapping[str, Sequence[str]] | None = None
 ) -> dict[str, AxisFit]:
-    """The fit of every axis that has data, and beside the model in it what no effect is needed for.
-
-    That is the tilt of the lift vector in C_X, in the forces the place of an IMU that the aircraft file does not say,
-    and ``shapes`` by axis.
-    """
+    """The fit of every axis that has data, with the tilt of the lift vector in C_X, and ``shapes`` by axis."""
     fits, _ = fits_of(data, axes)
-    for axis in fits:
-        columns, names = unsaid_columns(data, axis)
-        if names:
-            with contextlib.suppress(InputError):
-                fits[axis] = fits[axis].extended(columns, names)
     more = {axis: list(texts) for axis, texts in (shapes or {}).items() if axis in fits}
     if "CX" in fits:
         more["CX"] = [*tilt_terms(data), *more.get("CX", ())]
