@@ -216,7 +216,7 @@ class InFlightCheck:
             return True
         place = vane_place.sideways(motion)
         elsewhere, known = vane_place.findings(place, self._vane), vane_place.is_known(place, self._vane.span)
-        if not self._vane.is_said:
+        if not self._vane.is_said and (known or self.vane_place is None):
             self.vane_place = vane_place.taken(place, self._vane.span)
         if not known:  # what was found before stands
             elsewhere = elsewhere or [f for f in self._found if (f.kind, f.severity, *f.signals) == vane_place.MARKS]

@@ -21,6 +21,7 @@ from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ABSENT, Finding
+from aircraft_sysid_ros.reconstruction.state import contradiction_text
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
@@ -149,6 +150,15 @@ def test_what_is_not_to_use_is_not_stated(learnt, aircraft):
     assert sentence.startswith("Fly elevator doublets")
     blind = next_flights(check_json(("elevator", "missing", "warning", ABSENT)), some, list(modes.values()), None)
     assert blind[0].startswith("Record elevator") and not any("elevator doublets" in text for text in blind)
+
+
+def test_where_a_sensor_holds_all_it_is_to_be_mended_and_nothing_to_be_flown(learnt, aircraft):
+    """A vane out on the wing: the same doublets once more, in all axes, had been the advice."""
+    verdicts = dict.fromkeys(aircraft.model.parameter_names, ("HOLD", f"{contradiction_text(7)} since 26.1 s"))
+    said = next_flights(check_json(), Learnt(learnt[1], verdicts), [], None)
+    assert len(said) == 1 and said[0].startswith("Mend that first") and "of the angle of attack contradict" in said[0]
+    said = next_flights(check_json(), Learnt(learnt[1], verdicts | {"Cm_q": ("HOLD", "no motion")}), [], None)
+    assert [text[:4] for text in said] == ["Mend", "Fly "] and "Cm_q" in said[1]
 
 
 def test_standard_errors_are_at_least_those_of_the_parameters(learnt):

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.flight_check.finding import ABSENT, INFO
 from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD
 from aircraft_sysid_ros.identification.conditions import listed
+from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, contradiction_text
 
 #: Which manoeuvre moves a signal; the first that a term reads decides.
 _MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
@@ -25,6 +26,8 @@ _MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
 )
 #: Signal of the model that a control of a recording is: where it is not recorded no manoeuvre of it shows anything.
 _CONTROLS = {CONTROL_WORDS[signal]: signal for signal in ("de", "da", "dr", "Tc", "flaps")}
+#: Why parameters are held by a sensor that is wrong.
+_CONTRADICTED = tuple(contradiction_text(code) for code in CONTRADICTED)
 _WIDEST = 1.3  # highest over lowest airspeed below which other speeds are worth a flight
 
 
@@ -62,6 +65,11 @@ def _for_parameters(
         programs = {}
     else:
         unknown = [name for name, reason in learnt.unknown.items() if reason]
+        if contradicted := next(
+            (text for text in _CONTRADICTED if any(text in learnt.unknown[n] for n in unknown)), ""
+        ):
+            yield f"Mend that first, and explain this log again: {contradicted}, and no manoeuvre shows more until then."
+            unknown = [name for name in unknown if contradicted not in learnt.unknown[name]]
         listed_programs = [p for of_axis in learnt.model.programs for p in of_axis]
         programs = dict(zip(learnt.model.parameter_names, listed_programs, strict=True))
     pulses = {
