@@ -65,11 +65,10 @@ def _for_parameters(
         programs = {}
     else:
         unknown = [name for name, reason in learnt.unknown.items() if reason]
-        if contradicted := next(
-            (text for text in _CONTRADICTED if any(text in learnt.unknown[n] for n in unknown)), ""
-        ):
-            yield f"Mend that first, and explain this log again: {contradicted}, and no manoeuvre shows more until then."
-            unknown = [name for name in unknown if contradicted not in learnt.unknown[name]]
+        held = next((text for text in _CONTRADICTED if any(text in learnt.unknown[name] for name in unknown)), "")
+        if held:
+            yield f"Mend that first, and explain this log again: {held}, and no manoeuvre shows more until then."
+            unknown = [name for name in unknown if held not in learnt.unknown[name]]
         listed_programs = [p for of_axis in learnt.model.programs for p in of_axis]
         programs = dict(zip(learnt.model.parameter_names, listed_programs, strict=True))
     pulses = {
