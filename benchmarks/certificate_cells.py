@@ -82,7 +82,7 @@ def fly(want: dict[str, Any]) -> dict[str, Any]:
         return [float(f"{x:.5g}") if np.isfinite(x) else None for x in numbers]
 
     return {
-        **want, "right": right, "cpu": round(time.process_time() - started, 2),
+        **want, "right": right and right[0], "cpu": round(time.process_time() - started, 2),
         "by": pipeline.parameters.learning.published["published"],
         "value": short(p.value for p in final), "std": short(p.std for p in final),
         "excitation": short(p.excitation for p in final), "use": [int(p.status == Trust.USE) for p in final],

@@ -40,6 +40,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import HIDDEN_RATE, simulate
 from aircraft_sysid_ros.simulation.varied_plan import PLANS
 
 RESULTS = Path(__file__).parent / "results" / "strangers.jsonl"
+PLACED = RESULTS.with_name("strangers_placed.jsonl")
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "clean_p_values.png"
 AEROPLANES = ("ultra_stick_25e", "ultra_stick_120")
 SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia")
@@ -178,16 +179,17 @@ def main() -> None:
     parser.add_argument("--hidden", type=int, default=24)
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
-    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--results", type=Path, help="file (default: results/strangers.jsonl, strangers_placed.jsonl)")
     parser.add_argument("--placed", action="store_true", help="sensors are where the aeroplane has them")
     parser.add_argument("--figure", action="store_true", help="draw the p-values of the flights that are there")
     args = parser.parse_args()
+    path = args.results or (PLACED if args.placed else RESULTS)
     if args.figure:
-        draw([json.loads(line) for line in args.results.read_text().splitlines()], FIGURE)
+        draw([json.loads(line) for line in path.read_text().splitlines()], FIGURE)
         return
     wanted = [{**job, "placed": args.placed} for job in jobs(args.clean, args.hidden, args.first)]
     results = []
-    for result in resumed.flown(fly, wanted, args.results, args.jobs):
+    for result in resumed.flown(fly, wanted, path, args.jobs):
         results.append(result)
         print(f"{len(results)} of {len(wanted)}: {result['seed']} {result['effect']} {result.get('found')}", flush=True)
     print(summary(results))

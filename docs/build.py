@@ -469,6 +469,11 @@ def strangers() -> str:
     return table(*diagnosis_tables.strangers(load_lines("strangers")))
 
 
+def strangers_placed() -> str:
+    """The same with sensors where the aeroplane has them."""
+    return table(*diagnosis_tables.strangers(load_lines("strangers_placed")))
+
+
 def third_maker() -> str:
     """The diagnosis on flights of the maker from strip theory."""
     if not (RESULTS / "third_maker.jsonl").exists():
@@ -727,6 +732,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "diagnosis_thresholds": lambda: table(*diagnosis_tables.thresholds()),
     "hidden_effects_slow": diagnosis_slow,
     "strangers": strangers,
+    "strangers_placed": strangers_placed,
     "third_maker": third_maker,
     "polar_truth": polar_truth,
     "polar_seaway": lambda: table(*polar_tables.seaway(load("polar_seaway"))),

@@ -85,7 +85,7 @@ def replay(
         aircraft = aircraft_from_dict({**aircraft.source, "air_data_position": there})
         pipeline, result = _flown(bags, aircraft, out, replace(options, as_live=True), tell)
         assert result is not None
-        result["notes"].insert(0, _taken_there(there))
+        result["notes"].insert(0, _taken_there(there, bool(options.learn_sensors)))
     if options.learn_sensors:
         delay = pipeline.parameters.learning.undescribed.delay_of_surfaces
         learnt = completed_file(pipeline.state, delay, pipeline.check.vane_place)
@@ -129,11 +129,12 @@ def _flown(
     return pipeline, {"run": str(out), "notes": [*told, *unused], **result}
 
 
-def _taken_there(position: list[float | None]) -> str:
+def _taken_there(position: list[Any], is_written: bool) -> str:
+    text = json.dumps(position, ensure_ascii=False)
+    live = "and the file that is written has it" if is_written else f"so write `air_data_position: {text}` into it"
     return (
         f"the aircraft file does not say where the vane of the angle of attack is: it is taken {position[1]} m to the "
-        "right of the centre of gravity, as this flight shows it. Live needs that from the start: write "
-        f"`air_data_position: {json.dumps(position)}` into the aircraft file, or let `--learn-sensors FILE` write it"
+        f"right of the centre of gravity, as this flight shows it. Live needs that from the start, {live}"
     )
 
 
@@ -156,7 +157,7 @@ def _check_new_file(path: Path, overwrite: bool) -> None:
 def _write_aircraft(path: Path, content: dict[str, Any], overwrite: bool) -> None:
     """The file at once, or not at all."""
     try:
-        (write_whole if overwrite else write_new)(path, yaml.safe_dump(content, sort_keys=False))
+        (write_whole if overwrite else write_new)(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
     except OSError as error:
         raise InputError(f"cannot write the aircraft file {path}: {error.strerror}") from None
 

@@ -119,7 +119,9 @@ class Key:
     limits: tuple[float, float] | None = None  # of a number, in that unit: no aeroplane is outside
 
 
-_POSITION = "from the centre of gravity, FRD, of a coordinate that nobody knows `null`"
+_POSITION = (
+    "from the centre of gravity, FRD, of a coordinate that nobody knows `null`, of one that was found `0.40 ± 0.02`"
+)
 _NEAR, _SPEEDS = (-200.0, 200.0), (0.01, 2000.0)
 KEYS = {
     "name": Key("what results call the aeroplane"),
@@ -212,9 +214,9 @@ class Aircraft:
     parameter_bounds: dict[str, tuple[float, float]] = field(default_factory=dict)  # outside: never to be used
     prior: FleetPrior | None = None  # of the parameters, from flights before
     inputs: tuple[NamedInput, ...] = ()  # in the order of the file, which is that of their values in samples
-    #: Coordinates of sensors that nobody has said, such as ("imu_position", "x"); what is found of them stands in the
-    #: position.
-    unsaid: frozenset[tuple[str, str]] = frozenset()
+    #: Coordinates of sensors that nobody has said, such as ("imu_position", "x"), and one sigma [m] of what was found
+    #: of them, which stands in the position; NaN: nothing was.
+    unsaid: Mapping[tuple[str, str], float] = field(default_factory=dict)
     source: dict[str, Any] = field(default_factory=dict, compare=False)  # the file as read, to write copies
 
 
@@ -376,15 +378,34 @@ def _position(data: Mapping[str, Any], key: str) -> Vector:
     if value is None:
         return np.zeros(3)
     if not isinstance(value, (list, tuple)) or len(value) != 3:
-        raise InputError(f"{key} must be three numbers [x forward, y right, z down] in m")
-    return np.array([0.0 if v is None else _within(key, _number(v, key), key) for v in value])
+        raise InputError(
+            f"{key} must be three numbers [x forward, y right, z down] in m, null for one that nobody knows"
+        )
+    names = [f"{at} of {key}" for at in "xyz"]
+    return np.array([_within(key, _coordinate(v, name)[0], name) for v, name in zip(value, names, strict=True)])
 
 
-def _unsaid(data: Mapping[str, Any]) -> frozenset[tuple[str, str]]:
-    places = {key: data.get(key) or (None, None, None) for key in ("imu_position", "air_data_position")}
-    return frozenset(
-        (key, at) for key, place in places.items() for at, value in zip("xyz", place, strict=True) if value is None
-    )
+def _coordinate(value: Any, name: str) -> tuple[float, float]:
+    """A coordinate [m] and one sigma: 0 where it is said, NaN where nobody knows it, else that of what was found."""
+    if value is None:
+        return 0.0, np.nan
+    found, sign, sigma = value.partition("±") if isinstance(value, str) else (value, "", "0")
+    try:
+        parts = (float(found), float(sigma)) if sign else (_number(found, name), 0.0)
+    except ValueError:
+        raise InputError(f"{name} must be a number, null, or one that was found, as 0.40 ± 0.02") from None
+    if not np.isfinite(parts).all() or not parts[1] >= 0.0:
+        raise InputError(f"{name} must be a finite number, and what follows ± 0 or more")
+    return parts
+
+
+def _unsaid(data: Mapping[str, Any]) -> dict[tuple[str, str], float]:
+    found = {}
+    for key in ("imu_position", "air_data_position"):
+        for at, value in zip("xyz", data.get(key) or (None, None, None), strict=True):
+            if (sigma := _coordinate(value, at)[1]) != 0.0:
+                found[key, at] = sigma
+    return found
 
 
 def _inertia(data: Any) -> Vector:

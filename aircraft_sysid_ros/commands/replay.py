@@ -49,7 +49,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--learn-sensors",
         metavar="FILE",
-        help="write the aircraft file with the noise of sensors and gusts that the flight shows, where it says none",
+        help="write the aircraft file with what the flight shows and it does not say: noise of sensors and gusts, "
+        "delay of the surfaces, place of the vane",
     )
     parser.add_argument(
         "--as-live",

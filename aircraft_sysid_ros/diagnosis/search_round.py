@@ -144,7 +144,7 @@ class SearchRound:
         return None
 
     def _is_of_place(self, trial: Score) -> bool:
-        """Whether an expression in a force has no size beside the place of the IMU, where nobody has said that.
+        """Whether an expression has no size beside what places of IMU and vanes may make that nobody has said.
 
         The moments that turn the aeroplane are measured: what acts in them as well as in a force may look like a place
         too, so that effects of the library, which have a name, are not asked.

@@ -8,6 +8,8 @@ What the airspeed reads may change, and is asked to the end (``wind_triangle``).
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import numpy.typing as npt
 
@@ -30,6 +32,8 @@ from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
+#: Time of flight [s] that tells the place of a vane.
+SHORTEST = 10.0
 #: Times of flight [s] of the first two looks; later ones each after twice the time, over so much flight [s] at most.
 FIRST, SECOND, LONGEST = 30.0, 60.0, 240.0
 #: Rows further apart [s] are no flight in between.
@@ -89,8 +93,8 @@ class InFlightCheck:
 
         ``vane``: where the aircraft file has it. ``asks_airspeed``: whether GPS and wind are asked what it reads.
         """
-        #: How far [m] to the right the vane is, where no file says it and it is not in the middle.
-        self.vane_place: float | None = None
+        #: How far [m] to the right the vane is, and one sigma, where no file says it and it is not where that has it.
+        self.vane_place: tuple[float, float] | None = None
         self._minimum_airspeed, self._vane = minimum_airspeed, vane
         self._triangle = WindTriangle(minimum_airspeed) if asks_airspeed else None
         self._found: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
@@ -108,8 +112,14 @@ class InFlightCheck:
 
     def finish(self, epoch: int | None) -> None:
         """The flight is over: the place of the vane by all of it, where it is not known yet."""
-        if epoch is not None and not self._over and self._flown > FIRST * NANOSECONDS:
+        if epoch is None or self._over or self._flown < SHORTEST * NANOSECONDS:
+            return
+        if self._flown >= FIRST * NANOSECONDS:
             self._look(self._newest, epoch)
+        else:  # too short for the other laws
+            samples = self._keep(epoch, self._begin)
+            with contextlib.suppress(ValueError, np.linalg.LinAlgError), np.errstate(all="ignore"):
+                self._look_at_vane(samples, Motion(flight_of(samples, samples.stamp)), [])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -217,7 +227,7 @@ class InFlightCheck:
         place = vane_place.sideways(motion)
         elsewhere, known = vane_place.findings(place, self._vane), vane_place.is_known(place, self._vane.span)
         if not self._vane.is_said and (known or self.vane_place is None):
-            self.vane_place = vane_place.taken(place, self._vane.span)
+            self.vane_place = vane_place.taken(place, self._vane)
         if not known:  # what was found before stands
             elsewhere = elsewhere or [f for f in self._found if (f.kind, f.severity, *f.signals) == vane_place.MARKS]
         found += elsewhere

@@ -158,6 +158,12 @@ class SensorDoubt(NamedTuple):
         left += (self.late_variance + (self.late - late) ** 2) * np.outer(by_late, by_late)
 
 
+def _doubt_of(aircraft: Aircraft, key: str, unknown: Array) -> Array:
+    """One sigma (3,) [m] of a position: ``unknown`` (3,) where nothing is known, 0 of what is said."""
+    sigma = np.array([aircraft.unsaid.get((key, at), 0.0) for at in "xyz"])
+    return np.where(np.isnan(sigma), unknown, sigma)
+
+
 def derivatives_of(model: AerodynamicModel, axis: int) -> npt.NDArray[np.int64]:
     """Places (3,) of the derivatives by SURFACES among the terms of an axis, -1: none."""
     names, name = model.parameter_names[model.axis_slice(AXES[axis])], AXES[axis]
@@ -172,11 +178,10 @@ class UndescribedSensors:
         of_file = aircraft.source.get("sensors") or {}
         described = {name for name, said in of_file.items() if {*(said or {})} - {"noise"}}
         self._asked = np.array([not {sensor, _GROUP} & described for sensor in _SENSORS])
-        places = ("imu_position", "air_data_position")
-        unsaid = [[(key, at) in aircraft.unsaid for at in "xyz"] for key in places]
-        self._place, self._vane_place = aircraft.span * np.array(unsaid) * [np.full(3, PLACE), VANE_PLACE]
+        self._place = _doubt_of(aircraft, "imu_position", aircraft.span * np.full(3, PLACE))
+        self._vane_place = _doubt_of(aircraft, "air_data_position", aircraft.span * VANE_PLACE)
         self._motion = None if _OF_MOTION & described else LateMotion()
-        self._any = bool(self._asked.any() or np.any(unsaid) or self._motion)
+        self._any = bool(self._asked.any() or aircraft.unsaid or self._motion)
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self.restart_clock()

@@ -150,12 +150,12 @@ def noise_notes(state: StateEstimator) -> list[str]:
 
 
 def completed_file(
-    state: StateEstimator, delay_of_surfaces: float | None = None, vane_place: float | None = None
+    state: StateEstimator, delay_of_surfaces: float | None = None, vane_place: tuple[float, float] | None = None
 ) -> dict[str, Any]:
     """The content of the aircraft file with what the flight has shown, where the file says nothing.
 
     ``delay_of_surfaces`` [s]: what the second step has found of them. ``vane_place`` [m]: how far to the right of the
-    centre of gravity the check in flight has found the vane.
+    centre of gravity the check in flight has found the vane, and one sigma.
     """
     source = copy.deepcopy(state.aircraft.source)
     sensors = {name: dict(value or {}) for name, value in (source.get("sensors") or {}).items()}
@@ -176,10 +176,10 @@ def completed_file(
     return source
 
 
-def placed(vane_place: float, source: Mapping[str, Any]) -> list[float | None]:
+def placed(vane_place: tuple[float, float], source: Mapping[str, Any]) -> list[Any]:
     """``air_data_position`` [m] of a vane that was found so far to the right, and what the file says besides."""
     x, _, z = source.get("air_data_position") or (None, None, None)
-    return [x, round(vane_place, 2), z]
+    return [x, f"{vane_place[0]:.2f} ± {max(vane_place[1], 0.01):.2f}", z]
 
 
 def _rounded(values: Array) -> list[float]:

@@ -131,7 +131,10 @@ BAD = {
     "inertia typo": (MINIMAL.replace("xz:", "xy:"), "unknown key of inertia 'xy'"),
     "position of two": (MINIMAL + "imu_position: [1, 2]\n", "imu_position must be three numbers"),
     "position as number": (MINIMAL + "gps_position: 1\n", "gps_position must be three numbers"),
-    "position with text": (MINIMAL + "gps_position: [1, 2, x]\n", "gps_position must be a number, not 'x'"),
+    "position with text": (
+        MINIMAL + "gps_position: [1, 2, x]\n",
+        "z of gps_position must be a number, null, or one that was found",
+    ),
     "sensor typo": (MINIMAL + "sensors: {gyo: {rate: 1}}\n", "unknown sensor 'gyo': did you mean 'gyro'?"),
     "sensor key typo": (
         MINIMAL + "sensors: {gyro: {nois: 1}}\n",
@@ -372,3 +375,16 @@ def test_aliases_that_repeat_each_other_are_refused(tmp_path):
 def test_an_alias_that_repeats_a_few_values_is_read(tmp_path):
     text = MINIMAL.replace("span: 1.2", "span: &span 1.2").replace("chord: 0.25", "chord: *span")
     assert loaded(tmp_path, text).chord == 1.2
+
+
+def test_coordinates_that_nobody_knows_and_that_were_found_are_kept_apart():
+    there = aircraft_from_dict({**yaml.safe_load(MINIMAL), "air_data_position": [None, "0.40 ± 0.02", -0.1]})
+    assert there.air_data_position.tolist() == [0.0, 0.4, -0.1]
+    found = {at: sigma for (key, at), sigma in there.unsaid.items() if key == "air_data_position"}
+    assert np.isnan(found.pop("x")) and found == {"y": 0.02}
+    assert {at for key, at in there.unsaid if key == "imu_position"} == set("xyz")
+    said = {key: [0, 0, 0] for key in ("imu_position", "air_data_position")}
+    assert aircraft_from_dict({**yaml.safe_load(MINIMAL), **said}).unsaid == {}
+    for wrong in ("0.4 ± x", "0.4 ±", "0.4 ± -1", "nan ± 1", "1e400 ± 1"):
+        with pytest.raises(InputError, match="y of imu_position must be"):
+            aircraft_from_dict({**yaml.safe_load(MINIMAL), "imu_position": [0, wrong, 0]})

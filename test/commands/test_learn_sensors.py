@@ -67,7 +67,7 @@ def test_a_vane_out_on_the_wing_that_the_file_leaves_out_is_placed_and_said(flow
     learnt = tmp_path / "learnt.yaml"
     assert replay(flown, tmp_path / "silent.yaml", tmp_path / "run", "--learn-sensors", str(learnt)) == 0
     said = json.loads(capsys.readouterr().out)
-    assert "`air_data_position: [null, 0." in said["notes"][0] and "`--learn-sensors FILE`" in said["notes"][0]
+    assert "it is taken 0." in said["notes"][0] and "the file that is written has it" in said["notes"][0]
     for path in (learnt, tmp_path / "run" / "aircraft.yaml"):
         assert load_aircraft(path).air_data_position == pytest.approx([0.0, 0.4, 0.0], abs=0.03)
     truth = default_aircraft().coefficients

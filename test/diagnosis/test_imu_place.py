@@ -10,7 +10,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.flight.imu_columns import columns_of, turning_of, unsaid_columns
+from aircraft_sysid_ros.diagnosis.flight.imu_columns import columns_of, rates_of, turning_of, unsaid_columns
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces, sideways_of_forces
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
@@ -36,7 +36,8 @@ def flight(aircraft, place=(0.0, 0.0, 0.0), of_beta=0.0, seed=1):
     signals = np.zeros((len(time), SIGNAL_COUNT))
     pressure = 0.6 * (25.0 + waves(time, seed + 1, 1, 2.0)[:, 0]) ** 2
     known = {"V": np.sqrt(pressure / 0.6), "qbar": pressure, "time": time, "height": 100.0 + 0.0 * time}
-    known |= dict(zip("pqr", rates.T, strict=True))
+    half = np.array([0.5 * aircraft.span, aircraft.chord, 0.5 * aircraft.span])
+    known |= dict(zip("pqr", (rates * half).T / known["V"], strict=True))
     known |= dict(zip(("alpha", "beta", "de", "da", "dr", "Tc"), waves(time, seed + 2, 6, 0.05).T, strict=True))
     known["beta"] = turning[:, 2] / 20.0 + 0.2 * known["beta"]  # yaw stiffness
     for name, values in known.items():
@@ -62,7 +63,9 @@ def test_an_accelerometer_away_from_the_centre_feels_the_second_derivative_of_it
     felt = np.array([turn.T @ a for turn, a in zip(turns, pushed, strict=True)])
     rates = np.gradient(angle, step)[:, None] * unit
     signals, pressure = np.zeros((len(angle), SIGNAL_COUNT)), np.full(len(angle), 300.0)
-    signals[:, [SIGNAL_INDEX[name] for name in ("p", "q", "r")]] = rates
+    half = np.array([0.5 * aircraft.span, aircraft.chord, 0.5 * aircraft.span])
+    signals[:, [SIGNAL_INDEX[name] for name in ("p", "q", "r")]] = rates * half / 20.0
+    signals[:, SIGNAL_INDEX["V"]] = 20.0
     signals[:, SIGNAL_INDEX["qbar"]] = pressure
     measured = coefficients_of_motion(
         aircraft, np.zeros_like(rates), rates, np.full((len(angle), 1), 2.0) * unit, pressure
@@ -97,10 +100,10 @@ def test_what_is_no_place_is_none(aircraft):
 
 def test_what_a_place_that_nobody_said_explains_as_well_is_no_expression(aircraft):
     """An IMU ahead of where a silent file has it measures r' + p q in C_Y."""
-    silent = replace(aircraft, unsaid=frozenset(("imu_position", at) for at in "xyz"))
+    silent = replace(aircraft, unsaid={("imu_position", at): np.nan for at in "xyz"})
     ahead = flight(silent, (0.3, 0.0, 0.0))[0]
     columns, names = unsaid_columns(ahead, "CY")
-    assert names == ["CY_place_x", "CY_place_y", "CY_place_z"] and unsaid_columns(ahead, "Cm")[1] == []
+    assert names == ["CY_place_imu_x", "CY_place_imu_y", "CY_place_imu_z"] and unsaid_columns(ahead, "Cm")[1] == []
     np.testing.assert_array_equal(columns, columns_of(ahead)["CY"])
 
     def named(data):
@@ -111,3 +114,12 @@ def test_what_a_place_that_nobody_said_explains_as_well_is_no_expression(aircraf
         return [finding.trial.main_axis for finding in search.findings([])]
 
     assert named(replace(ahead, aircraft=aircraft)) == ["CY"] and named(ahead) == []
+
+
+def test_so_is_what_a_vane_that_is_elsewhere_shows_too_much(aircraft):
+    silent = replace(aircraft, unsaid={("air_data_position", at): np.nan for at in "xyz"})
+    data, rates = flight(silent)[0], rates_of(flight(silent)[0])
+    columns, names = unsaid_columns(data, "Cm")
+    assert names == ["Cm_place_vane_x", "Cm_place_vane_y"]
+    np.testing.assert_allclose(columns, np.column_stack([-rates[:, 1], rates[:, 0]]) / data.signal("V")[:, None])
+    assert unsaid_columns(data, "Cn")[1] == ["Cn_place_vane_x", "Cn_place_vane_z"]

@@ -69,6 +69,9 @@ def _for_parameters(
         if held:
             yield f"Mend that first, and explain this log again: {held}, and no manoeuvre shows more until then."
             unknown = [name for name in unknown if held not in learnt.unknown[name]]
+        if unknown and learnt.aircraft.unsaid:
+            keys = listed(sorted({key for key, _ in learnt.aircraft.unsaid}, reverse=True))
+            yield f"Measure where the sensors are and write {keys} into the aircraft file: errors are wider for it."
         listed_programs = [p for of_axis in learnt.model.programs for p in of_axis]
         programs = dict(zip(learnt.model.parameter_names, listed_programs, strict=True))
     pulses = {

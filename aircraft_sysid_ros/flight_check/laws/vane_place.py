@@ -52,11 +52,11 @@ def sideways(motion: Motion) -> tuple[float, float] | None:
     return None if solved is None else (float(solved[0][2]), float(solved[1][2]))
 
 
-def taken(found: tuple[float, float] | None, span: float) -> float | None:
-    """Where [m] to the right a vane is taken to be of which nobody says it; None: in the middle."""
-    if found is None or abs(found[0]) < max(_OUT * span, _LIKELY * found[1]):
+def taken(found: tuple[float, float] | None, vane: Vane) -> tuple[float, float] | None:
+    """Where [m] to the right a vane is that nobody has placed, and one sigma; None: where the file has it."""
+    if found is None or abs(found[0] - vane.right) < max(_OUT * vane.span, _LIKELY * found[1]):
         return None
-    return found[0]
+    return found
 
 
 def is_known(found: tuple[float, float] | None, span: float) -> bool:
