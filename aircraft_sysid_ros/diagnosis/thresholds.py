@@ -132,7 +132,11 @@ class Thresholds:
         "noise: replicas fly a model that is right, and such a flight has none. On one half of a real flight whose",
         "surfaces are commands a stall had been named that explained a quarter.",
     )
-    left_share: float = _of(0.5, "The share of the variance above the noise that it must explain then.")
+    left_share: float = _of(
+        0.67,
+        "The share of the variance above the noise that it must explain then. At a half the second half of that flight",
+        "had a limit of the elevator's rate named, which explains less than a half in the first and in the whole.",
+    )
     trim_size: float = _of(
         0.5,
         "Share of what is left of the trim of a long flight that a change must explain: on the simulated flights that",
