@@ -35,7 +35,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_di
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.found_noise import placed
+from aircraft_sysid_ros.reconstruction.found_noise import with_vane
 from aircraft_sysid_ros.samples import Samples
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
@@ -72,8 +72,7 @@ def fly(want: dict[str, Any]) -> dict[str, Any]:
         pipeline = replayed(known, flight.samples)
         right = pipeline.check.vane_place
         if right is not None:
-            there = {**known.source, "air_data_position": placed(right, known.source)}
-            pipeline = replayed(aircraft_from_dict(there), flight.samples)
+            pipeline = replayed(with_vane(known, right), flight.samples)
     except InputError as error:
         return {**want, "failed": str(error)}
     final = pipeline.parameters.snapshot().parameters

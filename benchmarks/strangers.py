@@ -25,14 +25,14 @@ from typing import Any
 
 import numpy as np
 import resumed
+from certificate_cells import replayed
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.effects.aliases import aliases_of
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.found_noise import placed
+from aircraft_sysid_ros.reconstruction.found_noise import with_vane
 from aircraft_sysid_ros.samples import Samples
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.hidden_effects import SIMULATED
@@ -85,13 +85,9 @@ def flown(known: Aircraft, setting: dict[str, Any], placed: bool = False) -> Air
 
 def given(known: Aircraft, samples: Samples) -> Aircraft:
     """What a new user knows of an aeroplane, and what the flight says of the place of its vane, as ``replay``."""
-    pipeline = Pipeline(users(known))
-    for begin in range(0, len(samples), 1000):
-        pipeline.push(samples[begin : begin + 1000])
-    pipeline.flush()
-    pipeline.check.finish(pipeline.state.epoch)
-    right, source = pipeline.check.vane_place, users(known).source
-    return users(known) if right is None else aircraft_from_dict({**source, "air_data_position": placed(right, source)})
+    of_user = users(known)
+    right = replayed(of_user, samples).check.vane_place
+    return of_user if right is None else with_vane(of_user, right)
 
 
 def users(known: Aircraft) -> Aircraft:

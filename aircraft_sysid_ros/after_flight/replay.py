@@ -16,7 +16,7 @@ import yaml
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.after_flight.replay_notes import manoeuvre_notes, notes, why_no_start
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft, with_prior
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft, with_prior
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.calibration.filter_start import LONGEST, start_by_stage_1, start_of_calibration
@@ -27,7 +27,7 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.physical_bounds import check_bounds
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.air_data_errors import StartValues
-from aircraft_sysid_ros.reconstruction.found_noise import completed_file, placed
+from aircraft_sysid_ros.reconstruction.found_noise import completed_file, with_vane
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
@@ -81,11 +81,11 @@ def replay(
     if result is None:
         right = pipeline.check.vane_place
         assert right is not None
-        there = placed(right, aircraft.source)
-        aircraft = aircraft_from_dict({**aircraft.source, "air_data_position": there})
+        aircraft = with_vane(aircraft, right)
         pipeline, result = _flown(bags, aircraft, out, replace(options, as_live=True), tell)
         assert result is not None
-        result["notes"].insert(0, _taken_there(there, bool(options.learn_sensors)))
+        position = aircraft.source["air_data_position"]
+        result["notes"].insert(0, _taken_there(position, bool(options.learn_sensors)))
     if options.learn_sensors:
         delay = pipeline.parameters.learning.undescribed.delay_of_surfaces
         learnt = completed_file(pipeline.state, delay, pipeline.check.vane_place)

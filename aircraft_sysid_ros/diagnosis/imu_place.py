@@ -1,9 +1,9 @@
 """Where the IMU sits, sideways, as the forces tell it where gusts hide that from the likelihood of the first step.
 
-What a place adds to the forces is in ``flight.imu_columns``. So d is found beside the model's own parameters, by least
-squares over both forces at once that it stands in, and judged on held-out flight. What turns an aeroplane in gusts is
-mostly sideslip, which drives r' by its yaw stiffness: an IMU a third of a metre to the side had been "C_X depends on
-beta".
+What a place adds to the forces is in ``flight.place_columns``. So d is found beside the model's own parameters, by
+least squares over both forces at once that it stands in, and judged on held-out flight. What turns an aeroplane in
+gusts is mostly sideslip, which drives r' by its yaw stiffness: an IMU a third of a metre to the side had been "C_X
+depends on beta".
 
 An IMU aside adds the yaw acceleration to C_X and the roll acceleration to C_Z, by the same d. No air does that to a
 symmetric aeroplane. A place ahead or below is left to the likelihood: what the angles of flow are wrong by in gusts,
@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
-from aircraft_sysid_ros.diagnosis.flight.imu_columns import FORCES, columns_of
+from aircraft_sysid_ros.diagnosis.flight.place_columns import FORCES, columns_of
 from aircraft_sysid_ros.diagnosis.measurement import Setting
 from aircraft_sysid_ros.diagnosis.search.evaluator import log_ratio, price_of_one, size_of
 from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains

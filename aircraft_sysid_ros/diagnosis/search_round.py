@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.finding import Finding, explains_more, is_simpler, resting_on, share_of_first
-from aircraft_sysid_ros.diagnosis.flight.imu_columns import unsaid_columns
+from aircraft_sysid_ros.diagnosis.flight.place_columns import unsaid_columns
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import (
     CandidateEvaluator,
@@ -149,9 +149,11 @@ class SearchRound:
         The moments that turn the aeroplane are measured: what acts in them as well as in a force may look like a place
         too, so that effects of the library, which have a name, are not asked.
         """
+        if trial.candidate.happens or not self.bench.data.aircraft.unsaid:
+            return False
         axis, data = trial.main_axis, self.bench.data
         columns, names = unsaid_columns(data, axis)
-        if not names or trial.candidate.happens:
+        if not names:
             return False
         fit = self.bench.fits[axis].extended(columns, names)
         gain = fit.gain(data.columns(data.parsed(trial.candidate.terms[axis])))

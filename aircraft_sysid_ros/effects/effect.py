@@ -215,17 +215,15 @@ def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> 
     source = copy.deepcopy(aircraft.source)
     if setting[0].endswith("_position"):
         at = "xyz".index(setting[1])
-        position = [*(source.get(setting[0]) or [None] * 3)]
-        position[at] = float(getattr(aircraft, setting[0])[at] + value * aircraft.span)
-        source[setting[0]] = position
-        return replace(aircraft_from_dict(source), unsaid=aircraft.unsaid)
-    names = SENSOR_GROUPS.get(setting[1], (setting[1],))
-    for name in names:
-        place = source
-        for key in (setting[0], name)[: len(setting) - 1]:
-            place[key] = dict(place.get(key) or {})
-            place = place[key]
-        place[setting[-1]] = float(value)
+        source[setting[0]] = [*(source.get(setting[0]) or [None] * 3)]
+        source[setting[0]][at] = float(getattr(aircraft, setting[0])[at] + value * aircraft.span)
+    else:
+        for name in SENSOR_GROUPS.get(setting[1], (setting[1],)):
+            place = source
+            for key in (setting[0], name)[: len(setting) - 1]:
+                place[key] = dict(place.get(key) or {})
+                place = place[key]
+            place[setting[-1]] = float(value)
     return replace(aircraft_from_dict(source), unsaid=aircraft.unsaid)
 
 

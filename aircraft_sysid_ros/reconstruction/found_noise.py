@@ -1,4 +1,4 @@
-"""What a flight has shown of the noise of its sensors, for people and for the aircraft file."""
+"""What a flight has shown of its sensors, for people and for the aircraft file: their noise, the place of a vane."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.reconstruction.filter_setup import SENSOR_OF_KIND
 from aircraft_sysid_ros.reconstruction.sensor_noise import (
     BASE,
@@ -180,6 +181,11 @@ def placed(vane_place: tuple[float, float], source: Mapping[str, Any]) -> list[A
     """``air_data_position`` [m] of a vane that was found so far to the right, and what the file says besides."""
     x, _, z = source.get("air_data_position") or (None, None, None)
     return [x, f"{vane_place[0]:.2f} ± {max(vane_place[1], 0.01):.2f}", z]
+
+
+def with_vane(aircraft: Aircraft, vane_place: tuple[float, float]) -> Aircraft:
+    """The aircraft with the vane where it was found."""
+    return aircraft_from_dict({**aircraft.source, "air_data_position": placed(vane_place, aircraft.source)})
 
 
 def _rounded(values: Array) -> list[float]:

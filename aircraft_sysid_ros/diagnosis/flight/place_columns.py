@@ -20,8 +20,8 @@ _LONGITUDINAL = ("CX", "CZ", "Cm")
 
 def rates_of(data: FlightData) -> Array:
     """Angular rates (n, 3) [rad/s] of the signals, which are p b/2V, q c/V, r b/2V."""
-    half = np.array([0.5 * data.aircraft.span, data.aircraft.chord, 0.5 * data.aircraft.span])
-    return np.column_stack([data.signal(name) for name in "pqr"]) * data.signal("V")[:, None] / half
+    lengths = np.array([0.5 * data.aircraft.span, data.aircraft.chord, 0.5 * data.aircraft.span])
+    return np.column_stack([data.signal(name) for name in "pqr"]) * data.signal("V")[:, None] / lengths
 
 
 def turning_of(data: FlightData) -> Array:
