@@ -78,8 +78,7 @@ def watch_of(aircraft: Aircraft, options: StateOptions | None = None) -> InFligh
 
 
 def warm_up() -> None:
-    """Import what the laws import when they are asked: 0.1 s for which no sample should wait."""
-    import scipy.ndimage
+    """Import what is imported where sensors contradict each other: 0.1 s for which no sample should wait."""
     import scipy.optimize  # noqa: F401
 
     warm_up_triangle()

@@ -19,6 +19,7 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 #: Steps of the grid [s]: 50 Hz, or as the IMU samples where that is slower, but not slower than 5 Hz.
 _SHORTEST_STEP, _LONGEST_STEP = 0.02, 0.2
@@ -56,7 +57,7 @@ class Motion:
         return np.hstack(parts)
 
     @cached_property
-    def in_air(self) -> npt.NDArray[np.bool_]:
+    def in_air(self) -> Bools:
         """Where (count,) the aircraft flies, by GPS speed, else by airspeed; everywhere where neither tells."""
         speed = np.linalg.norm(self._put(Kind.GPS_VELOCITY)[:, :3], axis=1)
         if not np.any(np.isfinite(speed)):
@@ -64,13 +65,10 @@ class Motion:
         known = speed[np.isfinite(speed)]
         if not len(known) or np.percentile(known, 90) < _STANDING:
             return np.ones(self.grid.count, dtype=bool)
-        from scipy.ndimage import binary_erosion, binary_opening  # here: see `in_flight.warm_up`
-
         flying = ~(self.grid.smooth(np.nan_to_num(speed), 2.0) < _FLYING * np.percentile(known, 90))
         ends = round(_ENDS / self.grid.step)
-        flying = binary_opening(flying, np.ones(2 * ends + 1))
-        standing = ~binary_opening(~flying, np.ones(2 * ends + 1)) & flying
-        return np.asarray(binary_erosion(standing, np.ones(2 * ends + 1), border_value=1))
+        flying = without_short(flying, ends)
+        return eroded(~without_short(~flying, ends) & flying, ends, outside=True)
 
     def _flown(self, values: Array) -> Array:
         out = values.copy()
@@ -233,6 +231,19 @@ class Motion:
         """Specific force (count, 3) that GPS velocity and attitude give: C(q)' (dv/dt - g)."""
         without_gravity = self.acceleration - [0.0, 0.0, STANDARD_GRAVITY]
         return np.asarray(np.einsum("nji,nj->ni", self.rotation, without_gravity))
+
+
+def eroded(mask: Bools, reach: int, outside: bool) -> Bools:
+    """Where (n,) the mask is true within ``reach`` steps to both sides; ``outside``: what it is beyond its ends."""
+    end = np.full(reach, not outside)
+    false = np.concatenate([[0], np.cumsum(np.concatenate([end, ~mask, end]))])
+    width = 2 * reach + 1
+    return np.asarray(false[width:] == false[:-width])
+
+
+def without_short(mask: Bools, reach: int) -> Bools:
+    """The mask (n,) where it is true for more than twice ``reach`` steps on end."""
+    return ~eroded(~eroded(mask, reach, outside=False), reach, outside=True)
 
 
 def unwrapped(angle: Array) -> Array:

@@ -16,6 +16,8 @@ _LONG = 60.0
 _SHORT, _SECONDS = 0.6, 8.0
 #: Least course change [rad] that separates the wind from the scale.
 _TURNED = 2.0
+#: Residuals beyond this share of the speed count less; most steps of the fit.
+_USUAL, _ROUNDS = 0.05, 60
 
 
 def relations(motion: Motion) -> list[Relation]:
@@ -50,22 +52,50 @@ def _along(motion: Motion) -> list[Relation]:
     return [Relation("true_airspeed", "specific_force.x", along, words, has_sign=False, lag_tolerance=0.06)]
 
 
-def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64], seconds: float) -> list[Relation]:
-    from scipy.optimize import least_squares  # here: see `in_flight.warm_up`
+def scale_and_wind(speed: Array, ground: Array, scale: float) -> tuple[float, Array, float]:
+    """s, w (2,) [m/s] of V = s |v - w| that suit speeds (n,) and velocities over ground (n, 3), and one sigma of s.
 
+    Residuals count as 2 (sqrt(1 + r^2) - 1), r over 5 % of the speed: outliers less. Damped Gauss-Newton steps
+    (Levenberg, Marquardt) from ``scale`` and calm air.
+    """
+    usual = max(_USUAL * float(np.median(speed)), 1e-6)
+    x, damping = np.array([scale, 0.0, 0.0]), 1e-3
+    cost, residual, jacobian = _cost_of(x, speed, ground, usual)
+    for _ in range(_ROUNDS):
+        weight = 1.0 / np.sqrt(1.0 + (residual / usual) ** 2)
+        normal = jacobian.T @ (weight[:, None] * jacobian)
+        step = np.linalg.lstsq(normal + damping * np.diag(np.diag(normal)), jacobian.T @ (weight * residual))[0]
+        found = _cost_of(x - step, speed, ground, usual)
+        if not found[0] < cost:
+            if damping > 1e6:
+                break
+            damping *= 8.0
+            continue
+        is_settled = cost - found[0] < 1e-10 * cost
+        x, (cost, residual, jacobian), damping = x - step, found, damping / 8.0
+        if is_settled:
+            break
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    std = 3.0 * float(np.sqrt(np.mean(residual**2) * inverse[0, 0]))  # gusts last for some samples
+    return float(x[0]), x[1:], std
+
+
+def _cost_of(x: Array, speed: Array, ground: Array, usual: float) -> tuple[float, Array, Array]:
+    """Cost, residuals V - s |v - w| (n,) and their derivatives (n, 3)."""
+    air = ground - [x[1], x[2], 0.0]
+    length = np.linalg.norm(air, axis=1)
+    residual = speed - x[0] * length
+    towards = x[0] * air[:, :2] / np.maximum(length, 1e-9)[:, None]
+    cost = float(np.sum(np.sqrt(1.0 + (residual / usual) ** 2) - 1.0))
+    return cost, residual, np.column_stack([-length, towards])
+
+
+def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64], seconds: float) -> list[Relation]:
     grid = motion.grid
     v, u = speed[thin], ground[thin]
     typical = float(np.median(v) / np.median(np.linalg.norm(u, axis=1)))
-
-    def residual(x: Array) -> Array:
-        return v - x[0] * np.linalg.norm(u - [x[1], x[2], 0.0], axis=1)
-
-    fit = least_squares(residual, [typical, 0.0, 0.0], loss="soft_l1", f_scale=max(0.05 * float(np.median(v)), 1e-6))
+    scale, wind, std = scale_and_wind(v, u, typical)
     course = np.unwrap(np.arctan2(u[:, 1], u[:, 0]))
-    scatter = float(np.sqrt(np.mean(fit.fun**2)))
-    inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
-    std = 3.0 * scatter * float(np.sqrt(inverse[0, 0]))  # gusts last for some samples
-    scale, wind = float(fit.x[0]), fit.x[1:]
     found: list[Relation] = []
     turned = np.ptp(course) > _TURNED and np.hypot(*wind) < 0.9 * np.median(np.linalg.norm(u, axis=1))
     if not turned:  # only a unit can be told, with a wind of up to half of the speed, or by changes of the speed
