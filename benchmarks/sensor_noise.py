@@ -22,12 +22,8 @@ import numpy as np
 from accuracy import state_error
 from jsbsim_truth import flight_projection
 
-from aircraft_sysid_ros.aircraft.configuration import (
-    DEFAULT_PROCESS_NOISE,
-    DEFAULT_SENSORS,
-    Aircraft,
-    aircraft_from_dict,
-)
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_PROCESS_NOISE, DEFAULT_SENSORS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples

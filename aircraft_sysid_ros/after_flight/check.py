@@ -12,7 +12,8 @@ import numpy as np
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.after_flight.replay_notes import unnamed_notes
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, NamedInput, load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.check import Checked, check
 from aircraft_sysid_ros.flight_check.signals import WILD, Flight, flight_of

@@ -25,7 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import MOMENTS
-from aircraft_sysid_ros.aircraft.configuration import SENSOR_ALIASES, SENSOR_GROUPS, Aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_ALIASES, SENSOR_GROUPS
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     AIR_DATA,
     OF_FILTER,

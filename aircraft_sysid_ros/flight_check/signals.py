@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import DEFAULT_SENSORS, NamedInput
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
+from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_SENSORS
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]

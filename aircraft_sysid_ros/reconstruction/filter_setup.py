@@ -7,9 +7,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import SENSOR_GROUPS, Aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
 from aircraft_sysid_ros.aircraft.frames import three
+from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_GROUPS
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance
 from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Gate, Setup

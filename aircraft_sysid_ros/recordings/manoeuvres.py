@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.configuration import NamedInput
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.configuration import NamedInput
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages, printable

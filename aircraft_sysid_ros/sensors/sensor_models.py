@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft import earth
-from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft, NamedInput
+from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, rotation_matrix
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.ros_messages import conversion as ros_conversion
 from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, samples_and_rows
 from aircraft_sysid_ros.samples import Samples, concatenate

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft import atmosphere, rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, model_from_terms, term_label
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.aircraft.configuration import Aircraft, NamedInput
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import (
     FIRST_LAG,
     SIGNAL_COUNT,
@@ -30,6 +30,7 @@ from aircraft_sysid_ros.aircraft.expression import (
     parse_expression,
 )
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, quaternion_product, rotation_matrix
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.kernels import njit
 

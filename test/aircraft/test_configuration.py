@@ -5,13 +5,8 @@ import pytest
 import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, textbook_model
-from aircraft_sysid_ros.aircraft.configuration import (
-    DEFAULT_PROCESS_NOISE,
-    DEFAULT_SENSORS,
-    aircraft_from_dict,
-    inertia_matrix,
-    load_aircraft,
-)
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict, inertia_matrix, load_aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_PROCESS_NOISE, DEFAULT_SENSORS
 from aircraft_sysid_ros.errors import InputError
 
 MINIMAL = """\

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.configuration import INPUT_UNITS, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.aircraft.named_inputs import INPUT_UNITS
 from aircraft_sysid_ros.identification.coefficients.controls import INPUT_HELD, ControlHistory
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.model_change import change_model, with_terms

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.configuration import NamedInput
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.mavlink.decoder import Decoder
 from aircraft_sysid_ros.recordings.imported_log import write_log
 from aircraft_sysid_ros.recordings.reader import read_recording

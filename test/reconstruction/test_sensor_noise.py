@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from aircraft_sysid_ros.aircraft.configuration import DEFAULT_PROCESS_NOISE, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.aircraft.frames import (
     quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
     quaternion_product,
 )
+from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_PROCESS_NOISE
 from aircraft_sysid_ros.reconstruction.found_noise import (
     DEFAULT,
     FILE,

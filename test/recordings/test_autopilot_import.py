@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from autopilot_log_files import dataflash, ulog, write_bag
 
-from aircraft_sysid_ros.aircraft.configuration import NamedInput
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.commands import import_log
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.autopilot_log import gps_nanoseconds

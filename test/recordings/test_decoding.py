@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.configuration import NamedInput
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.recordings import joint_states, tables
 from aircraft_sysid_ros.recordings.cdr_layout import decode
 from aircraft_sysid_ros.recordings.message_types import known_types

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from strange_layouts import write_rows
 
-from aircraft_sysid_ros.aircraft.configuration import NamedInput
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 from aircraft_sysid_ros.recordings.reader import read_recording

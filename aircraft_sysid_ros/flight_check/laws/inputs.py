@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import NamedInput
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.flight_check.finding import INFO, WARNING, Finding
 from aircraft_sysid_ros.flight_check.identifiable import white_noise
 from aircraft_sysid_ros.flight_check.laws.values import LEAST_RUN, held, run_lengths, saturated

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft import earth
 from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
-from aircraft_sysid_ros.aircraft.configuration import DEFAULT_SENSORS
+from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_SENSORS
 from aircraft_sysid_ros.mavlink.airspeed import standard_pressure, true_airspeed, true_of_impact_pressure
 from aircraft_sysid_ros.recordings.tabular.clock import Stamps
 from aircraft_sysid_ros.recordings.tabular.joining import Window, attitude_at, value_at
