@@ -16,7 +16,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.check import Checked, check
-from aircraft_sysid_ros.flight_check.signals import WILD, Flight, flight_of
+from aircraft_sysid_ros.flight_check.signals import WILD, Flight, flight_of, vane_arm
 from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
 from aircraft_sysid_ros.samples import Kind
@@ -102,6 +102,7 @@ def flight_of_recording(recording: Recording, aircraft: Aircraft | None) -> Flig
     if aircraft:
         noise = aircraft.sensors["control_surfaces"].noise[0]
         known = {"surface_signs": aircraft.surface_signs, "surface_noise": noise, "inputs": aircraft.inputs}
+        known["arm"] = vane_arm(aircraft)
     return flight_of(
         recording.samples,
         recording.arrival,

@@ -21,7 +21,7 @@ from aircraft_sysid_ros.flight_check.laws import vane_place
 from aircraft_sysid_ros.flight_check.laws.vane_place import Vane
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
-from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, flight_of
+from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, VaneArm, flight_of, vane_arm
 from aircraft_sysid_ros.flight_check.wind_triangle import WindTriangle
 from aircraft_sysid_ros.flight_check.wind_triangle import warm_up as warm_up_triangle
 from aircraft_sysid_ros.kernels import njit
@@ -74,7 +74,7 @@ def watch_of(aircraft: Aircraft, options: StateOptions | None = None) -> InFligh
     is_estimated = options is not None and options.air_data_errors
     is_said = ("air_data_position", "y") not in aircraft.unsaid
     vane = Vane(float(aircraft.air_data_position[1]), aircraft.span, is_said)
-    return InFlightCheck(aircraft.minimum_airspeed, vane, asks_airspeed=not is_estimated)
+    return InFlightCheck(aircraft.minimum_airspeed, vane, vane_arm(aircraft), asks_airspeed=not is_estimated)
 
 
 def warm_up() -> None:
@@ -87,14 +87,21 @@ def warm_up() -> None:
 class InFlightCheck:
     """Takes the samples of the first step, and marks its rows from when on a sensor is contradicted."""
 
-    def __init__(self, minimum_airspeed: float, vane: Vane | None = None, asks_airspeed: bool = True) -> None:
+    def __init__(
+        self,
+        minimum_airspeed: float,
+        vane: Vane | None = None,
+        arm: VaneArm | None = None,
+        asks_airspeed: bool = True,
+    ) -> None:
         """Time counts from ``minimum_airspeed`` [m/s] on: what is true of flight is not of taxiing.
 
-        ``vane``: where the aircraft file has it. ``asks_airspeed``: whether GPS and wind are asked what it reads.
+        ``vane``, ``arm``: where the aircraft file has it. ``asks_airspeed``: whether GPS and wind are asked what it
+        reads.
         """
         #: How far [m] to the right the vane is, and one sigma, where no file says it and it is not where that has it.
         self.vane_place: tuple[float, float] | None = None
-        self._minimum_airspeed, self._vane = minimum_airspeed, vane
+        self._minimum_airspeed, self._vane, self._arm = minimum_airspeed, vane, arm
         self._triangle = WindTriangle(minimum_airspeed) if asks_airspeed else None
         self._found: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
         self._code = 0
@@ -200,7 +207,7 @@ class InFlightCheck:
         past = samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
         try:
             with np.errstate(all="ignore"):
-                found, relations, motion = contradictions(flight_of(past, past.stamp))
+                found, relations, motion = contradictions(flight_of(past, past.stamp, arm=self._arm))
                 place_is_known = self._look_at_vane(past, motion, found)
         except (ValueError, np.linalg.LinAlgError):  # numbers that nothing can be made of: another look will tell
             return

@@ -181,6 +181,29 @@ class Motion:
         return self._flown(self._put(Kind.SIDESLIP)[:, 0])
 
     @cached_property
+    def angles_at_imu(self) -> tuple[Array, Array]:
+        """Angle of attack and sideslip (count,) [rad] of the air at the IMU, as far as the place of the vanes is known.
+
+        A vane at e, seen from there, shows (w x e)/V across the flow besides.
+        """
+        if self.flight.arm is None:
+            return self.alpha, self.beta
+        (ahead, right, below), (p, q, r) = self.flight.arm.place, self.gyro.T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.alpha - (p * right - q * ahead) / self.speed, self.beta - (r * ahead - p * below) / self.speed
+
+    @cached_property
+    def arm_time(self) -> float:
+        """Time [s] that vanes may seem early or late for where they are, twice one sigma of the place over the speed.
+
+        That is the same as a delay in a turn or a pull-up: the aeroplane turns as its angles change.
+        """
+        if self.flight.arm is None:
+            return 0.0
+        speed = float(np.nanmedian(self.speed)) if np.isfinite(self.speed).any() else np.inf
+        return 2.0 * float(self.flight.arm.sigma[0]) / max(speed, 1.0)
+
+    @cached_property
     def air(self) -> Array:
         """Density [kg/m^3] and static pressure [Pa], (count, 2)."""
         return self._flown(self._put(Kind.AIR)[:, :2])

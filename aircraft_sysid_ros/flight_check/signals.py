@@ -8,13 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_SENSORS
+from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -91,6 +93,19 @@ class Stream:
         return held_length(self.fresh(columns))
 
 
+class VaneArm(NamedTuple):
+    """Where an aircraft file has the vanes, seen from the IMU, FRD [m], and one sigma of what it leaves out: (3,)."""
+
+    place: Array
+    sigma: Array
+
+
+def vane_arm(aircraft: Aircraft) -> VaneArm:
+    """That of an aircraft file."""
+    sigma = np.hypot(doubt_of_vanes(aircraft), doubt_of_imu(aircraft))
+    return VaneArm(aircraft.air_data_position - aircraft.imu_position, sigma)
+
+
 @dataclass(frozen=True)
 class Flight:
     """All streams of a recording by kind, with what is known of the aeroplane and of what could not be read."""
@@ -103,6 +118,7 @@ class Flight:
     surface_signs: Mapping[str, float] = field(default_factory=dict)
     surface_noise: float = DEFAULT_SENSORS["control_surfaces"].noise[0]  # [rad] resolution and play of the surfaces
     skipped: Mapping[str, int] = field(default_factory=dict)  # messages by topic that could not be decoded
+    arm: VaneArm | None = None  # None: no aircraft file has them anywhere
 
     @property
     def every_stream(self) -> tuple[Stream, ...]:

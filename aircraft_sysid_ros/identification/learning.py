@@ -265,6 +265,8 @@ class Learning:
     def _reset_axes(self, resets: list[AxisReset], time: float) -> None:
         for reset in resets:
             self.least_squares.reset_axis(reset)
+            if reset.is_again:
+                continue
             self.integrity.note_change(reset.axis, time)
             self.fleet.drop(reset.axis, f"dropped, since the axis changed at {self.changes.times[reset.axis]:.1f} s")
         if not self.lends:

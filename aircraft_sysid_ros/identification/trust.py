@@ -105,7 +105,7 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
         moves = f"{e.excitation:.2f} times its noise, {rules.excitation:g} needed"
         return Verdict(Trust.HOLD, f"its term hardly moves on its own: {moves}{e.follows}")
     low, high = physical_bounds(e.name)
-    if e.value - 2.0 * e.std > high or e.value + 2.0 * e.std < low:
+    if is_unphysical(e.name, e.value, e.std):
         bounds = f"({low:g} to {high:g})"
         return Verdict(Trust.REJECT, f"{e.value:.3g} is outside of what aeroplanes have {bounds}")
     lowest, highest = e.bounds
@@ -123,6 +123,12 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
         small = f"{rules.negligible:.0%}"
         return Verdict(Trust.USE, f"small: its standard error moves the coefficient by less than {small}")
     return Verdict(Trust.USE, "")
+
+
+def is_unphysical(name: str, value: float, std: float) -> bool:
+    """Whether a parameter is surely outside of what aeroplanes have."""
+    low, high = physical_bounds(name)
+    return value - 2.0 * std > high or value + 2.0 * std < low
 
 
 def _outside(evidence: Evidence) -> str:

@@ -26,8 +26,8 @@ is not small: roll may die out in as long as servos need. Solved for theta, with
     theta = (1 - tau G)^-1 theta of the regression.
 
 *Places.* An IMU at a distance e from where it is taken to be feels w' x e besides, w' the angular acceleration, which
-goes into the three forces as delta a does above. Vanes see delta a = (w x e)/V across the flow. PLACE and VANE_PLACE
-are how far, of the span.
+goes into the three forces as delta a does above. Vanes see delta a = (w x e)/V across the flow.
+``aircraft.unsaid_places`` says how far that may be.
 
 A sensor that ``sensors`` of the aircraft file describes is as it says, and so are positions. A file that says how
 noisy a sensor is and nothing else, as one that a flight completed does, does not describe it.
@@ -44,6 +44,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes
 from aircraft_sysid_ros.identification.coefficients.flow_angles import angle_at
 from aircraft_sysid_ros.identification.coefficients.layout import (
     FLYING,
@@ -68,10 +69,6 @@ _SENSORS, _GROUP = ("angle_of_attack", "sideslip"), "air_data"
 _OF_MOTION = {"imu", "accelerometer", "gyro", "control_surfaces"}
 #: One sigma of scale and lag [s] of a vane that nobody has described: upwash and position error, tubes and logging.
 SCALE, LAG = 0.06, 0.04
-#: One sigma of the place of an IMU that nobody has given, in each axis, over the span: autopilots sit in the fuselage.
-PLACE = 0.03
-#: The same of vanes, ahead, to the right and below: a boom may be long, and farther out on the wing is found in flight.
-VANE_PLACE = np.array([0.15, 0.05, 0.03])
 #: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
 #: band; memory [s]; time [s] between what is summed; a pause [s] that begins anew.
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
@@ -158,12 +155,6 @@ class SensorDoubt(NamedTuple):
         left += (self.late_variance + (self.late - late) ** 2) * np.outer(by_late, by_late)
 
 
-def _doubt_of(aircraft: Aircraft, key: str, unknown: Array) -> Array:
-    """One sigma (3,) [m] of a position: ``unknown`` (3,) where nothing is known, 0 of what is said."""
-    sigma = np.array([aircraft.unsaid.get((key, at), 0.0) for at in "xyz"])
-    return np.where(np.isnan(sigma), unknown, sigma)
-
-
 def derivatives_of(model: AerodynamicModel, axis: int) -> npt.NDArray[np.int64]:
     """Places (3,) of the derivatives by SURFACES among the terms of an axis, -1: none."""
     names, name = model.parameter_names[model.axis_slice(AXES[axis])], AXES[axis]
@@ -178,8 +169,8 @@ class UndescribedSensors:
         of_file = aircraft.source.get("sensors") or {}
         described = {name for name, said in of_file.items() if {*(said or {})} - {"noise"}}
         self._asked = np.array([not {sensor, _GROUP} & described for sensor in _SENSORS])
-        self._place = _doubt_of(aircraft, "imu_position", aircraft.span * np.full(3, PLACE))
-        self._vane_place = _doubt_of(aircraft, "air_data_position", aircraft.span * VANE_PLACE)
+        self._place = doubt_of_imu(aircraft)
+        self._vane_place = doubt_of_vanes(aircraft)
         self._motion = None if _OF_MOTION & described else LateMotion()
         self._any = bool(self._asked.any() or aircraft.unsaid or self._motion)
         self.adopt(aircraft.model)

@@ -297,6 +297,47 @@ def test_a_flight_without_a_change_is_the_same_to_the_last_bit(aircraft, air):
     assert np.array_equal(bits(ours), bits(theirs), equal_nan=True)
 
 
+RAMP = "min(max((time-60)/5,0),1)"
+
+
+@pytest.fixture(scope="module")
+def flaps(aircraft):
+    """Flaps that nobody recorded go out from 60 to 65 s."""
+    sizes = {"CZ": -0.25, "CX": -0.03, "Cm": -0.05}
+    return simulate_samples(aircraft, 11, 110.0, effects=tuple(Effect(a, RAMP, size) for a, size in sizes.items()))
+
+
+def worst_in_use(sets, truth: dict[str, float], since: float) -> dict[str, float]:
+    """Largest error of each parameter with USE, in standard errors, from a time [s] on."""
+    worst: dict[str, float] = {}
+    for found in sets:
+        for p in found.parameters:
+            if found.time > since and p.status == Trust.USE and p.name in truth:
+                worst[p.name] = max(worst.get(p.name, 0.0), abs(p.value - truth[p.name]) / p.std)
+    return worst
+
+
+def test_what_is_learnt_while_a_change_goes_on_is_forgotten_after_it(flaps):
+    pipeline, sets = fly(flaps)
+    sizes = {"CZ_0": -0.25, "CX_0": -0.03, "Cm_0": -0.05}
+    truth = {name: value + sizes.get(name, 0.0) for name, value in flaps.aircraft.coefficients.items()}
+    changes = pipeline.parameters.learning.changes
+    assert changes.counts[[2, CM]].tolist() == [1, 1]
+    begin = changes.since[CM] - changes.times[CM]  # of the flight, by the time of sets
+    worst = worst_in_use(sets, {name: v for name, v in truth.items() if name[:2] in ("CZ", "Cm")}, begin + 75.0)
+    assert {"CZ_0", "CZ_alpha", "Cm_0", "Cm_alpha", "Cm_de"} <= set(worst)
+    assert max(worst.values()) < 5.5  # 70 and more where what was learnt meanwhile stays
+    last = {p.name: p for p in sets[-1].parameters}
+    for name in ("CZ_0", "CZ_alpha", "Cm_alpha", "Cm_de"):
+        assert last[name].status == Trust.USE
+        assert last[name].value == pytest.approx(truth[name], rel=0.1)
+
+
+def test_a_change_that_goes_on_is_the_same_in_blocks_of_any_size(flaps):
+    runs = [fly(flaps)[0].parameters, fly(flaps, 97)[0].parameters]
+    assert np.array_equal(bits(runs[0]), bits(runs[1]), equal_nan=True)
+
+
 def test_users_are_told_of_it(flown):
     estimator = copy.deepcopy(flown("rls")[0].parameters)
     (change,) = parameters_json(estimator)["changes"]

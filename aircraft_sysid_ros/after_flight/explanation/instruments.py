@@ -5,6 +5,8 @@ banks with the aeroplane. Neither needs a model of the forces. In gusts a filter
 light turbulence it is sure of 20 to 40 % too little in the angle of attack, while it is never sure of a constant.
 So a scale counts only where the diagnosis, which knows whether the air was calm, has named it; here is how large it is.
 A constant that the second half of the flight tells otherwise than the first is none: there a vane moved.
+A vane that sits ahead of where the filter has it turns more than the air does, of which the filter makes a constant
+too. Where the aircraft file does not say where it is, an angle must be off wherever it may be.
 """
 
 from __future__ import annotations
@@ -17,11 +19,14 @@ import numpy as np
 
 from aircraft_sysid_ros.after_flight.sensor_errors import air_data_errors, offset_of
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Offset = tuple[float, float]  # [rad], with its standard deviation
 
 _DEGREES = 180.0 / np.pi
+#: How far ahead vanes may be, over the span, where nobody says it: nose booms of jets.
+LONGEST_BOOM = 0.6
 #: An error is said where it is so many standard deviations from none (the filter takes gusts for noise) ...
 SIGMA = 8.0
 #: ... and this large: scales [1], angles [rad].
@@ -58,6 +63,7 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
     known = air_data_errors(aircraft, samples)
     if not known:
         return []
+    ahead = air_data_errors(_ahead(aircraft), samples) if _is_unplaced(aircraft) else known
     halves, found = _halves(aircraft, samples), list[tuple[float, InstrumentError]]()
     for name, (signal, words, kind, effect) in _SENSORS.items():
         if not np.any(samples.kind == kind):
@@ -68,7 +74,7 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
             found.append((sureness, _scale(signal, words, scale["value"], scale["std"])))
         if name == "V" or f"{effect}_scale" in named:
             continue
-        offset, std = offset_of(known, samples, name, kind)
+        offset, std = _wherever(offset_of(known, samples, name, kind), offset_of(ahead or known, samples, name, kind))
         before, after = (offset_of(errors or known, half, name, kind) for half, errors in halves)
         moved = abs(after[0] - before[0])
         if moved > max(SIGMA * np.hypot(before[1], after[1]), LEAST_ANGLE):
@@ -76,6 +82,23 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
         elif abs(offset) > max(SIGMA * std, LEAST_ANGLE):
             found.append((abs(offset) / std, _offset(signal, words, offset, std)))
     return [error for _, error in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _is_unplaced(aircraft: Aircraft) -> bool:
+    return ("air_data_position", "x") in aircraft.unsaid
+
+
+def _ahead(aircraft: Aircraft) -> Aircraft:
+    """The aircraft with its vanes on a long boom."""
+    return with_setting(aircraft, ("air_data_position", "x"), LONGEST_BOOM)
+
+
+def _wherever(here: Offset, ahead: Offset) -> Offset:
+    """What is off wherever the vanes are, 0 where that depends on it, with what the place leaves in doubt."""
+    if here[0] * ahead[0] <= 0.0:
+        return 0.0, max(here[1], ahead[1])
+    least = min(here, ahead, key=lambda offset: abs(offset[0]))
+    return least[0], float(np.hypot(max(here[1], ahead[1]), 0.5 * (here[0] - ahead[0])))
 
 
 def _halves(aircraft: Aircraft, samples: Samples) -> list[tuple[Samples, dict[str, dict[str, float]]]]:

@@ -3,9 +3,9 @@
     d(alpha)/dt = q - tan(beta) (p cos(alpha) + r sin(alpha)) + (f_z + g_z)/V,
     d(beta)/dt = p sin(alpha) - r cos(alpha) + (f_y + g_y)/V,
 
-in a band in which gravity hardly changes, each term with a factor that should be 1. A vane beside the centre of gravity
-also sees dp/dt, dq/dt and dr/dt. And a sideslip to the right pushes to the left, an angle of attack up: signs of
-C_Y,beta and C_Z,alpha that every aeroplane has.
+in a band in which gravity hardly changes, each term with a factor that should be 1. They hold at the IMU; a vane
+elsewhere also sees dp/dt, dq/dt and dr/dt, which is taken off where an aircraft file says where it is. And a sideslip
+to the right pushes to the left, an angle of attack up: signs of C_Y,beta and C_Z,alpha that every aeroplane has.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ Array = npt.NDArray[np.float64]
 _SHORT, _LONG = 0.25, 4.0
 #: What the IMU does not explain of a vane is gusts, which bias the factors: by so much, times 1 - correlation.
 _GUSTS, _FINE = 2.0, 0.05  # up to this step [s], and more for longer ones
+#: Time [s] that the law gets wrong.
+_LATE = 0.04
 #: A ratio that tells a unit and no scale.
 _UNIT = 1.5
 #: Least and largest -d(force)/d(angle) [m/s^2 per rad] of aeroplanes: g C_Z,alpha / C_L, g C_Y,beta / C_L.
@@ -33,8 +35,9 @@ def relations(motion: Motion) -> list[Relation]:
     with np.errstate(invalid="ignore", divide="ignore"):
         over_speed = motion.force / motion.speed[:, None]
     p, q, r = motion.gyro.T
-    down = _vane(motion, "angle_of_attack", motion.alpha, (GYRO[1], q), (FORCE[2], over_speed[:, 2]), (p, q))
-    side = _vane(motion, "sideslip", motion.beta, (GYRO[2], -r), (FORCE[1], over_speed[:, 1]), (p, r))
+    alpha, beta = motion.angles_at_imu
+    down = _vane(motion, "angle_of_attack", alpha, (GYRO[1], q), (FORCE[2], over_speed[:, 2]), (p, q))
+    side = _vane(motion, "sideslip", beta, (GYRO[2], -r), (FORCE[1], over_speed[:, 1]), (p, r))
     return down + side
 
 
@@ -72,7 +75,9 @@ def _vane(
     together = compare(measured, terms[0] + terms[1], grid.step)
     if together is not None:
         words = "its derivative by gyros and accelerometers"
-        found.append(Relation(name, rate[0], together, words, _UNIT, has_sign=False, lag_tolerance=0.04))
+        found.append(
+            Relation(name, rate[0], together, words, _UNIT, has_sign=False, lag_tolerance=_LATE + motion.arm_time)
+        )
     least, most = _SLOPES[name]
     column = motion.force[:, FORCE.index(force[0])]
     push = compare(band(-column / np.sqrt(least * most)), band(angle), grid.step, 0.1)

@@ -37,6 +37,8 @@ class AxisReset(NamedTuple):
     variance: float  # of the noise before the change
     samples: Array  # (m, CoefficientSample) since the change
     weights: Array  # (m, WEIGHT_COLUMNS) of them
+    begin: float = -np.inf  # [s] from when on samples are of the axis as it is now
+    is_again: bool = False  # the change had gone on after the command before
 
 
 class KnownParameters(NamedTuple):

@@ -8,6 +8,10 @@ M = I_0 + S, the estimate has the covariance
 
 that of ``lagged_moments`` for coloured residuals with the prior as one more, exact, observation.
 
+A change may take its time, as flaps do, and what is learnt while it goes on is of neither aeroplane. So the axis is
+asked again after it: where its samples of the newest seconds, with the prior, say surely another level of the
+coefficient than those before them have, it begins anew from them.
+
 Whether the aeroplane has changed is asked of the errors of recursive least squares, whichever estimator is published:
 it always runs, knows its parameters first, and does not explain errors by noise.
 """
@@ -45,6 +49,10 @@ KNOWN = 250
 _MARGIN = 0.1
 #: Half-widths from the change to the first window that is all after it, one of them for the error of its time.
 _STRADDLE = 2.0
+#: Seconds after a change at which is asked whether it was still going on, by samples of so long [s].
+_ASKED, _LATEST = (6.0, 9.0, 12.0, 15.0, 18.0), 4.0
+#: Standard errors by which the level before differs then, and time [s] for which errors are alike.
+_SURELY, _ALIKE = 4.0, 1.0
 _TIME = CoefficientSample.TIME
 
 
@@ -58,6 +66,7 @@ class ChangeDetector:
         self.since = np.full(len(AXES), -np.inf)  # [s] as in CoefficientSample.TIME: newest change of each axis
         self.times = np.full(len(AXES), np.nan)  # [s] of flight: the same
         self.counts = np.zeros(len(AXES), np.int64)  # alarms of each axis
+        self._settling: dict[int, tuple[AxisReset, float]] = {}  # axes that changed, and when [s] they are asked again
         self.restart()
 
     def restart(self) -> None:
@@ -67,6 +76,7 @@ class ChangeDetector:
         self._newest = -np.inf  # [s] of the newest that does
         self._at_odds = False
         self._parameters: deque[tuple[float, Array, Array]] = deque()
+        self._settling.clear()
         self.monitor.skip()
 
     def restart_clock(self) -> None:
@@ -93,6 +103,7 @@ class ChangeDetector:
     def undo(self, axis: int, times: Array) -> None:
         """An axis has gone back to what it knew before; ``times`` (2,) as it then had them: since, times."""
         self.since[axis], self.times[axis] = times
+        self._settling.pop(axis, None)
         self.monitor.forget(axis)
         self._begin = self._history.count
         self._newest = -np.inf
@@ -120,7 +131,7 @@ class ChangeDetector:
     def evaluate(self, model: AerodynamicModel, state: RlsState, start: float) -> list[AxisReset]:
         """Axes that have changed, as commands; ``state`` is that of least squares, ``start`` [s] of the flight."""
         self._follow(state)
-        resets: list[AxisReset] = []
+        resets = self._settled(model) if self._settling else []
         if self.monitor.is_quiet():
             return resets
         for axis in range(len(AXES)):
@@ -129,8 +140,49 @@ class ChangeDetector:
                 self.monitor.forget(axis)
                 self.counts[axis] += 1
                 self.since[axis], self.times[axis] = reset.since, reset.since - start
-                resets.append(reset)
+                self._settling[axis] = reset, reset.since + _ASKED[0]
+                resets = [*(other for other in resets if other.axis != axis), reset]
         return resets
+
+    def _settled(self, model: AerodynamicModel) -> list[AxisReset]:
+        """Of axes that changed and are asked again, those that begin anew since the change had gone on."""
+        resets = []
+        for axis, (reset, due) in [*self._settling.items()]:
+            if self._newest < due:
+                continue
+            later = [age for age in _ASKED if reset.since + age > self._newest]
+            if not later:
+                del self._settling[axis]
+            else:
+                self._settling[axis] = reset, reset.since + later[0]
+            again = self._gone_on(reset, model)
+            if again is not None:
+                resets.append(again)
+                if later:
+                    self._settling[axis] = again, reset.since + later[0]
+        return resets
+
+    def _gone_on(self, reset: AxisReset, model: AerodynamicModel) -> AxisReset | None:
+        """The reset with the newest samples alone, where those before them surely have another level."""
+        axis, part, n = reset.axis, model.axis_slice(AXES[reset.axis]), len(reset.theta)
+        samples, weights = self._since(reset.begin, np.inf)
+        learnt = samples[:, CoefficientSample.LEARNT.start + axis] > 0.0
+        is_late = samples[:, _TIME] >= self._newest - _LATEST
+        x = samples[:, CoefficientSample.TERMS + part.start : CoefficientSample.TERMS + part.stop]
+        y = samples[:, CoefficientSample.MEASURED.start + axis]
+        late, early = learnt & is_late, learnt & ~is_late
+        if late.sum() <= n or early.sum() <= n:
+            return None
+        inverse = np.linalg.inv(reset.information + x[late].T @ x[late])
+        theta = inverse @ (reset.information @ reset.theta + x[late].T @ y[late])
+        left, level = y[late] - x[late] @ theta, float(np.mean(y[early] - x[early] @ theta))
+        mean = x[early].mean(axis=0)
+        alike = _ALIKE * (1.0 / _LATEST + 1.0 / max(float(np.ptp(samples[early, _TIME])), _ALIKE))
+        variance = reset.variance * float(mean @ inverse @ mean) + float(np.mean(left**2)) * alike
+        if level**2 < _SURELY**2 * variance:
+            return None
+        since = self._newest - _LATEST
+        return reset._replace(samples=samples[is_late], weights=weights[is_late], begin=since, is_again=True)
 
     def remember(self, state: RlsState) -> None:
         """Keep the parameters as they are now, after resets."""
@@ -173,8 +225,9 @@ class ChangeDetector:
         theta, p = theta[:n], p[:n, :n]
         spread = spread_of_terms(state.sums[axis, 0, : n + 2, : n + 2])
         opened = p + np.diag(changed_variance(theta, spread) / max(variance, 1e-300))
-        after = self._since(since + _STRADDLE * self._half_width)
-        return AxisReset(axis, since, spread, theta, opened, information(opened), variance, *after)
+        begin = since + _STRADDLE * self._half_width
+        after = self._since(begin)
+        return AxisReset(axis, since, spread, theta, opened, information(opened), variance, *after, begin)
 
     def _before(self, time: float, axis: int, state: RlsState) -> tuple[Array, Array]:
         """Newest parameters of an axis that are not younger than ``time`` [s], or the oldest that there are."""
@@ -182,11 +235,11 @@ class ChangeDetector:
         _, theta, p = kept[-1] if kept else (time, state.theta.copy(), state.p.copy())
         return theta[axis], p[axis]
 
-    def _since(self, time: float) -> tuple[Array, Array]:
-        """Samples (n, …) from a time [s] on that count, and their weights."""
+    def _since(self, time: float, longest: float = MEMORY) -> tuple[Array, Array]:
+        """Samples (n, …) from a time [s] on that count, of the ``longest`` [s], and their weights."""
         first = max(self._begin, self._history.first)
         samples, weights = self._history.since(first), self._history.weights(first)
-        chosen = samples[:, _TIME] >= max(time, self._newest - MEMORY)
+        chosen = samples[:, _TIME] >= max(time, self._newest - longest)
         for low, high in self._unsound:
             chosen[max(low - first, 0) : max(high - first, 0)] = False
         while self._unsound and self._unsound[0][1] <= first:

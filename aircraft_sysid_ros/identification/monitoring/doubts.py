@@ -7,6 +7,7 @@ Of that those are spared that hold in either range. C_X has the lift in it that 
 what was known, or is not one model, nor is C_X, and none of its parameters is spared.
 Where C_l is not explained, p is not what the wing rolls through: gusts that differ from tip to tip roll it as p does,
 and what answers them, p and aileron, says wrong things in C_Y and C_n, too.
+Where a parameter is what no aeroplane has, it stands for something else, and so may the others of its axis.
 A parameter of which the newest motion says something else than what was before it (``agreement``) is not to be used
 either.
 """
@@ -26,7 +27,7 @@ from aircraft_sysid_ros.identification.monitoring.hold import Hold, held
 from aircraft_sysid_ros.identification.monitoring.range_agreement import RangeAgreement
 from aircraft_sysid_ros.identification.monitoring.residuals import ResidualMonitor
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate
-from aircraft_sysid_ros.identification.trust import lack_of_fit
+from aircraft_sysid_ros.identification.trust import Trust, is_unphysical, lack_of_fit
 
 #: How the words for C_X begin where it is in doubt for the lift.
 _OF_LIFT = "has the lift in it that CZ has: "
@@ -119,4 +120,9 @@ class Doubts:
             part = self._model.axis_slice(AXES[axis])
             spared = self._spared.get(axis, np.zeros(len(out[part]), np.bool_))
             out[part] = [p if is_spared else held(p, words) for p, is_spared in zip(out[part], spared, strict=True)]
+        for name in AXES:
+            part = self._model.axis_slice(name)
+            absurd = [p.name for p in out[part] if p.status is Trust.REJECT and is_unphysical(p.name, p.value, p.std)]
+            if absurd:
+                out[part] = [held(p, f"{absurd[0]} is outside of what aeroplanes have") for p in out[part]]
         return out

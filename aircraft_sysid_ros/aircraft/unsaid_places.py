@@ -1,0 +1,30 @@
+"""How far sensors may be from where they are taken to be, where an aircraft file leaves that out."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
+
+Vector = npt.NDArray[np.float64]
+
+#: One sigma of the place of an IMU that nobody has given, in each axis, over the span: autopilots sit in the fuselage.
+PLACE = np.full(3, 0.03)
+#: The same of vanes, ahead, to the right and below: a boom may be long, and farther out on the wing is found in flight.
+VANE_PLACE = np.array([0.15, 0.05, 0.03])
+
+
+def doubt_of_imu(aircraft: Aircraft) -> Vector:
+    """One sigma (3,) [m] of the position of the IMU, 0 of what is said."""
+    return _doubt(aircraft, "imu_position", PLACE)
+
+
+def doubt_of_vanes(aircraft: Aircraft) -> Vector:
+    """One sigma (3,) [m] of the position of the vanes, 0 of what is said."""
+    return _doubt(aircraft, "air_data_position", VANE_PLACE)
+
+
+def _doubt(aircraft: Aircraft, key: str, of_span: Vector) -> Vector:
+    sigma = np.array([aircraft.unsaid.get((key, at), 0.0) for at in "xyz"])
+    return np.where(np.isnan(sigma), aircraft.span * of_span, sigma)
