@@ -11,8 +11,9 @@ Vector = npt.NDArray[np.float64]
 
 #: One sigma of the place of an IMU that nobody has given, in each axis, over the span: autopilots sit in the fuselage.
 PLACE = np.full(3, 0.03)
-#: The same of vanes, ahead, to the right and below: a boom may be long, and farther out on the wing is found in flight.
-VANE_PLACE = np.array([0.15, 0.05, 0.03])
+#: The same of vanes, ahead, to the right and below: the boom of a jet is half a span long; farther out on the wing is
+#: found in flight.
+VANE_PLACE = np.array([0.25, 0.05, 0.03])
 
 
 def doubt_of_imu(aircraft: Aircraft) -> Vector:

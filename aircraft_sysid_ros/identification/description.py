@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants, slope_of
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
@@ -18,6 +19,10 @@ from aircraft_sysid_ros.identification.prior import AxisPrior
 from aircraft_sysid_ros.identification.undescribed_sensors import ANGLES, OfSensors, SensorDoubt
 
 Array = npt.NDArray[np.float64]
+
+
+#: Angle of attack [rad] by which the derivative by it is asked whether it grows.
+_BEND = 0.1
 
 
 class Description(NamedTuple):
@@ -53,11 +58,12 @@ class Description(NamedTuple):
         own, signals = self.own[axis], self.newest[CoefficientSample.SIGNALS]
         theta = known_theta(self.model, axis, self.least_squares) if own is None else own.theta
         measured = [angle not in self.constants.angles for angle in ANGLES]
-        slopes = [
-            slope_of(self.model, AXES[axis], theta, signals, angle) if there else 0.0
-            for angle, there in zip(ANGLES, measured, strict=True)
-        ]
-        return self.sensors.of(self.model, axis, theta, slopes)
+        known, model, name = np.nan_to_num(signals), self.model, AXES[axis]
+        bent = [known.copy(), known.copy()]
+        bent[0][SIGNAL_INDEX["alpha"]], bent[1][SIGNAL_INDEX["alpha"]] = 0.0, _BEND
+        of_alpha = [slope_of(model, name, theta, at, "alpha") if measured[0] else 0.0 for at in bent]
+        of_beta = slope_of(model, name, theta, known, "beta") if measured[1] else 0.0
+        return self.sensors.of(model, axis, theta, (of_alpha[0], of_beta), (of_alpha[1] - of_alpha[0]) / _BEND)
 
     def __call__(self) -> ParameterSet:
         """The parameters, with standard errors corrected for coloured residuals and a verdict on each."""

@@ -17,8 +17,9 @@ The regression of y on terms x with a in place of the angle makes of true parame
 
     theta - dC/d(angle) (sum x x')^-1 sum x (delta a),    delta a = (s - 1) a - tau a',
 
-without a residual that shows it: late sideslip looks like a term in the yaw rate. What is published is freed of that,
-and its standard errors are widened by what is left.
+without a residual that shows it: late sideslip looks like a term in the yaw rate. dC/d(alpha) may itself depend on
+alpha, as that of C_X does: it is a straight line, and delta a stands beside alpha delta a. What is published is freed
+of that, and its standard errors are widened by what is left.
 
 *Lateness of the motion.* With delta a = -tau delta' of each surface (``late_motion``) the same holds of dC/d(delta). It
 is not small: roll may die out in as long as servos need. Solved for theta, with G of dC/d(delta) and the sums,
@@ -75,8 +76,9 @@ _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.0
 #: Least time [s] that is summed.
 _LEAST = 5.0
 #: What may be wrong: each angle and its derivative, the force coefficients that a turning of 1 m beside makes, the
-#: rates of the surfaces, and what 1 m ahead and to the right make of alpha, 1 m ahead and below of beta.
-_TURNING, _RATES, _OF_VANES, DOUBTFUL = 4, 7, 10, 14
+#: rates of the surfaces, what 1 m ahead and to the right make of alpha, 1 m ahead and below of beta, and what is wrong
+#: of alpha, its derivative, and 1 m ahead and to the right, times alpha.
+_TURNING, _RATES, _OF_VANES, _BY_ALPHA, DOUBTFUL = 4, 7, 10, 14, 18
 #: Coordinates of those, by angle.
 _ACROSS = ([0, 1], [0, 2])
 #: So much of a derivative is taken away at most.
@@ -113,20 +115,25 @@ class SensorDoubt(NamedTuple):
     late_variance: float
     regressions: Array  # (6, DOUBTFUL, n): of each axis, of what may be wrong on its terms
 
-    def of(self, model: AerodynamicModel, axis: int, theta: Array, slopes: Sequence[float]) -> OfSensors:
-        """For an axis with the parameters ``theta`` and ``slopes`` dC/d(alpha), dC/d(beta)."""
+    def of(self, model: AerodynamicModel, axis: int, theta: Array, slopes: Sequence[float], bend: float) -> OfSensors:
+        """For an axis with the parameters ``theta``; ``slopes`` dC/d(alpha) at alpha = 0 and dC/d(beta), and by how
+        much the first grows with alpha, ``bend``.
+        """
         n = len(model.terms[AXES[axis]])
         shift, left, found = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
         all_rows = self.regressions[axis, :, :n]
         if not np.isfinite(all_rows).all():
             return OfSensors(shift, left, found)
+        bends = bend * all_rows[_BY_ALPHA:DOUBTFUL]
         for angle, slope in enumerate(slopes):
-            rows = slope * all_rows[2 * angle : 2 * angle + 2] * np.array([[1.0], [-1.0]])
+            rows = slope * all_rows[2 * angle : 2 * angle + 2] + (bends[:2] if angle == 0 else 0.0)
+            rows = rows * np.array([[1.0], [-1.0]])
             moved = self.mean[angle] @ rows
             shift += moved
             left += rows.T @ self.covariance[angle] @ rows
             found += np.outer(moved, moved)
             beside = slope * all_rows[_OF_VANES + 2 * angle : _OF_VANES + 2 * angle + 2]
+            beside = beside + (bends[2:] if angle == 0 else 0.0)
             left += (beside.T * self.vane_place[_ACROSS[angle]] ** 2) @ beside
         if axis < 3:  # of e, the two axes across the force, each by the angular acceleration about the other
             about = [k for k in range(3) if k != axis]
@@ -356,6 +363,8 @@ def _regress(samples: Array, offsets: npt.NDArray[np.int64], body: Body, squares
             wrong[_TURNING + k] = force if np.isfinite(force) else 0.0
         p, q, r = now[_P] * 2.0 / span, now[_P + 1] / chord, now[_P + 2] * 2.0 / span  # over V
         wrong[_OF_VANES], wrong[_OF_VANES + 1], wrong[_OF_VANES + 2], wrong[_OF_VANES + 3] = -q, p, r, -p
+        for k, of_alpha in enumerate((wrong[0], wrong[1], -q, p)):
+            wrong[_BY_ALPHA + k] = now[0] * of_alpha if np.isfinite(now[0]) else 0.0
         for axis in range(len(squares)):
             if samples[i, LEARNT + axis] <= 0.0:
                 continue
