@@ -181,7 +181,7 @@ def main() -> None:
                 rows.append(explained(case, number, seed, args.duration, Path(place)))
                 row = rows[-1]
                 print(f"{'right' if row['right'] else 'WRONG'} {case.name}: [{row['kind']}] {row['sentence']} "
-                      f"({row['processor']:.0f} s of processor)", flush=True)  # fmt: skip
+                      f"({row['elapsed']:.0f} s, {row['processor']:.0f} of processor)", flush=True)  # fmt: skip
     right = sum(row["right"] for row in rows)
     print(f"{right} of {len(rows)} right")
     if args.seeds == "judged" and args.only is None:

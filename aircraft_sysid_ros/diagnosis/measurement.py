@@ -184,7 +184,9 @@ def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> It
     """One per setting that the flight has samples for; scales of the air data only in calm air."""
     samples = stretch_of(flight)
     kinds = set(np.unique(samples.kind).tolist())
-    sensors, controls = log_likelihood(flight.aircraft, samples), control_errors(flight, flight.aircraft)
+    sensors = log_likelihood(flight.aircraft, samples)
+    of_controls = any(CONTROLS in variant.setting for effect in library for variant in effect.variants)
+    controls = control_errors(flight, flight.aircraft) if of_controls else {}
     for effect in library:
         for variant in effect.variants:
             if not variant.setting or variant.setting[0] == "process_noise":

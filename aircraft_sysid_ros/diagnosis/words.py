@@ -191,7 +191,8 @@ class FlightDiagnosis:
         since_when = f"{self._when(candidate)}{self._in_recording(candidate)}; " if candidate.happens else ""
         if finding.told_by:
             return since_when + finding.told_by
-        return f"{since_when}{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
+        fails = "one model of all of it fails in " if candidate.happens else ""  # before the change as after it
+        return f"{since_when}{fails}{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
 
     def _stamps(self, candidate: Candidate) -> dict[str, dict[str, int]]:
         """Stamps [ns] of when a change begins and ends, of one flight: what was joined has no clock in common."""

@@ -3,7 +3,8 @@
 Values are the least squares of ``compare`` at the median conditions of the flight, their standard deviations come from
 draws of the parameters' covariance. That knows the noise alone; the standard errors of the parameters that were learnt
 in flight know of times that are off by part of a sample as well, and where they are larger they count. What rests on a
-parameter that is not to USE is not stated, nor on one of which the two ways say different things.
+parameter that is not to USE is not stated, nor on one of which the two ways say different things, nor on axes of which
+the diagnosis says that the model lacks something: one model of all of it is then of no aeroplane.
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ _MADE_OF: dict[str, tuple[tuple[str, str], ...]] = {
     SPIRAL: (("Cl", "beta"), ("Cl", "r"), ("Cn", "beta"), ("Cn", "r")),
     ROLL_SPIRAL: (("Cl", "beta"), ("Cl", "p"), ("Cn", "beta"), ("Cn", "r")),
 }
+_PITCHING, _ROLLING, _ACROSS = ("CX", "CZ", "Cm"), ("CY", "Cl", "Cn"), (DUTCH_ROLL, ROLL, SPIRAL, ROLL_SPIRAL)
 _CONTROL_SIGNALS = ("de", "da", "dr", "flaps", "throttle", "", "propeller_speed")
 
 
@@ -158,9 +160,16 @@ class Learnt:
     """The model of a flight with its parameters, their draws, and the verdict on each."""
 
     def __init__(
-        self, comparison: Comparison, verdicts: Verdicts, estimates: Mapping[str, tuple[float, float]] | None = None
+        self,
+        comparison: Comparison,
+        verdicts: Verdicts,
+        estimates: Mapping[str, tuple[float, float]] | None = None,
+        lacking: Mapping[str, str] | None = None,
     ) -> None:
-        """``verdicts``: status and reason by name, ``estimates``: value and standard error, as in parameters.json."""
+        """``verdicts``: status and reason by name, ``estimates``: value and standard error, as in parameters.json;
+        ``lacking``: what the model lacks, in words, by axis.
+        """
+        self.lacking = lacking or {}
         estimates = estimates or {}
         self.flight = comparison.flight
         self.aircraft: Aircraft = comparison.flight.aircraft
@@ -182,6 +191,9 @@ class Learnt:
                 status, reason = verdicts.get(name, ("HOLD", "it is not in the run"))
                 apart = _apart(name, (float(value), float(std)), estimates.get(name))
                 self.unknown[name] = apart if status == "USE" else f"{name} is {status}: {reason}"
+        for axis, words in self.lacking.items():
+            for name in names[self.model.axis_slice(axis)]:
+                self.unknown[name] = self.unknown[name] or f"the model of {axis[0]}_{axis[1]} lacks {words}: add it"
 
     @cached_property
     def conditions(self) -> dict[str, float]:
@@ -341,7 +353,7 @@ def apparent_mass(learnt: Learnt) -> tuple[float, float] | None:
     With T_c = T / (q̄ S) the derivative of C_X = m A_x / (q̄ S) by it is m_file / m, for thrust along the body.
     """
     row = learnt.row("CX", "Tc")
-    if learnt.why_unknown(("CX", "Tc")) or not np.isfinite(learnt.flight.signal("Tc")).any():
+    if "CX" in learnt.lacking or learnt.why_unknown(("CX", "Tc")) or not np.isfinite(learnt.flight.signal("Tc")).any():
         return None
     value, std = learnt.estimate(lambda theta: float(row @ theta))
     if not value > 5.0 * std:
@@ -373,6 +385,9 @@ def known_modes(learnt: Learnt) -> list[KnownMode]:
 def _known(learnt: Learnt, mode: Mode, drawn: list[Mode]) -> KnownMode:
     if reason := learnt.why_unknown(*_MADE_OF[mode.name]):
         return _unknown(mode.name, reason)
+    for axis in _ROLLING if mode.name in _ACROSS else _PITCHING:  # it has a part in it, as small as it may be
+        if axis in learnt.lacking:
+            return _unknown(mode.name, f"the model of {axis[0]}_{axis[1]} lacks {learnt.lacking[axis]}: add it")
     if len(drawn) < _MOST * DRAWS:
         return _unknown(mode.name, "within the standard errors it may be there or not")
     frequency, damping, growth = (

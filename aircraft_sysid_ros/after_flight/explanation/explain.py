@@ -26,8 +26,10 @@ from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
 from aircraft_sysid_ros.after_flight.log_import import BAGS, import_log
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody, part_of
 from aircraft_sysid_ros.after_flight.replay import ReplayOptions, replay
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
+from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ERROR
 from aircraft_sysid_ros.reconstruction.options import StateOptions
@@ -35,6 +37,8 @@ from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, read_parameters
 from aircraft_sysid_ros.text_file import put_in_place
 
+#: An effect without which the error of its axis is larger by this factor spoils what else is said of its axes.
+_LARGE = 1.5
 RUN, RECORDING, PAGE = "run", "flight", "explain.html"
 
 
@@ -148,7 +152,8 @@ def _explained(
     notes += replayed["notes"]
     compared, diagnosis, why_not = _judged(place / RUN, options, tell)
     tell("put it into words", 0.97)
-    learnt = None if compared is None else Learnt(compared.comparison, *_learnt_in_flight(place / RUN))
+    told = _learnt_in_flight(place / RUN) if compared is not None else ({}, {})
+    learnt = None if compared is None else Learnt(compared.comparison, *told, _lacking(diagnosis))
     instruments = _instruments(compared, diagnosis)
     facts = [] if learnt is None else facts_of(learnt, _stall_onset(diagnosis))
     modes = [] if learnt is None else known_modes(learnt)
@@ -204,6 +209,14 @@ def _learnt_in_flight(run: Path) -> tuple[dict[str, tuple[str, str]], dict[str, 
     known = {name: p for name, p in parameters.items() if p["std"] is not None and p["value"] is not None}
     estimates = {name: (float(p["value"]), float(p["std"])) for name, p in known.items()}
     return {name: (p["status"], p["reason"]) for name, p in parameters.items()}, estimates
+
+
+def _lacking(diagnosis: Mapping[str, Any] | None) -> dict[str, str]:
+    """What the model lacks by axis, in words, of effects that explain a large part of the error that there is."""
+    found = [c for c in diagnosis["candidates"] if c["found"] and c["kind"] != MEASUREMENT] if diagnosis else []
+    large = [c for c in found if c["main_axis"] and c["error_before"] > _LARGE * c["error_after"]]
+    named = {axis: str(c["name"] or c["label"]).lower() for c in reversed(large) for axis in c["axes"]}
+    return {axis: named[axis] for axis in AXES if axis in named}
 
 
 def _used(replayed: Mapping[str, Any]) -> tuple[int, int]:

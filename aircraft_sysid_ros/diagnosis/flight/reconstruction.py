@@ -233,8 +233,9 @@ def log_likelihood(aircraft: Aircraft, samples: Samples) -> Likelihood:
 
 
 def as_flown(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
-    """The aircraft with the noise and the gusts of a recording, and whether it is calm."""
-    return fit_wind_noise(fit_sensor_noise(aircraft, samples), samples)
+    """The aircraft with the noise and the gusts of a recording, and whether it is calm; gusts only air data tell."""
+    noisy = fit_sensor_noise(aircraft, samples)
+    return fit_wind_noise(noisy, samples) if has_airspeed(samples) else (noisy, False)
 
 
 def reconstruct_as_flown(
@@ -244,11 +245,8 @@ def reconstruct_as_flown(
 
     ``calm_air``: its wind was assumed to be none; no innovation of air data can say otherwise.
     """
-    options = options_after_flight(samples, calm_air)
-    if not has_airspeed(samples):
-        return reconstruct(fit_sensor_noise(aircraft, samples), samples, with_covariance, options), False
     flown, calm = as_flown(aircraft, samples)
-    return reconstruct(flown, samples, with_covariance), calm
+    return reconstruct(flown, samples, with_covariance, options_after_flight(samples, calm_air)), calm
 
 
 def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:

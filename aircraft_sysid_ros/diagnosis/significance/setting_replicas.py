@@ -17,6 +17,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     Reconstruction,
+    as_flown,
     reconstruct_as_flown,
     repeated_rows,
     settled_flight,
@@ -27,6 +28,7 @@ from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import LONGEST, fitted_parameters
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.samples import Kind, Samples
 
@@ -72,9 +74,21 @@ def _controls_on_time(mended: Reconstruction, fault: Setting) -> Samples:
 def _gain(job: tuple[Setting, Reconstruction, list[Array], Array, bool, int]) -> float:
     fault, flight, stretches, parameters, calm, seed = job
     world = world_of(flight, stretches, parameters, seed)
+    samples = world.samples(seed)
     try:
-        again, _ = reconstruct_as_flown(world.aircraft, world.samples(seed), with_covariance=False)
+        if CONTROLS in fault.variant.setting:
+            again = reconstruct_as_flown(world.aircraft, samples, with_covariance=False)[0]
+        else:
+            again = _unfiltered(flight, as_flown(world.aircraft, samples)[0], samples)
     except InputError:
         return np.nan
     alone = replace(fault.effect, variants=(fault.variant,))
-    return max((try_setting(each).gain for each in jobs_of(again, [alone], calm)), default=np.nan)
+    gain = max((try_setting(each).gain for each in jobs_of(again, [alone], calm)), default=np.nan)
+    return gain if np.isfinite(gain) else np.nan
+
+
+def _unfiltered(flight: Reconstruction, aircraft: Aircraft, samples: Samples) -> Reconstruction:
+    """A replica whose states nobody asks for: a likelihood makes its own. Its times are those of the flight."""
+    times = flight.points[[0, -1]].copy()
+    times[:, CoefficientSample.TIME] -= times[0, CoefficientSample.TIME]
+    return replace(flight, aircraft=aircraft, samples=samples, epoch=int(samples.stamp.min()), points=times)
