@@ -11,10 +11,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.after_flight.explanation import instruments
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, Learnt, apparent_mass, facts_of, known_modes
+from aircraft_sysid_ros.after_flight.explanation.explain import _lacking
 from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
-from aircraft_sysid_ros.after_flight.explanation.instruments import instrument_errors
+from aircraft_sysid_ros.after_flight.explanation.instruments import LONGEST_BOOM, instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands.explain import _mode_line
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
@@ -161,6 +164,25 @@ def test_where_a_sensor_holds_all_it_is_to_be_mended_and_nothing_to_be_flown(lea
     assert [text[:4] for text in said] == ["Mend", "Fly "] and "Cm_q" in said[1]
 
 
+def test_of_axes_of_which_the_model_lacks_something_nothing_is_stated(learnt, aircraft):
+    """A centre of gravity that had moved made the phugoid of the whole flight grow, and ice another mass."""
+    used = {name: ("USE", "") for name in aircraft.model.parameter_names}
+    some = Learnt(learnt[1], used, lacking={"Cm": "shift of the centre of gravity"})
+    facts = {fact.key: fact for fact in facts_of(some)}
+    assert facts["Cm_alpha"].reason == "the model of C_m lacks shift of the centre of gravity: add it"
+    assert not facts["Cn_beta"].reason and apparent_mass(some) is not None
+    modes = {mode.name: mode for mode in known_modes(some)}
+    assert {name for name, mode in modes.items() if mode.reason} == {"short period", "phugoid"}
+    assert apparent_mass(Learnt(learnt[1], used, lacking={"CX": "icing"})) is None
+
+
+@pytest.mark.parametrize(("kind", "after", "axes"), [("change in flight", 0.1, ["Cl", "Cm"]), ("measurement", 0.1, []),
+                                                     ("aerodynamic", 0.25, [])])  # fmt: skip
+def test_what_the_model_lacks_is_an_effect_that_explains_much(kind, after, axes):
+    found = candidate("icing", kind, axes=["Cl", "Cm"], error_after=after)
+    assert [*_lacking({"candidates": [found, {**found, "found": False, "axes": ["CX"]}]})] == axes
+
+
 def test_standard_errors_are_at_least_those_of_the_parameters(learnt):
     """Least squares know the noise alone: what was learnt in flight knows of times that are off as well."""
     values = dict(zip(learnt[0].model.parameter_names, learnt[0].values, strict=True))
@@ -236,6 +258,25 @@ def test_a_vane_that_is_off_is_found_and_a_sound_one_is_not(aircraft, flight):
     assert (error.signal, error.kind) == ("sideslip", "offset")
     assert error.value == pytest.approx(-1.5, abs=4.0 * error.std)
     assert f"add {-error.value:.1f}°" in error.words  # and not: take -1.5° off
+
+
+@pytest.mark.parametrize(("ahead", "said"), [(-0.05, []), (0.03, ["off"])])
+def test_of_a_vane_that_nobody_has_placed_a_zero_is_off_wherever_it_is(monkeypatch, aircraft, flight, ahead, said):
+    """On the boom of a jet, of which the file said nothing, a sound vane showed 2.4° too much."""
+    offsets = {0.0: 0.05, round(LONGEST_BOOM * aircraft.span, 6): ahead}
+
+    def errors(placed, samples):
+        zero = offsets[round(float(placed.air_data_position[0]), 6)]
+        known = {
+            f"{name}_{of}": {"value": 0.0, "std": 1e-3} for name in ("b", "lambda") for of in ("V", "alpha", "beta")
+        }
+        return known | {"b_alpha": {"value": zero, "std": 1e-3}}
+
+    monkeypatch.setattr(instruments, "air_data_errors", errors)
+    bare = aircraft_from_dict({k: v for k, v in aircraft.source.items() if not k.endswith("_position")})
+    found = instrument_errors(bare, flight.samples)
+    assert [error.value for error in found] == pytest.approx([np.degrees(-0.03)] * len(said))
+    assert all(error.std > np.degrees(0.5 * (0.05 - ahead)) for error in found)
 
 
 def test_of_a_vane_that_is_bent_in_flight_no_zero_is_given(aircraft, flight):

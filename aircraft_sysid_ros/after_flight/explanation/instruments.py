@@ -74,13 +74,15 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
             found.append((sureness, _scale(signal, words, scale["value"], scale["std"])))
         if name == "V" or f"{effect}_scale" in named:
             continue
-        offset, std = _wherever(offset_of(known, samples, name, kind), offset_of(ahead or known, samples, name, kind))
+        here, there = (offset_of(errors or known, samples, name, kind) for errors in (known, ahead))
+        offset, std = _wherever(here, there)
         before, after = (offset_of(errors or known, half, name, kind) for half, errors in halves)
         moved = abs(after[0] - before[0])
         if moved > max(SIGMA * np.hypot(before[1], after[1]), LEAST_ANGLE):
             found.append((moved / std, _moved(signal, words, before, after)))
         elif abs(offset) > max(SIGMA * std, LEAST_ANGLE):
-            found.append((abs(offset) / std, _offset(signal, words, offset, std)))
+            doubt = float(np.hypot(std, 0.5 * (here[0] - there[0])))
+            found.append((abs(offset) / std, _offset(signal, words, offset, doubt)))
     return [error for _, error in sorted(found, key=lambda pair: -pair[0])]
 
 
@@ -94,11 +96,8 @@ def _ahead(aircraft: Aircraft) -> Aircraft:
 
 
 def _wherever(here: Offset, ahead: Offset) -> Offset:
-    """What is off wherever the vanes are, 0 where that depends on it, with what the place leaves in doubt."""
-    if here[0] * ahead[0] <= 0.0:
-        return 0.0, max(here[1], ahead[1])
-    least = min(here, ahead, key=lambda offset: abs(offset[0]))
-    return least[0], float(np.hypot(max(here[1], ahead[1]), 0.5 * (here[0] - ahead[0])))
+    """What is off wherever the vanes are: the less of both, 0 where it depends on it which way."""
+    return min(here, ahead, key=lambda offset: abs(offset[0])) if here[0] * ahead[0] > 0.0 else (0.0, here[1])
 
 
 def _halves(aircraft: Aircraft, samples: Samples) -> list[tuple[Samples, dict[str, dict[str, float]]]]:
