@@ -99,7 +99,7 @@ def _explained(motion: Motion, laws: Sequence[Any]) -> tuple[list[Relation], lis
     """Relations of a flight, and the gravest of what they say."""
     triples = [gyro_attitude.triple(motion), position_velocity.triple(motion)]
     triples += [kinematic_force.triple(motion)]
-    for triple in triples:
+    for triple in (*triples, flow_angles.pair(motion)):
         if triple.places:
             move = partial(with_columns, follows=triple.places)
             rest = [Explanation(finding, _unchanged) for finding in triple.findings[1:]]
@@ -107,6 +107,10 @@ def _explained(motion: Motion, laws: Sequence[Any]) -> tuple[list[Relation], lis
     rates, moved, forces = triples
     relations = gyro_attitude.relations(motion, rates) + position_velocity.relations(motion, moved)
     relations += kinematic_force.relations(motion, forces)
+    if surfaces in laws and (exchanged := surfaces.exchanged(motion)):
+        move = partial(with_columns, follows={f.signals[0]: other for f, other in exchanged})
+        rest = [Explanation(finding, _unchanged) for finding, _ in exchanged[1:]]
+        return relations, [Explanation(exchanged[0][0], move), *rest]
     for law in laws:
         relations += law.relations(motion)
     simple = [r for r in relations if not r.is_derived]

@@ -42,13 +42,17 @@ def _mirrored(quaternions: Array, angle: int) -> Array:
 
 
 def with_columns(flight: Flight, follows: Mapping[str, str]) -> Flight:
-    """Signals of one stream in the places of those that they follow."""
-    kind = KIND_OF[next(iter(follows))]
-    stream = flight.streams[kind]
-    values = stream.values.copy()
+    """Signals of a stream, or of streams of one signal each, in the places of those that they follow."""
+    streams = dict(flight.streams)
     for signal, place in follows.items():
-        values[:, NAMES[kind].index(place)] = stream.values[:, NAMES[kind].index(signal)]
-    return _with_stream(flight, replace(stream, values=values))
+        source, kind = flight.streams[KIND_OF[signal]], KIND_OF[place]
+        if source.kind != kind:
+            streams[kind] = replace(source, kind=kind)
+            continue
+        values = streams[kind].values.copy()
+        values[:, NAMES[kind].index(place)] = source.values[:, NAMES[kind].index(signal)]
+        streams[kind] = replace(streams[kind], values=values)
+    return replace(flight, streams=streams)
 
 
 def with_delay(flight: Flight, names: tuple[str, ...], delay: float) -> Flight:

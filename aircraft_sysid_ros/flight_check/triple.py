@@ -1,4 +1,4 @@
-"""Three axes against three: each agrees with its own, or follows another one."""
+"""Signals of several axes against what each should be: one agrees with its own, or follows another one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FOLLOWS, _OWN = 0.7, 0.5
 
 @dataclass(frozen=True)
 class Triple:
-    """Three signals by ``names`` with what they should be, each (3, n) on one grid, and what that is in words."""
+    """Signals by ``names`` with what they should be, as many of (n,) on one grid, and what that is in words."""
 
     names: tuple[str, ...]
     measured: Sequence[Array]
@@ -52,7 +52,7 @@ class Triple:
 
     @property
     def findings(self) -> list[Finding]:
-        """Of axes that follow another one, those only that are followed by another: exchanged, two or all three."""
+        """Of axes that follow another one, those only that are followed by another: exchanged."""
         found = []
         for i, j in self.follows.items():
             comparison = self.comparisons[i][j]

@@ -17,6 +17,7 @@ from aircraft_sysid_ros.flight_check.grid import Comparison, compare, regress
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.signals import FORCE, GYRO
+from aircraft_sysid_ros.flight_check.triple import Triple
 
 Array = npt.NDArray[np.float64]
 _SHORT, _LONG = 0.25, 4.0
@@ -30,15 +31,29 @@ _UNIT = 1.5
 _SLOPES = {"angle_of_attack": (15.0, 400.0), "sideslip": (0.7, 60.0)}
 
 
+def pair(motion: Motion) -> Triple:
+    """Derivatives of both vanes, and what the IMU makes of each, in the same band."""
+    grid, (alpha, beta), over_speed = motion.grid, motion.angles_at_imu, _over_speed(motion)
+    short = max(_SHORT, 4.0 * grid.step)
+    measured = [grid.band(grid.slope(angle), short, _LONG) for angle in (alpha, beta)]
+    rates = (motion.gyro[:, 1] + over_speed[:, 2], -motion.gyro[:, 2] + over_speed[:, 1])
+    expected = [grid.band(grid.as_slope(rate), short, _LONG) for rate in rates]
+    return Triple(("angle_of_attack", "sideslip"), measured, expected, grid.step, "gyros and accelerometers")
+
+
 def relations(motion: Motion) -> list[Relation]:
     """Of both vanes."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        over_speed = motion.force / motion.speed[:, None]
+    over_speed = _over_speed(motion)
     p, q, r = motion.gyro.T
     alpha, beta = motion.angles_at_imu
     down = _vane(motion, "angle_of_attack", alpha, (GYRO[1], q), (FORCE[2], over_speed[:, 2]), (p, q))
     side = _vane(motion, "sideslip", beta, (GYRO[2], -r), (FORCE[1], over_speed[:, 1]), (p, r))
     return down + side
+
+
+def _over_speed(motion: Motion) -> Array:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(motion.force / motion.speed[:, None])
 
 
 def _vane(

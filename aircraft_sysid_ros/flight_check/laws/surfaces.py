@@ -2,7 +2,8 @@
 
     dp/dt / qbar = L_p p/V + L_y f_y + L_da da + ..., and so on for q with de, r with dr.
 
-A positive deflection turns the aeroplane the negative way: C_l,da, C_m,de and C_n,dr are below zero.
+A positive deflection turns the aeroplane the negative way: C_l,da, C_m,de and C_n,dr are below zero. Two surfaces each
+of which turns it about the axis of the other have each other's place in the log.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.flight_check.finding import ERROR, Finding
 from aircraft_sysid_ros.flight_check.grid import Comparison
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
@@ -23,6 +25,8 @@ _SHORT, _LONG = 0.08, 6.0
 _LONGEST, _LAG_TOLERANCE, _LAG_STD = 0.3, 0.015, 0.012
 #: Partial correlation with the turning below which nothing is said.
 _LEAST = 0.7
+#: An exchanged surface does so much less about its own axis.
+_OWN = 0.6
 
 
 @dataclass(frozen=True)
@@ -49,29 +53,40 @@ def relations(motion: Motion) -> list[Relation]:
     return found
 
 
+def exchanged(motion: Motion) -> list[tuple[Finding, str]]:
+    """Of surfaces that stand in each other's place what is said of them, and whose place that is."""
+    there = [axis for axis in _SETUP if _moves(motion.controls[:, axis.column])]
+    strength = np.zeros((len(there), len(there)))
+    for i, surface in enumerate(there):
+        for j, axis in enumerate(there):
+            scan = _scan(*_series(motion, surface.column, axis.rate, ()), motion.grid.step)
+            strength[i, j] = 0.0 if scan is None else abs(scan[1])
+    found = []
+    for i, row in enumerate(strength):
+        j = int(np.argmax(row))
+        together = min(row[j], strength[j, i])
+        if i == j or together < _LEAST or max(row[i], strength[j, j]) > _OWN * together:
+            continue
+        place = there[j].surface
+        said = (
+            f"it turns the aircraft as the {place} should, and that one as this (partial correlation {row[j]:.2f}, "
+            f"about its own axis {row[i]:.2f}): they are exchanged, take this one for {place}"
+        )
+        found.append((Finding((there[i].surface,), "sign", ERROR, said), place))
+    return found
+
+
 def _relation(motion: Motion, axis: _Axis) -> list[Relation]:
-    grid = motion.grid
-    short = max(_SHORT, 3.0 * grid.step)
-
-    def band(values: Array) -> Array:
-        return grid.band(values, short, _LONG)
-
-    turning = band(grid.slope(motion.gyro[:, axis.rate]))
-    terms = [band(grid.as_slope(v)) for v in motion.gyro.T]
-    terms += [band(grid.as_slope(v)) for v in motion.force[:, 1:].T]  # what alpha and beta make, vanes or not
-    terms += [band(grid.as_slope(motion.controls[:, c])) for c in axis.others if _moves(motion.controls[:, c])]
-    surface = motion.controls[:, axis.column]
-    if not _moves(surface):
+    if not _moves(motion.controls[:, axis.column]):
         return []
-    scan = _scan(turning, band(grid.as_slope(surface)), np.column_stack(terms), grid.step)
+    scan = _scan(*_series(motion, axis.column, axis.rate, axis.others), motion.grid.step)
     if scan is None:
         return []
     lag, partial = scan
     sign = -_sign_of(motion, axis.surface) * np.sign(partial)
     strength = abs(partial) if abs(partial) > _LEAST else 0.0
-    comparison = Comparison(
-        float(sign * strength), 1.0, 1.0, -lag, _LAG_STD, 1e3, float(np.sum(motion.in_air) * grid.step)
-    )
+    seconds = float(np.sum(motion.in_air) * motion.grid.step)
+    comparison = Comparison(float(sign * strength), 1.0, 1.0, -lag, _LAG_STD, 1e3, seconds)
     return [
         Relation(
             axis.surface,
@@ -81,6 +96,21 @@ def _relation(motion: Motion, axis: _Axis) -> list[Relation]:
             lag_tolerance=_LAG_TOLERANCE + motion.grid.step,
         )
     ]
+
+
+def _series(motion: Motion, surface: int, rate: int, others: tuple[int, ...]) -> tuple[Array, Array, Array]:
+    """The angular acceleration about an axis, a surface, and what turns the aeroplane beside it, in one band."""
+    grid = motion.grid
+    short = max(_SHORT, 3.0 * grid.step)
+
+    def band(values: Array) -> Array:
+        return grid.band(values, short, _LONG)
+
+    terms = [band(grid.as_slope(v)) for v in motion.gyro.T]
+    terms += [band(grid.as_slope(v)) for v in motion.force[:, 1:].T]  # what alpha and beta make, vanes or not
+    terms += [band(grid.as_slope(motion.controls[:, c])) for c in others if _moves(motion.controls[:, c])]
+    turning = band(grid.slope(motion.gyro[:, rate]))
+    return turning, band(grid.as_slope(motion.controls[:, surface])), np.column_stack(terms)
 
 
 def _scan(turning: Array, surface: Array, terms: Array, step: float) -> tuple[float, float] | None:
