@@ -12,7 +12,7 @@ from aircraft_sysid_ros.after_flight.check import check_recording
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_check.check import Checked
+from aircraft_sysid_ros.flight_check.check import Checked, nothing_wrong
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, SEVERITIES, WARNING, Finding, joined, short_names
 from aircraft_sysid_ros.text_file import write_whole
 
@@ -85,7 +85,7 @@ def render(result: dict[str, Any]) -> str:
     lines += ["", *_parameter_lines(result)]
     lines += ["", *(f"{f.severity:<8}{f.kind:<10}{short_names(f.signals)}: {f.sentence}" for f in findings)]
     if not counts[ERROR] + counts[WARNING]:
-        lines.append("nothing contradicts itself or looks wrong")
+        lines.append(nothing_wrong(result["duration"]))
     else:
         lines.append(f"{counts[ERROR]} errors, {counts[WARNING]} warnings, {counts[INFO]} notes")
     return "\n".join([*lines, *picture_lines(result)])

@@ -31,12 +31,19 @@ from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.repair import with_columns, with_yaw
 from aircraft_sysid_ros.flight_check.signals import Flight, signal_names
 
-#: Too short for anything but counting [s].
-SHORTEST = 5.0
 #: Passes over what contradicts itself, at most.
 _PASSES = 6
 #: Laws between sensors, beside those of the vectors of the IMU and of the GPS.
 KINEMATICS = (turns, flow_angles, airspeed, gravity, pressure)
+#: Too short for anything but counting [s].
+SHORTEST = 5.0
+
+
+def nothing_wrong(duration: float) -> str:
+    """What to say of a recording of so many seconds in which nothing was found."""
+    if duration < SHORTEST:
+        return f"too short to say whether signals contradict each other: {SHORTEST:g} s are needed"
+    return "nothing contradicts itself or looks wrong"
 
 
 @dataclass(frozen=True)

@@ -142,6 +142,8 @@ def _ratio(fault: Fault) -> tuple[Finding, float]:
     units = _UNITS.get(name if name in _UNITS else name.partition(".")[0], {})
     c = relation.comparison
     low, high = (c.low, c.high) if name == relation.first else (1.0 / c.high, 1.0 / c.low)
+    if not low <= ratio <= high:  # another signal of the relation is wrong, too
+        low, high = (limit * ratio / float(np.sqrt(low * high)) for limit in (low, high))
     against = f"{_compared(fault, relation)}{_seconds(relation)}"
     nearest = min(units, key=lambda unit: abs(np.log(unit / ratio)), default=1.0)
     far = min(max(ratio, 1.0 / ratio) ** _FAR, _FURTHEST)

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from aircraft_sysid_ros.flight_check.check import Checked
+from aircraft_sysid_ros.flight_check.check import Checked, nothing_wrong
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, short_names
 from aircraft_sysid_ros.flight_check.identifiable import EXCITATION, Identifiability
 from aircraft_sysid_ros.flight_check.signals import Flight, Stream, signal_names
@@ -76,7 +76,7 @@ def _findings(plot: Any, checked: Checked) -> None:
     plot.axis("off")
     plot.set_title("what was found, the worst first", loc="left", fontsize=10)
     if not checked.findings:
-        plot.text(0.0, 0.95, "nothing contradicts itself or looks wrong", va="top", transform=plot.transAxes)
+        plot.text(0.0, 0.95, nothing_wrong(checked.motion.flight.duration), va="top", transform=plot.transAxes)
     y = 0.99
     for finding in checked.findings[:_FINDINGS]:
         text = f"{finding.severity}, {finding.kind}: {short_names(finding.signals)}: {finding.sentence}"

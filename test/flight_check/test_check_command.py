@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.commands.check import render
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.flight_check.finding import KINDS, SEVERITIES
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -94,6 +95,7 @@ def test_two_seconds_are_enough_for_rates_and_not_for_more(recorded, capsys, tmp
     result = answer(capsys, tmp_path / "short")
     assert result["rates"]["true_airspeed"] == pytest.approx(50.0, rel=0.01)
     assert {f["kind"] for f in result["findings"]} <= {"missing", "rate", "gap"}
+    assert "too short to say" in render({**result, "findings": []})
 
 
 def test_what_is_no_recording_is_one_sentence(capsys, tmp_path):
