@@ -61,7 +61,8 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found += length_notes(pipeline, writer) + rate_notes(pipeline.parameters.stream)
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += estimator_notes(pipeline.parameters)
-    found += bound_notes(aircraft) + place_notes(aircraft) + segment_notes(body)
+    found += bound_notes(aircraft) + segment_notes(body)
+    found += place_notes(aircraft, pipeline.state.options.air_data_errors)
     parameters = pipeline.parameters
     on_ground = parameters.learning.landing.words(parameters.stream.start_time or 0.0)
     found += landing_notes(body, aircraft, on_ground) + thrust_notes(recording.samples, aircraft)
@@ -218,15 +219,23 @@ def rate_notes(stream: CoefficientStream) -> list[str]:
     return found
 
 
-def place_notes(aircraft: Aircraft) -> list[str]:
-    """Places of sensors that the aircraft file does not say, and what that costs."""
+def place_notes(aircraft: Aircraft, has_error_states: bool = False) -> list[str]:
+    """Places of sensors that the aircraft file does not say, and what that costs; ``has_error_states``: what vanes show
+    too much is estimated.
+    """
     unsaid = sorted({key for key, _ in aircraft.unsaid}, reverse=True)
     if not unsaid:
         return []
-    return [
+    found = [
         f"the aircraft file does not say all of {' and '.join(unsaid)}: what it leaves out is taken as that of the "
         "centre of gravity, and standard errors count with some per cent of the span; measure it, or ask diagnose"
     ]
+    if has_error_states and ("air_data_position", "x") in aircraft.unsaid:
+        found.append(
+            "errors of the vanes and parameters beside them are those of vanes at the centre of gravity: ahead of it, as "
+            "on a boom, they show scales and offsets that are none, so write air_data_position into the aircraft file"
+        )
+    return found
 
 
 def segment_notes(body: Body) -> list[str]:
