@@ -232,8 +232,8 @@ def place_notes(aircraft: Aircraft, has_error_states: bool = False) -> list[str]
     ]
     if has_error_states and ("air_data_position", "x") in aircraft.unsaid:
         found.append(
-            "errors of the vanes and parameters beside them are those of vanes at the centre of gravity: ahead of it, as "
-            "on a boom, they show scales and offsets that are none, so write air_data_position into the aircraft file"
+            "errors of the vanes and parameters beside them are those of vanes at the centre of gravity: ahead of it, "
+            "as on a boom, they show scales and offsets that are none: write air_data_position into the aircraft file"
         )
     return found
 
