@@ -9,14 +9,18 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.export.exported import Exported, header_lines
 from aircraft_sysid_ros.export.learnt_model import LearntModel
 
+_RANGES = (
+    "The last rows, axis 'range', hold the least value of each signal that was learnt from, and the largest as "
+    "standard_error. OUTSIDE OF IT THE MODEL IS NOT KNOWN TO HOLD."
+)
 COLUMNS = ("parameter", "axis", "term", "value", "standard_error", "status", "reason")
 
 
 def export_table(learnt: LearntModel) -> Exported:
     """One row for each parameter, then one for each signal with the range in which it was learnt."""
     out = io.StringIO()
-    for line in header_lines(learnt, "csv", {}, ())[:2]:
-        out.write(f"# {line}\n")
+    out.write(f"# {header_lines(learnt, 'csv', {}, ())[0]}\n")
+    out.write(f"# {_RANGES}\n")
     write = csv.writer(out, lineterminator="\n")
     write.writerow(COLUMNS)
     for axis in AXES:
