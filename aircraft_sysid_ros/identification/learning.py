@@ -226,7 +226,7 @@ class Learning:
         if self._options.relearn:
             self._reset_axes(self.changes.evaluate(self.aircraft.model, state, start), time)
             self.changes.remember(state)
-        self.undescribed.look(time)
+        self.undescribed.look(time, self._pace.interval)
         if self.fleet.is_due(time):
             self._look_at_prior(time, start)
         self._restore(self.integrity.evaluate(time, state.updates >= KNOWN, misread))

@@ -212,10 +212,10 @@ class UndescribedSensors:
                 self._motion.add(samples)
             self._samples = samples[-2:].copy()
 
-    def look(self, time: float) -> None:
-        """Estimate anew how late the motion is, where it is time [s]."""
+    def look(self, time: float, interval: float) -> None:
+        """Estimate anew how late the motion is, where it is time [s]; ``interval`` [s] of states, 0: dense."""
         if self._motion is not None and self._motion.is_due(time):
-            self._motion.look()
+            self._motion.look(interval)
 
     @property
     def late_motion(self) -> tuple[float, float] | None:

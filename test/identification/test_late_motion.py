@@ -81,5 +81,5 @@ def test_nothing_is_known_before_it_moves() -> None:
     model = default_aircraft().model
     motion = LateMotion()
     motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in range(6)])
-    motion.look()
+    motion.look(0.0)
     assert (motion.late, motion.variance) == (0.0, pytest.approx(LAG**2))
