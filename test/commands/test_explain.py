@@ -183,6 +183,22 @@ def test_what_the_model_lacks_is_an_effect_that_explains_much(kind, after, axes)
     assert [*_lacking({"candidates": [found, {**found, "found": False, "axes": ["CX"]}]})] == axes
 
 
+def test_what_was_nearly_named_is_said_where_nothing_is():
+    """A slipstream over the tail with p = 1e-14 that came in two of four parts was "nothing is missing"."""
+    near = candidate("propwash", "aerodynamic", found=False, p_value=1e-9, refused="it comes in 2 of 4",
+                     nested={"parts": 4, "same": 2, "others": ["", ""], "error_after": 0.2})  # fmt: skip
+    said = {}
+    for name, one in {"near": near, "chance": {**near, "p_value": 0.2}, "often": {**near, "nested": None}}.items():
+        diagnosis = {"candidates": [one], "advice": "", "unknown": {}}
+        said[name] = what_matters(Evidence(check_json(), diagnosis=diagnosis, **USED))[0].sentence
+    assert said["near"].startswith(
+        "Nothing is surely missing. propwash would take 67 % of the error of C_Z, but it comes"
+    )
+    assert said["chance"] == said["often"] and said["chance"].startswith(
+        "Nothing is missing that this flight could show"
+    )
+
+
 def test_standard_errors_are_at_least_those_of_the_parameters(learnt):
     """Least squares know the noise alone: what was learnt in flight knows of times that are off as well."""
     values = dict(zip(learnt[0].model.parameter_names, learnt[0].values, strict=True))

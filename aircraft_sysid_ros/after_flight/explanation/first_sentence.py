@@ -14,6 +14,7 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact
 from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, KEEPS_TIME, WARNING, Finding, joined, short_names
@@ -189,7 +190,23 @@ def _nothing(evidence: Evidence) -> Said:
         return Said("nothing", f"Nothing in this log looks wrong, and {used} of {all_of_them} parameters can be used.")
     if evidence.diagnosis.get("unknown") or evidence.diagnosis.get("left"):
         return Said("unknown", str(evidence.diagnosis["advice"]))
+    if suspect := next(filter(_nearly_named, evidence.diagnosis["candidates"]), None):
+        axis = suspect["main_axis"]
+        share = 100 * (1.0 - suspect["error_after"] / suspect["error_before"])
+        return Said(
+            "nothing",
+            f"Nothing is surely missing. {suspect['name'] or suspect['label']} would take {share:.0f} % of the error of "
+            f"{axis[0]}_{axis[1]}, but {suspect['refused']}. The sensors agree, and {used} of {all_of_them} parameters "
+            "can be used.",
+        )
     return Said(
         "nothing", f"Nothing is missing that this flight could show: the sensors agree, and {used} of {all_of_them} "
         "parameters can be used.",
     )  # fmt: skip
+
+
+def _nearly_named(candidate: Mapping[str, Any]) -> bool:
+    """Significant and of a size, but not the same in most parts of the flight."""
+    nested = candidate.get("nested")
+    is_apart = nested is not None and 2 * nested["same"] <= nested["parts"] and bool(candidate["refused"])
+    return is_apart and candidate["p_value"] < THRESHOLDS.verdict and bool(_fall(candidate))
