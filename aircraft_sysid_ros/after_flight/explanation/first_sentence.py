@@ -195,9 +195,9 @@ def _nothing(evidence: Evidence) -> Said:
         share = 100 * (1.0 - suspect["error_after"] / suspect["error_before"])
         return Said(
             "nothing",
-            f"Nothing is surely missing. {suspect['name'] or suspect['label']} would take {share:.0f} % of the error of "
-            f"{axis[0]}_{axis[1]}, but {suspect['refused']}. The sensors agree, and {used} of {all_of_them} parameters "
-            "can be used.",
+            f"Nothing is surely missing. {suspect['name'] or suspect['label']} would take {share:.0f} % of the error "
+            f"of {axis[0]}_{axis[1]}, but {suspect['refused']}. The sensors agree, and {used} of {all_of_them} "
+            "parameters can be used.",
         )
     return Said(
         "nothing", f"Nothing is missing that this flight could show: the sensors agree, and {used} of {all_of_them} "
