@@ -183,6 +183,13 @@ def test_what_the_model_lacks_is_an_effect_that_explains_much(kind, after, axes)
     assert [*_lacking({"candidates": [found, {**found, "found": False, "axes": ["CX"]}]})] == axes
 
 
+@pytest.mark.parametrize(("inner", "said"), [({"t0": 99.0}, "(from 99 s on)"), ({}, "(from 99 s on; C_Z, 5 to 10 s)")])
+def test_of_what_happened_at_a_time_that_is_said(inner, said):
+    found = candidate("damage", "change in flight", where="from 99 s on; C_Z, 5 to 10 s", inner=inner)
+    diagnosis = {"candidates": [found], "advice": "", "unknown": {}}
+    assert said in what_matters(Evidence(check_json(), diagnosis=diagnosis, **USED))[0].sentence
+
+
 def test_what_was_nearly_named_is_said_where_nothing_is():
     """A slipstream over the tail with p = 1e-14 that came in two of four parts was "nothing is missing"."""
     near = candidate("propwash", "aerodynamic", found=False, p_value=1e-9, refused="it comes in 2 of 4",

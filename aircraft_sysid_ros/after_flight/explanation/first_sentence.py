@@ -14,6 +14,7 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact
 from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError
+from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
@@ -157,7 +158,9 @@ def _missing(evidence: Evidence) -> Iterator[Said]:
         if candidate["effect"] is None:
             text = f"The model lacks something that has no name here, {candidate['label']}{fall}{doubt}."
         else:
-            text = f"The model lacks one effect: {candidate['name']} ({candidate['where']}){fall}{doubt}."
+            happened = candidate.get("inner", {}).keys() & TIMES_OF_CHANGE  # then when is where
+            where = candidate["where"].partition(";")[0] if happened else candidate["where"]
+            text = f"The model lacks one effect: {candidate['name']} ({where}){fall}{doubt}."
         yield Said(str(candidate["effect"] or "unexplained"), text)
 
 
