@@ -25,6 +25,8 @@ _NOISE_OF_ONE = 0.01
 _FOLLOWS = 0.8
 #: What is added to a correlation matrix that may be singular, where digits do not matter.
 _NEARLY = 1e-9
+#: Axes that gusts move by what they do across the wing and along the fuselage.
+_TURNED_BY_GUSTS = ("Cl", "Cn")
 #: What moves an axis.
 _INPUT_OF_AXIS = dict(zip(AXES, ("elevator", "rudder", "elevator", "aileron", "elevator", "rudder"), strict=True))
 #: One sigma of what a lag and a scale do to the parameters, over that: what filters make of a vane is not quite a lag.
@@ -99,6 +101,7 @@ def axis_estimates(
     values, stds = estimate.theta.tolist(), np.sqrt(np.diag(estimate.covariance)).tolist()
     effects, ages = effect.tolist(), (now - estimate.last_learnt).tolist()
     rules, anywhere = TrustRules(), (-np.inf, np.inf)
+    by_gusts = _by_gusts(AXES[axis], names, excitation, rules)
     estimates = []
     for j, (name, excited) in enumerate(zip(names, excitation.tolist(), strict=True)):
         limits = bounds.get(name, anywhere) if bounds else anywhere
@@ -108,10 +111,24 @@ def axis_estimates(
         status, reason = judge(evidence, rules)
         if status == Trust.USE and apart[j]:
             status, reason = Trust.HOLD, f"recursive least squares says {known.theta[j]:.3g}"
+        if status == Trust.USE and by_gusts and not name.endswith("_0"):
+            status, reason = Trust.HOLD, by_gusts
         if status == Trust.HOLD and np.isfinite(changed):
             reason = f"relearning since a change at {changed:.1f} s: {reason}"
         estimates.append(ParameterEstimate(name, values[j], stds[j], status, reason, ages[j], excited))
     return estimates, estimate.covariance
+
+
+def _by_gusts(axis: str, names: Sequence[str], excitation: Array, rules: TrustRules) -> str:
+    """That no surface has moved an axis yet about which gusts turn an aeroplane by themselves; empty: one has.
+
+    A gust that differs from tip to tip, or along the fuselage, is a rate of rotation that no gyro shows: what answers
+    it comes out too small.
+    """
+    of_surfaces = [j for j, name in enumerate(names) if name.partition("_")[2] in ("da", "dr")]
+    if axis not in _TURNED_BY_GUSTS or not of_surfaces or np.any(excitation[of_surfaces] >= rules.excitation):
+        return ""
+    return f"nothing but gusts moves {axis} yet: move the {_INPUT_OF_AXIS[axis]}"
 
 
 def _apart(estimate: AxisEstimate, known: AxisEstimate, per_unit: Array) -> list[bool]:

@@ -14,6 +14,9 @@ from aircraft_sysid_ros.flight_check.signals import ATTITUDE, GYRO, VELOCITY
 _LONG = 40.0
 #: A turn is coordinated only so much: the ratio tells a wrong unit and no scale.
 _UNIT = 1.5
+#: Rms acceleration across the track [m/s^2] from which yaw follows the course: in straight flight a gust from the side
+#: takes the course one way and turns the nose the other.
+_TURNS = 0.3
 
 
 def relations(motion: Motion) -> list[Relation]:
@@ -30,8 +33,12 @@ def relations(motion: Motion) -> list[Relation]:
         (GYRO[0], motion.gyro[:, 0], grid.slope(bank), "the rate of the bank that the turns over ground need"),
         (ATTITUDE[1], pitch, climb, "the climb of the GPS velocity"),
     )
+    turning = grid.band(motion.turn_acceleration, width, _LONG)
+    turns = float(np.sqrt(np.nanmean(turning**2))) if np.isfinite(turning).any() else 0.0
     found = []
     for name, y, x, words in pairs:
+        if name in (ATTITUDE[2], GYRO[2]) and turns < _TURNS:
+            continue
         comparison = compare(grid.band(y, width, _LONG), grid.band(x, width, _LONG), grid.step, 1.0)
         if comparison is not None:
             tolerance = _UNIT if name in GYRO else None
