@@ -20,6 +20,7 @@ import shutil
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -147,12 +148,13 @@ class FlightJournal:
     """A flight in progress, on disk instead of in memory; in place of a list of its samples."""
 
     def __init__(self, run: str | Path, aircraft: Aircraft, options: Mapping[str, Any]) -> None:
-        """``options``: those of both steps, for ``recover``. Raises InputError where it cannot be written, or holds a
-        flight that was cut off.
+        """``options``: those of both steps, for ``recover``. Raises InputError where it cannot be written, or is flown.
+
+        A flight of that name that was cut off is kept under another one.
         """
         self.path = journal_path(run)
-        if self.path.exists():
-            raise InputError(f"{self.path} {_what_to_do(self.path, run)}")
+        #: What became of a flight that had been cut off, in words; empty: there was none.
+        self.kept = _kept_aside(self.path, run) if self.path.exists() else ""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.mkdir()
@@ -236,10 +238,25 @@ def recovered(run: str | Path) -> tuple[dict[str, Any], Path, Samples]:
     return content, path / AIRCRAFT, samples
 
 
-def _what_to_do(path: Path, run: str | Path) -> str:
+def _kept_aside(path: Path, run: str | Path) -> str:
+    """Give a flight that was cut off a name of its own; what to do with it, in words. Raises InputError."""
     if _is_held(path):
-        return "is being flown by another process: give this run another name"
-    return f"holds a flight that was cut off: recover it with aircraft-sysid recover {run}, or delete it"
+        raise InputError(f"{path} is being flown by another process: give this run another name")
+    for number in count(1):
+        other = Path(f"{run}-{number}")
+        if other.exists() or journal_path(other).exists():
+            continue
+        try:
+            path.rename(journal_path(other))
+        except OSError as error:
+            raise InputError(
+                f"{path} holds a flight that was cut off, and cannot be renamed: {error.strerror}"
+            ) from None
+        return (
+            f"{path} held a flight that was cut off, and is now {journal_path(other)}: aircraft-sysid recover {other} "
+            "makes a run of it"
+        )
+    raise AssertionError("numbers do not end")
 
 
 def _is_held(path: Path) -> bool:

@@ -82,6 +82,11 @@ class RunWriter:
         self._newest: tuple[ParameterSet, list[AxisError]] | None = None
         self._last_state = -np.inf
 
+    @property
+    def kept_aside(self) -> str:
+        """What became of a flight of this name that had been cut off, in words; empty: there was none."""
+        return "" if self._journal is None else self._journal.kept
+
     def __enter__(self) -> RunWriter:
         return self
 
@@ -150,7 +155,7 @@ class RunWriter:
         without is noted too.
         """
         absent = absences(state, [manoeuvre["name"] for manoeuvre in manoeuvres])
-        lost = [self._journal.note] if self._journal is not None and self._journal.note else []
+        lost = [] if self._journal is None else [*filter(None, (self._journal.kept, self._journal.note))]
         told = [*notes, *lost, *absent, *noise_notes(state)]
         result = {"state": {**state_json(state), "notes": told}, "parameters": parameters_json(parameters)}
         self._doubt_calm_air(state, result)

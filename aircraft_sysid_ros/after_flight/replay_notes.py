@@ -70,22 +70,28 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
     found += delay_notes(pipeline.parameters) + prior_notes(pipeline.parameters)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
-    for kind, counts in pipeline.state.counts().items():
+    return found + flight_notes(pipeline.state, pipeline.parameters)
+
+
+def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
+    """What became of the samples, and what changed, was held, or began anew in flight; of a replay as of live."""
+    found = []
+    for kind, counts in state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
             share = counts[what] / max(counts["received"], 1)
             if share > 0.01:
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
-    if pipeline.state.order.counts.restarts:
-        found.append(f"the clock of the recording leapt {pipeline.state.order.counts.restarts} times")
-    for axis, when, count in pipeline.parameters.learning.changes.alarms():
+    if state.order.counts.restarts:
+        found.append(f"the clock of the recording leapt {state.order.counts.restarts} times")
+    for axis, when, count in parameters.learning.changes.alarms():
         again = f" ({count} times)" * (count > 1)
         found.append(f"{axis} changed at {when:.1f} s of flight and was learnt anew{again}")
-    holds = pipeline.parameters.learning.integrity.summary()
+    holds = parameters.learning.integrity.summary()
     if times := holds["holds"]:
         newest = f"; at the end {holds['held']}" if holds["held"] else ""
         found.append(f"parameters of an axis were held {times} time{'s' * (times > 1)}, see docs/trust.md{newest}")
-    if pipeline.state.realignments:
-        times = pipeline.state.realignments
+    if state.realignments:
+        times = state.realignments
         found.append(
             f"the filter aligned anew {'once' if times == 1 else f'{times} times'} after gaps or contradictions"
         )

@@ -18,6 +18,7 @@ from rich.progress import Progress
 
 from aircraft_sysid_ros.after_flight.replay_notes import (
     estimator_notes,
+    flight_notes,
     place_notes,
     prior_notes,
     rate_notes,
@@ -74,6 +75,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     writer = None
     if args.out:
         writer = RunWriter(args.out, aircraft, overwrite=args.overwrite, in_progress=in_progress)
+        if writer.kept_aside:
+            print(f"aircraft-sysid live: {writer.kept_aside}", file=sys.stderr, flush=True)
     with writer or nullcontext():
         result = _with_nodes(args, options, writer)
     missing = lost_in_words(result["lost"])
@@ -220,7 +223,14 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
     for topic, count in parameters.lost.items():  # with some estimators both hear a topic
         lost[topic] = max(count, lost.get(topic, 0))
     changed = {**state.set_in_flight, **parameters.set_in_flight}
-    told = (_late_note(late) if late else "", lost_in_words(lost), _changed_note(changed) if changed else "")
+    told = (
+        _late_note(late) if late else "",
+        lost_in_words(lost),
+        _changed_note(changed) if changed else "",
+        state.shared_in_words,
+        *state.check.words,
+        *flight_notes(state.estimator, parameters.estimator),
+    )
     result: dict[str, Any] = {
         "received": {**state.received, **parameters.received},
         "states": [state.rows_published, parameters.states_received],
@@ -247,5 +257,6 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             "state": {**state_json(state.estimator), **timing},
             "parameters": parameters_json(parameters.estimator),
         }
-    written = writer.finish(state.estimator, parameters.estimator, flight_time, started)
+    kept = [note for note in told if note]
+    written = writer.finish(state.estimator, parameters.estimator, flight_time, started, kept)
     return {**result, "run": str(args.out), **written}

@@ -70,6 +70,9 @@ _SENSORS, _GROUP = ("angle_of_attack", "sideslip"), "air_data"
 _OF_MOTION = {"imu", "accelerometer", "gyro", "control_surfaces"}
 #: One sigma of scale and lag [s] of a vane that nobody has described: upwash and position error, tubes and logging.
 SCALE, LAG = 0.06, 0.04
+#: One sigma over the span of how far out on the wing a vane may be that nobody has placed, until the roll has shown it
+#: (``flight_check.laws.vane_place``), so many seconds from the first sample in flight on.
+UNSEEN, LOOKED, _SIDEWAYS = 0.4, 60.0, ("air_data_position", "y")
 #: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
 #: band; memory [s]; time [s] between what is summed; a pause [s] that begins anew.
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
@@ -180,6 +183,7 @@ class UndescribedSensors:
         self._vane_place = doubt_of_vanes(aircraft)
         self._motion = None if _OF_MOTION & described else LateMotion()
         self._any = bool(self._asked.any() or aircraft.unsaid or self._motion)
+        self._out_on_wing = aircraft.span * UNSEEN if np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0)) else 0.0
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self.restart_clock()
@@ -194,6 +198,7 @@ class UndescribedSensors:
 
     def restart_clock(self) -> None:
         """The clock began anew, or another manoeuvre."""
+        self._began = self._newest = np.nan  # [s] first and newest sample in flight
         self._filter = np.full((len(ANGLES), 4, _SERIES), np.nan)
         self._last = np.array([np.nan, -np.inf, np.nan])
         self._samples: Array | None = None
@@ -206,6 +211,8 @@ class UndescribedSensors:
             return
         _follow(batch.rows, batch.history, batch.body, self._filter, self._last, self._counts, self._moments)
         if len(batch.samples):
+            self._newest = float(batch.samples[-1, 0])
+            self._began = float(batch.samples[0, 0]) if np.isnan(self._began) else self._began
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
             _regress(samples, self._offsets, batch.body, self._squares, self._products)
             if self._motion is not None:
@@ -252,7 +259,10 @@ class UndescribedSensors:
                 right = (self._products[axis, :, :n] / by).T
                 found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
         late, variance = (0.0, 0.0) if self._motion is None else (self._motion.late, self._motion.variance)
-        return SensorDoubt(mean, covariance, self._place, self._vane_place, late, variance, found)
+        vane_place = self._vane_place.copy()
+        if not self._newest - self._began > LOOKED:
+            vane_place[1] = max(vane_place[1], self._out_on_wing)
+        return SensorDoubt(mean, covariance, self._place, vane_place, late, variance, found)
 
 
 def _estimate(moments: Array, count: float, instruments: npt.NDArray[np.int64]) -> tuple[Array, Array]:

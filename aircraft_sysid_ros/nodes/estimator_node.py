@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -83,6 +84,9 @@ class EstimatorNode(ConfigurableNode):
         self.received = dict.fromkeys(inputs, 0)
         self.inputs: list[Input] = []  # while active
         self.numerical_faults = 0
+        self._shared: dict[str, int] = {}  # topics that several programs published on, and how many
+        self._is_shared = False  # just now
+        self._said = ""  # what was wrong at the last look, without numbers
         self._lost: dict[str, int] = {}  # before the newest activation
         self._offered_publishers: list[Any] = []
         self._offered_services: list[Any] = []
@@ -126,6 +130,7 @@ class EstimatorNode(ConfigurableNode):
             self.correction.warm_up()
         self.get_logger().info("preparing; the first start compiles, up to a minute")
         self._lost.clear()
+        self._shared.clear()
         self.estimator = self.make_estimator(aircraft, values)
         self.offer()
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics", 10)
@@ -191,6 +196,14 @@ class EstimatorNode(ConfigurableNode):
                 lost[heard.topic] = lost.get(heard.topic, 0) + heard.lost
         return lost
 
+    @property
+    def shared_in_words(self) -> str:
+        """That several programs have published on an input at once; empty: none have."""
+        if not self._shared:
+            return ""
+        listed = ", ".join(f"{count} on {topic}" for topic, count in self._shared.items())
+        return f"several programs published at once ({listed}), and what they sent is mixed: let one of them send"
+
     def must_have(self, topic: str) -> bool:
         """Whether no message of a topic may be lost."""
         return bool(self.get_parameter("input_reliability").value == "reliable")
@@ -231,9 +244,31 @@ class EstimatorNode(ConfigurableNode):
         times = common.process_times()
         share = f"{common.cpu_share(self._process_times, times):.3f}"
         self._process_times = times
+        self._look_for_others()
         problem, values = self.condition()
+        problem = "; ".join(filter(None, (self.shared_in_words if self._is_shared else "", problem)))
+        self._log(problem)
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
         lost = {f"{topic}.lost": count for topic, count in self.lost.items()}
         values = {"cpu_share": share, "numerical_faults": self.numerical_faults, **lost, **values}
         message = common.diagnostics(self, level, problem or "ok", values)
         self._diagnostics_publisher.publish(message)
+
+    def _look_for_others(self) -> None:
+        """Who else publishes what this node hears."""
+        counts = {heard.subscription.topic_name: self.count_publishers(heard.topic) for heard in self.inputs}
+        counts = {topic: count for topic, count in counts.items() if count > 1}
+        self._is_shared = bool(counts)
+        for topic, count in counts.items():
+            self._shared[topic] = max(count, self._shared.get(topic, 0))
+
+    def _log(self, problem: str) -> None:
+        """Say on the terminal what has begun to be wrong, and that it is over."""
+        said = re.sub(r"[\d.]+", "", problem)
+        if said == self._said:
+            return
+        if problem:
+            self.get_logger().warning(problem)
+        else:
+            self.get_logger().info("ok again")
+        self._said = said

@@ -72,12 +72,12 @@ class ParameterEstimatorNode(EstimatorNode):
         self.on_parameters: Callable[[Any, Any], None] | None = None
         self.on_samples: Callable[[Any], None] | None = None
         self._epoch: int | None = None  # of the states; controls before the first state wait for it
-        self._due, self._has_published = -np.inf, False
+        self._due, self._has_published, self._held = -np.inf, False, ""
         self.model_services = ModelServices(self)
 
     def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> Identifier:
         """The estimator, compiled."""
-        self._epoch, self._due, self._has_published = None, -np.inf, False
+        self._epoch, self._due, self._has_published, self._held = None, -np.inf, False, ""
         options = options_from(ParameterOptions, values)
         more = (VANES_TOPIC, *MORE_INPUTS.get(options.estimator, ()))
         if self.correction is not None and self.correction.uses_probe:
@@ -212,12 +212,24 @@ class ParameterEstimatorNode(EstimatorNode):
                 self._has_published = True
                 self.get_logger().info("the first parameters are there")
             self._due = now + PERIOD
+            self._log_holds()
             estimates, errors = self.estimator.snapshot(), self.estimator.model_error()
             if self.on_parameters is not None:
                 self.on_parameters(estimates, errors)
             self._publish_parameters(now, estimates)
             self._publish_model_error(now, errors)
             self.model_services.search_if_due(now, self._stamp(now))
+
+    def _log_holds(self) -> None:
+        """Say on the terminal which axes are held from now on, and why."""
+        held = str(self.estimator.learning.integrity.summary()["held"])
+        axes = held.partition(":")[0]
+        if axes != self._held:
+            if held:
+                self.get_logger().warning(f"held {held}")
+            else:
+                self.get_logger().info("no axis is held any more")
+            self._held = axes
 
     def _stamp(self, time: float) -> int:
         assert self._epoch is not None

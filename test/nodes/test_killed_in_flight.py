@@ -61,8 +61,6 @@ def test_a_killed_flight_is_recovered_as_a_replay_has_it(flight, aircraft_file, 
     assert not run.exists()
     status, _, err = said(capsys, "compare", run)
     assert status == 2 and f"aircraft-sysid recover {run}" in err
-    status, _, err = said(capsys, "live", "--aircraft", aircraft_file, "--out", run)
-    assert status == 2 and f"aircraft-sysid recover {run}" in err
     status, out, err = said(capsys, "recover", run, "--json")
     assert status == 0, err
     result = json.loads(out)
@@ -161,11 +159,17 @@ def test_a_disk_that_is_full_when_the_run_is_written_keeps_the_flight(aircraft, 
     assert len(recovered(run)[2]) == len(samples) and not run.exists()
 
 
-def test_a_flight_that_was_cut_off_is_not_flown_over(journal, samples, aircraft):
+def test_a_flight_that_was_cut_off_is_not_flown_over_and_hinders_none(journal, samples, aircraft):
+    """A service that starts again after a crash in flight flies on."""
     run = written(journal, samples)
-    with pytest.raises(ValueError, match="recover it with"):
-        FlightJournal(run, aircraft, {})
-    assert len(recovered(run)[2]) == len(samples)
+    for number in (1, 2):
+        again = FlightJournal(run, aircraft, {})
+        assert f"recover {run}-{number} makes a run of it" in again.kept
+        with pytest.raises(ValueError, match="being flown by another process"):
+            FlightJournal(run, aircraft, {})
+        again.append(samples)
+        again.close()
+    assert len(recovered(f"{run}-1")[2]) == len(recovered(run)[2]) == len(samples)
 
 
 def test_memory_does_not_grow_with_the_flight(aircraft, samples, tmp_path):
