@@ -94,7 +94,7 @@ def _with_nodes(
         from rclpy.exceptions import NameValidationException
         from rclpy.signals import SignalHandlerOptions
 
-        from aircraft_sysid_ros.nodes.common import start
+        from aircraft_sysid_ros.nodes.common import start, stop_signals
     except ImportError as error:
         raise missing_ros(error) from None
     arguments = _node_arguments(args, *options)
@@ -112,7 +112,12 @@ def _with_nodes(
             state.on_rows, parameters.on_points = writer.add_rows, writer.add_points
             parameters.on_parameters = writer.add_parameters
             state.on_samples = parameters.on_samples = writer.add_samples
-        if not (start(state) and start(parameters)):
+        with stop_signals() as stop:  # a signal would tear a compilation apart
+            stop.doing = "stopping: what is being compiled is compiled first"
+            has_started = start(state) and (stop.is_set() or start(parameters))
+        if stop.is_set():
+            raise KeyboardInterrupt
+        if not has_started:
             raise InputError("the nodes did not start: see the messages above")
         return _fly(args, state, parameters, writer, said)
     except NameValidationException as error:
