@@ -658,11 +658,13 @@ def explain() -> str:
         return "Not flown yet: `python benchmarks/explain.py`.\n"
     found = load("explain")
     rows = [
-        [log["case"], "yes" if log["right"] else "no", log["sentence"], f"{log['processor']:.0f} s"]
+        [log["case"], "yes" if log["right"] else "no", log["sentence"], f"{log['elapsed']:.0f} s",
+         f"{log['processor']:.0f} s"]
         for log in found["logs"]
-    ]
-    rows.append(["all", f"{found['right']} of {len(rows)}", "", ""])
-    return table([f"what is wrong, {found['duration']:g} s of flight", "right", "said first", "processor time"], rows)
+    ]  # fmt: skip
+    rows.append(["all", f"{found['right']} of {len(rows)}", "", "", ""])
+    wrong = f"what is wrong, {found['duration']:g} s of flight"
+    return table([wrong, "right", "said first", "time", "processor time"], rows)
 
 
 def closed_loop(name: str) -> Callable[[], str]:

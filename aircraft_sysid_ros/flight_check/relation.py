@@ -22,6 +22,8 @@ Array = npt.NDArray[np.float64]
 LEAST_LAG, LEAST_SCALE, SIGMAS = 0.03, 0.04, 4.0
 #: What one signal does not explain of the other, such as gusts, may shift it by so much [s].
 _UNEXPLAINED = 0.25
+#: Half a step of the grid [s], by which a relation may be outside of its range.
+_BARELY = 0.01
 #: Least correlation for a lag.
 _LEAST_FOR_LAG = 0.75
 #: Cost of a fault where a contradiction costs 1; signals that come from an estimator of their own are doubted last.
@@ -109,7 +111,7 @@ def scale_faults(relations: Sequence[Relation], prior: Mapping[str, float]) -> l
     """Logarithms of the ratios by which the fewest signals are too large."""
     chosen = [r for r in relations if r.scale_tolerance is not None and r.comparison.is_sure]
     middle = [float(0.5 * np.log(r.comparison.low * r.comparison.high)) for r in chosen]
-    return _fewest(chosen, [r.log_ratio for r in chosen], middle, lambda signal: signal, prior, LEAST_SCALE)
+    return _fewest(chosen, [r.log_ratio for r in chosen], middle, lambda signal: signal, prior, LEAST_SCALE, 0.0)
 
 
 def lag_faults(
@@ -118,7 +120,9 @@ def lag_faults(
     """Times [s] by which the fewest streams are late; the signals of a fault are streams."""
     chosen = [r for r in relations if r.has_lag and r.comparison.is_sure]
     chosen = [r for r in chosen if abs(r.comparison.correlation) > _LEAST_FOR_LAG]
-    return _fewest(chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior, LEAST_LAG)
+    return _fewest(
+        chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior, LEAST_LAG, _BARELY
+    )
 
 
 def _fewest(
@@ -128,14 +132,16 @@ def _fewest(
     name: Callable[[str], str],
     prior: Mapping[str, float],
     least: float,
+    barely: float,
 ) -> list[Fault]:
     """Faults t with t(first) - t(second) + t(divisor) within each relation's range: the cheapest set of up to three.
 
     A fault costs FAULT times its prior, whatever its size, a relation outside its range its correlation. Within a set
     the sizes are those of least absolute deviations (a linear programme); those reported fit the middles of the ranges.
+    A relation that is outside of its range by ``barely`` so much contradicts nothing.
     """
     low, high = np.array(ranges, dtype=np.float64).reshape(-1, 2).T
-    broken = (low > 0.0) | (high < 0.0)
+    broken = (low > barely) | (high < -barely)
     if not broken.any():
         return []
     nodes = sorted({name(s) for r in relations for s in (r.first, r.second, r.divisor) if s})

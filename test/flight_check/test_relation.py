@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,14 @@ def test_two_streams_that_are_equally_late_are_both_named():
     relations += [relation("imu", "vane")]
     faults = {fault.signal: fault.size for fault in lag_faults(relations, {}, lambda signal: signal)}
     assert faults == pytest.approx({"velocity": 0.2, "position": 0.2}, abs=0.005)
+
+
+@pytest.mark.parametrize(("lag", "named"), [(0.055, 0), (0.075, 1)])
+def test_a_lag_that_is_hardly_beyond_what_the_law_allows_is_none(lag, named):
+    """Three surfaces share a clock: one whose effect fell to a half seemed late by that, the others were not."""
+    relations = [relation("controls", "p", lag=lag, r=0.99), relation("controls", "q", lag=0.5 * lag, r=0.99)]
+    relations = [replace(each, lag_tolerance=0.048) for each in relations]
+    assert len(lag_faults(relations, {}, lambda signal: signal)) == named
 
 
 def test_the_lag_and_the_ratio_of_two_series_are_found_within_their_errors():
