@@ -72,7 +72,7 @@ _OF_MOTION = {"imu", "accelerometer", "gyro", "control_surfaces"}
 SCALE, LAG = 0.06, 0.04
 #: One sigma over the span of how far out on the wing a vane may be that nobody has placed, until the roll has shown it
 #: (``flight_check.laws.vane_place``), so many seconds from the first sample in flight on.
-UNSEEN, LOOKED, _SIDEWAYS = 0.4, 60.0, ("air_data_position", "y")
+UNSEEN, LOOKED, _SIDEWAYS = 0.4, 30.0, ("air_data_position", "y")
 #: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
 #: band; memory [s]; time [s] between what is summed; a pause [s] that begins anew.
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
@@ -186,6 +186,7 @@ class UndescribedSensors:
         self._out_on_wing = aircraft.span * UNSEEN if np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0)) else 0.0
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
+        self._flown, self._began, self._newest = 0.0, np.nan, np.nan
         self.restart_clock()
 
     def adopt(self, model: AerodynamicModel) -> None:
@@ -198,12 +199,18 @@ class UndescribedSensors:
 
     def restart_clock(self) -> None:
         """The clock began anew, or another manoeuvre."""
-        self._began = self._newest = np.nan  # [s] first and newest sample in flight
+        self._flown += self._by_this_clock
+        self._began = self._newest = np.nan  # [s] first and newest sample in flight by this clock
         self._filter = np.full((len(ANGLES), 4, _SERIES), np.nan)
         self._last = np.array([np.nan, -np.inf, np.nan])
         self._samples: Array | None = None
         if self._motion is not None:
             self._motion.restart_clock()
+
+    @property
+    def _by_this_clock(self) -> float:
+        """Time [s] of flight since the clock began."""
+        return self._newest - self._began if self._newest > self._began else 0.0
 
     def add(self, batch: CoefficientBatch) -> None:
         """States and samples that came together."""
@@ -260,7 +267,7 @@ class UndescribedSensors:
                 found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
         late, variance = (0.0, 0.0) if self._motion is None else (self._motion.late, self._motion.variance)
         vane_place = self._vane_place.copy()
-        if not self._newest - self._began > LOOKED:
+        if self._flown + self._by_this_clock <= LOOKED:
             vane_place[1] = max(vane_place[1], self._out_on_wing)
         return SensorDoubt(mean, covariance, self._place, vane_place, late, variance, found)
 
