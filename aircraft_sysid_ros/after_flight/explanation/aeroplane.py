@@ -169,7 +169,8 @@ class Learnt:
         """``verdicts``: status and reason by name, ``estimates``: value and standard error, as in parameters.json;
         ``lacking``: what the model lacks, in words, by axis.
         """
-        self.lacking = lacking or {}
+        lacks = (lacking or {}).items()
+        self.lacking = {axis: f"the model of {axis[0]}_{axis[1]} lacks {words}: add it" for axis, words in lacks}
         estimates = estimates or {}
         self.flight = comparison.flight
         self.aircraft: Aircraft = comparison.flight.aircraft
@@ -191,9 +192,9 @@ class Learnt:
                 status, reason = verdicts.get(name, ("HOLD", "it is not in the run"))
                 apart = _apart(name, (float(value), float(std)), estimates.get(name))
                 self.unknown[name] = apart if status == "USE" else f"{name} is {status}: {reason}"
-        for axis, words in self.lacking.items():
+        for axis, why in self.lacking.items():
             for name in names[self.model.axis_slice(axis)]:
-                self.unknown[name] = self.unknown[name] or f"the model of {axis[0]}_{axis[1]} lacks {words}: add it"
+                self.unknown[name] = self.unknown[name] or why
 
     @cached_property
     def conditions(self) -> dict[str, float]:
@@ -387,7 +388,7 @@ def _known(learnt: Learnt, mode: Mode, drawn: list[Mode]) -> KnownMode:
         return _unknown(mode.name, reason)
     for axis in _ROLLING if mode.name in _ACROSS else _PITCHING:  # it has a part in it, as small as it may be
         if axis in learnt.lacking:
-            return _unknown(mode.name, f"the model of {axis[0]}_{axis[1]} lacks {learnt.lacking[axis]}: add it")
+            return _unknown(mode.name, learnt.lacking[axis])
     if len(drawn) < _MOST * DRAWS:
         return _unknown(mode.name, "within the standard errors it may be there or not")
     frequency, damping, growth = (

@@ -152,8 +152,9 @@ def _explained(
     notes += replayed["notes"]
     compared, diagnosis, why_not = _judged(place / RUN, options, tell)
     tell("put it into words", 0.97)
-    told = _learnt_in_flight(place / RUN) if compared is not None else ({}, {})
-    learnt = None if compared is None else Learnt(compared.comparison, *told, _lacking(diagnosis))
+    learnt = None
+    if compared is not None:
+        learnt = Learnt(compared.comparison, *_learnt_in_flight(place / RUN), _lacking(diagnosis))
     instruments = _instruments(compared, diagnosis)
     facts = [] if learnt is None else facts_of(learnt, _stall_onset(diagnosis))
     modes = [] if learnt is None else known_modes(learnt)

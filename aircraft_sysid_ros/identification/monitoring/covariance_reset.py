@@ -150,16 +150,14 @@ class ChangeDetector:
         for axis, (reset, due) in [*self._settling.items()]:
             if self._newest < due:
                 continue
-            later = [age for age in _ASKED if reset.since + age > self._newest]
-            if not later:
-                del self._settling[axis]
-            else:
-                self._settling[axis] = reset, reset.since + later[0]
             again = self._gone_on(reset, model)
             if again is not None:
                 resets.append(again)
-                if later:
-                    self._settling[axis] = again, reset.since + later[0]
+            later = [reset.since + age for age in _ASKED if reset.since + age > self._newest]
+            if later:
+                self._settling[axis] = again or reset, later[0]
+            else:
+                del self._settling[axis]
         return resets
 
     def _gone_on(self, reset: AxisReset, model: AerodynamicModel) -> AxisReset | None:
