@@ -23,7 +23,7 @@ from numba.core.dispatcher import Dispatcher
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict, load_aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
 from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.calibration.kinematics import integrated_outputs

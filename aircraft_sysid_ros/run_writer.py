@@ -27,7 +27,8 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import evaluate_rows, with_lags
+from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
+from aircraft_sysid_ros.aircraft.term_values import with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_journal import FlightJournal, ObjectsOnDisk, RowsOnDisk
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample

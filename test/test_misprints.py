@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.estimation.kalman_filter import LinearSystem, filter_series
 from aircraft_sysid_ros.estimation.maximum_likelihood import negative_log_likelihood
 from aircraft_sysid_ros.simulation.dynamics import motion

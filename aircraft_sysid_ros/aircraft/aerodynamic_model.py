@@ -17,15 +17,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import (
-    SIGNALS,
-    Lag,
-    Program,
-    evaluate,
-    lags_of,
-    link,
-    parse_expression,
-)
+from aircraft_sysid_ros.aircraft.expression import Lag, Program, parse_expression
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
+from aircraft_sysid_ros.aircraft.term_values import evaluate, lags_of, link
 from aircraft_sysid_ros.errors import InputError, echo
 
 AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS
 from aircraft_sysid_ros.aircraft.file_values import between, check_keys, mapping_of, number_of, positive, reject, rising
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior, prior_from_dict, read_prior
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput, inputs_of
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_PROCESS_NOISE, Sensor, process_noise_of, sensors_of
 from aircraft_sysid_ros.aircraft.shape import check_shape
+from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.yaml_file import read_yaml
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNALS, is_name, is_reserved
+from aircraft_sysid_ros.aircraft.expression import is_name, is_reserved
 from aircraft_sysid_ros.aircraft.file_values import LEAST_NOISE, between, check_keys, positive, reject, rising
+from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS, SIGNALS
 from aircraft_sysid_ros.errors import InputError, echo
 
 

@@ -21,8 +21,9 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.aircraft.expression import SURFACE_WORDS, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_GROUPS
+from aircraft_sysid_ros.aircraft.signals import SURFACE_WORDS
 
 AERODYNAMIC, CHANGE, MEASUREMENT = "aerodynamic", "change in flight", "measurement"
 KINDS = (AERODYNAMIC, CHANGE, MEASUREMENT)

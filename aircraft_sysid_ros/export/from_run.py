@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, Version, folder_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import LearntModel, Parameter

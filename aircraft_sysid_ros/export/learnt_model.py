@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import evaluate_rows, with_lags
+from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
+from aircraft_sysid_ros.aircraft.term_values import with_lags
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]

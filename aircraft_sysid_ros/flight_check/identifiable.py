@@ -23,7 +23,9 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.atmosphere import SEA_LEVEL_TEMPERATURE, altitude_at
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, Program, evaluate
+from aircraft_sysid_ros.aircraft.expression import Program
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
+from aircraft_sysid_ros.aircraft.term_values import evaluate
 from aircraft_sysid_ros.flight_check.grid import memory_of
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.signals import FORCE, GYRO, INPUTS, SURFACES, Flight, Stream

@@ -8,14 +8,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import (
-    MOST_INPUTS,
-    SIGNAL_COUNT,
-    SIGNAL_INDEX,
-    SIGNALS,
-    evaluate_programs,
-)
 from aircraft_sysid_ros.aircraft.frames import quaternion_product, rotation_matrix
+from aircraft_sysid_ros.aircraft.postfix import evaluate_programs
+from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS, SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.flight_model.layout import (
     ATTITUDE,
     CONTROL_COUNT,

@@ -30,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS
+from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]

@@ -9,7 +9,24 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft import expression as ex
+from aircraft_sysid_ros.aircraft.postfix import (
+    ABS,
+    ADD,
+    CONSTANT,
+    COS,
+    DIVIDE,
+    EXP,
+    MAX,
+    MULTIPLY,
+    NEGATE,
+    POWER,
+    SIGNAL,
+    SIN,
+    SQRT,
+    STACK_SIZE,
+    SUBTRACT,
+    TANH,
+)  # fmt: skip
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
@@ -18,36 +35,30 @@ Integers = npt.NDArray[np.int64]
 #: Directions of differentiation: air-relative velocity u, v, w and rates p, q, r.
 DIRECTIONS = 6
 
-_CONSTANT, _SIGNAL, _ADD, _SUBTRACT = ex._CONSTANT, ex._SIGNAL, ex._ADD, ex._SUBTRACT
-_MULTIPLY, _DIVIDE, _NEGATE, _POWER = ex._MULTIPLY, ex._DIVIDE, ex._NEGATE, ex._POWER
-_ABS, _SIN, _COS, _EXP, _SQRT, _TANH = ex._ABS, ex._SIN, ex._COS, ex._EXP, ex._SQRT, ex._TANH
-_SIGN, _MAX = ex._SIGN, ex._MAX
-_STACK_SIZE = ex.STACK_SIZE
-
 
 @njit(cache=True, error_model="numpy")
 def _unary(operation: int, a: float, argument: float) -> tuple[float, float]:
     """Value and derivative of a function of one number; at a kink the derivative from the right, or 0."""
-    if operation == _NEGATE:
+    if operation == NEGATE:
         return -a, -1.0
-    if operation == _POWER:
+    if operation == POWER:
         n = int(argument)
         below = 1.0
         for _ in range(n - 1):
             below *= a
         return below * a, n * below
-    if operation == _ABS:
+    if operation == ABS:
         return abs(a), 1.0 if a >= 0.0 else -1.0
-    if operation == _SIN:
+    if operation == SIN:
         return np.sin(a), np.cos(a)
-    if operation == _COS:
+    if operation == COS:
         return np.cos(a), -np.sin(a)
-    if operation == _EXP:
+    if operation == EXP:
         return np.exp(a), np.exp(a)
-    if operation == _SQRT:
+    if operation == SQRT:
         root = np.sqrt(a) if a >= 0.0 else np.nan
         return root, 0.5 / root if root > 0.0 else 0.0
-    if operation == _TANH:
+    if operation == TANH:
         t = np.tanh(a)
         return t, 1.0 - t * t
     return np.sign(a), 0.0
@@ -56,18 +67,18 @@ def _unary(operation: int, a: float, argument: float) -> tuple[float, float]:
 @njit(cache=True, error_model="numpy")
 def _binary(operation: int, a: float, b: float) -> tuple[float, float, float]:
     """Value and both derivatives of a function of two numbers; where they are equal, max and min take the first."""
-    if operation == _ADD:
+    if operation == ADD:
         return a + b, 1.0, 1.0
-    if operation == _SUBTRACT:
+    if operation == SUBTRACT:
         return a - b, 1.0, -1.0
-    if operation == _MULTIPLY:
+    if operation == MULTIPLY:
         return a * b, b, a
-    if operation == _DIVIDE:
+    if operation == DIVIDE:
         if b == 0.0:
             return np.nan, np.nan, np.nan
         return a / b, 1.0 / b, -a / (b * b)
-    first = a >= b if operation == _MAX else a <= b
-    value = np.maximum(a, b) if operation == _MAX else np.minimum(a, b)  # NaN of either
+    first = a >= b if operation == MAX else a <= b
+    value = np.maximum(a, b) if operation == MAX else np.minimum(a, b)  # NaN of either
     return (value, 1.0, 0.0) if first else (value, 0.0, 1.0)
 
 
@@ -79,22 +90,22 @@ def terms_and_gradients(
 
     ``tangents`` (signals, 6): derivatives of the signals. Values are those of expression.evaluate_programs.
     """
-    stack = np.empty(_STACK_SIZE)
-    slopes = np.empty((_STACK_SIZE, DIRECTIONS))
+    stack = np.empty(STACK_SIZE)
+    slopes = np.empty((STACK_SIZE, DIRECTIONS))
     for k in range(len(offsets) - 1):
         top = -1
         for i in range(offsets[k], offsets[k + 1]):
             operation = int(code[i, 0])
-            if operation == _CONSTANT:
+            if operation == CONSTANT:
                 top += 1
                 stack[top] = code[i, 1]
                 slopes[top] = 0.0
-            elif operation == _SIGNAL:
+            elif operation == SIGNAL:
                 top += 1
                 index = int(code[i, 1])
                 stack[top] = signals[index]
                 slopes[top] = tangents[index]
-            elif operation in (_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE) or operation >= _MAX:
+            elif operation in (ADD, SUBTRACT, MULTIPLY, DIVIDE) or operation >= MAX:
                 top -= 1
                 value, by_a, by_b = _binary(operation, stack[top], stack[top + 1])
                 stack[top] = value

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, SIGNALS_OF_SAMPLE
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS

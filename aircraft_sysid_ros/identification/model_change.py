@@ -29,7 +29,8 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.aircraft.expression import evaluate_programs, evaluate_rows, link, with_lags
+from aircraft_sysid_ros.aircraft.postfix import evaluate_programs, evaluate_rows
+from aircraft_sysid_ros.aircraft.term_values import link, with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
 from aircraft_sysid_ros.identification.coefficients.evaluation import term_noise, term_shifts

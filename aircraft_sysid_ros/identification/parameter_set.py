@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
 from aircraft_sysid_ros.identification.prior import AxisPrior, helped

@@ -44,7 +44,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes
 from aircraft_sysid_ros.identification.coefficients.flow_angles import angle_at
 from aircraft_sysid_ros.identification.coefficients.layout import (

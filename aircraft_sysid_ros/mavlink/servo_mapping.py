@@ -32,7 +32,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, is_name, is_reserved
+from aircraft_sysid_ros.aircraft.expression import is_name, is_reserved
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.airspeed import MEANINGS
 from aircraft_sysid_ros.spelling import did_you_mean

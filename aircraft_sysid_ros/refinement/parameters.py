@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import evaluate_rows
+from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
 from aircraft_sysid_ros.flight_model.layout import (
     BIAS_NAMES,
     FORCE,

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity, ned_along
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, SIGNAL_COUNT
 from aircraft_sysid_ros.aircraft.frames import (
     quaternion_conjugate,
     quaternion_exp,
@@ -25,6 +24,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_product,
     rotation_matrix,
 )
+from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS, SIGNAL_COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_model.dynamics import fill_model_signals
 from aircraft_sysid_ros.flight_model.layout import (

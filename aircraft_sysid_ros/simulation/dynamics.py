@@ -18,19 +18,12 @@ from aircraft_sysid_ros.aircraft import atmosphere, rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, model_from_terms, term_label
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import (
-    FIRST_LAG,
-    SIGNAL_COUNT,
-    SIGNAL_INDEX,
-    SIGNALS,
-    STACK_SIZE,
-    evaluate_program,
-    evaluate_programs,
-    link,
-    parse_expression,
-)
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
+from aircraft_sysid_ros.aircraft.postfix import STACK_SIZE, evaluate_program, evaluate_programs
+from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.term_values import link
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.kernels import njit
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft import atmosphere, earth
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.sensors.truth import Truth

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import lags_of, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.term_values import lags_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.dynamics import Effect

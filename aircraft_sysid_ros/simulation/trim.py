@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix, velocity_from_air_data
+from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, SIGNAL_INDEX
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.dynamics import (
     ATTITUDE,

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from nicegui import events, ui
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
 from aircraft_sysid_ros.diagnosis.words import headline

@@ -20,8 +20,9 @@ from numba import njit
 from aircraft_sysid_ros.aircraft import rigid_body
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS, evaluate_programs
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
+from aircraft_sysid_ros.aircraft.postfix import evaluate_programs
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.simulation.dynamics import DEFLECTION_LIMIT
 from aircraft_sysid_ros.simulation.flight import prepare
 from aircraft_sysid_ros.simulation.trim import derivatives_at

@@ -10,7 +10,8 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import (
     term_label,
     textbook_model,
 )
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_programs
+from aircraft_sysid_ros.aircraft.postfix import evaluate_programs
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.errors import InputError
 
 NAMES = [

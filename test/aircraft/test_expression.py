@@ -8,15 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aircraft_sysid_ros.aircraft.expression import (
-    MAXIMUM_LENGTH,
-    SIGNALS,
-    STACK_SIZE,
-    evaluate,
-    evaluate_programs,
-    link,
-    parse_expression,
-)
+from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH, parse_expression
+from aircraft_sysid_ros.aircraft.postfix import STACK_SIZE, evaluate_programs
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
+from aircraft_sysid_ros.aircraft.term_values import evaluate, link
 from aircraft_sysid_ros.errors import InputError
 
 LAWS = settings(max_examples=300, deadline=None, derandomize=True)

@@ -8,16 +8,9 @@ from scipy.signal import lsim
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
-from aircraft_sysid_ros.aircraft.expression import (
-    FIRST_LAG,
-    MOST_LAGS,
-    SIGNAL_COUNT,
-    SIGNAL_INDEX,
-    Memory,
-    evaluate,
-    parse_expression,
-    with_lags,
-)
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, MOST_LAGS, SIGNAL_COUNT, SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.term_values import Memory, evaluate, with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_model.layout import flight_model_of
 from aircraft_sysid_ros.simulation.flight import prepare

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_tied_fit import flight_of
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects import LIBRARY

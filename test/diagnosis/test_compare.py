@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis

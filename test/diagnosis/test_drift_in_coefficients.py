@@ -7,7 +7,7 @@ import pytest
 from test_tied_fit import flight_of
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import _name, _p_value, diagnose_flight
 from aircraft_sysid_ros.diagnosis.measurement import Setting, setting_of
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator

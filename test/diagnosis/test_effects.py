@@ -8,8 +8,10 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.sensor_settings import SCALED_SENSORS
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
+from aircraft_sysid_ros.aircraft.term_values import evaluate
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.search.candidates import with_inner
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator

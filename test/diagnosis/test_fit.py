@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS, FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fit_axis
 from aircraft_sysid_ros.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.commands.compare import _responses
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.frequency_responses import HIGHEST, rate_responses

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.diagnosis.flight.place_columns import columns_of, rates_of, turning_of, unsaid_columns

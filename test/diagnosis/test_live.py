@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.diagnosis.live import search_in_flight as live
 from aircraft_sysid_ros.diagnosis.live.worker import Answer, LiveWorker, answer_to
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator

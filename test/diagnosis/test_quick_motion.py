@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.quick_motion import quick_motion
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis

@@ -9,7 +9,7 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (

@@ -10,7 +10,7 @@ import pytest
 from test_tied_fit import flight_of as random_flight
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.commands.diagnose import render
 from aircraft_sysid_ros.diagnosis.diagnose import diagnose
 from aircraft_sysid_ros.diagnosis.finding import explains_more

@@ -9,7 +9,7 @@ import pytest
 
 from aircraft_sysid_ros.aircraft import rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT, SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.finding import Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FOLDS, FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import candidates_of, with_inner

@@ -10,7 +10,7 @@ import pytest
 
 from aircraft_sysid_ros.after_flight.replay_notes import landing_notes
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis

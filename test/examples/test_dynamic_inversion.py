@@ -10,8 +10,8 @@ from one_process import CASES, Case, fly, truth_of
 from task import EXCITATION, PITCHES, Multisine, Task
 
 from aircraft_sysid_ros.aircraft.atmosphere import altitude_at, pressure
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.simulation.closed_loop import SteppedAeroplane, damage_of
 from aircraft_sysid_ros.simulation.dynamics import CONTROLS, RATES, motion
 

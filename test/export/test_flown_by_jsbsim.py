@@ -10,8 +10,8 @@ import pytest
 from models import with_terms
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.export.jsbsim import FOOT, OUTSIDE, export_jsbsim, lag_property, property_of
 from aircraft_sysid_ros.export.learnt_model import LearntModel, Parameter
 from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate_programs, link, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_log, quaternion_product, rotation_matrix
+from aircraft_sysid_ros.aircraft.postfix import evaluate_programs
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
+from aircraft_sysid_ros.aircraft.term_values import link
 from aircraft_sysid_ros.flight_model.derivatives import aerodynamics, error_dynamics, transition
 from aircraft_sysid_ros.flight_model.dynamics import derivative, move, propagate_mean
 from aircraft_sysid_ros.flight_model.filter import model_outputs

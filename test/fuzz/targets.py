@@ -313,7 +313,9 @@ EXPRESSION = st.text(alphabet="alpha bet qr deT*+-/()0123456789.,_[]:;'\"`\\\n\x
 
 @target(lambda: EXPRESSION, 60)
 def expressions(text: str) -> None:
-    from aircraft_sysid_ros.aircraft.expression import SIGNALS, evaluate, parse_expression
+    from aircraft_sysid_ros.aircraft.expression import parse_expression
+    from aircraft_sysid_ros.aircraft.signals import SIGNALS
+    from aircraft_sysid_ros.aircraft.term_values import evaluate
     from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
     from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.aircraft.expression import SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.history import SampleHistory
 from aircraft_sysid_ros.identification.monitoring.error_watch import LAG

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from test_parameter_estimator import learn, perfect_inputs
 
-from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, with_lags
+from aircraft_sysid_ros.aircraft.signals import FIRST_LAG
+from aircraft_sysid_ros.aircraft.term_values import with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, model_from_terms
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier

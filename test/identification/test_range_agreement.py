@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.monitoring.range_agreement import (

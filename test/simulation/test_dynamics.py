@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
-from aircraft_sysid_ros.aircraft.expression import evaluate, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.aircraft.term_values import evaluate
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.dynamics import (
     ATTITUDE,

@@ -9,7 +9,8 @@ import pytest
 pytest.importorskip("jsbsim")
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, model_from_terms
-from aircraft_sysid_ros.aircraft.expression import evaluate, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.term_values import evaluate
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden

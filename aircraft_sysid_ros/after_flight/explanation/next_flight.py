@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import KnownMode, Learnt
-from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.flight_check.finding import ABSENT, INFO
 from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD

@@ -19,13 +19,9 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.expression import (
-    SIGNAL_COUNT,
-    SIGNAL_INDEX,
-    SIGNALS,
-    evaluate_signals,
-    parse_expression,
-)
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.term_values import evaluate_signals
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import GroundSpeedWind, wind_of_ground_speed

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS, parse_expression
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS

@@ -12,18 +12,9 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
-from aircraft_sysid_ros.aircraft.expression import (
-    FIRST_LAG,
-    SIGNAL_COUNT,
-    SURFACE_WORDS,
-    Lag,
-    Program,
-    lags_of,
-    parse_expression,
-    rate_limited,
-    values_on,
-    with_lags,
-)
+from aircraft_sysid_ros.aircraft.expression import Lag, Program, parse_expression
+from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, SIGNAL_COUNT, SURFACE_WORDS
+from aircraft_sysid_ros.aircraft.term_values import lags_of, rate_limited, values_on, with_lags
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.window_average import window_averages

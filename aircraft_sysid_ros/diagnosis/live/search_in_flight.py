@@ -32,7 +32,7 @@ from scipy.special import chdtrc
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED
 from aircraft_sysid_ros.diagnosis.finding import explained
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData

@@ -19,8 +19,10 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.expression import MOST_INPUTS, evaluate_rows, with_lags
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocities, rotation_matrices
+from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
+from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS
+from aircraft_sysid_ros.aircraft.term_values import with_lags
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconstruction
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates

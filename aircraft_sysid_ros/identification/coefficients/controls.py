@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
-from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS, MOST_INPUTS
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS, MOST_INPUTS
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES

@@ -10,15 +10,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import (
-    FIRST_LAG,
-    SIGNAL_INDEX,
-    STACK_SIZE,
-    evaluate_program,
-    evaluate_programs,
-    reads_signal,
-)
+from aircraft_sysid_ros.aircraft.postfix import STACK_SIZE, evaluate_program, evaluate_programs, reads_signal
 from aircraft_sysid_ros.aircraft.rigid_body import coefficients_of, moment_at_reference
+from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, SIGNAL_INDEX
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.flow_angles import ANGLES, STD, VANE_STD
 from aircraft_sysid_ros.identification.coefficients.layout import (

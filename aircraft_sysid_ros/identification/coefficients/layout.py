@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
 
 Array = npt.NDArray[np.float64]
 

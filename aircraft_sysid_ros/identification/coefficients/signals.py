@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import speed_of_sound
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import FIRST_LAG, MOST_INPUTS, SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, MOST_INPUTS, SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import Memory, evaluate_rows, link
+from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
+from aircraft_sysid_ros.aircraft.term_values import Memory, link
 from aircraft_sysid_ros.identification.coefficients.body import force_noise
 from aircraft_sysid_ros.identification.coefficients.controls import MOST_EARLY, ControlHistory
 from aircraft_sysid_ros.identification.coefficients.evaluation import evaluate_windows, fill_history, fill_lag_noise

@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_COUNT
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
 from aircraft_sysid_ros.estimation.recursive_fourier import (
     SpectralFit,
     Window,

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import Odometer, gravity
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SIGNALS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.estimation.recursive_maximum_likelihood import coloured_covariance, new_scores
 from aircraft_sysid_ros.flight_model.layout import (
     AIRSPEED,

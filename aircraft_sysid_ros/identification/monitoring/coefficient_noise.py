@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.evaluation import imu_response
 from aircraft_sysid_ros.identification.coefficients.flow_angles import share_in_window

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SURFACE_WORDS
+from aircraft_sysid_ros.aircraft.signals import SURFACE_WORDS
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SURFACE_WORDS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SURFACE_WORDS
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.history import Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.error_levels import NORMAL

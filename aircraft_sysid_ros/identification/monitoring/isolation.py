@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX, SURFACE_WORDS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SURFACE_WORDS
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
 from aircraft_sysid_ros.identification.monitoring.error_levels import ALARM, SIGN
 from aircraft_sysid_ros.reconstruction.state import SUSPECTED

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SURFACE_WORDS
+from aircraft_sysid_ros.aircraft.signals import SURFACE_WORDS
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.monitoring.isolation import INPUTS, Explanation
 from aircraft_sysid_ros.identification.trust import Trust

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, SIGNALS_OF_SAMPLE, TERMS_OF_SAMPLE
 from aircraft_sysid_ros.identification.monitoring.agreement import solved_sums
 from aircraft_sysid_ros.kernels import njit

@@ -26,7 +26,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.expression import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.records import Record, one_record

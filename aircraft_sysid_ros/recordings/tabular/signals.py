@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from aircraft_sysid_ros.aircraft.expression import SIGNALS, is_name, is_reserved
+from aircraft_sysid_ros.aircraft.expression import is_name, is_reserved
+from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.spelling import did_you_mean
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.expression import CONTROL_WORDS
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.diagnosis.frequency_responses import COHERENT, RateResponse
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
 
