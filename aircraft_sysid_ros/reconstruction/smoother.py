@@ -25,7 +25,7 @@ from aircraft_sysid_ros.aircraft.frames import (
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky, solve_factored
 from aircraft_sysid_ros.estimation.smoothing import smoothed_covariance, smoother_gain
 from aircraft_sysid_ros.kernels import njit
-from aircraft_sysid_ros.reconstruction.fusion import jacobian_of, retract, turn_attitude_error
+from aircraft_sysid_ros.reconstruction.error_state import jacobian_of, retract, turn_attitude_error
 from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate, transition_matrix
 from aircraft_sysid_ros.reconstruction.smoother_history import (
     DENSITY,

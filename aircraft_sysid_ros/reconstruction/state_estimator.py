@@ -29,10 +29,10 @@ from aircraft_sysid_ros.reconstruction.filter_setup import (
     sensor_scales,
     with_options,
 )
-from aircraft_sysid_ros.reconstruction.fusion import DIVERGED, RUNNING, run
 from aircraft_sysid_ros.reconstruction.gps_wait import GpsWait
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
+from aircraft_sysid_ros.reconstruction.sample_loop import DIVERGED, RUNNING, run
 from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import (
     ATTITUDE,

@@ -18,7 +18,8 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import (
     with_start,
     without_errors,
 )
-from aircraft_sysid_ros.reconstruction.fusion import fuse, retract
+from aircraft_sysid_ros.reconstruction.error_state import retract
+from aircraft_sysid_ros.reconstruction.fusion import fuse
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import (

@@ -16,7 +16,8 @@ from aircraft_sysid_ros.aircraft.frames import (
     right_jacobian,
     rotation_matrix,
 )
-from aircraft_sysid_ros.reconstruction.fusion import fuse, retract
+from aircraft_sysid_ros.reconstruction.error_state import retract
+from aircraft_sysid_ros.reconstruction.fusion import fuse
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup, new_memory

@@ -14,7 +14,7 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_product,
     rotation_matrix,
 )
-from aircraft_sysid_ros.reconstruction.fusion import retract
+from aircraft_sysid_ros.reconstruction.error_state import retract
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate_state, transition_matrix
 from aircraft_sysid_ros.reconstruction.state import ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup

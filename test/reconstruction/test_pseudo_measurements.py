@@ -6,7 +6,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_from_euler
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.fusion import retract
+from aircraft_sysid_ros.reconstruction.error_state import retract
 from aircraft_sysid_ros.reconstruction.pseudo_measurements import (
     LARGEST_STD,
     SIDESLIP_STD,

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.fusion import retract
+from aircraft_sysid_ros.reconstruction.error_state import retract
 from aircraft_sysid_ros.reconstruction.process import propagate, transition_matrix
 from aircraft_sysid_ros.reconstruction.smoother import difference, smooth_segment, smooth_step
 from aircraft_sysid_ros.reconstruction.smoother_history import (

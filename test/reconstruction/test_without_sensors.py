@@ -14,8 +14,8 @@ from aircraft_sysid_ros.aircraft.frames import (
 )
 from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.alignment import Alignment
+from aircraft_sysid_ros.reconstruction.error_state import retract
 from aircraft_sysid_ros.reconstruction.filter_setup import CALM_STD, gate_thresholds, new_setup
-from aircraft_sysid_ros.reconstruction.fusion import retract
 from aircraft_sysid_ros.reconstruction.gps_wait import PATIENCE
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.options import StateOptions
