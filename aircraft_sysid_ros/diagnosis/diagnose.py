@@ -23,6 +23,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.finding import Finding, resting_on, share_of_first
 from aircraft_sysid_ros.diagnosis.nested_validation import nested_validation
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, new_terms, shapes_of
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.search_round import SearchRound, left_of, null_of
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -73,6 +74,7 @@ def diagnose(
     listed: list[Finding] = []
     resting, tried, p_value = resting_on(bench.data.inferred), 0, 1.0
     one: SearchRound | None = None
+    unsure: dict[str, AxisFit] = {}
     first = {axis: fit.nrmse_held_out for axis, fit in bench.fits.items()}
     for number in range(THRESHOLDS.most_effects):
         one = SearchRound(bench, empty, null, library, _part(progress, number), one, first, floor)
@@ -81,13 +83,9 @@ def diagnose(
         significant = one.findings(found)
         known = {f.trial.candidate.family for f in listed}
         listed += [f for f in significant if f.trial.candidate.family not in known]
-        best = one.named(significant, found)
-        if best is None:
-            break
-        nested = nested_validation(best, bench, partial(_named_anew, one, tuple(found)))
-        named = replace(best, nested=nested)
-        if not named.comes_again:
-            listed = [named if each is best else each for each in listed]
+        named, refused = _named_and_again(one, significant, found, bench, unsure)
+        listed = [refused.get(f.trial.candidate.family, f) for f in listed]
+        if named is None:
             break
         terms = new_terms(bench.data, named.trial)
         bench = bench.judging(named.trial.candidate).extended(terms)
@@ -108,10 +106,43 @@ def diagnose(
     )
 
 
-def _named_anew(one: SearchRound, before: Sequence[Finding], bench: CandidateEvaluator) -> Finding | None:
-    """What the same pass names on a part of the flight."""
+def _named_and_again(
+    one: SearchRound,
+    significant: Sequence[Finding],
+    before: Sequence[Finding],
+    bench: CandidateEvaluator,
+    unsure: dict[str, AxisFit],
+) -> tuple[Finding | None, dict[str, Finding]]:
+    """What a pass names and its nested validation names again; and what it does not, by family.
+
+    What does not come again says nothing of other axes, in which something else may be missing: those are asked next.
+    ``unsure`` holds the fits of the axes in which it was so, which are asked again once they have another one.
+    """
+    refused: dict[str, Finding] = {}
+    while True:
+        others = [f for f in significant if unsure.get(f.trial.main_axis) is not bench.fits[f.trial.main_axis]]
+        best = one.named(others, before, surer=bool(unsure))
+        if best is None:
+            return None, refused
+        axis = best.trial.main_axis
+        named = replace(best, nested=nested_validation(best, bench, partial(_named_anew, one, tuple(before), axis)))
+        if named.comes_again:
+            return named, refused
+        refused[best.trial.candidate.family] = named
+        unsure[axis] = bench.fits[axis]
+
+
+def _named_anew(one: SearchRound, before: Sequence[Finding], axis: str, bench: CandidateEvaluator) -> Finding | None:
+    """What the same pass names on a part of the flight; of an axis, where it is another one that leads there.
+
+    Of several things that are missing in different axes any may be the surest one in a part.
+    """
     anew = one.on(bench)
-    return anew.named(anew.findings(before), before)
+    findings = anew.findings(before)
+    named = anew.named(findings, before)
+    if named is None or axis in named.trial.gains:
+        return named
+    return anew.named([f for f in findings if f.trial.main_axis == axis], before)
 
 
 def _sizeable(

@@ -111,7 +111,7 @@ class Finding:
         level = THRESHOLDS.verdict if first else THRESHOLDS.further
         if self._weakness or self.p_value >= level:
             return self._weakness or f"chance does as much (p = {self.p_value:.2g})"
-        if self.nested is None or self.comes_again:
+        if not self.is_unsure or self.nested is None:
             return ""
         return (
             f"chosen anew without each quarter of the flight it comes in {self.times_again} of {len(self.nested.names)}"
@@ -132,6 +132,11 @@ class Finding:
     def comes_again(self) -> bool:
         """Whether it comes again in most of the parts."""
         return self.nested is not None and self.times_again > THRESHOLDS.again * len(self.nested.names)
+
+    @property
+    def is_unsure(self) -> bool:
+        """Whether it was chosen, and does not come again."""
+        return self.nested is not None and not self.comes_again
 
     def _share_above_noise(self) -> float:
         """Share of the variance of what is left of its main axis, beyond that of the replicas, that goes."""

@@ -83,9 +83,13 @@ class SearchRound:
             significant.insert(0, outside)
         return [self._with_company(f, significant) for f in significant]
 
-    def named(self, significant: Sequence[Finding], before: Sequence[Finding]) -> Finding | None:
-        """The one of the findings that is named, after some that were found before; None where none is a verdict."""
-        level, resting = THRESHOLDS.further if before else THRESHOLDS.verdict, resting_on(self.bench.data.inferred)
+    def named(self, significant: Sequence[Finding], before: Sequence[Finding], surer: bool = False) -> Finding | None:
+        """The one of the findings that is named, after some that were found before; None where none is a verdict.
+
+        ``surer``: one is asked for that is as sure as what is found later.
+        """
+        level = THRESHOLDS.further if before or surer else THRESHOLDS.verdict
+        resting = resting_on(self.bench.data.inferred)
         sizeable = (f for f in significant if f.matters and f.trial.main_axis not in resting)
         candidates = [f for f in sizeable if not before or f.lowers_the_error()]
         sure = next((f for f in candidates if f.p_value < level), None)

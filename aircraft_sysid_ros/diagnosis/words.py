@@ -171,9 +171,12 @@ class FlightDiagnosis:
         found = self.diagnosis.found
         if finding in found:
             return ""
-        why = finding.refusal(first=not found)
-        if not why and finding.trial.main_axis in resting_on(self.flight.inferred):
+        axis, unsure = finding.trial.main_axis, [f for f in self.diagnosis.candidates if f.is_unsure]
+        why = finding.refusal(first=not found and not unsure)
+        if not why and axis in resting_on(self.flight.inferred):
             return "it rests on angles of flow that no vane measures"
+        if not why and (more := next((f for f in unsure if f.trial.main_axis == axis), None)):
+            return f"{self._label(more.trial.candidate)} explains more of {axis[0]}_{axis[1]}, and does not come again"
         return why or "with what is named in the model too little of it is left"
 
     def _where(self, finding: Finding) -> str:

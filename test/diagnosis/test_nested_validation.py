@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from test_intervals import flight_of
 
-from aircraft_sysid_ros.diagnosis.finding import Finding
+from aircraft_sysid_ros.diagnosis import diagnose
+from aircraft_sysid_ros.diagnosis.finding import Finding, NestedValidation
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS
 from aircraft_sysid_ros.diagnosis.nested_validation import nested_validation
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
@@ -100,3 +101,48 @@ def test_it_is_said_in_words():
     candidate["nested"] |= {"same": 2, "others": ["icing", ""]}
     assert "the same in 2 of 4 (else icing and nothing);" in chosen_anew(candidate)
     assert not chosen_anew({"nested": None}) and not chosen_anew({})
+
+
+class Pass:
+    """A pass of the search that names the first of what it is given; ``parts``: what it finds on each part."""
+
+    def __init__(self, parts=()):
+        self.parts, self.asked = list(parts), []
+
+    def named(self, significant, before, surer=False):
+        self.asked.append((tuple(f.trial.main_axis for f in significant), surer))
+        return next(iter(significant), None)
+
+    def findings(self, before):
+        return self.parts
+
+    def on(self, bench):
+        return self
+
+
+def test_what_does_not_come_again_hides_nothing_that_is_missing_in_another_axis(bench, monkeypatch):
+    pitch, lift = found(bench, of(Cm="abs(de)")), found(bench, of(CZ="abs(de)"))
+    names = {"Cm": ("", "", "", "Cm: abs(de)"), "CZ": ("CZ: abs(de)",) * 4}
+    monkeypatch.setattr(
+        diagnose, "nested_validation", lambda best, *_: NestedValidation(names[best.trial.main_axis], 0.1)
+    )
+    one, unsure = Pass(), {}
+    named, refused = diagnose._named_and_again(one, [pitch, lift], (), bench, unsure)
+    assert named.trial is lift.trial and named.comes_again
+    assert [f.is_unsure for f in refused.values()] == [True] and list(unsure) == ["Cm"]
+    # the second is asked for with the surer level, and of an axis that is as it was nobody asks again
+    assert one.asked == [(("Cm", "CZ"), False), (("CZ",), True)]
+    one.asked.clear()
+    assert diagnose._named_and_again(one, [pitch], (named,), bench, unsure) == (None, {}) and one.asked == [((), True)]
+    other = bench.extended({"Cm": ["abs(de)"]})
+    assert diagnose._named_and_again(Pass(), [pitch], (named,), other, unsure)[1] != {}
+
+
+def test_where_another_axis_leads_in_a_part_the_axis_of_what_was_named_is_asked(bench):
+    pitch, lift, both = (
+        found(bench, of(**terms)) for terms in ({"Cm": "abs(de)"}, {"CZ": "abs(de)"}, {"Cm": "q", "CZ": "q"})
+    )
+    assert diagnose._named_anew(Pass([lift, pitch]), (), "Cm", bench) is pitch
+    assert diagnose._named_anew(Pass([lift]), (), "Cm", bench) is None
+    assert diagnose._named_anew(Pass([pitch, lift]), (), "Cm", bench) is pitch
+    assert diagnose._named_anew(Pass([both, pitch]), (), "Cm", bench) is both
