@@ -125,24 +125,30 @@ def _named_and_again(
         if best is None:
             return None, refused
         axis = best.trial.main_axis
-        named = replace(best, nested=nested_validation(best, bench, partial(_named_anew, one, tuple(before), axis)))
+        named = replace(best, nested=nested_validation(best, bench, partial(_named_anew, one, tuple(before), best)))
         if named.comes_again:
             return named, refused
-        refused[best.trial.candidate.family] = named
-        unsure[axis] = bench.fits[axis]
+        refused[best.trial.candidate.family], unsure[axis] = named, bench.fits[axis]
 
 
-def _named_anew(one: SearchRound, before: Sequence[Finding], axis: str, bench: CandidateEvaluator) -> Finding | None:
-    """What the same pass names on a part of the flight; of an axis, where it is another one that leads there.
+def _named_anew(
+    one: SearchRound, before: Sequence[Finding], best: Finding, bench: CandidateEvaluator
+) -> Finding | None:
+    """What the same pass names on a part of the flight in the place of the best of all of it.
 
-    Of several things that are missing in different axes any may be the surest one in a part.
+    Of several things that are missing any may be the surest one in a part: where that is of another axis, the axis of
+    the best is asked, and where it is another effect, what is named after it.
     """
-    anew = one.on(bench)
+    anew, axis = one.on(bench), best.trial.main_axis
     findings = anew.findings(before)
     named = anew.named(findings, before)
-    if named is None or axis in named.trial.gains:
+    if named is not None and axis not in named.trial.gains:
+        named = anew.named([f for f in findings if axis in f.trial.gains], before)
+    if named is None or best.is_again(named.trial.candidate.family):
         return named
-    return anew.named([f for f in findings if f.trial.main_axis == axis], before)
+    then, found = anew.after(named), (*before, named)
+    second = then.named([f for f in then.findings(found) if axis in f.trial.gains], found)
+    return named if second is None or not best.is_again(second.trial.candidate.family) else second
 
 
 def _sizeable(

@@ -117,16 +117,20 @@ class Finding:
             f"chosen anew without each quarter of the flight it comes in {self.times_again} of {len(self.nested.names)}"
         )
 
-    @property
-    def times_again(self) -> int:
-        """In how many parts of the nested validation it comes again, or what the flight cannot tell from it.
+    def is_again(self, family: str) -> bool:
+        """Whether a family is this one, or what the flight cannot tell from it.
 
         What no effect of the library has goes by its axis: of many expressions another one is the best in each part.
         """
-        candidate, own = self.trial.candidate, {self.trial.candidate.family, *self.confounded_with}
-        names = () if self.nested is None else self.nested.names
-        axis = f"{self.trial.main_axis}:"
-        return sum(name in own or (candidate.effect is None and axis in name) for name in names)
+        candidate = self.trial.candidate
+        return family in {candidate.family, *self.confounded_with} or (
+            candidate.effect is None and f"{self.trial.main_axis}:" in family
+        )
+
+    @property
+    def times_again(self) -> int:
+        """In how many parts of the nested validation it comes again."""
+        return 0 if self.nested is None else sum(map(self.is_again, self.nested.names))
 
     @property
     def comes_again(self) -> bool:

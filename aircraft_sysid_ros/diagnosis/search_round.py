@@ -16,6 +16,7 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import (
     Score,
     best_by_axis,
     expressions,
+    new_terms,
     size_of,
 )
 from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
@@ -41,9 +42,13 @@ class SearchRound:
         last: SearchRound | None,
         first: Mapping[str, float],
         floor: Mapping[str, float],
+        is_part: bool = False,
     ) -> None:
-        """``first``: held-out errors by axis before anything was found; ``floor``: those of the replicas."""
-        self.bench, self.empty, self.null, self.library = bench, empty, null, library
+        """``first``: held-out errors by axis before anything was found; ``floor``: those of the replicas.
+
+        ``is_part``: the bench has a part of the flight, in which less can be determined.
+        """
+        self.bench, self.empty, self.null, self.library, self.is_part = bench, empty, null, library, is_part
         self.first, self.floor = first, floor
         self.left = left_of(bench, floor, resting_on(bench.data.inferred))
         changed = {axis for axis, fit in bench.fits.items() if last is None or fit is not last.bench.fits[axis]}
@@ -65,8 +70,16 @@ class SearchRound:
                 self.outside.append(trial)
 
     def on(self, bench: CandidateEvaluator) -> SearchRound:
-        """The same pass over another flight, or a part of this one."""
-        return SearchRound(bench, self.empty, self.null, self.library, _nobody, None, self.first, self.floor)
+        """The same pass over a part of the flight."""
+        return SearchRound(bench, self.empty, self.null, self.library, _nobody, None, self.first, self.floor, True)
+
+    def after(self, named: Finding) -> SearchRound:
+        """The pass that follows, with what this one has named in the model."""
+        candidate = named.trial.candidate
+        bench = self.bench.judging(candidate).extended(new_terms(self.bench.data, named.trial))
+        return SearchRound(
+            bench, self.empty, self.null, self.library, _nobody, self, self.first, self.floor, self.is_part
+        )
 
     def findings(self, before: Sequence[Finding]) -> list[Finding]:
         """Significant candidates, best first."""
@@ -91,7 +104,7 @@ class SearchRound:
         level = THRESHOLDS.further if before or surer else THRESHOLDS.verdict
         resting = resting_on(self.bench.data.inferred)
         sizeable = (f for f in significant if f.matters and f.trial.main_axis not in resting)
-        candidates = [f for f in sizeable if not before or f.lowers_the_error()]
+        candidates = [f for f in sizeable if not before or self.is_part or f.lowers_the_error()]
         sure = next((f for f in candidates if f.p_value < level), None)
         if sure is None:
             return None
