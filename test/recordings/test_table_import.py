@@ -133,6 +133,43 @@ def test_an_altitude_in_whole_feet_that_stands_still_in_level_flight_keeps_its_r
     assert note.startswith("true_airspeed")
 
 
+@pytest.mark.parametrize("ends", [np.inf, 90.0])
+def test_a_temperature_in_tenths_of_a_degree_is_that_of_the_whole_flight(ends, tmp_path):
+    """It stands still for minutes, or the thermometer dies: no reason for another air."""
+    time = np.arange(0.0, 150.0, 0.05)
+    level = np.interp(time, [0, 30, 60, 110, 113, 150], [0, 60, 0, 40, 60, 60])
+    warm = np.round(38.0 - 0.0065 * level + 0.02 * np.sin(0.07 * time), 1)
+    text_of = [f"{v:.1f}" if t <= ends else "" for t, v in zip(time, warm, strict=True)]
+    columns = [
+        time,
+        np.full(len(time), 200.0),
+        np.full(len(time), 9.5e4),
+        *np.random.default_rng(1).normal(size=(6, len(time))),
+    ]
+    names = ["t", "qc", "ps", "fx", "fy", "fz", "p", "q", "r"]
+    rows = [
+        ",".join([*(f"{x:.9g}" for x in row), word])
+        for row, word in zip(np.column_stack(columns), text_of, strict=True)
+    ]
+    (tmp_path / "x.csv").write_text("\n".join([",".join([*names, "oat"]), *rows]) + "\n")
+    vectors = [("specific_force", "fx fy fz", "m/s^2"), ("angular_velocity", "p q r", "rad/s")]
+    lines = [
+        f"{v}.{a}: {{column: {c}, unit: {u}}}" for v, cs, u in vectors for a, c in zip("xyz", cs.split(), strict=True)
+    ]
+    lines += [
+        "dynamic_pressure: {column: qc, unit: Pa}", "static_pressure: {column: ps, unit: Pa}",
+        "air_temperature: {column: oat, unit: degC}",
+    ]  # fmt: skip
+    text = "tables: [{time: {column: t, unit: s}, signals: {" + ", ".join(lines) + "}}]"
+    report, samples, _ = imported(tmp_path / "x.csv", text, tmp_path)
+    assert not any("repeat" in note for note in report["notes"])
+    speed = samples.values[samples.kind == Kind.AIRSPEED, 0]
+    sound = np.sqrt(1.4 * 287.05287 * (273.15 + 37.8))
+    right = sound * np.sqrt(5.0 * ((1.0 + 200.0 / 9.5e4) ** (2.0 / 7.0) - 1.0))  # compressible, isentropic
+    assert len(speed) == len(time)
+    np.testing.assert_allclose(speed, right, rtol=1e-3)
+
+
 def test_the_attitude_is_carried_once_to_the_stamps_of_the_imu(tmp_path):
     """Roll turns at 0.5 rad/s; 10 Hz of attitude, 3 ms off, among 50 Hz of IMU."""
     imu, at = np.arange(0.0, 4.0, 0.02), np.arange(0.003, 3.9, 0.1)

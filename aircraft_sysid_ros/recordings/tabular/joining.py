@@ -41,17 +41,27 @@ def windows(streams: Sequence[Stream]) -> list[Window]:
 
 def value_at(stream: Stream, component: int, at: Stamps) -> Array:
     """A component (n,) at stamps (n,): as measured where it was, between neighbours linear, NaN across gaps."""
+    stamp, found = _interpolated(stream, component, at)
+    return np.where(_is_near(stamp, at, stream.step_of(component)), found, np.nan) if len(stamp) else found
+
+
+def slow_value_at(stream: Stream, component: int, at: Stamps) -> Array:
+    """The same of what changes slowly, such as the temperature of the air: across gaps, and at the ends the last."""
+    return _interpolated(stream, component, at, at_ends=None)[1]
+
+
+def _interpolated(stream: Stream, component: int, at: Stamps, at_ends: float | None = np.nan) -> tuple[Stamps, Array]:
+    """Stamps (m,) near those asked for (n,) at which a component is measured, and its values (n,) between these."""
     if not len(at):
-        return np.empty(0)
+        return np.empty(0, np.int64), np.empty(0)
     stamp, first, last = _around(stream, at)
     values = np.array(stream.values[first:last, component])
     known = np.isfinite(values)
     stamp, values = stamp[known], values[known]
     if not len(stamp):
-        return np.full(len(at), np.nan)
+        return stamp, np.full(len(at), np.nan)
     zero = int(at[0])
-    found = np.interp(at - zero, stamp - zero, values, left=np.nan, right=np.nan)
-    return np.where(_is_near(stamp, at, stream.step_of(component)), found, np.nan)
+    return stamp, np.interp(at - zero, stamp - zero, values, left=at_ends, right=at_ends)
 
 
 def attitude_at(stream: Stream, at: Stamps, before: int) -> tuple[Array, npt.NDArray[np.bool_]]:

@@ -27,11 +27,13 @@ ROWS = 50_000  # of a piece
 #: [ns] between manoeuvres of which each begins at its own time 0: longer than anything in a filter remembers.
 _PAUSE = int(PAUSE * NANOSECONDS)
 _FEWEST_ROWS = 3  # between restarts of a time
-#: Commands may stand still; of everything else that repeats itself most of the time only what is new was measured.
-_MAY_STAND_STILL = ("controls", "inputs", "mass")
+#: Commands may stand still, and so does warm air; of everything else that repeats itself most of the time only what is
+#: new was measured.
+_MAY_STAND_STILL = ("controls", "inputs", "mass", "air_temperature")
 _DAY = 86_400.0  # [s]
 _HELD_SHARE, _FEWEST_NEW = 0.5, 10  # fewer new ones are no sensor but a constant
 _LONGEST_HELD = 2.5  # times the usual number of rows, of nine in ten
+_SLOWEST = 5.0 * NANOSECONDS  # usual time between new values: what is slower has been rounded off
 
 
 @dataclass(eq=False)
@@ -90,7 +92,7 @@ class Stream:
             return False
         runs = np.diff(np.flatnonzero(np.concatenate([fresh for _, fresh in self._fresh()])))
         usual, longer = np.percentile(runs, (50, 90))
-        return bool(usual >= 2 and longer <= _LONGEST_HELD * usual)
+        return bool(usual >= 2 and longer <= _LONGEST_HELD * usual and usual * self.step <= _SLOWEST)
 
     @property
     def stamp(self) -> Stamps:

@@ -14,7 +14,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_SENSORS
 from aircraft_sysid_ros.mavlink.airspeed import standard_pressure, true_airspeed, true_of_impact_pressure
 from aircraft_sysid_ros.recordings.tabular.clock import Stamps
-from aircraft_sysid_ros.recordings.tabular.joining import Window, attitude_at, value_at
+from aircraft_sysid_ros.recordings.tabular.joining import Window, attitude_at, slow_value_at, value_at
 from aircraft_sysid_ros.recordings.tabular.signals import INPUTS, VECTORS
 from aircraft_sysid_ros.recordings.tabular.streams import ROWS, Stream
 from aircraft_sysid_ros.ros_messages.conversion import (
@@ -238,6 +238,11 @@ class Plan:
             return np.full(len(stamp), np.nan)
         return value_at(*self._where[signal], stamp)
 
+    def _air_temperature(self, stamp: Stamps) -> Array:
+        if not self._has("air_temperature"):
+            return np.full(len(stamp), np.nan)
+        return slow_value_at(*self._where["air_temperature"], stamp)
+
     def _first(self, signal: str) -> float:
         """The first value of a signal: grids of a country count from far away."""
         stream, i = self._where[signal]
@@ -304,7 +309,7 @@ class Plan:
             parts["static_pressure"] = stamp, standard_pressure(height)
         if self._makes_density():
             stamp, pressure = parts["static_pressure"]
-            parts["air_density"] = stamp, pressure / (GAS_CONSTANT * self._at("air_temperature", stamp))
+            parts["air_density"] = stamp, pressure / (GAS_CONSTANT * self._air_temperature(stamp))
         if not parts:
             return None
         stamps = np.unique(np.concatenate([stamp for stamp, _ in parts.values()]))
@@ -328,7 +333,7 @@ class Plan:
         pressure = self._at(str(self._pressure_signal()), stamp)
         if self._pressure_signal() != "static_pressure":
             pressure = standard_pressure(pressure)
-        temperature = self._at("air_temperature", stamp)
+        temperature = self._air_temperature(stamp)
         temperature = np.where(np.isfinite(temperature), temperature, temperature_at(pressure))
         if self._speed == "dynamic_pressure":
             found = true_of_impact_pressure(speed, pressure, temperature)
