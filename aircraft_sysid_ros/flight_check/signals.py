@@ -146,12 +146,15 @@ _REGULAR, _LEAST_RUNS, _LEAST_HOLD = 0.45, 10, 1.4
 def held_length(fresh: npt.NDArray[np.bool_]) -> float:
     """Samples (n,) per new one where new ones come at regular steps, as in a slower signal that is held; else 1.
 
-    Values that are equal by their resolution come in runs of all lengths, for which this is 1.
+    Values that are equal by their resolution come in runs of all lengths, for which this is 1; so does a command that
+    stands still for most of a flight and moves by steps of a manoeuvre.
     """
-    runs = np.diff(np.flatnonzero(fresh))
-    if len(runs) < _LEAST_RUNS:
+    every = np.diff(np.flatnonzero(fresh))
+    if len(every) < _LEAST_RUNS:
         return 1.0
-    runs = runs[runs <= 4.0 * np.median(runs)]
+    runs = every[every <= 4.0 * np.median(every)]
+    if 2 * np.sum(runs) < np.sum(every):
+        return 1.0
     mean = float(np.mean(runs))
     return mean if mean >= _LEAST_HOLD and np.std(runs) < _REGULAR * mean else 1.0
 

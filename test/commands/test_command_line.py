@@ -540,6 +540,19 @@ def test_nan_among_the_samples(cli, short, aircraft_file, tmp_path, topic):
     check_good(result, short, "5 % of the " + notes.get(topic, ""))
 
 
+def test_sensors_of_other_rates_in_the_same_topic_lack_nothing(cli, short, aircraft_file, tmp_path):
+    """Vanes of 50 Hz and an airspeed of 25 Hz: every other message has no airspeed, and none of it was lost."""
+    streams = []
+    for stream in short.streams:
+        fields = dict(stream.fields)
+        if stream.topic == "air_data":
+            fields["true_airspeed"] = fields["true_airspeed"].copy()
+            fields["true_airspeed"][::2] = np.nan
+        streams.append(replaced(stream, fields=fields))
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    assert not [note for note in result["notes"] if "of the air data" in note]
+
+
 def test_a_flight_that_is_too_short_for_parameters_says_so(cli, short, run, aircraft_file, tmp_path):
     begin = short.streams[0].stamp[0]
     streams = [chosen(stream, stream.stamp < begin + 4 * SECOND) for stream in short.streams]

@@ -10,7 +10,7 @@ from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.diagnosis import measurement
 from aircraft_sysid_ros.diagnosis.flight import reconstruction
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Likelihood, fit_wind_noise, reconstruct_as_flown
-from aircraft_sysid_ros.diagnosis.flight_diagnosis import _accuses, _left_out_first
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import _accuses, _left_out_first, level_of
 from aircraft_sysid_ros.diagnosis.measurement import Setting, in_file, is_a_fault, jobs_of, sharpened, try_setting
 from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
@@ -102,6 +102,13 @@ def test_a_delay_is_a_fault_where_it_lowers_an_error(aircraft, name, after, faul
     """In calm air too; a scale makes derivatives wrong that fit as well, and motion over ground needs no model."""
     finding = MeasurementFinding(setting_of(BY_ID[name], 0.2), 0.001, (), {"CY": (1.0, 1.0), "Cm": (1.0, after)})
     assert _accuses(finding, aircraft, imu_at(100.0)) == fault
+
+
+@pytest.mark.parametrize(("calm", "after", "level"), [(True, 1.0, 0.01), (False, 0.8, 0.01), (False, 0.95, 0.001)])
+def test_in_gusts_a_scale_that_lowers_no_error_must_be_surer(calm, after, level):
+    """The aeroplane turns into gusts: a vane looks as if it showed too little, and no replica has that."""
+    finding = MeasurementFinding(setting_of(BY_ID["alpha_scale"], 0.88), 0.005, (), {"CZ": (1.0, after)})
+    assert level_of(finding, calm) == level
 
 
 @pytest.mark.parametrize(("gains", "kept"), [((40.0, 40.0), True), ((80.0, -1.0), True), ((90.0, -10.0), False)])

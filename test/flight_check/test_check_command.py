@@ -14,6 +14,7 @@ import pytest
 from aircraft_sysid_ros.commands.check import render
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.flight_check.finding import KINDS, SEVERITIES
+from aircraft_sysid_ros.flight_check.signals import held_length
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
@@ -189,3 +190,12 @@ def test_a_real_flight_shows_no_rudder_derivative_and_nothing_that_contradicts_i
     assert result["identifiable"]["Cl_da"] and result["identifiable"]["Cm_de"]
     serious = {(f["signal"], f["kind"]) for f in result["findings"] if f["severity"] != "info"}
     assert {kind for _, kind in serious} == {"gap"}
+
+
+@pytest.mark.parametrize(("hold", "expected"), [("steps", 1.0), ("slow", 10.0), ("slow with rests", 10.0)])
+def test_a_command_that_moves_by_steps_of_a_manoeuvre_is_no_slow_sensor(hold, expected):
+    """A rudder with doublets stands still for most of the flight; a slower signal never does for long."""
+    runs = {"steps": [30, 31, 939, 55, 35, 18, 18, 874] * 4, "slow": [10] * 400, "slow with rests": [10] * 300 + [900]}
+    fresh = np.zeros(sum(runs[hold]) + 1, dtype=bool)
+    fresh[np.concatenate([[0], np.cumsum(runs[hold])])] = True
+    assert held_length(fresh) == expected
