@@ -1,8 +1,9 @@
 """The most important thing that a flight says, in one sentence.
 
-What makes everything after it wrong comes first: a log that contradicts itself, an input that failed where nothing but
-the inputs can be judged, a flight that shows too little, a sensor that is off, then what the model lacks, a mass that
-the thrust contradicts, an aeroplane that is hardly stable.
+What makes everything after it wrong comes first: a log that contradicts itself, of which nothing but its sensors is
+said, an input that failed where nothing but the inputs can be judged, a flight that shows too little, a sensor that is
+off, then a mass that the thrust contradicts, what the model lacks, an aeroplane that is hardly stable. What the model
+lacks in the forces comes before the mass, which is worked out from these.
 Rules and limits were made on some seeds of benchmarks/explain.py and judged on others (docs/explain.md).
 """
 
@@ -54,8 +55,15 @@ class Evidence:
 
 def what_matters(evidence: Evidence) -> list[Said]:
     """Everything of importance, the most important first; never empty."""
-    of_each = (_contradictions, _failed, _motion, _sensors, _missing, _mass, _balance)
-    return [said for find in of_each for said in find(evidence)] or [_nothing(evidence)]
+    of_all = (_contradictions, _failed, _motion, _sensors)
+    wrong = any(_contradictions(evidence))
+    of_sound = () if wrong else (_missing, _mass, _balance) if _is_of_force(evidence) else (_mass, _missing, _balance)
+    return [said for find in (*of_all, *of_sound) for said in find(evidence)] or [_nothing(evidence)]
+
+
+def _is_of_force(evidence: Evidence) -> bool:
+    """Whether something that the model lacks acts in the forces along or across the wings."""
+    return any({candidate["main_axis"], *candidate.get("axes", ())} & {"CX", "CZ"} for candidate in _found(evidence))
 
 
 def _contradictions(evidence: Evidence) -> Iterator[Said]:
@@ -95,10 +103,24 @@ def _motion(evidence: Evidence) -> Iterator[Said]:
         return
     if used < LEAST_USED * all_of_them and sum(shown) < (1.0 + LEAST_USED) / 2.0 * len(shown):
         known = f"{used} of {all_of_them} parameters can be used" if used else "no parameter can be used"
+        if vanes := _absent_vanes(evidence.check):
+            yield Said(
+                "vanes", f"Nothing measured {vanes}, and what speed, wind and attitude make of it is too little to say "
+                f"what the aeroplane is like: {known}. Fly what is listed under 'what to fly next' in calm air, with a "
+                "good attitude, or with a vane.",
+            )  # fmt: skip
+            return
         yield Said(
             "motion", f"This flight has too little motion to say what the aeroplane is like: {known}. Fly what is "
             "listed under 'what to fly next'.",
         )  # fmt: skip
+
+
+def _absent_vanes(check: Mapping[str, Any]) -> str:
+    """The angles of flow that are not in the recording, in words; empty where all are."""
+    absent = {f["signal"] for f in check["findings"] if f["kind"] == "missing" and f["sentence"].startswith(ABSENT)}
+    words = {"angle_of_attack": "the angle of attack", "sideslip": "the sideslip"}
+    return " and ".join(text for signal, text in words.items() if signal in absent)
 
 
 def _sensors(evidence: Evidence) -> Iterator[Said]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +10,18 @@ import numpy as np
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import KnownMode, Learnt
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.flight_check.finding import ABSENT, INFO
+from aircraft_sysid_ros.effects.effect import MEASUREMENT
+from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO
 from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD
 from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, contradiction_text
 
+_YAW = "rudder doublets{yaw} and steady sideslips to both sides"
+_WITHOUT_RUDDER = "aileron doublets{yaw} of which the aeroplane slips and yaws, and quick reversals of the bank"
 #: Which manoeuvre moves a signal; the first that a term reads decides.
 _MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"de", "q", "alpha", "alpha_dot"}), "elevator doublets and a 3-2-1-1{pitch}, slow and fast"),
-    (frozenset({"dr", "r", "beta", "beta_dot"}), "rudder doublets{yaw} and steady sideslips to both sides"),
+    (frozenset({"dr", "r", "beta", "beta_dot"}), _YAW),
     (frozenset({"da", "p"}), "aileron doublets and rolls from bank to bank"),
     (frozenset({"Tc", "throttle", "propeller_speed"}), "throttle steps with wings level"),
     (frozenset({"flaps"}), "flaps out and in again in steady flight, with small doublets at each setting"),
@@ -38,7 +41,11 @@ def next_flights(
     diagnosis: Mapping[str, Any] | None,
 ) -> list[str]:
     """Sentences, the most useful first."""
-    said = [*_to_record(check), *_for_parameters(check, learnt, modes), *_to_tell_apart(diagnosis), *_calm(diagnosis)]
+    is_sound = not any(finding["severity"] == ERROR for finding in check["findings"])
+    lacking = _lacking(diagnosis) if is_sound else {}
+    said = [*_to_record(check), *_to_add(lacking), *_for_parameters(check, learnt, modes, set(lacking))]
+    if is_sound:
+        said += [*_to_tell_apart(diagnosis), *_calm(diagnosis)]
     return list(dict.fromkeys(said)) or [_more(learnt)]
 
 
@@ -46,6 +53,24 @@ def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
     """What no manoeuvre shows, since it is not in the recording at all; of some samples lost the check speaks."""
     if missing := _not_recorded(check):
         yield f"Record {listed(missing)}: nothing that is flown makes up for what is not in the log."
+
+
+def _lacking(diagnosis: Mapping[str, Any] | None) -> dict[str, list[str]]:
+    """By axis the effects of the library that a diagnosis has found and the model lacks, as ``add`` calls them."""
+    found: dict[str, list[str]] = {}
+    for candidate in diagnosis["candidates"] if diagnosis else ():
+        if candidate["found"] and candidate["effect"] is not None and candidate["kind"] != MEASUREMENT:
+            for axis in candidate.get("axes", ()):
+                found.setdefault(axis, []).append(candidate["effect"])
+    return found
+
+
+def _to_add(lacking: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """What no manoeuvre shows before the model has what it lacks."""
+    if lacking:
+        effects = listed(list(dict.fromkeys(effect for names in lacking.values() for effect in names)))
+        axes = listed([f"{axis[0]}_{axis[1]}" for axis in lacking])
+        yield f"Add {effects} to the model (`aircraft-sysid add`) before anything is flown for {axes}."
 
 
 def _not_recorded(check: Mapping[str, Any]) -> list[str]:
@@ -57,9 +82,9 @@ def _not_recorded(check: Mapping[str, Any]) -> list[str]:
 
 
 def _for_parameters(
-    check: Mapping[str, Any], learnt: Learnt | None, modes: Sequence[KnownMode]
-) -> Iterator[str]:  # fmt: skip
-    """Parameters that are not known, by the manoeuvre that shows them."""
+    check: Mapping[str, Any], learnt: Learnt | None, modes: Sequence[KnownMode], lacking: Collection[str]
+) -> Iterator[str]:
+    """Parameters that are not known, by the manoeuvre that shows them, but of axes that lack something."""
     if learnt is None:
         unknown = [name for name, shown in check["identifiable"].items() if not shown]
         programs = {}
@@ -74,13 +99,16 @@ def _for_parameters(
             yield f"Measure where the sensors are and write {keys} into the aircraft file: errors are wider for it."
         listed_programs = [p for of_axis in learnt.model.programs for p in of_axis]
         programs = dict(zip(learnt.model.parameter_names, listed_programs, strict=True))
+    unknown = [name for name in unknown if name.partition("_")[0] not in lacking]
     pulses = {
         "pitch": _pulse(modes, SHORT_PERIOD, "the short period"), "yaw": _pulse(modes, DUTCH_ROLL, "the Dutch roll")
     }  # fmt: skip
-    lacking = {_CONTROLS[name] for name in _not_recorded(check) if name in _CONTROLS}
-    for signals, manoeuvre in _MANOEUVRES:
-        if signals & lacking:
+    unmoved = {_CONTROLS[name] for name in _not_recorded(check) if name in _CONTROLS}
+    has_rudder = any("dr" in _signals(name, programs) for name in (learnt.unknown if learnt else check["identifiable"]))
+    for signals, text in _MANOEUVRES:
+        if signals & unmoved:
             continue
+        manoeuvre = _WITHOUT_RUDDER if text == _YAW and not has_rudder else text
         names = [name for name in unknown if _first(signals, name, programs)]
         if names:
             shown = listed(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
@@ -89,9 +117,14 @@ def _for_parameters(
 
 def _first(signals: frozenset[str], name: str, programs: Mapping[str, Any]) -> bool:
     """Whether the term of a parameter reads one of the signals, and none of a manoeuvre before."""
-    read = programs[name].signals if name in programs else {name.partition("_")[2].rstrip("0123456789")}
+    read = _signals(name, programs)
     own = next((group for group, _ in _MANOEUVRES if group & set(read)), None)
     return own == signals
+
+
+def _signals(name: str, programs: Mapping[str, Any]) -> Collection[str]:
+    """Signals that the term of a parameter reads; without the model what its name says."""
+    return programs[name].signals if name in programs else {name.partition("_")[2].rstrip("0123456789")}
 
 
 def _pulse(modes: Sequence[KnownMode], name: str, words: str) -> str:
