@@ -164,10 +164,11 @@ def explains_more(outside: Score, inside: Score) -> bool:
         THRESHOLDS.preference, THRESHOLDS.preference_share * inside.score
     ):
         return False
-    return any(_clearly_more(gain, inside.gains.get(axis)) for axis, gain in outside.gains.items())
+    return any(clearly_more(gain, inside.gains.get(axis)) for axis, gain in outside.gains.items())
 
 
-def _clearly_more(gain: Gain, other: Gain | None) -> bool:
+def clearly_more(gain: Gain, other: Gain | None) -> bool:
+    """Whether what is gained in an axis has size, and another one gains clearly less there."""
     if size_of(gain) < THRESHOLDS.size:
         return False
     if other is None:

@@ -8,7 +8,14 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.diagnosis.finding import Finding, explains_more, is_simpler, resting_on, share_of_first
+from aircraft_sysid_ros.diagnosis.finding import (
+    Finding,
+    clearly_more,
+    explains_more,
+    is_simpler,
+    resting_on,
+    share_of_first,
+)
 from aircraft_sysid_ros.diagnosis.flight.place_columns import unsaid_columns
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import (
@@ -19,7 +26,8 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import (
     new_terms,
     size_of,
 )
-from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
+from aircraft_sysid_ros.diagnosis.search.fit import Gain
+from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change, without_axes
 from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -180,9 +188,23 @@ class SearchRound:
         """The best expression of each axis and, where an effect would be named first, the best change at one moment."""
         yield from best_by_axis(self.outside).values()
         if first and best is not None and best.size >= THRESHOLDS.size:
-            change = sudden_change(self.bench)
+            change = self._change()
             if change is not None:
                 yield change
+
+    def _change(self) -> Score | None:
+        """The best change at one moment, without the axes in which something explains as much that was always there.
+
+        A change may take anything with it that is missing besides, and then explains more than what has happened.
+        """
+        change = sudden_change(self.bench)
+        if change is None:
+            return None
+        lasting = [trial.gains for trial in self.trials if not trial.candidate.happens]
+        others = {
+            axis for axis, gain in change.gains.items() if any(_explains_as_much(of, axis, gain) for of in lasting)
+        }
+        return change if not others or len(others) == len(change.gains) else without_axes(self.bench, change, others)
 
     def _test_outside(self, trial: Score) -> Finding:
         null, family = self.null, outside_in(trial.main_axis)
@@ -241,6 +263,12 @@ def _change_in(bench: CandidateEvaluator) -> float:
     """What the best change at one moment scores."""
     change = sudden_change(bench)
     return 0.0 if change is None else change.score
+
+
+def _explains_as_much(gains: Mapping[str, Gain], axis: str, gain: Gain) -> bool:
+    """Whether a candidate has size in an axis, and another one does not gain clearly more there."""
+    own = gains.get(axis)
+    return own is not None and size_of(own) >= THRESHOLDS.size and not clearly_more(gain, own)
 
 
 def _simplicity(finding: Finding) -> tuple[int, bool]:

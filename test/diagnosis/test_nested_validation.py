@@ -15,6 +15,7 @@ from aircraft_sysid_ros.diagnosis.nested_validation import nested_validation
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.words import chosen_anew
+from aircraft_sysid_ros.effects import BY_ID
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +32,10 @@ def here(monkeypatch):
 def found(bench, candidate):
     trial = bench.trial(candidate)
     return Finding(trial, bench.data, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def candidate_of(effect, **terms):
+    return Candidate(BY_ID[effect], "", (), {axis: (text,) for axis, text in terms.items()})
 
 
 def of(*inner, **terms):
@@ -104,20 +109,23 @@ def test_it_is_said_in_words():
 
 
 class Pass:
-    """A pass of the search that names the first of what it is given; ``parts``: what it finds on each part."""
+    """A pass of the search that names the first of what it is given; it finds this on each part, then that."""
 
-    def __init__(self, parts=()):
-        self.parts, self.asked = list(parts), []
+    def __init__(self, *parts):
+        self.parts, self.asked = parts, []
 
     def named(self, significant, before, surer=False):
         self.asked.append((tuple(f.trial.main_axis for f in significant), surer))
         return next(iter(significant), None)
 
     def findings(self, before):
-        return self.parts
+        return self.parts[0]
 
     def on(self, bench):
         return self
+
+    def after(self, named):
+        return Pass(*self.parts[1:])
 
 
 def test_what_does_not_come_again_hides_nothing_that_is_missing_in_another_axis(bench, monkeypatch):
@@ -138,11 +146,19 @@ def test_what_does_not_come_again_hides_nothing_that_is_missing_in_another_axis(
     assert diagnose._named_and_again(Pass(), [pitch], (named,), other, unsure)[1] != {}
 
 
-def test_where_another_axis_leads_in_a_part_the_axis_of_what_was_named_is_asked(bench):
-    pitch, lift, both = (
-        found(bench, of(**terms)) for terms in ({"Cm": "abs(de)"}, {"CZ": "abs(de)"}, {"Cm": "q", "CZ": "q"})
-    )
-    assert diagnose._named_anew(Pass([lift, pitch]), (), "Cm", bench) is pitch
-    assert diagnose._named_anew(Pass([lift]), (), "Cm", bench) is None
-    assert diagnose._named_anew(Pass([pitch, lift]), (), "Cm", bench) is pitch
-    assert diagnose._named_anew(Pass([both, pitch]), (), "Cm", bench) is both
+def test_where_something_else_leads_in_a_part_what_was_named_is_asked_for_after_it(bench):
+    lift, pitch, other = (found(bench, of(**terms)) for terms in ({"CZ": "abs(de)"}, {"Cm": "abs(de)"}, {"Cm": "V"}))
+    both = found(bench, of(Cm="q*q", CZ="q*q"))
+
+    def anew(*parts, best=pitch):
+        return diagnose._named_anew(Pass(*parts), (), best, bench)
+
+    assert anew([pitch, lift]) is pitch and anew([]) is None
+    # of another axis, what is named of this one
+    assert anew([lift, pitch]) is pitch and anew([lift]) is None
+    assert anew([lift, both], best=replace(both, confounded_with=())) is both
+    # another effect in it, what follows that; and where it does not, that one
+    named = replace(found(bench, candidate_of("stall", Cm="abs(de)")), confounded_with=("icing",))
+    again = found(bench, candidate_of("icing", Cm="abs(de)"))
+    assert anew([other], [again], best=named) is again and anew([other], [lift], best=named) is other
+    assert anew([other], [], best=named) is other

@@ -19,6 +19,7 @@ from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
+from aircraft_sysid_ros.diagnosis.search_round import SearchRound, null_of
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -128,6 +129,27 @@ def test_a_change_that_the_library_knows_keeps_its_name(aircraft):
     said = diagnose_flight(aircraft, samples, CHANGES, replicas=3).json
     assert (said["verdict"], said["candidates"][0]["effect"]) == ("missing", "control_damage")
     assert said["candidates"][0]["label"] == "control_damage (one half of the elevator)"
+
+
+def test_a_change_takes_nothing_with_it_that_was_always_there(aircraft):
+    """Flaps go out, and the throttle with them: the torque of the propeller is no part of what happened."""
+    flight = random_flight(aircraft)
+    signals, measured = flight.signals.copy(), flight.measured.copy()
+    power = 0.3 * (flight.time > 60.0) + 0.02 * np.sin(flight.time)
+    signals[:, SIGNAL_INDEX["Tc"]] += power
+    measured[:, [0, 3]] += np.outer(power, [1.0, 0.0]) + np.outer(signals[:, SIGNAL_INDEX["Tc"]], [0.0, -0.1])
+    measured[flight.time > 60.0, 2] -= 0.2
+    measured[flight.time > 60.0, 4] -= 0.05
+    bench = CandidateEvaluator(replace(flight, signals=signals, measured=measured))
+    assert {"CZ", "Cm", "Cl"} <= set(sudden_change(bench).candidate.changed)
+
+    def of(*library):
+        first = {axis: fit.nrmse_held_out for axis, fit in bench.fits.items()}
+        null = null_of([], [BY_ID[name] for name in library], tuple(bench.fits))
+        return SearchRound(bench, [], null, [BY_ID[name] for name in library], lambda share: None, None, first, {})
+
+    assert set(of("propeller_torque")._change().candidate.changed) == {"CZ", "Cm"}
+    assert "Cl" in of("stall")._change().candidate.changed
 
 
 @pytest.mark.long

@@ -8,7 +8,7 @@ Terms are chosen one by one, so that what is left is short enough to be read: "f
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -44,6 +44,12 @@ def sudden_change(bench: CandidateEvaluator) -> Score | None:
     found = [_refined(bench, trial) for trial in (best, other) if trial is not None]
     likeliest = max(found, key=lambda trial: _gain(trial) - trial.price)
     return likeliest if _begins(likeliest, bench) else None
+
+
+def without_axes(bench: CandidateEvaluator, change: Score, axes: Collection[str]) -> Score | None:
+    """The same change where it is nothing in some axes; None where it is nothing in any other."""
+    left = {axis: terms for axis, terms in (change.candidate.changed or {}).items() if axis not in axes}
+    return bench.trial(_candidate(bench, dict(change.candidate.inner), left)) if left else None
 
 
 def _begins(trial: Score, bench: CandidateEvaluator) -> bool:
