@@ -4,6 +4,10 @@ Where Numba loads a kernel that it has kept, it first imports all that it compil
 intermediate code, from which those that call it would be compiled. No kernel needs either to run. Here both wait until
 something is compiled. What is kept is what Numba keeps, file for file.
 
+A kernel has in it what it calls and the constants that it reads of other files. Numba asks only whether its own file is
+another one, and after an update would run the new kernels with the old ones in them. Here every file counts on which
+the one of a kernel rests.
+
 This rests on the inside of Numba, which has been the same in the versions of ``KNOWN``: with any other, ``njit`` is
 Numba's own.
 """
@@ -11,6 +15,10 @@ Numba's own.
 
 from __future__ import annotations
 
+import re
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -20,7 +28,10 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime.nrt import rtsys
 
-__all__ = ["njit"]
+__all__ = ["njit", "stamp_of"]
+
+_ROOT = Path(__file__).resolve().parent
+_IMPORTED = re.compile(rf"^\s*(?:from|import) {_ROOT.name}\.([\w.]+)".encode(), re.MULTILINE)
 
 #: Versions (minor numbers of 0.x) whose inside was compared.
 KNOWN = range(60, 69)
@@ -45,6 +56,28 @@ else:
             return kernel
 
         return compiled_when_called
+
+
+@cache
+def _read(path: Path) -> tuple[bytes, tuple[Path, ...]]:
+    """The hash of a file of source; where it has kernels, the files of the package that it imports, too."""
+    content = path.read_bytes()
+    imported = _IMPORTED.findall(content) if b"njit" in content else []
+    files = (_ROOT.joinpath(*name.decode().split(".")).with_suffix(".py") for name in imported)
+    return sha256(content).digest(), tuple(file for file in files if file.is_file())
+
+
+@cache
+def stamp_of(path: Path) -> str:
+    """One hash over a file of source and all that its kernels rest on: those that it imports, and so on."""
+    known: dict[Path, bytes] = {}
+    waiting = [path]
+    while waiting:
+        file = waiting.pop()
+        if file not in known:
+            known[file], imported = _read(file)
+            waiting += imported
+    return sha256(b"".join(known[file] for file in sorted(known))).hexdigest()
 
 
 class _Library(JITCodeLibrary):
@@ -98,6 +131,11 @@ class _Rebuilding(CompileResultCacheImpl):
 
 class _Cache(FunctionCache):
     _impl_class = _Rebuilding
+
+    def __init__(self, py_func: Any) -> None:
+        super().__init__(py_func)
+        own = self._cache_file._source_stamp
+        self._cache_file._source_stamp = (own, stamp_of(Path(py_func.__code__.co_filename)))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         rtsys.initialize(target_context)  # memory of arrays; `refresh` does this and imports the rest

@@ -74,3 +74,39 @@ def test_every_kernel_is_loaded_so():
     package = Path(kernels.__file__).parent
     others = [path for path in package.rglob("*.py") if path.name != "kernels.py" and "numba" in path.read_text("utf8")]
     assert not [path for path in others if re.search(r"^\s*from numba import.*njit", path.read_text("utf8"), re.M)]
+
+
+def test_after_an_update_no_kernel_runs_with_what_another_file_was(tmp_path):
+    """A constant, and a kernel that is called, of files that changed; what nothing rests on compiles nothing anew."""
+    package = tmp_path / Path(kernels.__file__).parent.name
+    package.mkdir()
+    sources = {
+        "__init__": "",
+        "kernels": Path(kernels.__file__).read_text(encoding="utf8"),
+        "constants": "FACTOR = 2.0\n",
+        "inner": "from {p}.kernels import njit\n\n@njit(cache=True)\ndef inner(x):\n    return x + 1.0\n",
+        "outer": "from {p}.constants import FACTOR\nfrom {p}.inner import inner\nfrom {p}.kernels import njit\n\n"
+        "@njit(cache=True)\ndef outer(x):\n    return FACTOR * inner(x)\n",
+        "apart": "NUMBER = 1\n",
+    }
+
+    def write(**changed):
+        for name, text in {**sources, **changed}.items():
+            (package / f"{name}.py").write_text(text.replace("{p}", package.name), encoding="utf8")
+
+    def answer():
+        code = f"from {package.name}.outer import outer; print(outer(1.0), len(outer.stats.cache_hits))"
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        )  # fmt: skip
+        return done.stdout.split()
+
+    write()
+    assert answer() == ["4.0", "0"] and answer() == ["4.0", "1"]
+    write(apart="NUMBER = 2\n")
+    assert answer() == ["4.0", "1"]
+    write(constants="FACTOR = 3.0\n")
+    assert answer() == ["6.0", "0"]
+    write(constants="FACTOR = 3.0\n", inner=sources["inner"].replace("1.0", "2.0"))
+    assert answer() == ["9.0", "0"] and answer() == ["9.0", "1"]
