@@ -49,6 +49,9 @@ _MOST_OUTLIERS = 3  # in turn: more are a step
 _LONGEST = 2.0  # [s] between samples that are compared
 #: A slow error of an attitude is one that is so much larger than all that is white.
 _COLOURED = 2.0
+#: Such an error lasts some half a minute [s], as levelling and drifts of gyros do, and is so many times what is seen of
+#: it. Judgements.
+_LASTING, _FOLLOWED = 30.0, 2.0
 #: What an attitude is before the flight, the output of a filter: its slow error, and the seconds that this stands for.
 _SLOW_PRIOR, _SLOW_PRIOR_TIME = 100.0, 20.0
 #: Share of the white noise by which innovations are larger than by chance; samples from which a noise is stated.
@@ -313,6 +316,21 @@ def slow_part(one: Array) -> float:
     """Mean square of what is not white in the innovations of a channel, 0 where it is within chance."""
     beyond = float(one[_INNOVATION] - one[WHITE])
     return beyond if one[COLOURED] and beyond > _BEYOND_CHANCE * one[WHITE] else 0.0
+
+
+@njit(cache=True)
+def mean_tilt_error(one: Array) -> float:
+    """What an attitude with an error of its own may be off by in the mean of a flight [rad], one channel of it.
+
+    A constant tilt and a bias of the accelerometer move the aeroplane alike, and the filter follows both: only a part
+    of a slow error is seen in its innovations. Of errors that last _LASTING seconds the mean over a time T has that
+    variance by 2 _LASTING / (T + 2 _LASTING).
+    """
+    beyond = one[BASE] * (one[SCALE] - one[WHITE])
+    if not beyond > 0.0:
+        return 0.0
+    seen = np.sqrt(beyond * one[_INTERVAL] / (2.0 * SLOW))
+    return float(_FOLLOWED * seen * np.sqrt(2.0 * _LASTING / (seconds_of(one) + 2.0 * _LASTING)))
 
 
 def has_learnt(one: Array) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import air_density
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density
 from aircraft_sysid_ros.aircraft.frames import (
     Matrix,
     Vector,
@@ -20,10 +20,12 @@ from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.measurements import air_data_gradient, air_velocity_at
 from aircraft_sysid_ros.reconstruction.process import attitude_of
 from aircraft_sysid_ros.reconstruction.pseudo_measurements import has_vane, is_inferred
+from aircraft_sysid_ros.reconstruction.sensor_noise import mean_tilt_error
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
     AIR_VELOCITY,
     ATTITUDE,
+    D_ACCELEROMETER_BIAS,
     D_AIR_VELOCITY,
     D_ATTITUDE,
     D_VELOCITY,
@@ -120,6 +122,8 @@ def write_row(
     """Whole row at the time [s], from the state x (19,), p (18, 18) and the IMU as measured, each (3,)."""
     row[_TIME] = time
     write_state(row, x, p, force, rate, setup.imu_position)
+    if memory.fused[_ATTITUDE] > 0 and not setup.given[_ATTITUDE]:
+        _doubt_tilt(row, memory.noise[_ATTITUDE])
     # once its vane is lost an angle rests on the wind staying as it was: not a measurement, so NaN
     if not (time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT or is_inferred(_ALPHA, time, x, p, setup, memory)):
         row[_ALPHA_OF_ROW] = np.nan
@@ -134,6 +138,15 @@ def write_row(
     row[_FUSED], row[_REJECTED] = np.sum(fused), np.sum(rejected) - rejected[_MAGNETIC_FIELD]  # see _passes_gate
     for i in range(3):
         row[_ORIGIN + i] = setup.origin[i]
+
+
+@njit(cache=True)
+def _doubt_tilt(row: Array, noise: Array) -> None:
+    """Widen roll, pitch and the biases that look like them by what an attitude with an error of its own may be off."""
+    for i in range(2):
+        doubt = mean_tilt_error(noise[i])
+        for at, size in ((D_ATTITUDE + i, doubt), (D_ACCELEROMETER_BIAS + 1 - i, STANDARD_GRAVITY * doubt)):
+            row[_STD + at] = np.sqrt(row[_STD + at] ** 2 + size**2)
 
 
 @njit(cache=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ from aircraft_sysid_ros.reconstruction.sensor_noise import (
     note_left,
     weigh_bank,
 )
-from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
@@ -263,12 +264,11 @@ def attitude_error(flight, state, rows):
     return np.sqrt(np.mean(np.square(turns), axis=0))
 
 
-def gauss_markov(time):
-    """First-order Gauss-Markov errors (n, 3) [rad] of 3 deg and a minute."""
-    std, constant = np.deg2rad(3.0), 60.0
+def gauss_markov(time, std=3.0, constant=60.0, seed=8):
+    """First-order Gauss-Markov errors (n, 3) [rad] of a standard deviation [deg] and a time constant [s]."""
     keep = np.exp(-np.median(np.diff(time)) / constant)
-    driven = std * np.sqrt(1.0 - keep**2) * np.random.default_rng(8).standard_normal((len(time), 3))
-    driven[0] = std
+    driven = np.deg2rad(std) * np.sqrt(1.0 - keep**2) * np.random.default_rng(seed).standard_normal((len(time), 3))
+    driven[0] = np.deg2rad(std)
     return lfilter([1.0], [1.0, -keep], driven, axis=0)
 
 
@@ -283,6 +283,26 @@ def test_an_attitude_that_drifts_counts_for_less_and_is_not_thrown_away():
     assert max(roll, pitch) < np.deg2rad(1.5)  # the source: 3 deg
     assert state.memory.rejected[Kind.ATTITUDE] < 0.02 * state.memory.fused[Kind.ATTITUDE]
     assert any("slow error of its own" in note for note in noise_notes(state))
+
+
+def bias_and_doubt(flight, samples):
+    """Errors of the biases of the accelerometer forward and to the right after a flight [m/s^2], and their sigmas."""
+    _, rows = flown(bare(flight.aircraft), samples)
+    sigma = rows[-1, StateField.STANDARD_DEVIATIONS][D_ACCELEROMETER_BIAS : D_ACCELEROMETER_BIAS + 2]
+    return (rows[-1, StateField.ACCELEROMETER_BIAS] - flight.biases.accelerometer[-1])[:2], sigma
+
+
+def test_a_bias_is_known_no_better_than_an_attitude_that_drifts_shows_the_tilt():
+    """0.4 deg over a minute, as of the filter of an autopilot: biases had been off by seven of their sigmas."""
+    errors, sound = [], simulate_samples(default_aircraft(), 90, 120.0, sensors=SensorOptions(attitude=True))
+    for seed in range(4):
+        flight = simulate_samples(default_aircraft(), 91 + seed, 120.0, sensors=SensorOptions(attitude=True))
+        samples = drifting(without_variances(flight.samples), partial(gauss_markov, std=0.4, seed=seed))
+        error, sigma = bias_and_doubt(flight, samples)
+        errors.append(error / sigma)
+        assert np.all(sigma < 9.81 * np.deg2rad(0.6))
+    assert np.abs(errors).max() < 3.0 and np.sqrt(np.mean(np.square(errors))) < 1.5
+    assert np.all(bias_and_doubt(sound, without_variances(sound.samples))[1] < 0.01)  # where it does not drift
 
 
 def test_of_an_attitude_that_is_good_no_slow_error_is_said(flight, samples):
