@@ -265,7 +265,7 @@ class Learning:
     def _reset_axes(self, resets: list[AxisReset], time: float) -> None:
         for reset in resets:
             self.least_squares.reset_axis(reset)
-            if reset.is_again:
+            if reset.is_again or reset.is_beside:
                 continue
             self.integrity.note_change(reset.axis, time)
             self.fleet.drop(reset.axis, f"dropped, since the axis changed at {self.changes.times[reset.axis]:.1f} s")
@@ -273,8 +273,9 @@ class Learning:
             if resets and self.choice is not None:
                 self.choice.forget()
             return
-        if resets:
-            self.estimator.reset_axis(*resets)
+        changed = [reset for reset in resets if not reset.is_beside]
+        if changed:
+            self.estimator.reset_axis(*changed)
             self.known.begin(self.estimator.known())
         for axis in filter(self.estimator.needs_reseed, range(len(AXES))):
             found = self.changes.relearnt(axis, self.aircraft.model, self.least_squares.state)

@@ -39,6 +39,7 @@ class AxisReset(NamedTuple):
     weights: Array  # (m, WEIGHT_COLUMNS) of them
     begin: float = -np.inf  # [s] from when on samples are of the axis as it is now
     is_again: bool = False  # the change had gone on after the command before
+    is_beside: bool = False  # not this axis has changed, but one in which the same surfaces act
 
 
 class KnownParameters(NamedTuple):

@@ -193,6 +193,9 @@ class RecursiveLeastSquares:
         state = self.state
         for reset in resets:
             axis, n = reset.axis, len(reset.theta)
+            if reset.is_beside:
+                state.p[axis, :n, :n] += reset.covariance
+                continue
             state.prior[axis, :n, :n], state.prior_variance[axis] = reset.information, reset.variance
             state.theta[axis, :n], state.p[axis, :n, :n] = reset.theta, reset.covariance
             state.sums[axis], state.recent[axis], state.updates[axis] = 0.0, np.nan, 0

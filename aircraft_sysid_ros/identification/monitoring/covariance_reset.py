@@ -12,6 +12,10 @@ A change may take its time, as flaps do, and what is learnt while it goes on is 
 asked again after it: where its samples of the newest seconds, with the prior, say surely another level of the
 coefficient than those before them have, it begins anew from them.
 
+A surface that has changed acts in more than one axis, and in the others it may not be enough for an alarm: C_Z hardly
+shows that an elevator does half as much, and of what it does then and did before the mean is neither. So what
+surfaces do in the other axes of the same plane is opened as well, and nothing else of them.
+
 Whether the aeroplane has changed is asked of the errors of recursive least squares, whichever estimator is published:
 it always runs, knows its parameters first, and does not explain errors by noise.
 """
@@ -26,6 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.signals import SURFACE_WORDS
 from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_CONSISTENCY
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset
@@ -54,6 +59,8 @@ _ASKED, _LATEST = (6.0, 9.0, 12.0, 15.0, 18.0), 4.0
 #: Standard errors by which the level before differs then, and time [s] for which errors are alike.
 _SURELY, _ALIKE = 4.0, 1.0
 _TIME = CoefficientSample.TIME
+#: Axes of one plane, in which the same surfaces act.
+_PLANES = (("CX", "CZ", "Cm"), ("CY", "Cl", "Cn"))
 
 
 class ChangeDetector:
@@ -142,7 +149,28 @@ class ChangeDetector:
                 self.since[axis], self.times[axis] = reset.since, reset.since - start
                 self._settling[axis] = reset, reset.since + _ASKED[0]
                 resets = [*(other for other in resets if other.axis != axis), reset]
-        return resets
+        return [*resets, *self._beside(resets, model, state)]
+
+    def _beside(self, resets: list[AxisReset], model: AerodynamicModel, state: RlsState) -> list[AxisReset]:
+        """What surfaces do in axes that have not changed, opened where another axis of the plane has."""
+        found: dict[int, AxisReset] = {}
+        asked = {reset.axis for reset in resets}
+        for reset in resets:
+            plane = next(axes for axes in _PLANES if AXES[reset.axis] in axes)
+            for axis in [AXES.index(name) for name in plane]:
+                if axis not in asked and not reset.is_again and state.updates[axis] >= KNOWN:
+                    found[axis] = self._opened(axis, model, state)
+        return list(found.values())
+
+    def _opened(self, axis: int, model: AerodynamicModel, state: RlsState) -> AxisReset:
+        """The command that opens what surfaces do in an axis; ``covariance`` is what is added to that of now."""
+        n = len(model.terms[AXES[axis]])
+        theta, spread = state.theta[axis, :n], spread_of_terms(state.sums[axis, 0, : n + 2, : n + 2])
+        moved = [bool(program.signals & SURFACE_WORDS.keys()) for program in model.programs[axis]]
+        variance = max(self.monitor.variance(axis), 1e-300)
+        change = np.diag(np.where(moved, changed_variance(theta, np.zeros(n)), 0.0)) / variance
+        none = self._since(np.inf)
+        return AxisReset(axis, np.nan, spread, theta, change, change, variance, *none, is_beside=True)
 
     def _settled(self, model: AerodynamicModel) -> list[AxisReset]:
         """Of axes that changed and are asked again, those that begin anew since the change had gone on."""
