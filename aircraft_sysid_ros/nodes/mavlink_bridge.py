@@ -140,13 +140,12 @@ class MavlinkBridgeNode(ConfigurableNode):
             kind, receive = wanted[topic]
             self._heard[topic] = self.create_subscription(kind, topic, receive, 10)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def forget(self) -> None:
         """Close the connection."""
         if self._topics is not None:
             self._topics.close()
         self.destroy_lifecycle_publisher(self._diagnostics)
         self._close()
-        return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop, from whatever state."""

@@ -150,6 +150,7 @@ class ModelServices:
                 raise InputError("give either effect, an id of the library, or expression, such as CZ: alpha**3")
             response.message = change(request.effect or request.expression)
             response.success = True
+            self._node.note_call("add_effect" if change == self._add else "remove_effect", response.message)
         except InputError as error:
             response.success, response.message = False, str(error)
         response.model = self._node.estimator.model.identifier

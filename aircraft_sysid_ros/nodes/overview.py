@@ -83,11 +83,10 @@ class OverviewNode(ConfigurableNode):
             self.destroy_subscription(subscription)
         self.destroy_timer(self._timer)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def forget(self) -> None:
         """Destroy the publishers."""
         for publisher in (self._aggregated, self._top):
             self.destroy_lifecycle_publisher(publisher)
-        return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop, from whatever state."""

@@ -153,6 +153,11 @@ class ParameterEstimatorNode(EstimatorNode):
         self.estimator.reset()
         self.model_services.memory.clear()
 
+    @property
+    def flown(self) -> float:
+        """Time [s] since the first state."""
+        return float(self.estimator.stream.flown)
+
     def condition(self) -> tuple[str, dict[str, Any]]:
         """Whether it learns, and how many parameters may be used."""
         statuses = [p.status for p in self.estimator.snapshot().parameters]
@@ -251,6 +256,7 @@ class ParameterEstimatorNode(EstimatorNode):
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self.begin_anew()
         response.success, response.message = True, "the parameters start anew"
+        self.note_call("reset", response.message)
         return response
 
     def _model_path(self, name: str) -> Path:
@@ -270,6 +276,7 @@ class ParameterEstimatorNode(EstimatorNode):
             path = self._model_path(request.path)
             response.model = load_model(self.estimator, path)
             response.success, response.message = True, f"read from {path}"
+            self.note_call("load_model", response.message)
         except InputError as error:
             response.success, response.message = False, str(error)
         return response

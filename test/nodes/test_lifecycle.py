@@ -20,6 +20,7 @@ from waiting import LONGEST
 
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
+from aircraft_sysid_ros.nodes.overview import OverviewNode
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 
@@ -158,16 +159,24 @@ def test_destroyed_it_is_gone_from_the_graph(bench, kind):
     assert bench.helper.count_services(f"/{name}/get_state") == 0
 
 
-def test_a_transition_that_does_not_exist_stops_nothing(bench):
-    bench.node(StateEstimatorNode)
-    assert change(bench, "state_estimator", CONFIGURE)
-    client = bench.helper.create_client(ChangeState, "/state_estimator/change_state")
-    bench.spin_until(client.service_is_ready)
-    client.call_async(ChangeState.Request(transition=Transition(id=CONFIGURE)))  # rclpy never answers
-    end = time.monotonic() + 1.0
-    bench.spin_until(lambda: time.monotonic() > end)
-    assert label(bench, "state_estimator") == "inactive"
-    assert change(bench, "state_estimator", ACTIVATE)
+@pytest.mark.parametrize("kind", [*KINDS, MavlinkBridgeNode, OverviewNode])
+def test_a_transition_that_the_state_does_not_have_is_answered(bench, capfd, kind):
+    """rclpy raises, prints a trace of it, and never answers."""
+    node = bench.node(kind)
+    name = node.get_name()
+    assert not change(bench, name, ACTIVATE)
+    assert not change(bench, name, 77)
+    wanted = Transition(id=CONFIGURE, label="fly away")  # a label goes before a number
+    assert not bench.call(ChangeState, f"/{name}/change_state", transition=wanted).success
+    said = "".join(capfd.readouterr())
+    for text in ("'activate' is refused: the node is unconfigured (possible: configure, shutdown)", "'transition 77'"):
+        assert text in said
+    assert "'fly away' is refused" in said
+    assert not any(word in said for word in ("Traceback", "FATAL", "rcl_lifecycle"))
+    assert label(bench, name) == "unconfigured"
+    assert change(bench, name, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    assert not change(bench, name, CONFIGURE)
+    assert "the node is finalized (it is the last one)" in "".join(capfd.readouterr())
 
 
 # -- parameters ------------------------------------------------------------------------------------------
