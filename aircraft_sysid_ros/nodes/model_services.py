@@ -15,6 +15,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
 from aircraft_sysid_ros.diagnosis.live.search_in_flight import (
     Terms,
     check_signals,
+    check_values,
     live_flight,
     requested,
     terms_of_effect,
@@ -170,7 +171,9 @@ class ModelServices:
             merged = {axis: (*before.get(axis, ()), *terms.get(axis, ())) for axis in {**before, **terms}}
         else:
             terms = parsed
-        check_signals(terms, self.memory.newest(), estimator.model.inputs)
+        kept, pause = self.memory.newest(), 1.5 * estimator.options.step
+        check_signals(terms, kept, estimator.model.inputs)
+        check_values(terms, kept, pause, estimator.model.inputs)
         note = self._change(terms, {})
         if isinstance(parsed, Effect):
             self._added[parsed.identifier] = merged
