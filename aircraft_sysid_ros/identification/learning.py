@@ -408,8 +408,10 @@ class Learning:
         controls = [name for name in needed if name in CONTROL_SIGNALS]
         nothing = self.newest is not None and not updates
         never = self._pace.is_sparse or (nothing and {*unseen} & CONTROL_SIGNALS)
-        if controls and never and controls_pace.interval > SPARSEST_CONTROLS:
-            rate = f"{controls_pace.rate:.2g} Hz"
+        if controls and never and (apart := controls_pace.shown) > SPARSEST_CONTROLS:
+            if np.isinf(apart):
+                return f"needs {listed(controls)}, of which too few samples have come yet"
+            rate = f"{1.0 / apart:.2g} Hz"
             come = "come" if len(controls) > 1 else "comes"
             return f"needs {listed(controls)}, which {come} at {rate}: at least {LOWEST_RATE:g} Hz are needed"
         if nothing and unseen:
