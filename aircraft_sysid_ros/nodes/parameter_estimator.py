@@ -169,6 +169,7 @@ class ParameterEstimatorNode(EstimatorNode):
             "vanes_late": self.estimator.late_vanes,
             "inputs": " ".join(item.name for item in self.estimator.aircraft.inputs),
             **{trust.name: statuses.count(trust) for trust in Trust},
+            "missing_effects": self.model_services.search_in_words,
             "estimator": published["published"],
             "estimator_because": published["why"],
             "prior": "; ".join(self.estimator.learning.fleet.notes()),

@@ -278,6 +278,7 @@ def test_diagnostics_count_what_arrived(flown):
     assert values["states_received"] == str(parameters.states_received)
     assert values["controls_received"] == str(parameters.received["control_surfaces"])
     assert sum(int(values[name]) for name in ("USE", "HOLD", "REJECT")) == 32
+    assert values["missing_effects"] == "not looked for yet: 60 s of settled flight are needed"
 
 
 def test_services_reset_save_and_load(flown, tmp_path):
