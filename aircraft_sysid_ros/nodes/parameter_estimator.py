@@ -276,7 +276,10 @@ class ParameterEstimatorNode(EstimatorNode):
         try:
             path = self._model_path(request.path)
             response.model = load_model(self.estimator, path)
-            response.success, response.message = True, f"read from {path}"
+            self.model_services.memory.clear()  # what is known now is not from these samples
+            name = self.estimator.learning.published["published"]
+            anew = f"; the estimator {name} begins anew" if self.estimator.learning.lends else ""
+            response.success, response.message = True, f"read from {path}{anew}"
             self.note_call("load_model", response.message)
         except InputError as error:
             response.success, response.message = False, str(error)

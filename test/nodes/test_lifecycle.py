@@ -9,7 +9,7 @@ import time
 
 import pytest
 from aircraft_sysid_msgs.msg import AircraftState
-from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
+from aircraft_sysid_msgs.srv import AddEffect, LoadModel, RemoveEffect, Reset, SaveModel
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -299,6 +299,26 @@ def test_services_reset_save_and_load(flown, tmp_path):
     assert not again.success and "already there" in again.message and path.read_bytes() == before
     assert bench.call(Reset, "/state_estimator/reset").success
     assert state.estimator.last_row is None
+
+
+def test_a_model_is_loaded_where_it_has_the_terms_that_fly(flown):
+    """After an effect was added in flight the answer blamed the aircraft file."""
+    bench, _, node, _ = flown
+    expression = "CZ: alpha**3"
+    for name, kind, service in (("plain.json", AddEffect, "add_effect"), ("more.json", RemoveEffect, "remove_effect")):
+        assert bench.call(SaveModel, "/parameter_estimator/save_model", path=name).success
+        learnt = node.estimator.learning.least_squares.state.theta.copy()
+        assert bench.call(kind, f"/parameter_estimator/{service}", expression=expression).success
+        refused = bench.call(LoadModel, "/parameter_estimator/load_model", path=name)
+        verb = "lacks" if name == "plain.json" else "adds"
+        assert not refused.success and f"it {verb} 'CZ: alpha**3'" in refused.message
+    assert len(node.model_services.memory.flight().time)
+    assert bench.call(Reset, "/parameter_estimator/reset").success
+    assert bench.call(AddEffect, "/parameter_estimator/add_effect", expression=expression).success
+    loaded = bench.call(LoadModel, "/parameter_estimator/load_model", path="more.json")
+    assert loaded.success and (node.estimator.learning.least_squares.state.theta == learnt).all()
+    assert not len(node.model_services.memory.flight().time)  # what is known now is not from these samples
+    assert [note.split(" of ")[0] for note in node.noted][-3:] == ["reset", "add_effect", "load_model"]
 
 
 def test_bad_paths_are_answered_with_a_sentence(bench, tmp_path, capfd):
