@@ -97,7 +97,7 @@ class RunWriter:
         if self._journal is None:
             self._rows, self._samples = [], []
         elif self._journal.is_open and (
-            kind is None or issubclass(kind, InputError) or not self._journal.holds_a_flight
+            kind is None or (issubclass(kind, InputError) and not self._rows) or not self._journal.holds_a_flight
         ):  # there was no flight
             self._journal.clear()
         else:

@@ -82,7 +82,8 @@ def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
             if share > 0.01:
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
     if state.order.counts.restarts:
-        found.append(f"the clock of the recording leapt {state.order.counts.restarts} times")
+        times = state.order.counts.restarts
+        found.append(f"the clock leapt {'once' if times == 1 else f'{times} times'}")
     for axis, when, count in parameters.learning.changes.alarms():
         again = f" ({count} times)" * (count > 1)
         found.append(f"{axis} changed at {when:.1f} s of flight and was learnt anew{again}")

@@ -127,6 +127,35 @@ def evaluate_programs(
 
 
 @njit(cache=True)
+def is_undefined(
+    value: float, code: npt.NDArray[np.float64], first: int, last: int, signals: npt.NDArray[np.float64]
+) -> bool:
+    """Whether a program has no finite value although all signals that it reads are known: sqrt of what is negative."""
+    undefined = not np.isfinite(value)
+    for i in range(first, last):
+        if undefined and int(code[i, 0]) == SIGNAL and not np.isfinite(signals[int(code[i, 1])]):
+            undefined = False
+    return undefined
+
+
+@njit(cache=True)
+def evaluate_terms(
+    code: npt.NDArray[np.float64],
+    offsets: npt.NDArray[np.int64],
+    signals: npt.NDArray[np.float64],
+    out: npt.NDArray[np.float64],
+) -> None:
+    """``evaluate_programs`` for the terms of a model: one that is undefined says nothing, and counts as zero.
+
+    As NaN it would keep its whole axis from learning for as long as it lasts.
+    """
+    evaluate_programs(code, offsets, signals, out)
+    for k in range(len(out)):
+        if is_undefined(out[k], code, offsets[k], offsets[k + 1], signals):
+            out[k] = 0.0
+
+
+@njit(cache=True)
 def reads_signal(code: npt.NDArray[np.float64], first: int, last: int, signal: int) -> bool:
     """Whether the program in the rows ``first`` to ``last`` of linked code reads a signal."""
     found = False

@@ -39,6 +39,9 @@ from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
+#: Why a node of ``live`` cannot be cleaned up from outside.
+_KEPT = "live gives the result of the flight when Ctrl-C ends it; ~/reset begins the estimates anew"
+
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
@@ -112,6 +115,7 @@ def _with_nodes(
             state.on_rows, parameters.on_points = writer.add_rows, writer.add_points
             parameters.on_parameters = writer.add_parameters
             state.on_samples = parameters.on_samples = writer.add_samples
+        state.must_keep = parameters.must_keep = _KEPT
         with stop_signals() as stop:  # a signal would tear a compilation apart
             stop.doing = "stopping: what is being compiled is compiled first"
             has_started = start(state) and (stop.is_set() or start(parameters))
@@ -219,9 +223,7 @@ def _why_no_state(state: Any) -> str:
 
 
 def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float) -> dict[str, Any]:
-    if state.estimator is None or parameters.estimator is None:
-        raise InputError("a node was cleaned up from outside: nothing is left of the flight")
-    if state.estimator.last_row is None:
+    if not state.rows_published:
         raise InputError(_why_no_state(state))
     flight_time = state.estimator.flight_time
     late, lost = _late(state.estimator, parameters.estimator), dict(state.lost)
@@ -232,6 +234,8 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
         _late_note(late) if late else "",
         lost_in_words(lost),
         _changed_note(changed) if changed else "",
+        *state.noted,
+        *parameters.noted,
         state.shared_in_words,
         *state.check.words,
         *flight_notes(state.estimator, parameters.estimator),

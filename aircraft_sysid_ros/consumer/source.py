@@ -33,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.consumer.condition_table import ConditionTable
+from aircraft_sysid_ros.consumer.flown_condition import FlownCondition, in_words
 from aircraft_sysid_ros.consumer.sender import NANOSECONDS, Sender
 from aircraft_sysid_ros.consumer.snapshot import Condition, Snapshot, snapshot_of
 from aircraft_sysid_ros.errors import InputError
@@ -43,6 +44,8 @@ Integers = npt.NDArray[np.int64]
 
 _NEVER = np.iinfo(np.int64).min
 _NO_PLACE = "the table of flight conditions is not used: the newest message came without a flight condition"
+#: Time [s] between the first question and one after which what none has had is said.
+_EARLY = 5.0
 #: Standard errors of the difference by which a kept value may be off the published one.
 CONTRADICTION = 3.0
 
@@ -72,6 +75,7 @@ class Rules:
     airspeed_margin: float = 2.0  # [m/s] beyond the learnt flight condition
     angle_margin: float = 0.05  # [rad] the same of alpha and beta
     blend_time: float = 1.0  # [s]; 0: at once; finite
+    longest_gap: float = 1.0  # [s] for which airspeed, alpha and beta each stay known after a question that had it
 
     def __post_init__(self) -> None:
         """Raises InputError."""
@@ -147,7 +151,9 @@ class ParameterSource:
         self._low, self._high = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
         self._value = self._prior.copy()
         self._asked: int | None = None  # stamp [ns] of the newest question
+        self._first_asked: int | None = None  # [ns]
         self._sender, self._has_place = Sender(), False
+        self._flown = FlownCondition(self.rules.longest_gap)
 
     # -- what comes in ---------------------------------------------------------------------------------------
 
@@ -169,7 +175,9 @@ class ParameterSource:
             elif before is not None and before.model != snapshot.model:
                 self._forget(snapshot.names)
             self.newest, self.taken = snapshot, self.taken + 1
-            self._note(snapshot, condition)
+            now = snapshot.stamp if self._asked is None else max(self._asked, snapshot.stamp)
+            flown = self._flown.at(now, condition)
+            self._note(snapshot, Condition(*flown.tolist()))
 
     def _forget(self, kept: tuple[str, ...]) -> None:
         """What was good, but for some names; what is answered moves on from where it is."""
@@ -179,7 +187,7 @@ class ParameterSource:
         if self.table is not None:
             self.table.clear()
 
-    def _note(self, s: Snapshot, condition: Condition | None) -> None:
+    def _note(self, s: Snapshot, condition: Condition) -> None:
         own = {name: i for i, name in enumerate(self.names)}
         pairs = np.array([(own[name], j) for j, name in enumerate(s.names) if name in own], np.int64).reshape(-1, 2)
         self._status[:], self._texts = int(Trust.HOLD), [f"the model {s.model} does not have it"] * len(self.names)
@@ -214,21 +222,34 @@ class ParameterSource:
     def at(self, now: int, condition: Condition | None) -> Values:
         """All parameters at a time ``now`` [ns], of the clock of the stamps, flown in ``condition``.
 
-        None, and NaN in it, are not known. Raises InputError for a time that is not a finite number.
+        None, and NaN in it, are not known; what an earlier question knew of it stays for ``Rules.longest_gap``. Raises
+        InputError for a time that is not a finite number.
         """
         if not np.isfinite(now):
             raise InputError(f"the time of a question must be a number of nanoseconds, not {now}")
-        flown = np.full(3, np.nan) if condition is None else np.array(Condition(*condition))
         with self._lock:
+            flown = self._flown.at(now, condition)
             target, std, origin, reasons = self._target(now, flown)
             elapsed = 0.0 if self._asked is None else max(now - self._asked, 0) / NANOSECONDS
             blend = self.rules.blend_time
             share = 1.0 if blend <= 0.0 else float(-np.expm1(-elapsed / blend))
             self._asked = now
+            self._first_asked = now if self._first_asked is None else self._first_asked
             self._value = self._value + share * (target - self._value)
             value = self._value.copy()
             model = "" if self.newest is None else self.newest.model
         return Values(self.names, value, np.hypot(std, value - target), origin, reasons, model)
+
+    @property
+    def blind(self) -> str:
+        """Which part of the flight condition no question has ever had, in words; empty: none, or it is early yet."""
+        with self._lock:
+            asked = 0 if self._asked is None or self._first_asked is None else self._asked - self._first_asked
+            needed = (np.isfinite(self._low) | np.isfinite(self._high)).any(axis=0)
+            lacking = in_words(self._flown.never & needed)
+        if asked < _EARLY * NANOSECONDS or not lacking:
+            return ""
+        return f"no {lacking} in any question so far: what was learnt between limits of it is not LIVE without it"
 
     def _target(self, now: int, condition: Array) -> tuple[Array, Array, Integers, tuple[str, ...]]:
         """Where the values are going: value, std, origin (n,) and reasons."""
@@ -273,4 +294,6 @@ class ParameterSource:
             return f"flown outside of where it was learnt: {v0:.1f} to {v1:.1f} m/s, {angles}"
         if early < -self.rules.silence:
             return "no message lately"
-        return "the flight condition is not known" if unknown and status == Trust.USE else text
+        if unknown and status == Trust.USE:
+            return f"the flight condition is not known: {self._flown.lacking(now)}"
+        return text

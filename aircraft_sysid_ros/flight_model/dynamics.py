@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_product, rotation_matrix
-from aircraft_sysid_ros.aircraft.postfix import evaluate_programs
+from aircraft_sysid_ros.aircraft.postfix import evaluate_terms
 from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS, SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.flight_model.layout import (
     ATTITUDE,
@@ -177,7 +177,7 @@ def accelerations(
     for i in range(FLOW_RATE_PASSES if model.has_flow_rates else 1):
         if i:
             fill_flow_rates(u, rates, force, fall, model.geometry, signals)
-        evaluate_programs(model.code, model.code_offsets, signals, terms)
+        evaluate_terms(model.code, model.code_offsets, signals, terms)
         sum_terms(terms, theta, model.axis_offsets, coefficients)
         motion_of(coefficients, signals, rates, model, force, acceleration)
 

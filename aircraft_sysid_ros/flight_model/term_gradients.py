@@ -26,6 +26,7 @@ from aircraft_sysid_ros.aircraft.postfix import (
     STACK_SIZE,
     SUBTRACT,
     TANH,
+    is_undefined,
 )  # fmt: skip
 from aircraft_sysid_ros.kernels import njit
 
@@ -88,7 +89,7 @@ def terms_and_gradients(
 ) -> None:
     """Terms (n,) into ``values`` and their derivatives (n, 6) into ``gradients``, for one row of SIGNALS.
 
-    ``tangents`` (signals, 6): derivatives of the signals. Values are those of expression.evaluate_programs.
+    ``tangents`` (signals, 6): derivatives of the signals. Values are those of postfix.evaluate_terms.
     """
     stack = np.empty(STACK_SIZE)
     slopes = np.empty((STACK_SIZE, DIRECTIONS))
@@ -118,3 +119,5 @@ def terms_and_gradients(
                     slopes[top, d] *= slope
         values[k] = stack[0]
         gradients[k] = slopes[0]
+        if is_undefined(values[k], code, offsets[k], offsets[k + 1], signals):
+            values[k], gradients[k] = 0.0, 0.0

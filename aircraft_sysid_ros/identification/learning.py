@@ -26,6 +26,7 @@ from aircraft_sysid_ros.identification.landing import Known, Landing
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
 from aircraft_sysid_ros.identification.monitoring.hold import Restore
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
+from aircraft_sysid_ros.identification.monitoring.undefined_terms import UndefinedTerms
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.parameter_set import (
     ParameterEstimate,
@@ -86,6 +87,7 @@ class Learning:
         )
         self.conditions = LearntConditions()
         aircraft = self.aircraft
+        self._undefined = UndefinedTerms(aircraft.model)
         self.landing = Landing(float(aircraft.minimum_airspeed))
         self.fleet = FleetKnowledge(aircraft.model, aircraft.prior)
         self.health = HealthWatch(aircraft.model, aircraft.prior, aircraft.chord / aircraft.span)
@@ -152,6 +154,7 @@ class Learning:
             self.integrity.joint = False
         self.aircraft, self.estimator = aircraft, estimator
         self.history.widen(self.columns)
+        self._undefined = UndefinedTerms(aircraft.model)
         self.undescribed.adopt(aircraft.model)
         self.changes.restart()
         self.integrity.adopt(aircraft)
@@ -170,6 +173,7 @@ class Learning:
         self.known.restart_clock()
         self.undescribed.restart_clock()
         self.history.restart()
+        self._undefined.restart()
         self.changes.restart_clock()
         self.integrity.restart()
         self.landing.restart()
@@ -215,6 +219,7 @@ class Learning:
                 self.known.predict(samples, self.aircraft.model, self.estimator)
             self.history.add(samples, batch.weights, by_least_squares)
             self.conditions.add(samples)
+            self._undefined.add(samples)
             self.newest = samples[-1]
 
     def evaluate(self, time: float, start: float, used_until: float, misread: list[str]) -> None:
@@ -339,7 +344,7 @@ class Learning:
         """``estimates`` that have passed the integrity monitor, what was known before; or in the air, if it is not."""
         of_air = self.landing.published(self.time(used_until), start)
         found = of_air or self.integrity.gated(self.estimates(used_until), self.changes.since, start)
-        return self.credited(found)
+        return self.credited(self._undefined.held(found))
 
     def noise_of(self, points: Array) -> tuple[Array, Array]:
         """Variances of samples from the noise of the IMU (m, 6), and of the noise of terms (parameters,)."""
@@ -404,8 +409,10 @@ class Learning:
         controls = [name for name in needed if name in CONTROL_SIGNALS]
         nothing = self.newest is not None and not updates
         never = self._pace.is_sparse or (nothing and {*unseen} & CONTROL_SIGNALS)
-        if controls and never and controls_pace.interval > SPARSEST_CONTROLS:
-            rate = f"{controls_pace.rate:.2g} Hz"
+        if controls and never and (apart := controls_pace.shown) > SPARSEST_CONTROLS:
+            if np.isinf(apart):
+                return f"needs {listed(controls)}, of which too few samples have come yet"
+            rate = f"{1.0 / apart:.2g} Hz"
             come = "come" if len(controls) > 1 else "comes"
             return f"needs {listed(controls)}, which {come} at {rate}: at least {LOWEST_RATE:g} Hz are needed"
         if nothing and unseen:

@@ -10,6 +10,7 @@ import json
 import os
 import re
 import stat
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -86,13 +87,22 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
         raise InputError(f"the model file {path} is damaged: save it again") from None
     if terms != estimator.model.terms:
         raise InputError(
-            f"the model in {path} has other terms than the aircraft file: load it with its own aircraft file"
+            f"the model in {path} has other terms than the one that flies: {_difference(terms, estimator)}"
         )
     _check_shapes(estimator, learnt, path)
     estimator.reset()
     for name, array in learnt.items():
         getattr(estimator.learning.least_squares.state, name)[:] = array
     return estimator.model.identifier
+
+
+def _difference(terms: Mapping[str, tuple[str, ...]], estimator: Identifier) -> str:
+    """What a saved model has and lacks beside that of an estimator, and what to do, in words."""
+    own = estimator.model.terms
+    more = [f"{axis}: {text}" for axis, texts in terms.items() for text in texts if text not in own[axis]]
+    less = [f"{axis}: {text}" for axis, texts in own.items() for text in texts if text not in terms[axis]]
+    parts = [f"{verb} {shown('; '.join(listed))}" for verb, listed in (("adds", more), ("lacks", less)) if listed]
+    return f"it {' and '.join(parts) or 'has them in another order'}: change the model first, or use its aircraft file"
 
 
 def _check_shapes(estimator: Identifier, learnt: dict[str, Any], path: str | Path) -> None:

@@ -178,14 +178,26 @@ def motion_of_terms(sums: Array, noise_square: Array) -> tuple[Array, Array, Arr
     """How the terms of an axis have moved, by their sums of products (n + 2, n + 2) and the noise of each (n,).
 
     Rms of each that others of its axis do not explain, over its noise (n,); correlations of all (n, n); what a unit of
-    each parameter moves the coefficient by, over the coefficient's spread (n,).
+    each parameter moves the coefficient by, over the coefficient's spread (n,). A term that was zero throughout, as a
+    flap that has not moved, says nothing, and the others are told without it.
     """
     scale, correlation, per_unit = _moments(sums)
-    if not np.all(scale > 0.0):
-        return np.zeros(len(scale)), np.eye(len(scale)), per_unit
+    there = scale > 0.0
+    if not there.all():
+        return (*_motion_of_some(sums, noise_square, there), per_unit)
     noise = np.sqrt(noise_square)
     alone = scale / np.sqrt(_inflation(correlation))
     return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE)), correlation, per_unit
+
+
+def _motion_of_some(sums: Array, noise_square: Array, there: npt.NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Excitation (n,) and correlations (n, n) where those of a mask (n,) alone have moved."""
+    excitation, correlation = np.zeros(len(there)), np.eye(len(there))
+    if there.any():
+        both = np.append(there, [True, True])
+        found = motion_of_terms(np.ascontiguousarray(sums[np.ix_(both, both)]), noise_square[there])
+        excitation[there], correlation[np.ix_(there, there)] = found[:2]
+    return excitation, correlation
 
 
 @njit(cache=True, error_model="numpy")

@@ -70,6 +70,7 @@ class Session:
         self.losses = 0  # times that the vehicle fell silent
         self.notes: list[str] = []  # news since they were last taken
         self._wanted_system = system
+        self._other = ""  # vehicle that is heard while ours is not, in words
         self._last_message = 0
         self._silent = True
         self._next_heartbeat = self._next_sync = 0
@@ -131,14 +132,26 @@ class Session:
     def _find(self, message: Any, now: int) -> None:
         """Take the first autopilot, or the one with the wanted number."""
         system = message.get_srcSystem()
-        if self.vehicle is not None or not is_vehicle(message) or self._wanted_system not in (None, system):
+        if not is_vehicle(message):
             return
         name = _AUTOPILOT_NAMES.get(message.autopilot, f"autopilot {message.autopilot}")
+        wanted = self._wanted_system if self.vehicle is None else self.vehicle.system
+        if wanted not in (None, system):
+            self._note_other(name, system)
+        if self.vehicle is not None or wanted not in (None, system):
+            return
         self.vehicle = Vehicle(system, message.get_srcComponent(), name)
-        self.decoder.system = system
+        self.decoder.system, self._other = system, ""
         self.notes.append(f"found {name}, system {system}")
         self.requests.start(now)
         self._silent = False
+
+    def _note_other(self, name: str, system: int) -> None:
+        """Another vehicle is heard: while ours is not, that may be ours under another number."""
+        other = f"{name}, system {system}, is heard"
+        if not self.is_heard and other != self._other:
+            self._other = other
+            self.notes.append(f"{self.condition}: start the bridge anew to follow it")
 
     def _is_from_vehicle(self, message: Any) -> bool:
         vehicle = self.vehicle
@@ -147,7 +160,7 @@ class Session:
 
     def _return(self, now: int) -> None:
         """The vehicle speaks again: whatever it was asked for may be forgotten."""
-        self._silent = False
+        self._silent, self._other = False, ""
         self.notes.append("the vehicle is back")
         self.requests.start(now)
 
@@ -208,10 +221,12 @@ class Session:
     @property
     def condition(self) -> str:
         """What is wrong, in words; empty when nothing is."""
+        other = f", and {self._other}" if self._other else ""
         if self.vehicle is None:
-            return "waiting for the heartbeat of an autopilot"
+            wanted = "an autopilot" if self._wanted_system is None else f"system {self._wanted_system}"
+            return f"waiting for the heartbeat of {wanted}{other}"
         if self._silent:
-            return "the vehicle is silent"
+            return f"the vehicle, system {self.vehicle.system}, is silent{other}" if other else "the vehicle is silent"
         if not self.clock.ready:
             return "waiting for the clock of the autopilot"
         return ""

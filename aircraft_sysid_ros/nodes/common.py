@@ -125,7 +125,7 @@ def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
         except ExternalShutdownException:
             return
         except rclpy_implementation.RCLError as error:
-            # A client asked for a transition that the state does not have: rclpy raises; flying goes on.
+            # A client that does not take its answer, for one: flying goes on.
             get_logger("aircraft_sysid_ros").error(" ".join(str(error).split()))
 
 

@@ -84,6 +84,7 @@ class EstimatorNode(ConfigurableNode):
         self.received = dict.fromkeys(inputs, 0)
         self.inputs: list[Input] = []  # while active
         self.numerical_faults = 0
+        self.noted: list[str] = []  # what was changed or forgotten in this flight, and when
         self._shared: dict[str, int] = {}  # topics that several programs published on, and how many
         self._is_shared = False  # just now
         self._said = ""  # what was wrong at the last look, without numbers
@@ -113,6 +114,11 @@ class EstimatorNode(ConfigurableNode):
         """Forget what was estimated and go on."""
         raise NotImplementedError
 
+    @property
+    def flown(self) -> float:
+        """Time of flight [s]; 0 before it has begun."""
+        raise NotImplementedError
+
     def condition(self) -> tuple[str, dict[str, Any]]:
         """What is wrong in words, empty when nothing is, and values for the diagnostics."""
         raise NotImplementedError
@@ -131,6 +137,7 @@ class EstimatorNode(ConfigurableNode):
         self.get_logger().info("preparing; the first start compiles, up to a minute")
         self._lost.clear()
         self._shared.clear()
+        self.noted.clear()
         self.estimator = self.make_estimator(aircraft, values)
         self.offer()
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics", 10)
@@ -157,7 +164,7 @@ class EstimatorNode(ConfigurableNode):
         self.inputs.clear()
         self.destroy_timer(self._timer)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def forget(self) -> None:
         """Forget the flight."""
         for publisher in self._offered_publishers:
             self.destroy_lifecycle_publisher(publisher)
@@ -166,7 +173,6 @@ class EstimatorNode(ConfigurableNode):
         self._offered_publishers.clear()
         self._offered_services.clear()
         self.estimator = None
-        return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop, from whatever state."""
@@ -186,6 +192,11 @@ class EstimatorNode(ConfigurableNode):
     def hear(self, kind: Any, topic: str, receive: Callable[[Any], None], quality: Any) -> None:
         """An input that lives while the node is active."""
         self.inputs.append(Input(self, kind, topic, partial(self._survive, receive), quality))
+
+    def note_call(self, service: str, what: str) -> None:
+        """A service changed what is estimated: for the log, and for the notes of the run."""
+        self.noted.append(f"{service} of {self.get_name()} was called at {self.flown:.1f} s of flight: {what}")
+        self.get_logger().info(self.noted[-1])
 
     @property
     def lost(self) -> dict[str, int]:
@@ -233,7 +244,9 @@ class EstimatorNode(ConfigurableNode):
             work(*arguments)
         except np.linalg.LinAlgError as error:
             self.numerical_faults += 1
-            self.get_logger().error(f"numerical fault ({error}): what was estimated is forgotten, and begins anew")
+            when = f"numerical fault of {self.get_name()} at {self.flown:.1f} s of flight ({error})"
+            self.noted.append(f"{when}: what was estimated is forgotten, and begins anew")
+            self.get_logger().error(self.noted[-1])
             self.begin_anew()
 
     def _receive(self, topic: str, message: Any) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -28,11 +29,14 @@ from aircraft_sysid_ros.nodes.bridge_topics import BridgeTopics, check_topics, l
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When, node_options
 from aircraft_sysid_ros.option import options_of
 from aircraft_sysid_ros.ros_messages.conversion import ned_from_enu
+from aircraft_sysid_ros.spelling import did_you_mean
 
 #: Topics that the node hears for the way back.
 WIND, PARAMETERS = "state_estimator/wind", "parameter_estimator/parameters"
 
 
+#: Time [s] after which it is said that no parameters come that could go back.
+_PATIENCE = 20.0
 #: Options of what goes back begin with it.
 _BACK = "back_"
 _of_link = partial(NodeOption, fixed="the link is opened with it", when=When.CONFIGURED)
@@ -72,6 +76,8 @@ class MavlinkBridgeNode(ConfigurableNode):
         self._thread: threading.Thread | None = None
         self._topics: BridgeTopics | None = None
         self._heard: dict[str, Any] = {}
+        self._unknown: list[str] = []  # parameters that are to go back and that the model does not have
+        self._waits_since: float | None = None  # [s] for the first message of parameters; None: it does not
 
     @property
     def link(self) -> Session | None:
@@ -136,17 +142,19 @@ class MavlinkBridgeNode(ConfigurableNode):
             wanted[PARAMETERS] = (Parameters, self._on_parameters)
         for topic in self._heard.keys() - wanted.keys():
             self.destroy_subscription(self._heard.pop(topic))
+        self._unknown = []
+        if PARAMETERS in wanted.keys() - self._heard.keys():
+            self._waits_since = time.monotonic()
         for topic in wanted.keys() - self._heard.keys():
             kind, receive = wanted[topic]
             self._heard[topic] = self.create_subscription(kind, topic, receive, 10)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def forget(self) -> None:
         """Close the connection."""
         if self._topics is not None:
             self._topics.close()
         self.destroy_lifecycle_publisher(self._diagnostics)
         self._close()
-        return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop, from whatever state."""
@@ -197,15 +205,41 @@ class MavlinkBridgeNode(ConfigurableNode):
         self.bridge.back.wind = Wind((north, east, down), variance)
 
     def _on_parameters(self, message: Parameters) -> None:
+        self._waits_since = None
         if self.bridge is not None:
+            self._say_unknown([p.name for p in message.parameters])
             self.bridge.back.parameters = tuple(
                 Known(p.name, p.value, p.standard_deviation, p.status == Parameter.USE) for p in message.parameters
             )
+
+    def _say_unknown(self, names: Sequence[str]) -> None:
+        """Which of the parameters that are to go back the model does not have; each time that they are others."""
+        assert self.bridge is not None
+        unknown = [name for name in self.bridge.back.options.parameters if name not in names]
+        if unknown and unknown != self._unknown:
+            hint = did_you_mean(unknown[0], names)
+            words = f"the model has no parameter {' and no '.join(unknown)}: not sent back"
+            self.get_logger().warning(f"{words}{hint and f'; {hint}'}")
+        self._unknown = unknown
+
+    def _say_nothing_comes(self, session: Session) -> None:
+        """That no parameters have come that could go back, once, some time after the vehicle was heard."""
+        now = time.monotonic()
+        if self._waits_since is None:
+            return
+        if session.condition:
+            self._waits_since = now
+        elif now - self._waits_since > _PATIENCE:
+            self._waits_since = None
+            topic = self._heard[PARAMETERS].topic_name
+            self.get_logger().warning(f"no parameters have come on {topic} yet, so that none are sent back")
 
     def _publish_diagnostics(self) -> None:
         if self.bridge is None:
             return
         session = self.bridge.session
+        if PARAMETERS in self._heard:
+            self._say_nothing_comes(session)
         times = common.process_times()
         share = common.cpu_share(self._process_times, times)
         self._process_times = times

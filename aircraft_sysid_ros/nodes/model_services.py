@@ -15,12 +15,14 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
 from aircraft_sysid_ros.diagnosis.live.search_in_flight import (
     Terms,
     check_signals,
+    check_values,
     live_flight,
     requested,
     terms_of_effect,
     windows,
 )
 from aircraft_sysid_ros.diagnosis.live.worker import LiveWorker
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.pace import too_slow
@@ -65,6 +67,7 @@ class ModelServices:
 
     def _restart(self) -> None:
         self._due, self._begun, self._spent, self._stamp = -np.inf, 0.0, 0.0, 0
+        self._verdict = ""  # of the newest search
 
     # -- lifecycle -----------------------------------------------------------------------------------------------
 
@@ -139,8 +142,20 @@ class ModelServices:
         elif answer.content["model"] == self._node.estimator.model.identifier:
             candidates = [EffectCandidate(**candidate) for candidate in answer.content["candidates"]]
             content = {**answer.content, "candidates": candidates}
+            self._verdict = answer.content["verdict"]
             message = common.fill(MissingEffects(), content)
             self._publisher.publish(common.stamp_of(message, self._stamp, self._node.frame(BASE_FRD)))
+
+    @property
+    def search_in_words(self) -> str:
+        """What the newest search for missing effects has found, or why there was none."""
+        if self._period <= 0.0:
+            return "not looked for: diagnosis_period is 0"
+        if self._verdict:
+            return self._verdict
+        if self._worker is not None and self._worker.busy:
+            return "not known yet: the first search of this model runs"
+        return f"not looked for yet: {THRESHOLDS.live_least:g} s of settled flight are needed"
 
     # -- services ------------------------------------------------------------------------------------------------
 
@@ -150,6 +165,7 @@ class ModelServices:
                 raise InputError("give either effect, an id of the library, or expression, such as CZ: alpha**3")
             response.message = change(request.effect or request.expression)
             response.success = True
+            self._node.note_call("add_effect" if change == self._add else "remove_effect", response.message)
         except InputError as error:
             response.success, response.message = False, str(error)
         response.model = self._node.estimator.model.identifier
@@ -169,7 +185,9 @@ class ModelServices:
             merged = {axis: (*before.get(axis, ()), *terms.get(axis, ())) for axis in {**before, **terms}}
         else:
             terms = parsed
-        check_signals(terms, self.memory.newest(), estimator.model.inputs)
+        kept, pause = self.memory.newest(), 1.5 * estimator.options.step
+        check_signals(terms, kept, estimator.model.inputs)
+        check_values(terms, kept, pause, estimator.model.inputs)
         note = self._change(terms, {})
         if isinstance(parsed, Effect):
             self._added[parsed.identifier] = merged
@@ -196,7 +214,7 @@ class ModelServices:
         estimator = self._node.estimator
         name = estimator.learning.published["published"]
         change = change_model(estimator, with_terms(estimator.aircraft, added, removed), self.memory.newest())
-        self._due = -np.inf  # what is missing now?
+        self._due, self._verdict = -np.inf, ""  # what is missing now?
         return f"; the estimator {name} begins anew with this model" if change.restarted else ""
 
 

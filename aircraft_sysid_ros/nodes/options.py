@@ -11,10 +11,11 @@ from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from typing import Any, TypeVar
 
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.option import Option, options_of
 from aircraft_sysid_ros.spelling import did_you_mean
 
@@ -88,11 +89,14 @@ class ConfigurableNode(LifecycleNode):
         """``options``: one for each parameter."""
         super().__init__(name, **arguments)
         self.is_active = False
+        self.must_keep = ""  # why the node may not forget what it works with, in words; empty: it may
         self.set_in_flight: dict[str, Any] = {}  # parameters that were set while active, with their newest values
         self._described = options
         self._configured_with: dict[str, Any] = {}
         for key, option in options.items():
             self.declare_parameter(key, option.default, option.descriptor())
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
         self.add_on_set_parameters_callback(self._may_be_set)
         self.add_post_set_parameters_callback(self._has_been_set)
 
@@ -106,6 +110,9 @@ class ConfigurableNode(LifecycleNode):
 
     def deactivate(self, left: Callable[[int], None]) -> None:
         """Work no more; what has come is used first, and ``left`` told how many messages of it there still are."""
+
+    def forget(self) -> None:
+        """Undo ``configure``."""
 
     def check_together(self, values: Mapping[str, Any]) -> None:
         """Raises InputError where values do not fit each other, or cannot change from what they are now."""
@@ -136,6 +143,19 @@ class ConfigurableNode(LifecycleNode):
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 
+    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+        """Refuse a transition that the state does not have: rclpy raises for it, and the client waits for ever."""
+        wanted, state = request.transition, self._state_machine.current_state[1]
+        there = {label: number for number, label, *_ in self._state_machine.available_transitions}
+        if wanted.label in there or (not wanted.label and wanted.id in there.values()):
+            return self._change_state(request, response)
+        names = {number: label for number, label, *_ in self._state_machine.transition_graph}
+        name = echo(wanted.label) or names.get(wanted.id, f"transition {wanted.id}")
+        possible = f"possible: {', '.join(there)}" if there else "it is the last one"
+        self.get_logger().error(f"'{name}' is refused: the node is {state} ({possible})")
+        response.success = False
+        return response
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Check the parameters and configure; FAILURE with one sentence in the log."""
         try:
@@ -154,11 +174,19 @@ class ConfigurableNode(LifecycleNode):
         self.set_in_flight.clear()
         return TransitionCallbackReturn.SUCCESS
 
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget, unless what the node works with must be kept."""
+        if self.must_keep:
+            self.get_logger().error(f"'cleanup' is refused: {self.must_keep}")
+            return TransitionCallbackReturn.FAILURE
+        self.forget()
+        return TransitionCallbackReturn.SUCCESS
+
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate; before that configure again if a parameter was set that needs it."""
         if self._configured_with != self._needing_configuration():
             self._configured_with = {}
-            self.on_cleanup(state)
+            self.forget()
             result = self.on_configure(state)
             if result != TransitionCallbackReturn.SUCCESS:
                 return result
@@ -196,6 +224,8 @@ class ConfigurableNode(LifecycleNode):
         try:
             for name, value in wanted.items():
                 option = self._described[name]
+                if self.must_keep and self._configured_with and option.when is When.CONFIGURED:
+                    raise InputError(f"{name} cannot change: {self.must_keep}")
                 if self.is_active and option.when is not When.AT_ONCE:
                     why = f"since {option.fixed}: deactivate the node first"
                     raise InputError(f"{name} cannot change while the node is active, {why}")

@@ -19,8 +19,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When
 from aircraft_sysid_ros.nodes.overview_content import (
+    OK,
     STALE,
     Leaf,
+    absent_leaf,
     missing_leaf,
     model_leaves,
     node_leaf,
@@ -42,6 +44,9 @@ OPTIONS: dict[str, NodeOption] = {
     "autostart": AUTOSTART,
 }
 STATE_NODE = "state_estimator"
+MISSING = "parameter_estimator/missing_effects"
+#: An aeroplane has them; others, such as a bridge, are shown where they are.
+EXPECTED = (STATE_NODE, "parameter_estimator")
 
 
 class OverviewNode(ConfigurableNode):
@@ -62,6 +67,7 @@ class OverviewNode(ConfigurableNode):
         """Listen, and sum up once a second."""
         self._leaves.clear()
         self._counts.clear()
+        self._began = time.monotonic()
         newest = common.newest_quality()
         sensor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._heard = [
@@ -70,7 +76,7 @@ class OverviewNode(ConfigurableNode):
                 (AircraftState, "state_estimator/state", lambda m: [state_leaf(m)], sensor),
                 (Parameters, "parameter_estimator/parameters", parameter_leaves, newest),
                 (ModelError, "parameter_estimator/model_error", model_leaves, 10),
-                (MissingEffects, "parameter_estimator/missing_effects", lambda m: [missing_leaf(m)], newest),
+                (MissingEffects, MISSING, lambda m: [missing_leaf(m)], newest),
             )
         ]
         self._heard.append(self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100))
@@ -83,11 +89,10 @@ class OverviewNode(ConfigurableNode):
             self.destroy_subscription(subscription)
         self.destroy_timer(self._timer)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def forget(self) -> None:
         """Destroy the publishers."""
         for publisher in (self._aggregated, self._top):
             self.destroy_lifecycle_publisher(publisher)
-        return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop, from whatever state."""
@@ -114,12 +119,16 @@ class OverviewNode(ConfigurableNode):
             if name == STATE_NODE:
                 leaves += sensor_leaves(values, self._counts)
                 self._counts = values
+            if "missing_effects" in values and MISSING not in self._leaves:
+                leaves.append(Leaf("missing effects", OK, values["missing_effects"]))
             self._leaves[f"diagnostics of {name}"] = (time.monotonic(), leaves)
 
     def sum_up(self) -> None:
         """Publish the tree, and its root for lamps that show one colour."""
         oldest = time.monotonic() - self.get_parameter("patience").value
-        leaves = {leaf.path: _aged(leaf, came < oldest) for came, said in self._leaves.values() for leaf in said}
+        absent = EXPECTED if self._began < oldest else ()
+        leaves = {leaf.path: leaf for leaf in map(absent_leaf, absent)}
+        leaves |= {leaf.path: _aged(leaf, came < oldest) for came, said in self._leaves.values() for leaf in said}
         statuses = [_status(leaf) for leaf in tree(leaves.values(), self._aeroplane)]
         message = common.stamp_of(DiagnosticArray(status=statuses), self.get_clock().now().nanoseconds)
         self._aggregated.publish(message)

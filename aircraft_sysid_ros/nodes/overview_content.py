@@ -114,6 +114,11 @@ def node_leaf(name: str, level: int, message: str, values: Mapping[str, str]) ->
     return Leaf(f"nodes/{name}", level, message, values)
 
 
+def absent_leaf(name: str) -> Leaf:
+    """Of a node that has not been heard at all."""
+    return Leaf(f"nodes/{name}", STALE, "it is not heard: is it started, and in this namespace?")
+
+
 def tree(leaves: Iterable[Leaf], aeroplane: str) -> list[Leaf]:
     """All leaves, and above them each branch and the aeroplane, with paths from the root: /aeroplane/sensors/imu."""
     there = {leaf.path: leaf for leaf in leaves}

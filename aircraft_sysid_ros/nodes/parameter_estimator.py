@@ -153,6 +153,11 @@ class ParameterEstimatorNode(EstimatorNode):
         self.estimator.reset()
         self.model_services.memory.clear()
 
+    @property
+    def flown(self) -> float:
+        """Time [s] since the first state."""
+        return float(self.estimator.stream.flown)
+
     def condition(self) -> tuple[str, dict[str, Any]]:
         """Whether it learns, and how many parameters may be used."""
         statuses = [p.status for p in self.estimator.snapshot().parameters]
@@ -164,6 +169,7 @@ class ParameterEstimatorNode(EstimatorNode):
             "vanes_late": self.estimator.late_vanes,
             "inputs": " ".join(item.name for item in self.estimator.aircraft.inputs),
             **{trust.name: statuses.count(trust) for trust in Trust},
+            "missing_effects": self.model_services.search_in_words,
             "estimator": published["published"],
             "estimator_because": published["why"],
             "prior": "; ".join(self.estimator.learning.fleet.notes()),
@@ -251,6 +257,7 @@ class ParameterEstimatorNode(EstimatorNode):
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self.begin_anew()
         response.success, response.message = True, "the parameters start anew"
+        self.note_call("reset", response.message)
         return response
 
     def _model_path(self, name: str) -> Path:
@@ -269,7 +276,11 @@ class ParameterEstimatorNode(EstimatorNode):
         try:
             path = self._model_path(request.path)
             response.model = load_model(self.estimator, path)
-            response.success, response.message = True, f"read from {path}"
+            self.model_services.memory.clear()  # what is known now is not from these samples
+            name = self.estimator.learning.published["published"]
+            anew = f"; the estimator {name} begins anew" if self.estimator.learning.lends else ""
+            response.success, response.message = True, f"read from {path}{anew}"
+            self.note_call("load_model", response.message)
         except InputError as error:
             response.success, response.message = False, str(error)
         return response

@@ -93,13 +93,12 @@ class Px4BridgeNode(ConfigurableNode):
             self.destroy_subscription(subscription)
         self._heard.clear()
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def forget(self) -> None:
         """Forget the vehicle."""
         if self._topics is not None:
             self._topics.close()
         self.destroy_lifecycle_publisher(self._diagnostics)
         self.link = self._topics = None
-        return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop, from whatever state."""

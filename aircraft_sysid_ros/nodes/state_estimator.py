@@ -133,9 +133,15 @@ class StateEstimatorNode(EstimatorNode):
             self._publish(self.estimator.flush())
 
     def begin_anew(self) -> None:
-        """Forget state, biases and wind."""
-        self._waiting.clear()
-        self.estimator = self._started(self.estimator.aircraft, self.estimator.options)
+        """Forget state, biases and wind; the flight goes on."""
+        before = self.estimator
+        self.estimator = self._started(before.aircraft, before.options)
+        self.estimator.follow(before)
+
+    @property
+    def flown(self) -> float:
+        """Time of flight [s] by the IMU."""
+        return float(self.estimator.flight_time)
 
     def condition(self) -> tuple[str, dict[str, Any]]:
         """What the state rests on, and what became of every sample."""
@@ -205,8 +211,10 @@ class StateEstimatorNode(EstimatorNode):
             self._transforms.publish(_transform(odometry, common.message_class(TRANSFORMS)))
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        self._survive(self._push)
         self.begin_anew()
         response.success, response.message = True, "the state starts anew"
+        self.note_call("reset", response.message)
         return response
 
 

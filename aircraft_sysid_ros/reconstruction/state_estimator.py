@@ -162,8 +162,18 @@ class StateEstimator:
         self._begin_gusty()
         self._flown: list[Sensors] = []  # of the manoeuvres before this one
         self._usable_before = np.zeros(len(Kind), np.int64)
+        self._counts_before = np.zeros((3, len(Kind)), np.int64)  # of another estimator in this flight
         self.last_row: Array | None = None
         self._last_airborne: Array | None = None  # newest row with air data
+
+    def follow(self, before: StateEstimator) -> None:
+        """Before the first sample: go on with the flight of another one, which is given up, and know nothing from it.
+
+        Time, what became of the samples and the samples that wait are those of the flight.
+        """
+        self.epoch, self.order, self.realignments = before.epoch, before.order, before.realignments
+        self._flown, self._usable_before = before._flown, before._usable_before
+        self._counts_before = before._became()
 
     def push(self, samples: Samples) -> Array:
         """Take n samples in the order of arrival; returns rows (m, StateField.WIDTH), m >= 0.
@@ -361,19 +371,23 @@ class StateEstimator:
 
     def counts(self) -> dict[str, dict[str, int]]:
         """What became of the samples, by kind."""
-        order, memory = self.order.counts, self.memory
+        order, (fused, rejected, skipped) = self.order.counts, self._became()
         return {
             kind.name.lower(): {
                 "received": int(order.received[kind]),
-                "fused": int(memory.fused[kind]),
-                "rejected": int(memory.rejected[kind]),
-                "skipped": int(memory.skipped[kind]),
+                "fused": int(fused[kind]),
+                "rejected": int(rejected[kind]),
+                "skipped": int(skipped[kind]),
                 "late": int(order.late[kind]),
                 "invalid": int(order.invalid[kind]),
                 "wrong_stamp": int(order.wrong_stamp[kind]),
             }
             for kind in Kind
         }
+
+    def _became(self) -> npt.NDArray[np.int64]:
+        """Samples (3, kinds) that were fused, rejected and skipped."""
+        return self._counts_before + np.array([self.memory.fused, self.memory.rejected, self.memory.skipped])
 
     def _collect(self, released: Iterator[Released]) -> Array:
         blocks: list[Array] = []

@@ -14,6 +14,9 @@ from aircraft_sysid_ros.consumer import Condition
 
 Array = npt.NDArray[np.float64]
 
+AIR_DATA = ("true_airspeed", "angle_of_attack", "sideslip", "air_density", "static_pressure")
+#: Time [s] for which the last value of each stays.
+LONGEST_GAP = 1.0
 #: Low passes [s] of the airspeed, whose noise would move all surfaces, and of the height.
 _AIRSPEED_LAG, _HEIGHT_LAG = 0.2, 0.5
 
@@ -25,6 +28,8 @@ class Instruments:
         self._probe = aircraft.air_data_position.copy()
         self._rates: Array | None = None
         self._attitude: Array | None = None
+        self._air = np.full(len(AIR_DATA), np.nan)  # newest finite values at the probe
+        self._air_stamps = np.zeros(len(AIR_DATA), np.int64)
         self._flow: Array | None = None  # airspeed, alpha, beta at the centre of gravity
         self._density = self._height = self._ground = np.nan
         self._stamp = 0
@@ -38,9 +43,16 @@ class Instruments:
         self._attitude = quaternion
 
     def take_air_data(self, values: Array, stamp: int) -> None:
-        """Airspeed, alpha, beta at the probe, density, static pressure (5,); NaN: the last stay."""
-        if self._rates is None or not np.all(np.isfinite(values)):
+        """Airspeed, alpha, beta at the probe, density, static pressure (5,) at a stamp [ns].
+
+        They may come in parts, as from a MAVLink bridge: for NaN the last value stays, for ``LONGEST_GAP``.
+        """
+        is_new = np.isfinite(values)
+        self._air[is_new], self._air_stamps[is_new] = values[is_new], stamp
+        is_old = np.abs(stamp - self._air_stamps) > 1e9 * LONGEST_GAP
+        if self._rates is None or np.any(is_old | np.isnan(self._air)):
             return
+        values = self._air
         at_probe = velocity_from_air_data(values[0], values[1], values[2])
         flow = np.array(air_data_from_velocity(at_probe - cross(self._rates, self._probe)))
         altitude = altitude_at(float(values[4]))
@@ -52,6 +64,11 @@ class Instruments:
         flow[0] = self._flow[0] + share[0] * (flow[0] - self._flow[0])
         self._height += share[1] * (altitude - self._ground - self._height)
         self._flow, self._density = flow, float(values[3])
+
+    @property
+    def lacking(self) -> list[str]:
+        """Air data that have never come."""
+        return [name for name, value in zip(AIR_DATA, self._air, strict=True) if np.isnan(value)]
 
     @property
     def seen(self) -> Seen | None:

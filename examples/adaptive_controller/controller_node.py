@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from aircraft_sysid_msgs.msg import AirData, ControlSurfaces
-from autopilot import Instruments
+from autopilot import AIR_DATA, Instruments
 from dynamic_inversion import AttitudeController
 from geometry_msgs.msg import QuaternionStamped
 from node_runner import COMMANDS, DEPTH, SILENCE, Silence, Wanted, read_parameters, run_node
@@ -35,6 +35,8 @@ from aircraft_sysid_ros.simulation.closed_loop import ATTITUDE_TOPIC, STEP
 
 #: Age [s], in flight and by the clock, at which live parameters are said to have stopped; the estimator sends each 1 s.
 SILENCE_OF_PARAMETERS = 5.0
+#: Time of flight [s] after which air data that have not come are said.
+_PATIENCE = 3.0
 #: Time [s] between looks whether samples and parameters still come.
 _LOOK = 0.25
 PARAMETERS = {
@@ -88,6 +90,10 @@ class ControllerNode(Node):
         if self.source.taken > self._taken:
             self._taken = self.source.taken
             self.messages.heard()
+        lacking = self.instruments.lacking
+        if lacking and self._newest_stamp - self._first_stamp > 1e9 * _PATIENCE:
+            text = f"air_data has had no {' and no '.join(lacking)} so far: no commands are sent without"
+            self.get_logger().warning(text, throttle_duration_sec=10.0)
         if self._known is None and self.age_of_parameters > SILENCE_OF_PARAMETERS:
             self.messages.check()
 
@@ -96,8 +102,8 @@ class ControllerNode(Node):
         self.instruments.take_attitude(quaternion_ned_frd([q.x, q.y, q.z, q.w]))
 
     def _on_air_data(self, message: AirData) -> None:
-        values = (message.true_airspeed, message.angle_of_attack, message.sideslip, message.air_density)
-        self.instruments.take_air_data(np.array([*values, message.static_pressure]), nanoseconds_of(message))
+        values = np.array([getattr(message, name) for name in AIR_DATA])
+        self.instruments.take_air_data(values, nanoseconds_of(message))
 
     def _on_imu(self, message: Imu) -> None:
         rate, stamp = message.angular_velocity, nanoseconds_of(message)

@@ -90,13 +90,14 @@ def test_without_a_condition_the_newest_value_is_the_answer_and_it_is_said(conte
     source = ParameterSource({name: Prior(-1.0, 0.5) for name in NAMES}, Rules(blend_time=0.0), table)
     source.offer(1, content(values=(0.0, -0.5, -0.85)), here)
     assert source.at(1, here)["Cm_de"].value == -0.85 and source.warning == ""
-    source.offer(2, content(values=(0.0, -0.5, -0.42)), condition)
-    answer = source.at(2, here)["Cm_de"]
+    later = 2_000_000_000  # [ns] what was known of the condition is too old
+    source.offer(later, content(values=(0.0, -0.5, -0.42)), condition)
+    answer = source.at(later, here)["Cm_de"]
     assert (answer.value, answer.origin) == (-0.42, Origin.LIVE)
     assert "table of flight conditions is not used" in source.warning
     held = content(values=(0.0, -0.5, -0.42), status=(0, 1, 1))
-    source.offer(3, held, here)  # nothing new of Cm_de: its bin is still empty, that of Cm_alpha agreed
-    assert source.at(3, here)["Cm_de"].value == -0.42 and source.warning == ""
+    source.offer(later + 1, held, here)  # nothing new of Cm_de: its bin is still empty, that of Cm_alpha agreed
+    assert source.at(later + 1, here)["Cm_de"].value == -0.42 and source.warning == ""
     assert ask(table, 17.0)[0].tolist() == [-0.5, 99.0]
 
 

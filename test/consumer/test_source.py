@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.consumer import Condition, Origin, ParameterSource, Prior, Rules, priors_of
+from aircraft_sysid_ros.consumer import Condition, ConditionTable, Origin, ParameterSource, Prior, Rules, priors_of
 from aircraft_sysid_ros.errors import InputError
 
 SECOND = 1_000_000_000
@@ -130,15 +130,52 @@ def test_a_message_that_cannot_be_read_is_refused_not_raised(source, content):
     assert source.at(SECOND, HERE)["Cm_de"].origin == Origin.LIVE
 
 
-def test_a_condition_that_is_not_known_is_never_live(source, content):
+@pytest.mark.parametrize(
+    ("condition", "lacking"),
+    [
+        (None, "no airspeed has come, no angle of attack has come, no sideslip has come"),
+        (Condition(np.nan, 0.05), "no airspeed has come"),
+        (Condition(17.0, np.nan), "no angle of attack has come"),
+        (Condition(17.0, 0.05, np.nan), "no sideslip has come"),
+    ],
+)
+def test_a_condition_that_is_not_known_is_never_live(source, content, condition, lacking):
     source.offer(SECOND, content())
-    for condition in (None, Condition(np.nan, 0.05), Condition(17.0, np.nan), Condition(17.0, 0.05, np.nan)):
-        answer = source.at(SECOND, condition)["Cm_de"]
-        assert (answer.value, answer.origin) == (-0.85, Origin.HELD)
-        assert answer.reason == "the flight condition is not known"
+    answer = source.at(SECOND, condition)["Cm_de"]
+    assert (answer.value, answer.origin) == (-0.85, Origin.HELD)
+    assert answer.reason == f"the flight condition is not known: {lacking}"
     assert source.at(SECOND, Condition(60.0, np.nan))["Cm_de"].origin == Origin.PRIOR  # what is known is too far
     source.offer(2 * SECOND, content(beta_min=np.nan, beta_max=np.nan))  # learnt without a vane for it
     assert source.at(2 * SECOND, Condition(17.0, 0.05, np.nan))["Cm_de"].origin == Origin.LIVE
+
+
+def test_air_data_that_come_in_parts_are_put_together(content):
+    """As beside a MAVLink bridge: airspeed in one message, both angles in the next; nothing was ever LIVE."""
+    table = ConditionTable(tuple(PRIORS))
+    source = ParameterSource(PRIORS, AT_ONCE, table)
+    source.offer(SECOND, content(), Condition(17.0, np.nan, np.nan))
+    assert source.warning
+    parts = (Condition(17.0, np.nan, np.nan), Condition(np.nan, 0.05, 0.0))
+    origins = [source.at(SECOND + k * SECOND // 50, part)["Cm_de"].origin for k, part in enumerate(parts)]
+    assert origins == [Origin.HELD, Origin.LIVE]
+    source.offer(2 * SECOND, content(), Condition(17.0, np.nan, np.nan))
+    assert not source.warning and len(table) == 1
+    answer = source.at(3 * SECOND, Condition(17.0, np.nan, np.nan))["Cm_de"]  # the angles are too old
+    assert answer.origin == Origin.HELD
+    assert answer.reason == "the flight condition is not known: no angle of attack for 2.0 s, no sideslip for 2.0 s"
+    assert source.at(SECOND // 2, None)["Cm_de"].origin == Origin.HELD  # so they are by a clock that began anew
+    far = source.at(3 * SECOND + SECOND // 2, Condition(np.nan, 0.4, 0.0))["Cm_de"]
+    assert far.origin == Origin.PRIOR
+
+
+def test_what_no_question_ever_has_is_said(source, content):
+    source.offer(SECOND, content())
+    for second in range(1, 8):
+        source.at(second * SECOND, Condition(17.0, 0.05, np.nan))
+        assert bool(source.blind) == (second >= 6), second
+    assert source.blind.startswith("no sideslip in any question so far")
+    source.offer(8 * SECOND, content(beta_min=np.nan, beta_max=np.nan))  # it is not needed
+    assert source.blind == ""
 
 
 def test_live_is_near_the_question_before_and_after_it(content):

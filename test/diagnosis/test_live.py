@@ -1,5 +1,6 @@
 """Missing effects in flight: named when they are there, nothing said when nothing is, at bounded cost."""
 
+import re
 import time
 
 import numpy as np
@@ -197,6 +198,36 @@ def test_terms_may_read_the_inputs_that_the_aircraft_file_names():
         live.check_signals(live.requested("CZ: spoiler", inputs), memory.newest(), inputs)
     with pytest.raises(InputError, match="'tab' in 'tab' is no signal"):
         live.requested("Cm: tab")
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("CZ: sqrt(-1 - alpha**2)", "'CZ: sqrt(-1-alpha**2)' is no number at 200 of the 200 newest points"),
+    ("CZ: 1/(alpha - alpha)", "is no number at 200 of the 200"),
+    ("CZ: sqrt(alpha - 0.06)", "is no number at 120 of the 200"),
+    ("CZ: alpha*0", "'CZ: alpha*0' has been 0 throughout this flight"),
+    ("CZ: alpha; Cm: max(alpha - 1, 0)", "'Cm: max(alpha-1,0)' has been 0 throughout"),
+    ("CZ: 0", "has been 0 throughout"),
+    ("CZ: sqrt(alpha - 0.03)", ""),  # of a part of the flight
+    ("CZ: flaps", ""),  # they have not moved yet
+    ("CZ: lag(alpha, 0.5)", ""),
+    ("CZ: propeller_speed", ""),  # not measured: check_signals has that
+])  # fmt: skip
+def test_a_term_that_says_nothing_in_this_flight_is_refused(text, words):
+    memory, count = SampleMemory(), 200
+    points = np.full((count, CoefficientSample.TERMS + 3), 0.0)
+    points[:, CoefficientSample.TIME] = 0.04 * np.arange(count)
+    signals = points[:, CoefficientSample.SIGNALS]
+    signals[:, SIGNAL_INDEX["time"]] = points[:, CoefficientSample.TIME]
+    signals[:, SIGNAL_INDEX["alpha"]] = 0.1 * np.arange(count) / count
+    signals[:, SIGNAL_INDEX["propeller_speed"]] = np.nan
+    memory.add(points, np.zeros(3), 1.0)
+    terms = live.requested(text)
+    if words:
+        with pytest.raises(InputError, match=re.escape(words)):
+            live.check_values(terms, memory.newest(), 0.06)
+    else:
+        live.check_values(terms, memory.newest(), 0.06)
+    live.check_values(terms, memory.newest(2.0), 0.06)  # too little to judge from
 
 
 # -- in another process ----------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ and origin of every parameter.
 """
 
 import json
-import math
 import sys
 from typing import Any
 
@@ -33,11 +32,7 @@ class ControlLoop:
         node.create_subscription(AirData, "air_data", self.on_air_data, qos_profile_sensor_data)
 
     def on_air_data(self, message: Any) -> None:
-        """One turn of the loop, once airspeed and both angles have come."""
-        new = {"airspeed": message.true_airspeed, "alpha": message.angle_of_attack, "beta": message.sideslip}
-        self.names.update({name: value for name, value in new.items() if math.isfinite(value)})
-        if not new.keys() <= self.names.keys():  # an autopilot sends them one by one
-            return
+        """One turn of the loop."""
         self.names["stamp_ns"] = nanoseconds_of(message)
         exec(self._ask, self.names)
         if self.names["source"].taken != self._taken:

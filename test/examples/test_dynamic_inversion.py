@@ -117,8 +117,26 @@ def test_instruments_take_the_lever_arm_of_the_probe_out(aircraft):
     )
     instruments.take_air_data(np.array([np.nan, *shown[1:]]), 20)
     assert instruments.seen == seen  # what is not measured is not used
+    assert instruments.lacking == []
     for altitude in (0.0, 410.0, 3000.0):
         assert altitude_at(pressure(altitude)) == pytest.approx(altitude, abs=1e-6)
+
+
+def test_instruments_put_air_data_together_that_come_in_parts(aircraft):
+    """As from a MAVLink bridge, beside which the controller never flew."""
+    instruments, second = Instruments(aircraft), 1_000_000_000
+    instruments.take_imu(np.zeros(3))
+    instruments.take_attitude(np.array([1.0, 0.0, 0.0, 0.0]))
+    of_airspeed = np.array([17.0, np.nan, np.nan, 1.2, pressure(400.0)])
+    of_angles = np.array([np.nan, 0.05, 0.01, np.nan, np.nan])
+    instruments.take_air_data(of_airspeed, second)
+    assert instruments.seen is None and instruments.lacking == ["angle_of_attack", "sideslip"]
+    instruments.take_air_data(of_angles, second + second // 50)
+    assert instruments.condition == pytest.approx((17.0, 0.05, 0.01)) and instruments.lacking == []
+    instruments.take_air_data(of_angles + 0.01, 3 * second)  # the airspeed is too old
+    assert instruments.condition == pytest.approx((17.0, 0.05, 0.01))
+    instruments.take_air_data(of_airspeed, 3 * second + 1)
+    assert instruments.condition == pytest.approx((17.0, 0.06, 0.02))
 
 
 def test_task_and_excitation_are_what_they_are_said_to_be():

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.identification.flight_memory import BLOCK, MOST_BLOCKS, 
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.model_change import change_model, extended, reduced, with_terms
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 from aircraft_sysid_ros.simulation.dynamics import Effect
@@ -233,6 +234,40 @@ def test_another_learner_begins_anew_and_says_so(flown, name):
     assert change.restarted
     flown.fly(estimator, 20.0, 24.0)
     assert [p.name for p in estimator.snapshot().parameters].count("CZ_alpha3") == 1
+
+
+@pytest.mark.parametrize(("term", "words"), [
+    ("sqrt(-1 - alpha**2)", "is no number"), ("1/(alpha - alpha)", "is no number"),
+    ("alpha*0", "not enough motion yet"), ("max(alpha - 1.2, 0)", "not enough motion yet"),
+])  # fmt: skip
+@pytest.mark.parametrize("name", ["rls", "fourier"])
+def test_a_term_that_says_nothing_holds_no_other_one(flown, name, term, words):
+    """Nothing could be known of it when it was added; its axis learnt no more, and was held to the end."""
+    plain, estimator = flown.estimator(estimator=name), flown.estimator(estimator=name)
+    change_model(estimator, with_terms(flown.aircraft, {"Cm": (term,)}, {}), SampleMemory().newest())
+    for each in (plain, estimator):
+        flown.fly(each, 0.0, 50.0)
+    truth = {p.name: p for p in plain.snapshot().parameters}
+    found = {p.name: p for p in estimator.snapshot().parameters}
+    (new,) = found.keys() - truth.keys()
+    assert found[new].status == Trust.HOLD and words in found[new].reason
+    assert truth["Cm_alpha"].status == Trust.USE
+    for key, p in truth.items():
+        assert (found[key].status, found[key].age) == (p.status, p.age), key
+        assert found[key].value == pytest.approx(p.value, abs=0.01 * p.std), key
+        assert found[key].std == pytest.approx(p.std, rel=0.01), key
+
+
+def test_a_term_that_is_a_number_at_times_is_held_meanwhile(flown):
+    estimator = flown.estimator(estimator="rls")
+    change_model(estimator, with_terms(flown.aircraft, {"Cm": ("sqrt(30 - time)",)}, {}), SampleMemory().newest())
+    held = []
+    for end in (25.0, 45.0):
+        flown.fly(estimator, 25.0 if held else 0.0, end)
+        found = {p.name: p for p in estimator.snapshot().parameters}
+        held.append("no number" in found["Cm_sqrt(30-time)"].reason)
+    assert held == [False, True]
+    assert found["Cm_alpha"].status == Trust.USE and found["Cm_alpha"].age < 1.0
 
 
 def test_changes_that_make_no_sense_are_refused_and_change_nothing(at_sixty):

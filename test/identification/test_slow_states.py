@@ -122,6 +122,17 @@ def test_controls_that_are_too_slow_are_named(rate: float, controls: float) -> N
     assert reasons["Cl_p"] == f"needs da and dr, which come at {controls:g} Hz: at least 10 Hz are needed"
 
 
+def test_of_slow_controls_nothing_wrong_is_said_before_their_rate_is_known() -> None:
+    """A rate counts after 24 intervals: that the surfaces are not measured was the reason for so long."""
+    samples = thinned(fast_flight(SEED).samples, 100.0, controls=1.0)
+    said = []
+    for seconds in (6.0, 8.0, 10.0, 14.0, 20.0):
+        begun = samples[samples.stamp < samples.stamp[0] + round(1e9 * seconds)]
+        said.append({p.name: p.reason for p in flown(begun).parameters.snapshot().parameters}["Cl_p"])
+    assert not any("not measured" in reason for reason in said), said
+    assert said[-2:] == ["needs da and dr, which come at 1 Hz: at least 10 Hz are needed"] * 2
+
+
 def test_no_motion_is_still_said_of_a_slow_flight_without_motion() -> None:
     """Level flight at 10 Hz: the rate is not to blame."""
     samples = all_thinned(fast_flight(SEED).samples, 10.0)

@@ -62,6 +62,26 @@ def test_the_vehicle_that_is_wanted_is_waited_for():
     assert session.vehicle.autopilot == "PX4"
 
 
+def test_a_vehicle_that_comes_back_under_another_number_is_named():
+    session = Session()
+    session.receive(heartbeat(1), START)
+    session.receive(heartbeat(7), START)  # beside ours another one is nothing to speak of
+    assert session.take_notes() == ["found ArduPilot, system 1"]
+    later = START + 10 * SECOND
+    session.tick(later)
+    assert session.condition == "the vehicle is silent" and session.take_notes() == ["the vehicle is silent"]
+    for _ in range(3):
+        session.receive(heartbeat(7), later)
+    other = "the vehicle, system 1, is silent, and ArduPilot, system 7, is heard"
+    assert session.condition == other
+    assert session.take_notes() == [f"{other}: start the bridge anew to follow it"]
+    session.receive(heartbeat(1), later)
+    assert "system 7" not in session.condition and session.take_notes() == ["the vehicle is back"]
+    waits = Session(system=8)
+    waits.receive(heartbeat(7), START)
+    assert waits.condition == "waiting for the heartbeat of system 8, and ArduPilot, system 7, is heard"
+
+
 def test_before_a_vehicle_only_heartbeats_go_out_once_a_second():
     session = Session()
     names = [m.get_type() for k in range(50) for m in sent(session, START + k * SECOND // 10)]

@@ -17,6 +17,22 @@ def bench(aircraft_file):
     bench.close()
 
 
+@pytest.fixture
+def helper(domain):
+    """A node of the test's own among the processes of its module's domain, and its executor."""
+    import rclpy
+
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(domain))
+    node = rclpy.create_node("helper", context=context)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield node, executor
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
 @pytest.fixture(scope="session")
 def recording(aircraft, tmp_path_factory):
     """A simulated flight of 28 s as a bag."""

@@ -192,6 +192,15 @@ def test_memory_does_not_grow_with_the_flight(aircraft, samples, tmp_path):
     tracemalloc.stop()
 
 
+def test_a_flight_with_states_is_kept_whatever_goes_wrong_at_its_end(aircraft, samples, tmp_path):
+    run = tmp_path / "run"
+    with pytest.raises(InputError), RunWriter(run, aircraft, in_progress={"state": {}, "parameters": {}}) as writer:
+        writer.add_samples(samples)
+        writer.add_rows(np.ones((3, StateField.WIDTH)))
+        raise InputError("nothing can be said of it")
+    assert len(recovered(run)[2]) == len(samples)
+
+
 def test_what_is_stopped_before_a_sample_came_leaves_nothing_in_the_way(aircraft, tmp_path):
     """Ctrl-C while the nodes start: the next flight of that name was refused, and there was nothing to recover."""
     for samples in (None, samples_of(Kind.AIRSPEED, [1], [20.0])):

@@ -9,7 +9,7 @@ import time
 
 import pytest
 from aircraft_sysid_msgs.msg import AircraftState
-from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
+from aircraft_sysid_msgs.srv import AddEffect, LoadModel, RemoveEffect, Reset, SaveModel
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -20,6 +20,7 @@ from waiting import LONGEST
 
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
+from aircraft_sysid_ros.nodes.overview import OverviewNode
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 
@@ -158,16 +159,24 @@ def test_destroyed_it_is_gone_from_the_graph(bench, kind):
     assert bench.helper.count_services(f"/{name}/get_state") == 0
 
 
-def test_a_transition_that_does_not_exist_stops_nothing(bench):
-    bench.node(StateEstimatorNode)
-    assert change(bench, "state_estimator", CONFIGURE)
-    client = bench.helper.create_client(ChangeState, "/state_estimator/change_state")
-    bench.spin_until(client.service_is_ready)
-    client.call_async(ChangeState.Request(transition=Transition(id=CONFIGURE)))  # rclpy never answers
-    end = time.monotonic() + 1.0
-    bench.spin_until(lambda: time.monotonic() > end)
-    assert label(bench, "state_estimator") == "inactive"
-    assert change(bench, "state_estimator", ACTIVATE)
+@pytest.mark.parametrize("kind", [*KINDS, MavlinkBridgeNode, OverviewNode])
+def test_a_transition_that_the_state_does_not_have_is_answered(bench, capfd, kind):
+    """rclpy raises, prints a trace of it, and never answers."""
+    node = bench.node(kind)
+    name = node.get_name()
+    assert not change(bench, name, ACTIVATE)
+    assert not change(bench, name, 77)
+    wanted = Transition(id=CONFIGURE, label="fly away")  # a label goes before a number
+    assert not bench.call(ChangeState, f"/{name}/change_state", transition=wanted).success
+    said = "".join(capfd.readouterr())
+    for text in ("'activate' is refused: the node is unconfigured (possible: configure, shutdown)", "'transition 77'"):
+        assert text in said
+    assert "'fly away' is refused" in said
+    assert not any(word in said for word in ("Traceback", "FATAL", "rcl_lifecycle"))
+    assert label(bench, name) == "unconfigured"
+    assert change(bench, name, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    assert not change(bench, name, CONFIGURE)
+    assert "the node is finalized (it is the last one)" in "".join(capfd.readouterr())
 
 
 # -- parameters ------------------------------------------------------------------------------------------
@@ -269,6 +278,7 @@ def test_diagnostics_count_what_arrived(flown):
     assert values["states_received"] == str(parameters.states_received)
     assert values["controls_received"] == str(parameters.received["control_surfaces"])
     assert sum(int(values[name]) for name in ("USE", "HOLD", "REJECT")) == 32
+    assert values["missing_effects"] == "not looked for yet: 60 s of settled flight are needed"
 
 
 def test_services_reset_save_and_load(flown, tmp_path):
@@ -289,6 +299,26 @@ def test_services_reset_save_and_load(flown, tmp_path):
     assert not again.success and "already there" in again.message and path.read_bytes() == before
     assert bench.call(Reset, "/state_estimator/reset").success
     assert state.estimator.last_row is None
+
+
+def test_a_model_is_loaded_where_it_has_the_terms_that_fly(flown):
+    """After an effect was added in flight the answer blamed the aircraft file."""
+    bench, _, node, _ = flown
+    expression = "CZ: alpha**3"
+    for name, kind, service in (("plain.json", AddEffect, "add_effect"), ("more.json", RemoveEffect, "remove_effect")):
+        assert bench.call(SaveModel, "/parameter_estimator/save_model", path=name).success
+        learnt = node.estimator.learning.least_squares.state.theta.copy()
+        assert bench.call(kind, f"/parameter_estimator/{service}", expression=expression).success
+        refused = bench.call(LoadModel, "/parameter_estimator/load_model", path=name)
+        verb = "lacks" if name == "plain.json" else "adds"
+        assert not refused.success and f"it {verb} 'CZ: alpha**3'" in refused.message
+    assert len(node.model_services.memory.flight().time)
+    assert bench.call(Reset, "/parameter_estimator/reset").success
+    assert bench.call(AddEffect, "/parameter_estimator/add_effect", expression=expression).success
+    loaded = bench.call(LoadModel, "/parameter_estimator/load_model", path="more.json")
+    assert loaded.success and (node.estimator.learning.least_squares.state.theta == learnt).all()
+    assert not len(node.model_services.memory.flight().time)  # what is known now is not from these samples
+    assert [note.split(" of ")[0] for note in node.noted][-3:] == ["reset", "add_effect", "load_model"]
 
 
 def test_bad_paths_are_answered_with_a_sentence(bench, tmp_path, capfd):

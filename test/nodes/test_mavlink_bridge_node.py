@@ -19,7 +19,7 @@ from sensor_msgs.msg import Imu, JointState
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
 from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
-from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes import common, mavlink_bridge
 from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
 from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import MavlinkSimulator
 from aircraft_sysid_ros.simulation.mavlink_simulator.process import Radio
@@ -118,6 +118,32 @@ def test_an_autopilot_on_our_topics_and_back(bench, flying):
     bench.spin_until(lambda: bool(heard["/diagnostics"]))
     status = next(s for m in heard["/diagnostics"] for s in m.status if s.name.endswith("mavlink_bridge"))
     assert "vehicle" in {v.key for v in status.values}
+
+
+def test_parameters_that_cannot_go_back_are_named(bench, flying, monkeypatch, capfd):
+    flight, port = flying
+    monkeypatch.setattr(mavlink_bridge, "_PATIENCE", 0.5)
+    wanted = ["CZ_alpha", "CZ_alfa", "Foo_bar"]
+    node = bench.node(MavlinkBridgeNode, connection=f"udp:127.0.0.1:{port}", back_parameters=wanted, back_form="array")
+    assert common.start(node)
+    said = []
+
+    def has_said(words):
+        said.append("".join(capfd.readouterr()))
+        return words in "".join(said)
+
+    end = time.monotonic() + 2.0
+    bench.spin_until(lambda: time.monotonic() > end)
+    assert not has_said("have come")  # nor has a vehicle
+    flight.thread.start()
+    bench.spin_until(lambda: has_said("no parameters have come on /parameter_estimator/parameters yet"), 60.0)
+    publisher = bench.publisher(Parameters, "parameter_estimator/parameters")
+    message = Parameters(parameters=[Parameter(name="CZ_alpha"), Parameter(name="CZ_0")])
+    words = "the model has no parameter CZ_alfa and no Foo_bar: not sent back; did you mean CZ_alpha?"
+    bench.say_until(lambda: publisher.publish(message), lambda: has_said(words))
+    end = time.monotonic() + 1.0
+    bench.say_until(lambda: publisher.publish(message), lambda: has_said("") and time.monotonic() > end)
+    assert "".join(said).count("the model has no parameter") == "".join(said).count("have come") == 1
 
 
 def test_named_inputs_are_published_as_terms_read_them(bench, flying, tmp_path):

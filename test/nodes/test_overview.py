@@ -113,7 +113,9 @@ def test_the_node_sums_up_its_own_namespace_alone(bench):
         "/diagnostics": DiagnosticArray(
             status=[
                 DiagnosticStatus(
-                    name=f"{space}/state_estimator", message=space, values=[KeyValue(key="imu.received", value="5")]
+                    name=f"{space}/state_estimator",
+                    message=space,
+                    values=[KeyValue(key="imu.received", value="5"), KeyValue(key="missing_effects", value="not yet")],
                 )
                 for space in ("uav1", "uav2")
             ]
@@ -129,5 +131,10 @@ def test_the_node_sums_up_its_own_namespace_alone(bench):
     wanted = {"/uav1/state", "/uav1/sensors/imu", "/uav1/parameters/CZ_alpha", "/uav1/model/CZ"}
     bench.say_until(say, lambda: wanted <= {s.name for s in trees[-1].status})
     found = {s.name: s.message for s in trees[-1].status}
+    node.set_parameters([RosParameter("patience", value=0.5)])
+    bench.say_until(say, lambda: "/uav1/nodes/parameter_estimator" in {s.name for s in trees[-1].status})
+    absent = next(s for s in trees[-1].status if s.name == "/uav1/nodes/parameter_estimator")
+    assert absent.level == DiagnosticStatus.STALE and "it is not heard" in absent.message
+    assert found["/uav1/missing effects"] == "not yet"
     assert found["/uav1/nodes/state_estimator"] == "uav1" and not any("uav2" in name for name in found)
     assert lamps[-1].name == "/uav1" and len(trees[-1].status[0].level) == 1

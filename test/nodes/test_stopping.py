@@ -13,7 +13,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-import rclpy
 from aircraft_sysid_msgs.msg import AircraftState, Parameters
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import live, ours, play, slowed
@@ -49,20 +48,6 @@ def run(tmp_path):
 @pytest.fixture(autouse=True)
 def folder(run, domain):
     run.parent.mkdir()
-
-
-@pytest.fixture
-def helper(domain):
-    """A node of the test's own among the processes, and its executor."""
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=int(domain))
-    node = rclpy.create_node("helper", context=context)
-    executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    yield node, executor
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 def publish_with_losses(node, recording, process, depth=500):

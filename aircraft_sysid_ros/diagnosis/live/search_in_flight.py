@@ -33,6 +33,7 @@ from scipy.special import chdtrc
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.term_values import values_on, with_lags
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED
 from aircraft_sysid_ros.diagnosis.finding import explained
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
@@ -56,6 +57,10 @@ SLIDING = 120.0
 SETTLING = 20.0
 #: Time [s] between points: windows of the measured coefficients do not overlap.
 SPACING = 0.16
+#: Points of a flight from which a term is judged.
+_LEAST_POINTS = 100
+#: A term that varies by no more than this share of itself does not.
+_CONSTANT = 1e-9
 #: Signals that contain the measured forces.
 FORCES = frozenset({"alpha_dot", "beta_dot"})
 
@@ -346,6 +351,37 @@ def check_signals(terms: Terms, kept: RememberedSamples, inputs: tuple[str, ...]
     if missing and len(kept.time):
         text = "; ".join(f"{axis}: {term}" for axis, listed in terms.items() for term in listed)
         raise InputError(f"'{text}' needs {' and '.join(missing)}, which this flight does not have")
+
+
+def check_values(terms: Terms, kept: RememberedSamples, pause: float, inputs: tuple[str, ...] = ()) -> None:
+    """Raises InputError where a term is no number at most points of the flight, or is constant while its signals move.
+
+    ``pause`` [s]: points further apart have one missing.
+    """
+    for axis, texts in terms.items():
+        for text in texts:
+            model = model_from_terms({axis: (text,)}, inputs)
+            signals = with_lags(model.lags, kept.time, kept.signals, pause)
+            read = signals[:, [k for k, name in enumerate(model.signal_names) if name in model.signals_used]]
+            there = np.isfinite(read).all(axis=1)
+            if there.sum() >= _LEAST_POINTS:
+                values = values_on(model.programs[AXES.index(axis)], np.ascontiguousarray(signals[there]))[:, 0]
+                _check_value(f"{axis}: {text}", values, read[there])
+
+
+def _check_value(name: str, values: Array, read: Array) -> None:
+    """``check_values`` of one term, (n,), which reads some signals (n, k)."""
+    undefined = ~np.isfinite(values)
+    if 2 * undefined.sum() > len(values):
+        share = f"{undefined.sum()} of the {len(values)} newest points"
+        raise InputError(f"'{name}' is no number at {share} of this flight: mend the expression")
+    values = values[~undefined]
+    moves = np.ptp(read, axis=0).any() or not read.shape[1]
+    if moves and np.ptp(values) <= _CONSTANT * np.abs(values).max():
+        raise InputError(
+            f"'{name}' has been {values[0]:.3g} throughout this flight, so that it says nothing: mend the expression, "
+            "or add it once it varies"
+        )
 
 
 def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Terms:

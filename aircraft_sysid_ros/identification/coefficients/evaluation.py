@@ -10,7 +10,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.postfix import STACK_SIZE, evaluate_program, evaluate_programs, reads_signal
+from aircraft_sysid_ros.aircraft.postfix import (
+    STACK_SIZE,
+    evaluate_program,
+    evaluate_programs,
+    evaluate_terms,
+    reads_signal,
+)
 from aircraft_sysid_ros.aircraft.rigid_body import coefficients_of, moment_at_reference
 from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, SIGNAL_INDEX
 from aircraft_sysid_ros.estimation.window_average import window_average
@@ -113,7 +119,7 @@ def fill_history(
         for k in range(3):
             std = body.mass * row[_ACCELEROMETER_BIAS_STD + k] / (h[QBAR] * body.geometry[0])
             h[BIAS_VARIANCE + k] = std * std
-        evaluate_programs(code, code_offsets, signals, h[TERM:])
+        evaluate_terms(code, code_offsets, signals, h[TERM:])
         h[TERM:] *= h[QBAR]
 
 
@@ -158,7 +164,7 @@ def term_noise(code: Array, code_offsets: Integers, signals: Array, noise: Array
                 first, last = code_offsets[j], code_offsets[j + 1]
                 if reads_signal(code, first, last, k):
                     evaluate_program(code, first, last, row, stack)
-                    if np.isfinite(stack[0, 0]):
+                    if np.isfinite(stack[0, 0]) and np.isfinite(terms[j]):
                         out[j] += (stack[0, 0] - terms[j]) ** 2
             moved[k] = signals[k]
     for j in range(len(terms)):

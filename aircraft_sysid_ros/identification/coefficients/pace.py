@@ -24,6 +24,8 @@ Array = npt.NDArray[np.float64]
 
 #: Intervals of a block.
 BLOCK = 24
+#: Intervals of the first block that show how fast samples come.
+_FEW = 3
 #: Factor by which an interval must change to be taken anew.
 CHANGE = 1.3
 #: Rate [Hz] below which nothing is learnt, and how far it may be missed: a median of few jittered intervals errs.
@@ -84,12 +86,20 @@ class Pace:
 
     def __init__(self) -> None:
         self.interval = 0.0  # [s]; 0: dense, or not known yet
+        self._is_known = False  # a block has been full
         self.restart()
 
     def restart(self) -> None:
         """The clock began anew; the rate is taken to be what it was."""
         self._newest = np.nan
         self._open = np.empty(0)
+
+    @property
+    def shown(self) -> float:
+        """Time [s] between samples, in the first block by those that have come; infinite while too few have."""
+        if self.interval > 0.0 or np.isnan(self._newest) or self._is_known:
+            return self.interval
+        return float(np.median(self._open)) if len(self._open) >= _FEW else np.inf
 
     @property
     def is_sparse(self) -> bool:
@@ -149,6 +159,7 @@ class Pace:
         self._newest = float(times[-1]) if len(times) else self._newest
         full = len(waiting) // BLOCK
         self._open = waiting[full * BLOCK :]
+        self._is_known |= full > 0
         cuts, found, now = [], [], self.interval
         ordered = np.sort(waiting[: full * BLOCK].reshape(full, BLOCK), axis=1)
         medians = 0.5 * (ordered[:, (BLOCK - 1) // 2] + ordered[:, BLOCK // 2])

@@ -129,6 +129,11 @@ class CoefficientStream:
         return self._newest is not None and time <= self._newest
 
     @property
+    def flown(self) -> float:
+        """Time [s] since the first state by this clock; 0 before it."""
+        return 0.0 if self.start_time is None or self._newest is None else self._newest - self.start_time
+
+    @property
     def next_sample(self) -> float:
         """Time [s] of the first state that may bring another sample; those before it bring none."""
         if self.start_time is None:

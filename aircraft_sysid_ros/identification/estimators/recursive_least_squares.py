@@ -53,6 +53,8 @@ Integers = npt.NDArray[np.int64]
 PRIOR_VARIANCE = 1e8
 #: Forgetting stops where a parameter makes the prediction this uncertain, over the noise variance.
 LARGEST_PREDICTION_VARIANCE = 10.0
+#: Nor does a variance grow any more from here on.
+_LARGEST_VARIANCE = PRIOR_VARIANCE**2
 #: Time constant [s] of the running mean that tells motion from rest.
 _MOTION_TIME = 2.0
 #: After a change the variance of the noise from before it counts as so many evaluations.
@@ -252,8 +254,13 @@ def _moving_terms(state: RlsState, first: int, last: int, noise: Array, tuning: 
 
 @njit(cache=True)
 def _is_well_known(axis: int, first: int, last: int, state: RlsState) -> bool:
-    """Every variance is so small that it may grow: the prediction is far better than one sample."""
+    """Every variance is so small that it may grow: the prediction is far better than one sample.
+
+    That of a term which has been zero throughout knows no other end.
+    """
     for j in range(last - first):
+        if state.p[axis, j, j] > _LARGEST_VARIANCE:
+            return False
         if state.p[axis, j, j] * state.term_square[first + j] > LARGEST_PREDICTION_VARIANCE:
             return False
     return True

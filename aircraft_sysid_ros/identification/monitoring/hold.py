@@ -12,6 +12,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SURFACE_WORDS
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import LOST
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 
@@ -33,6 +34,7 @@ class Hold:
     stuck: str = ""  # a surface of which nothing is left, or whose record stands still: "de" and so on
     still: float = -np.inf  # [s] when its record was last seen to stand still
     sure: bool = False  # the words say which sensor it is
+    last_heard: float = np.nan  # [s] of the sensor that the words call lost
     told: bool = False  # they name one that is lost, or that contradicts all others by itself
     leader: int | None = None  # the axis that found it stuck, whose end is the end of this one
 
@@ -40,6 +42,12 @@ class Hold:
         """Say what explains it, unless a sensor is known to be lost or wrong, or contradicts all others by itself."""
         if not (self.sure or self.told):
             self.words = words
+
+    @property
+    def said_since(self) -> float:
+        """Time [s] from which on it is so; learning goes back to before it, by more where a sensor was lost."""
+        is_lost = self.words in LOST and np.isfinite(self.last_heard)
+        return self.last_heard if is_lost else self.since
 
     @property
     def what(self) -> str:
@@ -92,7 +100,7 @@ def with_holds(
         if hold is None:
             continue
         part = model.axis_slice(AXES[axis])
-        words = f"{hold.what} since {max(hold.since - start, 0.0):.1f} s"
+        words = f"{hold.what} since {max(hold.said_since - start, 0.0):.1f} s"
         if changed[axis] > hold.since - 1.0 and not (hold.sensor or hold.stuck):
             parameters[part] = [held(p, words) for p in parameters[part]]
             continue

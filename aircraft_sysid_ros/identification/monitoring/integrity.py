@@ -40,9 +40,10 @@ from aircraft_sysid_ros.identification.monitoring.hold import Hold, Release, Res
 from aircraft_sysid_ros.identification.monitoring.hold_end import CLEAR, SURE, HoldEnd, Signs
 from aircraft_sysid_ros.identification.monitoring.isolation import noisy_records, wrong_gyros
 from aircraft_sysid_ros.identification.monitoring.known_before import SHARE, KnownBefore, cause
-from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, SensorFaultDetector, Sign
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, LOST, SensorFaultDetector, Sign
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.reconstruction.state_row import SENSOR_TIMEOUT
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -193,6 +194,8 @@ class IntegrityMonitor:
             if hold is not None and (not hold.sensor or sure or hold.words == before.words):
                 hold.sensor, hold.words, hold.sure = True, signs.newest.words, sure
                 hold.told = signs.newest.tells_sensor
+            if hold is not None and hold.words in LOST and np.isnan(hold.last_heard):
+                hold.last_heard = now - SENSOR_TIMEOUT
 
     def _release(self, now: float) -> list[Restore]:
         """End the holds that are to end; returns those that go back."""

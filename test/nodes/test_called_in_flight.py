@@ -1,0 +1,112 @@
+"""Other programs call `live` in flight: its run is of the whole flight all the same, and says what was called, when."""
+
+import json
+import signal
+import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import pytest
+from aircraft_sysid_msgs.msg import AircraftState
+from aircraft_sysid_msgs.srv import AddEffect, Reset
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from processes import live, play
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from waiting import LONGEST, finish
+
+from aircraft_sysid_ros.run_reader import journal_path
+
+NODES = ("state_estimator", "parameter_estimator")
+
+
+class Caller:
+    """Calls services of a process, and hears the states."""
+
+    def __init__(self, node, executor):
+        self.node, self.executor, self.states = node, executor, []
+        node.create_subscription(AircraftState, "/state_estimator/state", self.states.append, 10)
+
+    def spin_until(self, done):
+        deadline = time.monotonic() + LONGEST
+        while not done():
+            assert time.monotonic() < deadline, "nothing came in time"
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def call(self, kind, name, **request):
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready)
+        self.spin_until(partial(_is_over, time.monotonic() + 1.0))  # until the server knows the client, too
+        future = client.call_async(kind.Request(**request))
+        self.spin_until(future.done)
+        self.node.destroy_client(client)
+        return future.result()
+
+    def change(self, name, transition):
+        return self.call(ChangeState, f"/{name}/change_state", transition=Transition(id=transition)).success
+
+
+def _is_over(deadline):
+    return time.monotonic() > deadline
+
+
+@pytest.fixture
+def caller(helper):
+    return Caller(*helper)
+
+
+def ended(process):
+    """What `live` says of the flight at Ctrl-C, and on its way."""
+    process.send_signal(signal.SIGINT)
+    output, errors = finish(process)
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors and "FATAL" not in errors
+    return json.loads(output), errors
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_node_that_is_to_be_cleaned_up_keeps_the_flight(recording, aircraft_file, tmp_path, caller, name):
+    """It was forgotten, and all that was on the disk was deleted at the end."""
+    run = tmp_path / "run"
+    with live(run, aircraft_file, "--reliable") as process:
+        sent = play(recording, 8)
+        assert not caller.change(name, Transition.TRANSITION_ACTIVATE)  # it is active, and the client is answered
+        assert caller.change(name, Transition.TRANSITION_DEACTIVATE)
+        assert not caller.change(name, Transition.TRANSITION_CLEANUP)
+        wanted = [Parameter("frame_prefix", value="uav1/").to_parameter_msg()]  # activated with it the node began anew
+        (answer,) = caller.call(SetParameters, f"/{name}/set_parameters", parameters=wanted).results
+        assert "cannot change: live gives the result" in answer.reason
+        assert caller.change(name, Transition.TRANSITION_ACTIVATE)
+        result, errors = ended(process)
+    assert "'activate' is refused: the node is active (possible: deactivate, shutdown)" in errors
+    assert "'cleanup' is refused: live gives the result" in errors
+    assert result["state"]["duration"] == pytest.approx(sent["duration"], abs=0.02)
+    assert any(p["status"] == "USE" for p in json.loads((run / "parameters.json").read_text())["parameters"])
+    assert not journal_path(run).exists()
+
+
+def test_after_a_reset_the_run_is_of_the_whole_flight_and_says_so(recording, aircraft_file, tmp_path, caller):
+    """It was of the time since the reset; one just before the end left "no state", and deleted the flight."""
+    run = tmp_path / "run"
+    with live(run, aircraft_file, "--reliable") as process, ThreadPoolExecutor() as beside:
+        playing = beside.submit(play, recording, 2)
+        caller.spin_until(lambda: caller.states)
+        for name in NODES:
+            assert caller.call(Reset, f"/{name}/reset").success
+        assert caller.call(AddEffect, "/parameter_estimator/add_effect", expression="CZ: alpha**3").success
+        sent = playing.result()
+        for expression, words in (("sqrt(-alpha**2-1)", "is no number at"), ("alpha*0", "has been 0 throughout")):
+            answer = caller.call(AddEffect, "/parameter_estimator/add_effect", expression=f"CZ: {expression}")
+            assert not answer.success and words in answer.message
+        assert caller.call(Reset, "/state_estimator/reset").success
+        result, _ = ended(process)
+    assert result["state"]["duration"] == pytest.approx(sent["duration"], abs=0.02)
+    written = json.loads((run / "state.json").read_text())
+    assert written["samples"]["imu"]["received"] == sent["messages"]["/imu/data"]
+    airspeeds = written["samples"]["airspeed"]
+    assert airspeeds["fused"] > 0.5 * airspeeds["received"]
+    for text in ("reset of state_estimator", "reset of parameter_estimator", "add_effect of parameter_estimator"):
+        assert any(text in note and " s of flight" in note for note in written["notes"]), written["notes"]
+    assert any(f"called at {sent['duration']:.1f} s of flight" in note for note in written["notes"])
+    assert set(written["notes"]) <= set(result["notes"])
