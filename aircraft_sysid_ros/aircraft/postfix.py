@@ -151,7 +151,7 @@ def evaluate_terms(
     """
     evaluate_programs(code, offsets, signals, out)
     for k in range(len(out)):
-        if is_undefined(out[k], code, offsets[k], offsets[k + 1], signals):
+        if not np.isfinite(out[k]) and is_undefined(out[k], code, offsets[k], offsets[k + 1], signals):
             out[k] = 0.0
 
 

@@ -16,7 +16,7 @@ STEP = f"max(sign(time-{MOMENT}),0)"
 
 @pytest.mark.parametrize("seed", [301, 302])
 def test_what_half_an_elevator_does_to_the_lift_is_not_taken_from_before(aircraft, seed):
-    """C_m shows it at once. C_Z does not: it had USE, three and five of its standard errors from what it was by then."""
+    """C_m shows it at once. C_Z does not: it had USE, three to five of its standard errors from what it was then."""
     c = aircraft.coefficients
     lost = [Term(axis, f"{STEP}*de", -0.5 * c[f"{axis}_de"]) for axis in ("Cm", "CZ")]
     flight = simulate_samples(aircraft, seed, 120.0, effects=lost, manoeuvres="varied")
