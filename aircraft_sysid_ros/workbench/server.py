@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import ipaddress
+import itertools
 import socket
 from collections.abc import Callable
 
 import uvicorn
 from fastapi import FastAPI, Request
-from nicegui import ui
+from nicegui import Client, ui
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.guard import SameOrigin
 
 #: In the address of a page, of which run it is.
 RUN = "run"
+#: Time [s] between looks whether what a browser has missed is on its way to it.
+_LOOK = 0.1
 
 
 def serve(
@@ -35,6 +39,7 @@ def serve(
     @ui.page("/", title=f"{title} · workbench", response_timeout=30.0)
     def _page(request: Request) -> None:
         make(request.cookies.get("theme"), request.query_params.get(RUN))
+        _bring_up_to_date_when_back(ui.context.client)
 
     ui.run_with(
         app,
@@ -50,6 +55,24 @@ def serve(
     ready(addresses(host, listener.getsockname()[1]))
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listener])
+
+
+def _bring_up_to_date_when_back(client: Client) -> None:
+    """Send all of a page again to a browser that lost its connection for a moment.
+
+    NiceGUI repeats what the browser missed, after what is newer: texts and lists would stay as they were then.
+    """
+    connections = itertools.count()
+
+    async def connected() -> None:
+        if not next(connections):
+            return
+        while client.outbox.messages:
+            await asyncio.sleep(_LOOK)
+        for element in list(client.elements.values()):
+            element.update()
+
+    client.on_connect(connected)
 
 
 def is_private(host: str) -> bool:
