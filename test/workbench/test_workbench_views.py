@@ -53,14 +53,20 @@ def test_a_thinned_line_keeps_every_peak_and_every_gap() -> None:
     values = rng.normal(size=60_000)
     values[31_234], values[77] = 50.0, -50.0
     values[20_000:23_000] = np.nan
-    x, y = figure.thinned(time, values, (100.0, 500.0))
+    at = figure.thinned(time, values, (100.0, 500.0))
+    x, y = time[at], values[at]
     inside = (time >= 100.0) & (time <= 500.0)
     assert len(x) <= figure.MOST_POINTS + 4 and np.all(np.diff(x) >= 0.0)
     assert np.nanmax(y) == 50.0 and np.nanmin(y) == np.nanmin(values[inside])
     assert np.isnan(y[(x > time[20_100]) & (x < time[22_900])]).all()
-    few = figure.thinned(time, values, (300.0, 302.0))
+    few = time[figure.thinned(time, values, (300.0, 302.0))]
     begin, end = np.flatnonzero((time >= 300.0) & (time <= 302.0))[[0, -1]]
-    assert np.array_equal(few[0], time[begin - 1 : end + 2])
+    assert np.array_equal(few, time[begin - 1 : end + 2])
+    lines = np.column_stack([values, np.roll(values, 5000), rng.normal(size=60_000)])
+    together = lines[figure.thinned(time, lines)]  # each line keeps its peaks, at moments that all have
+    assert len(together) <= figure.MOST_POINTS + 4
+    assert np.array_equal(np.nanmax(together, axis=0), np.nanmax(lines, axis=0))
+    assert np.array_equal(np.nanmin(together, axis=0), np.nanmin(lines, axis=0))
 
 
 def test_rows_have_the_numbers_of_compare(view, hidden_effect, capsys) -> None:

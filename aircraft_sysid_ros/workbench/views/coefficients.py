@@ -107,15 +107,15 @@ def coefficient_figure(
     """
     window = window or whole(comparison)
     time, measured = time_of(comparison.flight), comparison.flight.coefficient(name)
-    data = [line(*thinned(time, measured, window), theme.ink, "measured", width=2.2)]
+    found = comparison.axes.get(name)
+    lines = [measured] if found is None else [measured, found.predicted, found.fit.held_out]
+    at = thinned(time, np.column_stack(lines), window)
+    data = [line(time[at], measured[at], theme.ink, "measured", width=2.2)]
     if beside is not None and name in beside.axes:
-        data += _model(
-            beside.axes[name], time_of(beside.flight), window, theme.second, theme.second, "the other version"
-        )
-    if name in comparison.axes:
-        found = comparison.axes[name]
+        data += _beside(beside, name, window, theme.second)
+    if found is not None:
         data += _noise_band(found, time, window, theme)
-        data += _model(found, time, window, theme.predicted, theme.residual, _PREDICTED)
+        data += _model(found, time, at, (theme.predicted, theme.residual), (_PREDICTED, "residual, held out"))
     split, held_out = _RESIDUAL, _held_out(comparison.flight)
     return figure(
         theme, data, height,
@@ -130,13 +130,20 @@ def coefficient_figure(
     )  # fmt: skip
 
 
+def _beside(other: Comparison, name: str, window: Span, colour: str) -> list[dict[str, Any]]:
+    """The lines of another version of the same flight."""
+    found, time = other.axes[name], time_of(other.flight)
+    at = thinned(time, np.column_stack([other.flight.coefficient(name), found.predicted, found.fit.held_out]), window)
+    return _model(found, time, at, (colour, colour), ("the other version", "residual, the other version"))
+
+
 def _model(
-    found: AxisComparison, time: Array, window: Span, colour: str, of_residual: str, words: str
+    found: AxisComparison, time: Array, at: npt.NDArray[np.intp], colours: tuple[str, str], words: tuple[str, str]
 ) -> list[dict[str, Any]]:
-    residual = "residual" if words == _PREDICTED else f"residual, {words}"
+    """Prediction and held-out residual at the moments of some indices."""
     return [
-        line(*thinned(time, found.predicted, window), colour, words, width=1.1),
-        line(*thinned(time, found.fit.held_out, window), of_residual, residual, yaxis="y2", width=1.0),
+        line(time[at], found.predicted[at], colours[0], words[0], width=1.1),
+        line(time[at], found.fit.held_out[at], colours[1], words[1], yaxis="y2", width=1.0),
     ]
 
 
