@@ -11,7 +11,7 @@ from nicegui import events, ui
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
-from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
 from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY

@@ -36,7 +36,7 @@ from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED
 from aircraft_sysid_ros.diagnosis.finding import explained
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
-from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, errors_of, expressions, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
