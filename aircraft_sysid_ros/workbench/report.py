@@ -11,7 +11,6 @@ from markupsafe import Markup
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.frequency_responses import rate_responses
-from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.json_text import without_nan
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
@@ -204,7 +203,10 @@ def _why(figures: _Figures, view: RunView) -> dict[str, Any]:
             made = candidates.evidence_figure(card.evidence, figures.theme)
             drawn = figures.add(made, f"the residual against the signal of {card.title}")
         listed.append((card, noise, drawn))
-    return {"diagnosis": found, "verdict": headline(found), "candidates": listed}
+    verdict, advice = candidates.verdict(found, view.current)
+    of_shown = found["model"] == view.current
+    said = {"verdict": verdict, "advice": advice, "of_shown": of_shown, "has": view.changes}
+    return {"diagnosis": found, "candidates": listed, **said}
 
 
 def _parameters(view: RunView, truth: TruthView) -> dict[str, Any]:

@@ -13,17 +13,16 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
-from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.spelling import nearest
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, fold, plot
 from aircraft_sysid_ros.workbench.views import places
-from aircraft_sysid_ros.workbench.views.candidates import EVIDENCE_HEIGHT, Card, cards, evidence_figure
+from aircraft_sysid_ros.workbench.views.candidates import EVIDENCE_HEIGHT, Card, cards, evidence_figure, verdict
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
 from aircraft_sysid_ros.workbench.views.history import effect_name
-from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
+from aircraft_sysid_ros.workbench.views.words import quantity_of
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")
@@ -155,12 +154,7 @@ class WhyPanel(SidePanel):
                 "missing. Half a minute to a minute."
             )
             return
-        stale = found["model"] != view.current
-        self._verdict.text = sentence(headline(found))
-        self._words.text = found["advice"]
-        if stale:
-            self._verdict.text = "Of an earlier model"
-            self._words.text = f"This was found for model {found['model']}. Diagnose again to see what is missing now."
+        self._verdict.text, self._words.text = verdict(found, view.current)
         known = view.comparisons.get(found["model"], view.comparison)
         with self._cards:
             for number, card in enumerate(cards(found, known.flight)):

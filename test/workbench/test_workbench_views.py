@@ -349,14 +349,25 @@ class Elements(HTMLParser):
         self.text += data
 
 
+CANDIDATE = {
+    "effect": None, "expression": "alpha*beta", "name": "", "label": "lift", "physics": "", "found": True,
+    "main_axis": "Cl", "error_before": 0.3, "error_after": 0.03, "p_value": 0.01, "where": "70 to 72 s",
+    "confounded_with": ["other"], "manoeuvre": "push", "parameters": [], "inner": {"delay": 0.1}, "terms": {},
+}  # fmt: skip
+
+
+def test_the_file_says_of_which_model_something_was_missing(view) -> None:
+    """What was found before it was added is not missing of the model that is shown."""
+    found = {"verdict": "missing", "advice": "add it", "model": view.current, "candidates": [CANDIDATE]}
+    assert "Why: an effect is missing" in report_html(replace(view, diagnosis=found), None)
+    text = report_html(replace(view, diagnosis=found | {"model": "before"}), None)
+    assert "Why: of an earlier model" in text and "an effect is missing" not in text
+    assert "found for model before" in text and "<p>add it" not in text
+
+
 def test_names_from_outside_are_text(view, hidden_effect) -> None:
     """Of recording, aircraft, effect, parameter and version: the page has the elements that it has without them."""
-    candidate = {
-        "effect": None, "expression": "alpha*beta", "name": "", "label": "lift", "physics": "", "found": True,
-        "main_axis": "Cl", "error_before": 0.3, "error_after": 0.03, "p_value": 0.01, "where": "70 to 72 s",
-        "confounded_with": ["other"], "manoeuvre": "push", "parameters": [], "inner": {"delay": 0.1}, "terms": {},
-    }  # fmt: skip
-    found = {"verdict": "missing", "advice": "add it", "model": view.current, "candidates": [candidate]}
+    found = {"verdict": "missing", "advice": "add it", "model": view.current, "candidates": [CANDIDATE]}
     plain = replace(view, notes=("note",), diagnosis=found, changes=["effect"])
 
     def hostile(words: str) -> str:
@@ -372,7 +383,7 @@ def test_names_from_outside_are_text(view, hidden_effect) -> None:
         name=hostile("recording"),
         notes=(hostile("note"),),
         changes=[hostile("effect")],
-        diagnosis=found | {"advice": hostile("advice"), "candidates": [candidate | worded]},
+        diagnosis=found | {"advice": hostile("advice"), "candidates": [CANDIDATE | worded]},
         parameters={view.current: [named, *others]},
     )
     was, now = (Elements(report_html(shown, None)) for shown in (plain, changed))
