@@ -483,3 +483,10 @@ def test_a_version_that_cannot_be_read_is_left_out_with_a_note(run) -> None:
     one = load_run_view(run, both)
     assert [version.identifier for version in one.versions] == [one.current]
     assert any("damaged" in note for note in one.notes)
+
+
+@pytest.mark.parametrize("reach", [0.0048, 0.00101, 0.0099, 0.0021, 7.0])
+def test_the_axis_of_a_residual_has_a_number_beside_zero(reach) -> None:
+    ticks = figure.ticks_about_zero(np.array([np.nan, -0.3 * reach, reach]), np.array([0.1 * reach]))
+    assert 1 <= reach // ticks["dtick"] <= 2
+    assert figure.ticks_about_zero(np.full(3, np.nan), np.zeros(2)) == {}

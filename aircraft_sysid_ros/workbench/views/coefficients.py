@@ -21,6 +21,7 @@ from aircraft_sysid_ros.workbench.views.figure import (
     line,
     span_of,
     thinned,
+    ticks_about_zero,
     upright,
 )
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
@@ -116,12 +117,13 @@ def coefficient_figure(
     if found is not None:
         data += _noise_band(found, time, window, theme)
         data += _model(found, time, at, (theme.predicted, theme.residual), (_PREDICTED, "residual, held out"))
+    ticks = {} if found is None else ticks_about_zero(found.fit.held_out[at], 2.0 * found.floor.std[at])
     split, held_out = _RESIDUAL, _held_out(comparison.flight)
     return figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
         yaxis=axis(theme, symbol(name) + " [-]", domain=[split + 0.05, 1.0], fixedrange=True, nticks=5),
-        yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, nticks=4),
+        yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, **ticks),
         **TIMED, shapes=[
             *bands(held_out, window, theme.shade),
             *bands(marks, window, theme.mark),

@@ -116,6 +116,18 @@ def line(x: Array, y: Array, colour: str, name: str, **more: Any) -> dict[str, A
     return {**base, **more}
 
 
+def ticks_about_zero(*lines: Array) -> dict[str, float]:
+    """Ticks of an axis with lines on both sides of zero: at zero and at least one beside it, where plotly.js may find one.
+
+    Empty where nothing is known.
+    """
+    reach = max((float(np.nanmax(np.abs(line))) for line in lines if np.isfinite(line).any()), default=0.0)
+    if reach <= 0.0:
+        return {}
+    decade = 10.0 ** np.floor(np.log10(reach))
+    return {"tick0": 0.0, "dtick": float(decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= reach))}
+
+
 def upright(at: float, colour: str, width: float) -> dict[str, Any]:
     """A dashed line through all of a figure, at a place of its first axis."""
     return {
