@@ -11,6 +11,8 @@ import pytest
 from page_marks import marked, wait_for_text
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, versions_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import shelf
 from aircraft_sysid_ros.workbench.views.words import percent, rounded
@@ -147,3 +149,9 @@ def test_what_cannot_be_shown_together_is_one_sentence(runs, monkeypatch, capsys
     assert main(["workbench", *arguments, *more, "--no-browser", "--port", "0"]) == 2
     err = capsys.readouterr().err
     assert said in err and err.count("\n") == 1
+
+
+def test_the_list_counts_the_versions_of_the_history(run) -> None:
+    for change in (add, remove, add):  # to take all back writes the first version once more
+        change(run, "Cl: alpha*beta")
+    assert shelf.look_at("run", run).versions == len(versions_of(open_run(run))[0]) == 2
