@@ -297,6 +297,7 @@ def test_a_table_has_values_with_standard_errors_and_intervals_of_95_percent() -
         "standard_deviations": [0.5] * 18,
     }  # fmt: skip
     assert "± 0.50<" in markup.state_table(state) and "the standard error" in markup.state_table(state)
+    assert ">± is the standard error" in markup.state_table({**state, "status_text": ""})  # nothing is wrong
     rows = parameters.parameter_rows([{**listed[0], "status": "USE"}], {})
     assert rows[0].interval == pytest.approx((-0.1196, -0.0804))
     assert "± 0.010<" in markup.parameter_table(rows) and "−0.120 to −0.080" in markup.parameter_table(rows)

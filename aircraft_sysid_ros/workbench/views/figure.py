@@ -117,7 +117,7 @@ def line(x: Array, y: Array, colour: str, name: str, **more: Any) -> dict[str, A
 
 
 def ticks_about_zero(*lines: Array) -> dict[str, float]:
-    """Ticks of an axis with lines on both sides of zero: there and at least one beside it, where plotly.js may find one.
+    """Ticks of an axis with lines on both sides of zero: there and beside it, where plotly.js may find one alone.
 
     Empty where nothing is known.
     """
