@@ -65,7 +65,7 @@ class BesidePanel(Panel):
     def _envelope(self) -> None:
         """Two maps of the residual with one scale."""
         with ui.element("div").style("width:100%") as self._maps:
-            ui.label("Residual over the envelope, before and after").classes("heading").style("margin:18px 0 8px")
+            ui.label("Residual over the envelope, side by side").classes("heading").style("margin:18px 0 8px")
             with ui.element("div").classes("pickers"):
                 self._pickers = {
                     key: ui.select([], label=label, on_change=self._mapped(key)).props("dense options-dense outlined")

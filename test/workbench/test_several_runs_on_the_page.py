@@ -13,8 +13,9 @@ from page_marks import marked, wait_for_text
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, versions_of
+from aircraft_sysid_ros.diagnosis.two_runs import Difference, SideBySide
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.workbench import shelf
+from aircraft_sysid_ros.workbench import markup, shelf
 from aircraft_sysid_ros.workbench.views.words import percent, rounded
 
 #: Name of the folder of a damaged run: text on the page, whatever it looks like.
@@ -149,6 +150,22 @@ def test_what_cannot_be_shown_together_is_one_sentence(runs, monkeypatch, capsys
     assert main(["workbench", *arguments, *more, "--no-browser", "--port", "0"]) == 2
     err = capsys.readouterr().err
     assert said in err and err.count("\n") == 1
+
+
+def test_what_only_one_flight_has_stands_there_with_its_value() -> None:
+    reason = ("HOLD: it was not excited", "")
+    doubtful = [Difference(name, (1.0, 2.0), (0.1, 0.1), 1e-9, reason) for name in ("Cl_beta", "Cl_p", "Cl_da")]
+    both = SideBySide(
+        ("one", "other"), ("a", "b"), False, tuple(doubtful), ({}, {"Cl_alpha*beta": (-0.5, 0.02)}), {}, ()
+    )
+    assert "no difference is proven: Cl_beta Cl_p Cl_da; Cl_beta in one is HOLD" in both.told[1]
+    row = str(markup.differences(both)).rpartition("<tr>")[2]
+    assert (
+        "Cl_alpha*beta" in row
+        and "−0.500 " in row
+        and "± 0.020<" in row
+        and row.index('<td class="n"></td>') < row.index("±")
+    )
 
 
 def test_the_list_counts_the_versions_of_the_history(run) -> None:
