@@ -77,6 +77,7 @@ def _part(name: str, *values: Any) -> Markup:
 
 
 LEGEND, LIVE_LEGEND = _part("legend"), _part("live_legend")
+DISTRIBUTION_LEGEND = _part("distribution_legend")
 TRACE_LEGEND, RESIDUAL_LEGEND = _part("trace_legend"), _part("residual_legend")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 
 import pytest
-from page_marks import marked
+from page_marks import marked, wait_for_text
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +28,33 @@ def test_a_menu_is_as_wide_as_its_field_or_what_it_holds(server, open_page, labe
     assert field.bounding_box()["width"] - 3.0 <= menu["width"] < 400.0
     assert page.evaluate("(m => m.scrollWidth <= m.clientWidth)(document.querySelector('.q-menu'))")
     assert page.locator(marked("map")).is_visible()
+
+
+def test_lines_of_residuals_are_named(server, open_page) -> None:
+    page = open_page(server)
+    page.click(marked("tab-residuals"))
+    page.wait_for_selector(marked("distribution-Cn") + " .main-svg")
+    named = page.inner_text(marked("distribution-legend"))
+    drawn = page.evaluate("document.querySelector('[data-testid=distribution-Cn]').data.map((t) => t.line?.color)")
+    assert "noise alone" in named and "white noise" in named and "residual" in named
+    keys = page.evaluate(
+        "[...document.querySelectorAll('[data-testid=distribution-legend] .key')].map((e) => getComputedStyle(e).color)"
+    )
+    assert len(keys) == len({*keys}) == 3 and drawn.count("#d55e00") == 1 and "rgb(213, 94, 0)" in keys
+
+
+def test_a_button_without_anything_to_add_says_so(server, open_page) -> None:
+    page = open_page(server)
+    page.click(marked("side-add"))
+    page.click(marked("add-term"))
+    wait_for_text(page, "complaint", "Write a term with its axis, such as CZ: alpha**3")
+    page.click(marked("add-effect"))
+    wait_for_text(page, "no-effect", "Choose an effect first")
+    page.fill(marked("term"), "CZ: alpha**3")
+    page.locator(marked("effect")).click()
+    page.click(".effect-menu .q-item >> nth=1")
+    for name in ("complaint", "no-effect"):
+        page.wait_for_function("(s) => document.querySelector(s).innerText === ''", arg=marked(name))
 
 
 #: Of each table that can be seen: whether a shadow says where it goes on, and whether its first column stays.
