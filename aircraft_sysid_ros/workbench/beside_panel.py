@@ -17,7 +17,7 @@ from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.envelope import envelope_words, shared_scale
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
-from aircraft_sysid_ros.workbench.views.words import quantity_of
+from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
 
 #: Where there is nothing to compare with.
 ONE_VERSION = (
@@ -138,7 +138,7 @@ class BesidePanel(Panel):
         self._said.clear()
         with self._said:
             for text in sentences:
-                ui.label(text[:1].upper() + text[1:] + ".").classes("small")
+                ui.label(sentence(text) + ".").classes("small")
         for place in (self._errors, self._parameters, self._maps):
             place.set_visibility(False)
 

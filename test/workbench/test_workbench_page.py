@@ -351,6 +351,10 @@ def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_
         assert "samples.npz is damaged" in text
         page.click(marked("side-why"))
         assert page.locator(marked("diagnose")).is_disabled()
+        moved = run.rename(run.with_name("moved"))
+        wait_for_text(page, "notice", f"The run {run} is gone: it was deleted or moved")
+        run = moved.rename(run)
+        wait_for_text(page, "notice", "samples.npz is damaged")
         page.context.close()
     assert main(["workbench", str(run), "--no-browser", "--port", "0"]) == 2
     said = capsys.readouterr().err.strip().splitlines()

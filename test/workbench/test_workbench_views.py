@@ -491,3 +491,9 @@ def test_the_axis_of_a_residual_has_a_number_beside_zero(reach) -> None:
     ticks = figure.ticks_about_zero(np.array([np.nan, -0.3 * reach, reach]), np.array([0.1 * reach]))
     assert 1 <= reach // ticks["dtick"] <= 2
     assert figure.ticks_about_zero(np.full(3, np.nan), np.zeros(2)) == {}
+
+
+def test_a_sentence_begins_with_a_capital_but_a_path_stays_what_it_is() -> None:
+    assert words.sentence("added: C_m") == "Added: C_m" and words.sentence("C_m is") == "C_m is"
+    assert words.sentence("runs/monday is no run") == "runs/monday is no run"
+    assert words.sentence("state.json is not there") == "state.json is not there"
