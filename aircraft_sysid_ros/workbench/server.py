@@ -11,9 +11,14 @@ from collections.abc import Callable
 
 import uvicorn
 from fastapi import FastAPI, Request
+from fastapi.responses import HTMLResponse
+from markupsafe import Markup
 from nicegui import Client, ui
+from nicegui import app as pages
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.frame import STYLE
 from aircraft_sysid_ros.workbench.guard import SameOrigin
 
 #: In the address of a page, of which run it is.
@@ -41,6 +46,7 @@ def serve(
         make(request.cookies.get("theme"), request.query_params.get(RUN))
         _bring_up_to_date_when_back(ui.context.client)
 
+    pages.add_exception_handler(404, _not_found)
     ui.run_with(
         app,
         tailwind=False,
@@ -55,6 +61,12 @@ def serve(
     ready(addresses(host, listener.getsockname()[1]))
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listener])
+
+
+async def _not_found(request: Request, _: Exception) -> HTMLResponse:
+    """What stands at an address that is none, with the way back."""
+    style = Markup(STYLE.read_text(encoding="utf8"))
+    return HTMLResponse(markup.page("not_found.html", address=request.url.path, style=style), status_code=404)
 
 
 def _bring_up_to_date_when_back(client: Client) -> None:

@@ -57,6 +57,16 @@ def test_a_button_without_anything_to_add_says_so(server, open_page) -> None:
         page.wait_for_function("(s) => document.querySelector(s).innerText === ''", arg=marked(name))
 
 
+def test_an_address_that_is_none_leads_back(server, chromium) -> None:
+    page = chromium.new_page()
+    answer = page.goto(server + "<b>nobody</b>/here?run=x")
+    assert answer.status == 404 and "There is no page at this address" in page.inner_text("main")
+    assert page.locator("b").count() == 0 and "NiceGUI" not in page.content()
+    page.click("main a")
+    page.wait_for_selector(marked("plot-Cn") + " .main-svg")
+    page.close()
+
+
 #: Of each table that can be seen: whether a shadow says where it goes on, and whether its first column stays.
 TABLES = """[...document.querySelectorAll('.of-table')].filter((e) => e.offsetParent && e.innerText).map((e) => [
   getComputedStyle(e).backgroundImage.includes('gradient'),
