@@ -13,7 +13,6 @@ from aircraft_sysid_ros.workbench.panel import Html, Panel
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Theme
 from aircraft_sysid_ros.workbench.views.words import sentence
 
-CROSSHAIR = Path(__file__).with_name("crosshair.js")
 STYLE = Path(__file__).with_name("style.css")
 #: Time [s] between looks at the session.
 POLL = 0.25
@@ -50,7 +49,7 @@ class Frame:
         self.session, self.look = session, Look(DARK if (theme or "").endswith("dark") else LIGHT)
         ui.add_css(STYLE)
         ui.add_head_html(_QUIET)
-        ui.add_head_html(f"<script>{CROSSHAIR.read_text(encoding='utf8')}</script>")
+        ui.add_head_html(f"<script>{markup.SCRIPT}</script>")
         self._dark = ui.dark_mode(self.look.theme is DARK)
         self.panels = self.views()
         first = next(iter(self.panels))

@@ -30,7 +30,6 @@ from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
 from aircraft_sysid_ros.workbench.views.history import effect_names, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
 
-CROSSHAIR = Path(__file__).with_name("crosshair.js")
 STYLE = Path(__file__).with_name("style.css")
 #: Maps that a file shows: of the axes that fail, over the flow angles and over speed and height.
 _MAPS = (("alpha", "beta"), ("V", "height"))
@@ -137,7 +136,7 @@ def _whole(
         state=state,
         calibration=found,
         style=Markup(STYLE.read_text(encoding="utf8")),
-        crosshair=Markup(CROSSHAIR.read_text(encoding="utf8")),
+        script=Markup(markup.SCRIPT),
         plotly=Markup(get_plotlyjs().replace("</script", "<\\/script")),
         figures=_script_json(figures.made),
         palettes=_script_json({theme.name: _palette(theme) for theme in (LIGHT, DARK)}),

@@ -67,6 +67,23 @@ def test_an_address_that_is_none_leads_back(server, chromium) -> None:
     page.close()
 
 
+def test_a_figure_that_is_saved_says_what_it_is(server, open_page) -> None:
+    page = open_page(server, color_scheme="dark")
+    page.wait_for_selector("body.body--dark")
+    plot = page.locator(marked("plot-Cl"))
+    plot.hover()
+    with page.expect_download() as download:
+        plot.locator(".modebar-btn").first.click()
+    assert download.value.suggested_filename == "Cl-measured-and-predicted-over-time-and-the-residual.svg"
+    drawn = download.value.path().read_text(encoding="utf8")
+    for words in ("Cl measured and predicted over time, and the residual", ">measured<", ">residual, held out<"):
+        assert words in drawn, words
+    assert drawn.count(">two sigma of noise<") == 1
+    assert "fill: rgb(27, 33, 39)" in drawn  # light letters stand on the dark ground of the page
+    assert page.locator(marked("plot-Cl") + " .legend").count() == 0  # and the page is as it was
+    assert page.evaluate("document.querySelector('[data-testid=plot-Cl]').layout.title") is None
+
+
 #: Of each table that can be seen: whether a shadow says where it goes on, and whether its first column stays.
 TABLES = """[...document.querySelectorAll('.of-table')].filter((e) => e.offsetParent && e.innerText).map((e) => [
   getComputedStyle(e).backgroundImage.includes('gradient'),

@@ -156,7 +156,15 @@ def _noise_band(found: AxisComparison, time: Array, window: Span, theme: Theme) 
     x, std = time[begin:end:step], found.floor.std[begin:end:step]
     return [
         line(
-            x, sign * 2.0 * std, theme.noise, "two sigma of noise", yaxis="y2", width=1.0, dash="dot", hoverinfo="skip"
+            x,
+            sign * 2.0 * std,
+            theme.noise,
+            "two sigma of noise",
+            yaxis="y2",
+            width=1.0,
+            dash="dot",
+            hoverinfo="skip",
+            showlegend=sign > 0.0,
         )
         for sign in (-1.0, 1.0)
     ]
