@@ -23,6 +23,11 @@ HOSTILE = "<script>alert(1)<img src=x onerror=alert(1)>"
 NOTE = "<img src=x onerror=alert(1)>\nsecond line"
 
 
+#: What stands in the cells of each row of a table, each on one line.
+CELLS = """(s) => [...document.querySelectorAll(s + " tr")].map((row) => [...row.cells].map(
+  (cell) => cell.innerText.replace(/\\s+/g, " ")))"""
+
+
 @pytest.fixture(scope="module")
 def runs(hidden_effect, aircraft_file, tmp_path_factory):
     """Two flights, a run without its state, a flight that was cut off, and a folder that is none of a run."""
@@ -71,12 +76,18 @@ def stands_beside(page, both) -> None:
     assert shown == {
         axis: [f"{percent(share)} %" for row in table for share in row] for axis, table in both["errors"].items()
     }
-    rows = [row.split("\t") for row in page.inner_text(marked("differences")).splitlines()]
-    shown = {row[0]: row[1:4] for row in rows if len(row) == 5}
+    shown = {row[0]: row[1:4] for row in page.evaluate(CELLS, marked("differences")) if len(row) == 5}
     for p in both["parameters"]:
         estimates = [" ± ".join(rounded(value, std)) for value, std in zip(p["value"], p["std"], strict=True)]
         difference = " ± ".join(rounded(p["difference"], p["std_difference"]))
         assert shown[p["name"]] == [*estimates, difference + " ▲" * p["differs"]]
+    assert page.locator(marked("differences") + " td.below").first.is_visible()
+    assert (
+        page.evaluate(
+            "(b => b.scrollWidth - b.clientWidth)(document.querySelector('[data-testid=differences] .of-table'))"
+        )
+        <= 0
+    )
     said = page.inner_text(marked("beside-words"))
     assert all(sentence in said for sentence in both["told"])
     assert "cells flown" in page.inner_text(marked("covered-other"))
