@@ -27,6 +27,7 @@ from aircraft_sysid_ros.workbench.views.figure import (
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 Span = tuple[float, float]
 
 FAILS, MORE, NOISE, SHORT, NO_DATA = "fails", "more than noise", "only noise", "too short to tell", "no data"
@@ -35,8 +36,6 @@ ORDER = ("CX", "Cl", "CY", "Cm", "CZ", "Cn")
 TIME_TITLE = "time since the filter started [s]"
 #: Of the folds, the one whose blocks are shaded.
 _SHOWN_FOLD = 0
-#: What the line of the model is called.
-_PREDICTED = "predicted"
 #: Share of the height of a plot that the residual takes.
 _RESIDUAL = 0.36
 
@@ -108,16 +107,19 @@ def coefficient_figure(
     """
     window = window or whole(comparison)
     time, measured = time_of(comparison.flight), comparison.flight.coefficient(name)
-    found = comparison.axes.get(name)
-    lines = [measured] if found is None else [measured, found.predicted, found.fit.held_out]
-    at = thinned(time, np.column_stack(lines), window)
+    at, at_beside = _moments(comparison, beside, name, window)
     data = [line(time[at], measured[at], theme.ink, "measured", width=2.2)]
+    residuals = []
     if beside is not None and name in beside.axes:
-        data += _beside(beside, name, window, theme.second)
-    if found is not None:
+        colours, words = (theme.second, theme.second), ("the other version", "residual, the other version")
+        data += _model(beside.axes[name], time_of(beside.flight), at_beside, colours, words)
+        residuals.append(beside.axes[name].fit.held_out[at_beside])
+    if name in comparison.axes:
+        found = comparison.axes[name]
         data += _noise_band(found, time, window, theme)
-        data += _model(found, time, at, (theme.predicted, theme.residual), (_PREDICTED, "residual, held out"))
-    ticks = {} if found is None else ticks_about_zero(found.fit.held_out[at], 2.0 * found.floor.std[at])
+        data += _model(found, time, at, (theme.predicted, theme.residual), ("predicted", "residual, held out"))
+        residuals += [found.fit.held_out[at], 2.0 * found.floor.std[at]]
+    ticks = ticks_about_zero(*residuals)
     split, held_out = _RESIDUAL, _held_out(comparison.flight)
     return figure(
         theme, data, height,
@@ -132,15 +134,26 @@ def coefficient_figure(
     )  # fmt: skip
 
 
-def _beside(other: Comparison, name: str, window: Span, colour: str) -> list[dict[str, Any]]:
-    """The lines of another version of the same flight."""
-    found, time = other.axes[name], time_of(other.flight)
-    at = thinned(time, np.column_stack([other.flight.coefficient(name), found.predicted, found.fit.held_out]), window)
-    return _model(found, time, at, (colour, colour), ("the other version", "residual, the other version"))
+def _moments(comparison: Comparison, beside: Comparison | None, name: str, window: Span) -> tuple[Indices, Indices]:
+    """The moments at which the lines of both versions are drawn: the same where both have the same times."""
+    time, lines = time_of(comparison.flight), _lines(comparison, name)
+    if beside is None:
+        return thinned(time, lines, window), np.arange(0)
+    time_beside, of_beside = time_of(beside.flight), _lines(beside, name)
+    if np.array_equal(time, time_beside):
+        at = thinned(time, np.column_stack([lines, of_beside]), window)
+        return at, at
+    return thinned(time, lines, window), thinned(time_beside, of_beside, window)
+
+
+def _lines(comparison: Comparison, name: str) -> Array:
+    """What is drawn of one axis, (n, 1) or (n, 3): measured, predicted, held-out residual."""
+    measured, found = comparison.flight.coefficient(name), comparison.axes.get(name)
+    return np.column_stack([measured] if found is None else [measured, found.predicted, found.fit.held_out])
 
 
 def _model(
-    found: AxisComparison, time: Array, at: npt.NDArray[np.intp], colours: tuple[str, str], words: tuple[str, str]
+    found: AxisComparison, time: Array, at: Indices, colours: tuple[str, str], words: tuple[str, str]
 ) -> list[dict[str, Any]]:
     """Prediction and held-out residual at the moments of some indices."""
     return [
