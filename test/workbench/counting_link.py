@@ -42,7 +42,6 @@ def start_link(namespace: str) -> tuple[Counting, Any]:
     return Counting(theirs), ours
 
 
-live_session.start_link = start_link
-
 if __name__ == "__main__":
+    live_session.start_link = start_link
     sys.exit(main(sys.argv[1:]))
