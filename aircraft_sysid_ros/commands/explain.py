@@ -129,16 +129,20 @@ def render(result: dict[str, Any]) -> str:
 
 
 def _fact_line(fact: dict[str, Any]) -> str:
-    std = f" ± {fact['std']:.2g}" if fact["std"] == fact["std"] and fact["std"] is not None else ""
-    return f"{fact['title']:<34}{fact['value']:>9.3g}{std} {fact['unit']}: {fact['words']}"
+    return f"{fact['title']:<34}{_known(fact['value'], fact['std'])} {fact['unit']}: {fact['words']}"
+
+
+def _known(value: float, std: float | None) -> str:
+    """A number as far as its standard error says something of it, where that is known."""
+    from aircraft_sysid_ros.workbench.views.words import rounded
+
+    return f"{value:.3g}" if std is None or std != std else " ± ".join(rounded(value, std))
 
 
 def _mode_line(mode: dict[str, Any]) -> str:
     std, seconds = mode["std"], mode["time_constant"]
     if seconds is not None:
         spread = seconds * std["frequency"] / mode["frequency"]
-        return f"{mode['name']:<34}time constant {seconds:.3g} ± {spread:.2g} s: {mode['words']}"
-    numbers = (
-        f"{mode['frequency']:.3g} ± {std['frequency']:.2g} rad/s, damping {mode['damping']:.3g} ± {std['damping']:.2g}"
-    )
-    return f"{mode['name']:<34}{numbers}: {mode['words']}"
+        return f"{mode['name']:<34}time constant {_known(seconds, spread)} s: {mode['words']}"
+    frequency, damping = (_known(mode[name], std[name]) for name in ("frequency", "damping"))
+    return f"{mode['name']:<34}{frequency} rad/s, damping {damping}: {mode['words']}"

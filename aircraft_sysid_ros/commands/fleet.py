@@ -90,7 +90,9 @@ def _check(args: argparse.Namespace) -> None:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
-    lines = [f"{result['ok']} of {result['flights']} flights of {len(result['airframes'])} airframes", ""]
+    airframes = len(result["airframes"])
+    of = f"{airframes} airframe{'s' if airframes != 1 else ''}"
+    lines = [f"{result['ok']} of {result['flights']} flights of {of}", ""]
     lines += [f"  {f['flight']}: {f['reason']}" for f in result["failures"]]
     lines += [""] if result["failures"] else []
     lines += [_change_line(change) for change in result["changes"]] or [

@@ -35,6 +35,10 @@ _AIRFRAME = ("mass", "wing_area", "span", "chord", "inertia")
 _FORCES = ("CX", "CY", "CZ")
 #: Signals whose ranges say where a flight was flown: name and factor to what people read, with the unit.
 _CONDITIONS = {"V": (1.0, "m/s"), "alpha": (180.0 / np.pi, "deg")}
+#: Parameters that a sentence names at most.
+_MOST_NAMED = 6
+#: Value and standard error by the name of a parameter.
+Fitted = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ class SideBySide:
     models: tuple[str, str]
     same_flight: bool
     parameters: tuple[Difference, ...]
-    only_in: tuple[tuple[str, ...], tuple[str, ...]]  # parameters that the other does not have or determine
+    only_in: tuple[Fitted, Fitted]  # parameters that the other does not have or determine
     errors: Mapping[str, Array]
     notes: tuple[str, ...]
 
@@ -117,13 +121,14 @@ class SideBySide:
             f"{len(self.differing)} of {self.tried} parameters differ beyond doubt; of two flights with the same ones "
             f"any is said to differ in at most {THRESHOLDS.false_alarm:.0%}"
         ]
-        doubtful = [d for d in self.parameters if d.is_doubtful]
+        doubtful = sorted((d for d in self.parameters if d.is_doubtful), key=lambda d: d.p_value)
         if doubtful:
-            first = min(doubtful, key=lambda d: d.p_value)
+            first = doubtful[0]
+            names = " ".join([*(d.name for d in doubtful[:_MOST_NAMED]), *["…"] * (len(doubtful) > _MOST_NAMED)])
             run, reason = next((run, why) for run, why in zip(self.runs, first.held, strict=True) if why)
             sentences.append(
                 f"{len(doubtful)} more differ by their standard errors and are not to USE in one of the runs, so no "
-                f"difference is proven: {first.name} in {run} is {reason}"
+                f"difference is proven: {names}; {first.name} in {run} is {reason}"
             )
         return sentences
 
@@ -157,7 +162,7 @@ def side_by_side(runs: tuple[Run, Run], comparisons: tuple[Comparison, Compariso
     shared = [name for name in known[0] if name in known[1]]
     if not shared:
         raise InputError(f"{first.path} and {second.path} share no parameter that both flights determine")
-    only = tuple(tuple(name for name in a if name not in b) for a, b in (known, known[::-1]))
+    only = [{name: fitted for name, fitted in a.items() if name not in b} for a, b in (known, known[::-1])]
     return SideBySide(
         runs=_names(first, second),
         models=(first.current.identifier, second.current.identifier),
@@ -197,8 +202,8 @@ def _of_bias(run: Run) -> Array:
     return np.array([float(value or 0.0) for value in stated])
 
 
-def _fitted(comparison: Comparison, of_bias: Array) -> dict[str, tuple[float, float]]:
-    """Value and standard error by name, of what a flight determines."""
+def _fitted(comparison: Comparison, of_bias: Array) -> Fitted:
+    """Of what a flight determines."""
     aircraft, qbar = comparison.flight.aircraft, comparison.flight.signal("qbar")
     known = qbar[np.isfinite(qbar)]
     per_bias = aircraft.mass / (float(np.median(known)) * aircraft.wing_area) if len(known) else 0.0
@@ -214,7 +219,7 @@ def _fitted(comparison: Comparison, of_bias: Array) -> dict[str, tuple[float, fl
 
 def _differences(
     names: Sequence[str],
-    known: tuple[Mapping[str, tuple[float, float]], Mapping[str, tuple[float, float]]],
+    known: tuple[Fitted, Fitted],
     held: tuple[Mapping[str, str], Mapping[str, str]],
     one_flight: bool,
 ) -> list[Difference]:

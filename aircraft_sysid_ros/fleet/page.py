@@ -182,6 +182,9 @@ def _plot(
         for airframe, one in there.items()
     ]
     words = "; ".join(f"{airframe}: {text}" for airframe, text in said.items()) or "no change, no difference"
+    missing = sum(len(flights[airframe]) - len(one.number) for airframe, one in there.items())
+    if missing:
+        words += f"; no point for {missing} flight{'s' if missing > 1 else ''}, of which it is not to be used"
     return {
         "parameter": parameter, "words": words, "curves": curves, "ticks": scale.ticks, "width": _WIDTH,
         "height": _HEIGHT, "left": _LEFT, "right": _WIDTH - 8, "last": scale.last + 1,

@@ -17,7 +17,7 @@ from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.envelope import envelope_words, shared_scale
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
-from aircraft_sysid_ros.workbench.views.words import quantity_of
+from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
 
 #: Where there is nothing to compare with.
 ONE_VERSION = (
@@ -65,7 +65,7 @@ class BesidePanel(Panel):
     def _envelope(self) -> None:
         """Two maps of the residual with one scale."""
         with ui.element("div").style("width:100%") as self._maps:
-            ui.label("Residual over the envelope, before and after").classes("heading").style("margin:18px 0 8px")
+            ui.label("Residual over the envelope, side by side").classes("heading").style("margin:18px 0 8px")
             with ui.element("div").classes("pickers"):
                 self._pickers = {
                     key: ui.select([], label=label, on_change=self._mapped(key)).props("dense options-dense outlined")
@@ -138,7 +138,7 @@ class BesidePanel(Panel):
         self._said.clear()
         with self._said:
             for text in sentences:
-                ui.label(text[:1].upper() + text[1:] + ".").classes("small")
+                ui.label(sentence(text) + ".").classes("small")
         for place in (self._errors, self._parameters, self._maps):
             place.set_visibility(False)
 

@@ -5,35 +5,51 @@
   layer.setAttribute("aria-hidden", "true");
   const timed = () => [...document.querySelectorAll(".js-plotly-plot")].filter((p) => p._fullLayout?.meta === "time");
 
-  function nearest(points, time) {
-    let low = 0, high = points.length - 1;
+  // Index of the time that is nearest, of times that rise.
+  function nearest(times, time) {
+    let low = 0, high = times.length - 1;
     while (high - low > 1) {
       const middle = (low + high) >> 1;
-      if (points[middle].x < time) low = middle; else high = middle;
+      if (times[middle] < time) low = middle; else high = middle;
     }
-    return Math.abs(points[low].x - time) < Math.abs(points[high].x - time) ? points[low] : points[high];
+    return Math.abs(times[low] - time) <= Math.abs(times[high] - time) ? low : high;
   }
 
+  const axisOf = (plot, trace) => plot._fullLayout["yaxis" + (trace.yaxis ?? "y").slice(1)];
+
   function unitOf(plot, trace) {
-    const axis = plot._fullLayout["yaxis" + (trace.yaxis ?? "y").slice(1)];
-    const unit = /\[([^\]]*)\]/.exec(axis?.title?.text ?? "")?.[1] ?? "";
+    const unit = /\[([^\]]*)\]/.exec(axisOf(plot, trace)?.title?.text ?? "")?.[1] ?? "";
     return unit === "-" ? "" : " " + unit;
   }
 
-  function values(plot, time) {
+  // As many places as the eye could tell in the plot: 200 steps from its bottom to its top.
+  function rounded(plot, trace, value) {
+    const [low, high] = axisOf(plot, trace).range;
+    const places = Math.min(Math.max(Math.ceil(Math.log10(200 / Math.abs(high - low))), 0), 12);
+    return value.toFixed(places).replace("-", "−");
+  }
+
+  // The lines of a plot with their points nearest to a time.
+  function pointsAt(plot, time) {
     const {xaxis} = plot._fullLayout, reach = 0.01 * Math.abs(xaxis.range[1] - xaxis.range[0]);
     const found = [];
-    for (const all of plot.calcdata ?? []) {
-      const trace = all[0]?.trace;
-      if (!trace || trace.visible !== true || trace.hoverinfo === "skip" || trace.type !== "scatter") continue;
-      const points = all.filter((p) => Number.isFinite(p.x) && Number.isFinite(p.y)); // gaps have neither
-      if (!points.length) continue;
-      const at = nearest(points, time);
-      if (Math.abs(at.x - time) > reach) continue;
-      const text = Number(at.y.toPrecision(4)).toString().replace("-", "−");
-      found.push([trace.line?.color, `${trace.name} ${text}${unitOf(plot, trace)}`]);
+    for (const {x, y, visible, hoverinfo, type, ...trace} of plot._fullData ?? []) {
+      if (visible !== true || hoverinfo === "skip" || type !== "scatter" || !x?.length) continue;
+      const k = nearest(x, time);
+      if (Math.abs(x[k] - time) <= reach) found.push({trace, time: x[k], value: y[k]});
     }
     return found;
+  }
+
+  // Values are those of one moment: that of the point which is nearest to the pointer. A gap has none.
+  function values(plot, pointer) {
+    const near = pointsAt(plot, pointer).filter(({value}) => Number.isFinite(value)).map(({time}) => time);
+    if (!near.length) return {time: pointer, lines: []};
+    const time = near.reduce((a, b) => (Math.abs(b - pointer) < Math.abs(a - pointer) ? b : a));
+    const lines = pointsAt(plot, time).filter(({value}) => Number.isFinite(value)).map(({trace, value}) => [
+      trace.line?.color, `${trace.name} ${rounded(plot, trace, value)}${unitOf(plot, trace)}`,
+    ]);
+    return {time, lines};
   }
 
   function mark(plot, time) {
@@ -45,8 +61,9 @@
     const line = layer.appendChild(document.createElement("i"));
     Object.assign(line.style, {left: `${left}px`, top: `${box.top + size.t}px`, height: `${size.h}px`});
     const label = layer.appendChild(document.createElement("span"));
-    label.append(`${time.toFixed(2)} s`);
-    for (const [colour, text] of values(plot, time)) {
+    const read = values(plot, time);
+    label.append(`${read.time.toFixed(2)} s`);
+    for (const [colour, text] of read.lines) {
       const part = label.appendChild(document.createElement("b"));
       part.textContent = text;
       part.style.borderColor = colour ?? "currentColor";

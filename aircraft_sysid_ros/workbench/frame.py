@@ -11,8 +11,8 @@ from nicegui import ui
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Theme
+from aircraft_sysid_ros.workbench.views.words import sentence
 
-CROSSHAIR = Path(__file__).with_name("crosshair.js")
 STYLE = Path(__file__).with_name("style.css")
 #: Time [s] between looks at the session.
 POLL = 0.25
@@ -49,7 +49,7 @@ class Frame:
         self.session, self.look = session, Look(DARK if (theme or "").endswith("dark") else LIGHT)
         ui.add_css(STYLE)
         ui.add_head_html(_QUIET)
-        ui.add_head_html(f"<script>{CROSSHAIR.read_text(encoding='utf8')}</script>")
+        ui.add_head_html(f"<script>{markup.SCRIPT}</script>")
         self._dark = ui.dark_mode(self.look.theme is DARK)
         self.panels = self.views()
         first = next(iter(self.panels))
@@ -135,7 +135,7 @@ class Frame:
 
     def notice(self, text: str, is_bad: bool, is_shown: bool = False) -> None:
         """Say one sentence under the header; nothing where it is empty, unless the notice is shown anyway."""
-        self._notice_text.text = text[:1].upper() + text[1:]
+        self._notice_text.text = sentence(text)
         self._notice_box.set_visibility(bool(text) or is_shown)
         self._notice_box.classes(add="bad" if is_bad else "", remove="" if is_bad else "bad")
 

@@ -71,12 +71,12 @@ class LiveFlight:
         self._newest[kind] = stamp
         self._zero = stamp if self._zero is None else self._zero
         content = {**content, "time": stamp - self._zero}
-        self.heard[kind] += 1
         if kind != STATE:
             self.last_heard = self.clock()
         {ERRORS: self._errors, PARAMETERS: self._parameters, MISSING: self._missing, STATE: self.states.append}[kind](
             content
         )
+        self.heard[kind] += 1  # at the end: a page that sees a new count must find what is new
 
     def presence(self, is_there: bool) -> None:
         """Whether anybody publishes as the parameter node."""

@@ -17,7 +17,7 @@ from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, fold, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, SidePanel
 from aircraft_sysid_ros.workbench.views import live, states, track
-from aircraft_sysid_ros.workbench.views.candidates import Card
+from aircraft_sysid_ros.workbench.views.candidates import EARLIER, Card
 from aircraft_sysid_ros.workbench.views.coefficients import ORDER
 from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.history import effect_name
@@ -131,7 +131,7 @@ class LiveWhyPanel(SidePanel):
             self._verdict.text = "Not looked for yet"
             self._words.text = "The node searches by itself, from about a minute and a half of flight on."
             return
-        self._verdict.text = "Of an earlier model" if stale else sentence(headline(found))
+        self._verdict.text = EARLIER if stale else sentence(headline(found))
         self._words.text = found["advice"]
         if stale:
             self._words.text = f"This was found for model {found['model']}. The node searches again by itself."

@@ -25,6 +25,10 @@ from aircraft_sysid_ros.workbench.views.residuals import ResidualRow
 from aircraft_sysid_ros.workbench.views.states import Consistency
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, chance, percent, rounded, symbol
 
+#: What figures do by themselves in a browser, on the page and in the file.
+SCRIPT = "\n".join(
+    Path(__file__).with_name(name).read_text(encoding="utf8") for name in ("crosshair.js", "save_figure.js")
+)
 #: Parts of the content of one AircraftState: title, field, and where its standard deviations begin.
 _OF_STATE = (
     ("wind [m/s]", "wind_ned", 15),
@@ -77,6 +81,7 @@ def _part(name: str, *values: Any) -> Markup:
 
 
 LEGEND, LIVE_LEGEND = _part("legend"), _part("live_legend")
+DISTRIBUTION_LEGEND = _part("distribution_legend")
 TRACE_LEGEND, RESIDUAL_LEGEND = _part("trace_legend"), _part("residual_legend")
 
 

@@ -11,7 +11,6 @@ from markupsafe import Markup
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.frequency_responses import rate_responses
-from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.json_text import without_nan
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
@@ -31,7 +30,6 @@ from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
 from aircraft_sysid_ros.workbench.views.history import effect_names, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
 
-CROSSHAIR = Path(__file__).with_name("crosshair.js")
 STYLE = Path(__file__).with_name("style.css")
 #: Maps that a file shows: of the axes that fail, over the flow angles and over speed and height.
 _MAPS = (("alpha", "beta"), ("V", "height"))
@@ -138,7 +136,7 @@ def _whole(
         state=state,
         calibration=found,
         style=Markup(STYLE.read_text(encoding="utf8")),
-        crosshair=Markup(CROSSHAIR.read_text(encoding="utf8")),
+        script=Markup(markup.SCRIPT),
         plotly=Markup(get_plotlyjs().replace("</script", "<\\/script")),
         figures=_script_json(figures.made),
         palettes=_script_json({theme.name: _palette(theme) for theme in (LIGHT, DARK)}),
@@ -188,7 +186,7 @@ def _where(figures: _Figures, view: RunView) -> dict[str, Any]:
     for axis, x, y in shown:
         made = places.map_figure(places.residual_map(view.comparison, axis, x, y), figures.theme)
         maps.append((axis, figures.add(made, f"map of {axis}")))
-    return {"worst": worst, "maps": maps}
+    return {"worst": worst, "maps": maps, "nowhere": places.NOWHERE}
 
 
 def _why(figures: _Figures, view: RunView) -> dict[str, Any]:
@@ -204,7 +202,10 @@ def _why(figures: _Figures, view: RunView) -> dict[str, Any]:
             made = candidates.evidence_figure(card.evidence, figures.theme)
             drawn = figures.add(made, f"the residual against the signal of {card.title}")
         listed.append((card, noise, drawn))
-    return {"diagnosis": found, "verdict": headline(found), "candidates": listed}
+    verdict, advice = candidates.verdict(found, view.current)
+    of_shown = found["model"] == view.current
+    said = {"verdict": verdict, "advice": advice, "of_shown": of_shown, "has": view.changes}
+    return {"diagnosis": found, "candidates": listed, **said}
 
 
 def _parameters(view: RunView, truth: TruthView) -> dict[str, Any]:

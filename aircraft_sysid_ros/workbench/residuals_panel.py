@@ -29,6 +29,8 @@ class ResidualsPanel(Panel):
                 self._table = Html().props("data-testid=residual-numbers")
                 button = ui.button("Coefficients as CSV", icon="download", on_click=self._download)
                 button.props("flat dense data-testid=save-coefficients").style("margin-top:8px")
+            with ui.element("div").classes("legend").props("data-testid=distribution-legend"):
+                Html(markup.DISTRIBUTION_LEGEND).style("display:contents")
             self._place = ui.element("div").classes("grid2")
             with card("Frequency responses").props("data-testid=responses") as self._responses:
                 ui.label(responses.WORDS).classes("soft small")

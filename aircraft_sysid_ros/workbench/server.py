@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import ipaddress
+import itertools
 import socket
 from collections.abc import Callable
 
 import uvicorn
 from fastapi import FastAPI, Request
-from nicegui import ui
+from fastapi.responses import HTMLResponse
+from markupsafe import Markup
+from nicegui import Client, ui
+from nicegui import app as pages
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.frame import STYLE
 from aircraft_sysid_ros.workbench.guard import SameOrigin
 
 #: In the address of a page, of which run it is.
 RUN = "run"
+#: Time [s] between looks whether what a browser has missed is on its way to it.
+_LOOK = 0.1
 
 
 def serve(
@@ -35,7 +44,9 @@ def serve(
     @ui.page("/", title=f"{title} · workbench", response_timeout=30.0)
     def _page(request: Request) -> None:
         make(request.cookies.get("theme"), request.query_params.get(RUN))
+        _bring_up_to_date_when_back(ui.context.client)
 
+    pages.add_exception_handler(404, _not_found)
     ui.run_with(
         app,
         tailwind=False,
@@ -50,6 +61,30 @@ def serve(
     ready(addresses(host, listener.getsockname()[1]))
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listener])
+
+
+async def _not_found(request: Request, _: Exception) -> HTMLResponse:
+    """What stands at an address that is none, with the way back."""
+    style = Markup(STYLE.read_text(encoding="utf8"))
+    return HTMLResponse(markup.page("not_found.html", address=request.url.path, style=style), status_code=404)
+
+
+def _bring_up_to_date_when_back(client: Client) -> None:
+    """Send all of a page again to a browser that lost its connection for a moment.
+
+    NiceGUI repeats what the browser missed, after what is newer: texts and lists would stay as they were then.
+    """
+    connections = itertools.count()
+
+    async def connected() -> None:
+        if not next(connections):
+            return
+        while client.outbox.messages:
+            await asyncio.sleep(_LOOK)
+        for element in list(client.elements.values()):
+            element.update()
+
+    client.on_connect(connected)
 
 
 def is_private(host: str) -> bool:

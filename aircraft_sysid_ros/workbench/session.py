@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.run_reader import AIRCRAFT
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder, newest_of_run
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView, signature_of
 from aircraft_sysid_ros.workbench.worker import (
@@ -38,6 +39,8 @@ WORDS = {
     ADD: "adding", REMOVE: "taking away", NAME: "naming", UNNAME: "taking the name back", REFINE: "refining",
     CALIBRATE: "calibrating", UNDO: "putting back what was there",
 }  # fmt: skip
+#: A run that is shown, and whose folder somebody has taken away.
+GONE = "the run {} is gone: it was deleted or moved; what stands here is the last that was read of it"
 
 
 class Session:
@@ -195,7 +198,9 @@ class Session:
 
     def _failed(self, answer: Failed) -> None:
         if answer.job.kind == LOAD:
-            self.damage, self._damaged_at = answer.sentence, signature_of(self.path)
+            is_gone = self.view is not None and not (self.path / AIRCRAFT).is_file()
+            self.damage = GONE.format(self.path) if is_gone else answer.sentence
+            self._damaged_at = signature_of(self.path)
         elif answer.job.kind == RECORD:
             self.record_problem = answer.sentence
         else:

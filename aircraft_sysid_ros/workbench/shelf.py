@@ -131,13 +131,14 @@ def look_at(name: str, folder: Path) -> ListedRun:
             name, problem=f"is flown now, or was cut off: then aircraft-sysid recover {run} makes it a run"
         )
     try:
-        aircraft = load_aircraft(folder / AIRCRAFT).name
+        aircraft = load_aircraft(folder / AIRCRAFT)
         state: Mapping[str, Any] = json.loads((folder / STATE).read_text(encoding="utf8"))
         seconds = float(state["duration"])
-        versions = 1 + len(list((folder / MODELS).glob(f"*/{VERSION}")))
+        written = {path.parent.name for path in (folder / MODELS).glob(f"*/{VERSION}")}
+        versions = len(written | {aircraft.model.identifier})  # to undo all may write the first one, too
     except InputError as error:
         return ListedRun(name, problem=str(error))
     except UNREADABLE as error:
         kind = "is not there" if isinstance(error, FileNotFoundError) else "cannot be read"
         return ListedRun(name, problem=f"{STATE} {kind}: replay the recording again")
-    return ListedRun(name, one_line(aircraft), seconds, changed_at(folder / PARAMETERS) * 1e-9, versions)
+    return ListedRun(name, one_line(aircraft.name), seconds, changed_at(folder / PARAMETERS) * 1e-9, versions)

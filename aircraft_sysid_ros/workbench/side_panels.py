@@ -11,19 +11,18 @@ from nicegui import events, ui
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
-from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
-from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.spelling import nearest
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, fold, plot
 from aircraft_sysid_ros.workbench.views import places
-from aircraft_sysid_ros.workbench.views.candidates import EVIDENCE_HEIGHT, Card, cards, evidence_figure
+from aircraft_sysid_ros.workbench.views.candidates import EVIDENCE_HEIGHT, Card, cards, evidence_figure, verdict
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
 from aircraft_sysid_ros.workbench.views.history import effect_name
-from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
+from aircraft_sysid_ros.workbench.views.words import quantity_of
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")
@@ -102,7 +101,7 @@ class WherePanel(SidePanel):
         worst = self.page.view.comparison.worst
         with self._list:
             if not worst:
-                ui.label("Nowhere: no stretch of time and no part of the flight envelope is worse than noise.")
+                ui.label(places.NOWHERE)
             for place in worst:
                 self._row(place)
 
@@ -155,12 +154,7 @@ class WhyPanel(SidePanel):
                 "missing. Half a minute to a minute."
             )
             return
-        stale = found["model"] != view.current
-        self._verdict.text = sentence(headline(found))
-        self._words.text = found["advice"]
-        if stale:
-            self._verdict.text = "Of an earlier model"
-            self._words.text = f"This was found for model {found['model']}. Diagnose again to see what is missing now."
+        self._verdict.text, self._words.text = verdict(found, view.current)
         known = view.comparisons.get(found["model"], view.comparison)
         with self._cards:
             for number, card in enumerate(cards(found, known.flight)):
@@ -207,9 +201,7 @@ class AddPanel(SidePanel):
             'outlined dense debounce=200 aria-label="axis and term" data-testid=term'
         )
         self._term.style("width:100%").on("keydown.enter", self._do_term(ADD))
-        self._complaint = (
-            ui.label("").classes("flag").props("role=alert data-testid=complaint").style("white-space:normal")
-        )
+        self._complaint = _alert("complaint")
         with ui.row().style("gap:10px"):
             button = ui.button("Add the term", on_click=self._do_term(ADD))
             self.changing(button.props("unelevated data-testid=add-term"))
@@ -217,9 +209,11 @@ class AddPanel(SidePanel):
         self._help = Html().classes("soft small").style("margin-bottom:12px").props("data-testid=signals")
         ui.label("An effect of the library").classes("heading")
         options = {effect.identifier: f"{effect.name} ({effect.identifier})" for effect in self.library}
-        self._effect = ui.select(options, with_input=True, label="effect").props("outlined dense options-dense")
+        self._effect = ui.select(options, with_input=True, label="effect", on_change=self._effect_chosen)
+        self._effect.props("outlined dense options-dense")
         self._effect.props("popup-content-class=effect-menu data-testid=effect").style("width:100%")
         self._effect.add_slot("option", _grouped([effect.kind for effect in self.library]))
+        self._no_effect = _alert("no-effect")
         self.changing(ui.button("Add the effect", on_click=self._add_effect).props("outline data-testid=add-effect"))
         ui.label("What was added").classes("heading").style("margin-top:12px")
         self._added = ui.element("div").classes("list").props("data-testid=added")
@@ -268,7 +262,9 @@ class AddPanel(SidePanel):
     def _do_term(self, kind: str) -> Callable[[], None]:
         def do() -> None:
             text = str(self._term.value or "")
-            if text.strip() and self._complain(text):
+            if not text.strip():
+                self._complaint.text = "Write a term with its axis, such as CZ: alpha**3"
+            elif self._complain(text):
                 self.do(kind, text)
 
         return do
@@ -279,6 +275,16 @@ class AddPanel(SidePanel):
     def _add_effect(self) -> None:
         if self._effect.value:
             self.do(ADD, str(self._effect.value))
+        else:
+            self._no_effect.text = "Choose an effect first"
+
+    def _effect_chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        self._no_effect.text = ""
+
+
+def _alert(name: str) -> ui.label:
+    """What is wrong with a field, below it; empty where nothing is."""
+    return ui.label("").classes("flag").props(f"role=alert data-testid={name}").style("white-space:normal")
 
 
 def complaint(text: str, inputs: tuple[str, ...] = ()) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -18,6 +19,7 @@ from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence,
 from aircraft_sysid_ros.after_flight.explanation.instruments import LONGEST_BOOM, instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.commands import explain as explain_command
 from aircraft_sysid_ros.commands.explain import _mode_line
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
@@ -341,6 +343,12 @@ def test_of_a_vane_that_is_bent_in_flight_no_zero_is_given(aircraft, flight):
     assert "fasten it" in error.words and "set its zero" not in error.words
 
 
+def test_a_number_ends_where_its_error_does():
+    fact = {"title": "pitch damping", "value": -6.7271, "std": 0.0822, "unit": "per rad", "words": "damped"}
+    assert "−6.727 ± 0.082 per rad" in explain_command._fact_line(fact)
+    assert "3.34 deg" in explain_command._fact_line({**fact, "value": 3.341, "std": None, "unit": "deg"})
+
+
 @pytest.mark.parametrize(
     ("kinds", "findings", "begin"),
     [
@@ -444,6 +452,8 @@ def test_the_page_is_one_file_that_escapes_what_is_in_it(explained):
     words = " ".join(" ".join(page.words).split())
     assert page.open == [] and "u" not in page.opened  # of the name
     assert "<u>Stick</u> & Co" in words and found["first"] in words
+    places = [[len(n.partition(".")[2]) for n in pair] for pair in re.findall(r"([\d.]+) ± ([\d.]+)", words)]
+    assert places and all(of_value == of_error for of_value, of_error in places)
     assert "http" not in text.replace("http-equiv", "") and "prefers-color-scheme" in text
     for title in ("First of all", "Can this log be trusted?", "What the aeroplane is like", "What to fly next"):
         assert title in words

@@ -162,6 +162,7 @@ def test_requests_that_make_no_sense_are_answered_with_a_sentence(windows):
         ("alpha_scale", "matter of the sensors"),
         ("nonsense", "is no effect"),
         ("CQ: alpha", "is no axis"),
+        ("CL: alpha**2", "for lift write CZ"),
         ("CZ: import os", "not an expression"),
     ):
         with pytest.raises(InputError, match=words):

@@ -16,7 +16,7 @@ from aircraft_sysid_ros.diagnosis.diagnose import diagnose
 from aircraft_sysid_ros.diagnosis.finding import explains_more
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import fit_sensor_noise, reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
-from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change
 from aircraft_sysid_ros.diagnosis.search_round import SearchRound, null_of

@@ -24,7 +24,8 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
 )
 from aircraft_sysid_ros.diagnosis.measurement import measurement_faults
 from aircraft_sysid_ros.diagnosis.model_versions import additions, versions
-from aircraft_sysid_ros.diagnosis.model_versions.additions import add, parse_request, remove
+from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
+from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, version_identifier, version_with
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis, held_out_error
 from aircraft_sysid_ros.effects import BY_ID
@@ -235,6 +236,11 @@ def _shift(run: Path, kind: Kind, nanoseconds: int) -> None:
         ("icing (growing on one wing)", "did you mean icing"),
         ("CZ alpha", "no effect"),
         ("CQ: alpha", "'CQ' is no axis: the axes are CX CY CZ Cl Cm Cn"),
+        ("CL: alpha**2", "'CL' is no axis of the model: for lift write CZ"),
+        ("C_L: alpha**2", "'C_L' is no axis of the model: for lift write CZ"),
+        ("cl: beta**3", "and for the rolling moment Cl"),
+        ("CD: alpha**2", "'CD' is no axis of the model: for drag write CX"),
+        ("CN: alpha**2", "and for the yawing moment Cn"),
         ("CZ: wing", "'wing' in 'wing' is no signal"),
         ("CZ: alpha**", "is not an expression"),
         ("CZ: __import__('os')", "not allowed"),
@@ -360,3 +366,4 @@ def test_two_programs_wait_for_each_other(run) -> None:
 
 def test_axes_may_be_written_as_in_books() -> None:
     assert parse_request("C_Z: alpha**2; cm:q*alpha") == {"CZ": ("alpha**2",), "Cm": ("q*alpha",)}
+    assert parse_request("C_l: alpha**2; cy:beta**3") == {"Cl": ("alpha**2",), "CY": ("beta**3",)}

@@ -31,11 +31,16 @@ COLUMNS = {  # of INTERFACE.md
 
 
 def answer(recording):
-    """What a recording holds in these tests: its number, airframe, the true value of Cm_de, and a scale of a sensor."""
+    """What a recording holds in these tests: number, airframe, true Cm_de (~ where it is held), scale of a sensor."""
     number, airframe, value, *scale = recording.read_text().split()
     rng = np.random.default_rng([int(number), ord(airframe)])
     parameters = [
-        {"name": "Cm_de", "value": float(value) + 0.01 * rng.normal(), "std": 0.01, "status": "USE"},
+        {
+            "name": "Cm_de",
+            "value": float(value.strip("~")) + 0.01 * rng.normal(),
+            "std": 0.01,
+            "status": "HOLD" if "~" in value else "USE",
+        },
         {"name": "Cm_q", "value": 1e9, "std": None, "status": "HOLD"},
     ]
     sensors = [{"name": "airspeed.scale", "value": float(s) + 0.004 * rng.normal(), "std": 0.004} for s in scale]
@@ -129,6 +134,17 @@ def test_too_few_flights_are_no_sign_that_nothing_changes(place, flown, capsys):
     fleet, out = fly(place)
     assert fleet.json["too_few"].endswith("here there are 5 at most") and not fleet.between.changes
     assert "from 6 flights of an airframe on" in (out / "fleet.html").read_text()
+
+
+def test_the_page_says_what_is_drawn_and_of_which_flights_nothing_is(place, flown):
+    for path in (place / "flights" / "B").iterdir():
+        path.unlink()
+    for number in (3, 4):
+        (place / "flights" / "A" / f"{number}.mcap").write_text(f"{number} A ~-1.0")
+    page = (fly(place)[1] / "fleet.html").read_text()
+    assert "10 of 10 flights, 1 airframe, " in page and "1 airframes" not in page
+    assert page.count("<circle") == 8 and "no point for 2 flights, of which it is not to be used" in page
+    assert "Bars are two standard errors" in page
 
 
 def test_an_airframe_of_which_nothing_is_known_takes_no_curve_from_others(place, flown):

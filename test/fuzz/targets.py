@@ -316,7 +316,7 @@ def expressions(text: str) -> None:
     from aircraft_sysid_ros.aircraft.expression import parse_expression
     from aircraft_sysid_ros.aircraft.signals import SIGNALS
     from aircraft_sysid_ros.aircraft.term_values import evaluate
-    from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+    from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
     from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 
     with refusal():

@@ -11,13 +11,21 @@ import pytest
 from page_marks import marked, wait_for_text
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, versions_of
+from aircraft_sysid_ros.diagnosis.two_runs import Difference, SideBySide
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.workbench import shelf
+from aircraft_sysid_ros.workbench import markup, shelf
 from aircraft_sysid_ros.workbench.views.words import percent, rounded
 
 #: Name of the folder of a damaged run: text on the page, whatever it looks like.
 HOSTILE = "<script>alert(1)<img src=x onerror=alert(1)>"
 NOTE = "<img src=x onerror=alert(1)>\nsecond line"
+
+
+#: What stands in the cells of each row of a table, each on one line.
+CELLS = """(s) => [...document.querySelectorAll(s + " tr")].map((row) => [...row.cells].map(
+  (cell) => cell.innerText.replace(/\\s+/g, " ")))"""
 
 
 @pytest.fixture(scope="module")
@@ -68,12 +76,18 @@ def stands_beside(page, both) -> None:
     assert shown == {
         axis: [f"{percent(share)} %" for row in table for share in row] for axis, table in both["errors"].items()
     }
-    rows = [row.split("\t") for row in page.inner_text(marked("differences")).splitlines()]
-    shown = {row[0]: row[1:4] for row in rows if len(row) == 5}
+    shown = {row[0]: row[1:4] for row in page.evaluate(CELLS, marked("differences")) if len(row) == 5}
     for p in both["parameters"]:
         estimates = [" ± ".join(rounded(value, std)) for value, std in zip(p["value"], p["std"], strict=True)]
         difference = " ± ".join(rounded(p["difference"], p["std_difference"]))
         assert shown[p["name"]] == [*estimates, difference + " ▲" * p["differs"]]
+    assert page.locator(marked("differences") + " td.below").first.is_visible()
+    assert (
+        page.evaluate(
+            "(b => b.scrollWidth - b.clientWidth)(document.querySelector('[data-testid=differences] .of-table'))"
+        )
+        <= 0
+    )
     said = page.inner_text(marked("beside-words"))
     assert all(sentence in said for sentence in both["told"])
     assert "cells flown" in page.inner_text(marked("covered-other"))
@@ -147,3 +161,25 @@ def test_what_cannot_be_shown_together_is_one_sentence(runs, monkeypatch, capsys
     assert main(["workbench", *arguments, *more, "--no-browser", "--port", "0"]) == 2
     err = capsys.readouterr().err
     assert said in err and err.count("\n") == 1
+
+
+def test_what_only_one_flight_has_stands_there_with_its_value() -> None:
+    reason = ("HOLD: it was not excited", "")
+    doubtful = [Difference(name, (1.0, 2.0), (0.1, 0.1), 1e-9, reason) for name in ("Cl_beta", "Cl_p", "Cl_da")]
+    both = SideBySide(
+        ("one", "other"), ("a", "b"), False, tuple(doubtful), ({}, {"Cl_alpha*beta": (-0.5, 0.02)}), {}, ()
+    )
+    assert "no difference is proven: Cl_beta Cl_p Cl_da; Cl_beta in one is HOLD" in both.told[1]
+    row = str(markup.differences(both)).rpartition("<tr>")[2]
+    assert (
+        "Cl_alpha*beta" in row
+        and "−0.500 " in row
+        and "± 0.020<" in row
+        and row.index('<td class="n"></td>') < row.index("±")
+    )
+
+
+def test_the_list_counts_the_versions_of_the_history(run) -> None:
+    for change in (add, remove, add):  # to take all back writes the first version once more
+        change(run, "Cl: alpha*beta")
+    assert shelf.look_at("run", run).versions == len(versions_of(open_run(run))[0]) == 2

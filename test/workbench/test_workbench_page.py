@@ -169,6 +169,31 @@ def test_a_zoom_moves_all_plots_and_shows_every_point(server, open_page) -> None
     )
 
 
+#: What stands at the line through the plots, one text for each of them.
+READ = "[...document.querySelectorAll('.crosshair span')].map((s) => s.innerText)"
+
+
+def test_values_at_the_pointer_are_those_of_the_time_beside_them(server, open_page, hidden_effect) -> None:
+    comparison = load_run_view(hidden_effect).comparison
+    time, measured = time_of(comparison.flight), comparison.flight.coefficient("CX")
+    found = comparison.axes["CX"]
+    page = open_page(server[1])
+    assert page.evaluate("document.querySelector('[data-testid=plot-CX]').calcdata[0].length") < len(time)
+    box = page.locator(marked("plot-CX") + " .nsewdrag").first.bounding_box()
+    for share in np.linspace(0.03, 0.97, 12):
+        page.mouse.move(box["x"] + share * box["width"], box["y"] + 40)
+        page.wait_for_timeout(100)
+        text = page.evaluate(READ)[0].replace("−", "-")
+        said = dict(line.rsplit(" ", 1) for line in text.splitlines()[1:])
+        k = int(np.argmin(np.abs(time - float(text.partition(" s")[0]))))
+        lines = {"measured": measured, "predicted": found.predicted, "residual, held out": found.fit.held_out}
+        assert said.keys() == {name for name, line in lines.items() if np.isfinite(line[k])}
+        for name, value in said.items():
+            places = len(value.partition(".")[2])
+            assert float(value) == pytest.approx(lines[name][k], abs=0.51 * 10.0**-places), (text, time[k])
+            assert places <= 5  # as many as the plot can show
+
+
 #: Spans of time that are marked in the plot of C_l, as pairs.
 MARKS = """(document.querySelector('[data-testid=plot-Cl]').layout.shapes.find((s) => s.fillcolor.includes('230,159'))
   ?.path.match(/[MH][0-9.]+/g) ?? []).map((p) => parseFloat(p.slice(1)))"""
@@ -232,6 +257,7 @@ def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> No
     for text, complaint in (
         ("CZ: __import__('os')", "is not allowed"),
         ("CQ: beta", "is no axis"),
+        ("CL: alpha**2", "for lift write CZ"),
         ("alhpa", "Write a term with its axis, such as CZ: alpha**3"),
         ("dihedral_alfa", "did you mean the effect dihedral_alpha?"),
     ):
@@ -325,6 +351,10 @@ def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_
         assert "samples.npz is damaged" in text
         page.click(marked("side-why"))
         assert page.locator(marked("diagnose")).is_disabled()
+        moved = run.rename(run.with_name("moved"))
+        wait_for_text(page, "notice", f"The run {run} is gone: it was deleted or moved")
+        run = moved.rename(run)
+        wait_for_text(page, "notice", "samples.npz is damaged")
         page.context.close()
     assert main(["workbench", str(run), "--no-browser", "--port", "0"]) == 2
     said = capsys.readouterr().err.strip().splitlines()

@@ -53,14 +53,20 @@ def test_a_thinned_line_keeps_every_peak_and_every_gap() -> None:
     values = rng.normal(size=60_000)
     values[31_234], values[77] = 50.0, -50.0
     values[20_000:23_000] = np.nan
-    x, y = figure.thinned(time, values, (100.0, 500.0))
+    at = figure.thinned(time, values, (100.0, 500.0))
+    x, y = time[at], values[at]
     inside = (time >= 100.0) & (time <= 500.0)
     assert len(x) <= figure.MOST_POINTS + 4 and np.all(np.diff(x) >= 0.0)
     assert np.nanmax(y) == 50.0 and np.nanmin(y) == np.nanmin(values[inside])
     assert np.isnan(y[(x > time[20_100]) & (x < time[22_900])]).all()
-    few = figure.thinned(time, values, (300.0, 302.0))
+    few = time[figure.thinned(time, values, (300.0, 302.0))]
     begin, end = np.flatnonzero((time >= 300.0) & (time <= 302.0))[[0, -1]]
-    assert np.array_equal(few[0], time[begin - 1 : end + 2])
+    assert np.array_equal(few, time[begin - 1 : end + 2])
+    lines = np.column_stack([values, np.roll(values, 5000), rng.normal(size=60_000)])
+    together = lines[figure.thinned(time, lines)]  # each line keeps its peaks, at moments that all have
+    assert len(together) <= figure.MOST_POINTS + 4
+    assert np.array_equal(np.nanmax(together, axis=0), np.nanmax(lines, axis=0))
+    assert np.array_equal(np.nanmin(together, axis=0), np.nanmin(lines, axis=0))
 
 
 def test_rows_have_the_numbers_of_compare(view, hidden_effect, capsys) -> None:
@@ -291,6 +297,7 @@ def test_a_table_has_values_with_standard_errors_and_intervals_of_95_percent() -
         "standard_deviations": [0.5] * 18,
     }  # fmt: skip
     assert "± 0.50<" in markup.state_table(state) and "the standard error" in markup.state_table(state)
+    assert ">± is the standard error" in markup.state_table({**state, "status_text": ""})  # nothing is wrong
     rows = parameters.parameter_rows([{**listed[0], "status": "USE"}], {})
     assert rows[0].interval == pytest.approx((-0.1196, -0.0804))
     assert "± 0.010<" in markup.parameter_table(rows) and "−0.120 to −0.080" in markup.parameter_table(rows)
@@ -343,14 +350,25 @@ class Elements(HTMLParser):
         self.text += data
 
 
+CANDIDATE = {
+    "effect": None, "expression": "alpha*beta", "name": "", "label": "lift", "physics": "", "found": True,
+    "main_axis": "Cl", "error_before": 0.3, "error_after": 0.03, "p_value": 0.01, "where": "70 to 72 s",
+    "confounded_with": ["other"], "manoeuvre": "push", "parameters": [], "inner": {"delay": 0.1}, "terms": {},
+}  # fmt: skip
+
+
+def test_the_file_says_of_which_model_something_was_missing(view) -> None:
+    """What was found before it was added is not missing of the model that is shown."""
+    found = {"verdict": "missing", "advice": "add it", "model": view.current, "candidates": [CANDIDATE]}
+    assert "Why: an effect is missing" in report_html(replace(view, diagnosis=found), None)
+    text = report_html(replace(view, diagnosis=found | {"model": "before"}), None)
+    assert "Why: of an earlier model" in text and "an effect is missing" not in text
+    assert "found for model before" in text and "<p>add it" not in text
+
+
 def test_names_from_outside_are_text(view, hidden_effect) -> None:
     """Of recording, aircraft, effect, parameter and version: the page has the elements that it has without them."""
-    candidate = {
-        "effect": None, "expression": "alpha*beta", "name": "", "label": "lift", "physics": "", "found": True,
-        "main_axis": "Cl", "error_before": 0.3, "error_after": 0.03, "p_value": 0.01, "where": "70 to 72 s",
-        "confounded_with": ["other"], "manoeuvre": "push", "parameters": [], "inner": {"delay": 0.1}, "terms": {},
-    }  # fmt: skip
-    found = {"verdict": "missing", "advice": "add it", "model": view.current, "candidates": [candidate]}
+    found = {"verdict": "missing", "advice": "add it", "model": view.current, "candidates": [CANDIDATE]}
     plain = replace(view, notes=("note",), diagnosis=found, changes=["effect"])
 
     def hostile(words: str) -> str:
@@ -366,7 +384,7 @@ def test_names_from_outside_are_text(view, hidden_effect) -> None:
         name=hostile("recording"),
         notes=(hostile("note"),),
         changes=[hostile("effect")],
-        diagnosis=found | {"advice": hostile("advice"), "candidates": [candidate | worded]},
+        diagnosis=found | {"advice": hostile("advice"), "candidates": [CANDIDATE | worded]},
         parameters={view.current: [named, *others]},
     )
     was, now = (Elements(report_html(shown, None)) for shown in (plain, changed))

@@ -342,8 +342,8 @@ def _stall(learnt: Learnt, onset: float | None) -> list[Fact]:
         )
         return [Fact("stall_margin", "stall", "margin to the stall", (onset - usual) / _DEGREE, np.nan, "deg", words)]
     words = (
-        f"at least: it went to {highest / _DEGREE:.1f}° and a lift coefficient of {lift:.2f} and showed no stall; from "
-        f"{usual / _DEGREE:.1f}°, the median"
+        f"at least: half of the flight is below {usual / _DEGREE:.1f}°, and it went up to {highest / _DEGREE:.1f}° and "
+        f"a lift coefficient of {lift:.2f} without a stall"
     )
     return [Fact("stall_margin", "stall", "margin to the stall", (highest - usual) / _DEGREE, np.nan, "deg", words)]
 

@@ -37,7 +37,7 @@ from aircraft_sysid_ros.aircraft.term_values import values_on, with_lags
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED
 from aircraft_sysid_ros.diagnosis.finding import explained
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
-from aircraft_sysid_ros.diagnosis.model_versions.additions import parse_request
+from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, errors_of, expressions, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit

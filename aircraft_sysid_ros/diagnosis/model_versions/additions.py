@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms, term_label
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, term_label
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
@@ -31,6 +30,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     stretch_of,
     try_setting,
 )
+from aircraft_sysid_ros.diagnosis.model_versions.requests import label_of, parse_request
 from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     Change,
     Run,
@@ -44,13 +44,11 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Sc
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
-from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
-from aircraft_sysid_ros.errors import InputError, one_line
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.samples import Samples
-from aircraft_sysid_ros.spelling import did_you_mean
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -110,38 +108,6 @@ def remove(path: str | Path, text: str) -> Outcome:
             change = _removal(run.current, parsed)
             changes = _with_removal(changes, label, change, run.root.model)
         return _finish(run, run.flight(), changes, label, change, removed=True)
-
-
-# -- what the user names -------------------------------------------------------------------------------------
-
-
-def parse_request(text: str, inputs: tuple[str, ...] = ()) -> Effect | dict[str, tuple[str, ...]]:
-    """An effect by its id, or canonical terms by axis from ``CZ: alpha**3`` (more axes after a semicolon).
-
-    ``inputs``: names that the aircraft file gives to further signals.
-    """
-    text = one_line(text).strip()
-    if text in BY_ID:
-        return BY_ID[text]
-    if not text:
-        raise InputError("nothing is named: give an effect such as stall, or a term with its axis such as CZ: alpha**3")
-    if ":" not in text:
-        hint = did_you_mean(text.partition(" (")[0], BY_ID, 3, 0.5) or "`aircraft-sysid add --help` lists them"
-        raise InputError(f"'{text[:60]}' is no effect, {hint}; a term is written with its axis, such as CZ: alpha**3")
-    terms: dict[str, tuple[str, ...]] = {}
-    for part in filter(None, map(str.strip, text.split(";"))):
-        axis, _, expression = part.partition(":")
-        axis = {a.lower(): a for a in AXES}.get(axis.strip().replace("_", "").lower(), axis.strip())
-        if axis not in AXES:
-            raise InputError(f"'{axis[:30]}' is no axis: the axes are {' '.join(AXES)}")
-        terms[axis] = (*terms.get(axis, ()), parse_expression(expression, inputs).text)
-    model_from_terms(terms, inputs)  # twice the same
-    return terms
-
-
-def label_of(terms: Mapping[str, tuple[str, ...]]) -> str:
-    """Terms as the user writes them."""
-    return "; ".join(f"{axis}: {text}" for axis, texts in terms.items() for text in texts)
 
 
 def _added(version: Version) -> str:

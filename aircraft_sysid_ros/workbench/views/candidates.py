@@ -14,20 +14,29 @@ from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
-from aircraft_sysid_ros.diagnosis.words import chosen_anew
+from aircraft_sysid_ros.diagnosis.words import chosen_anew, headline
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import END, FULL
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
-from aircraft_sysid_ros.workbench.views.words import Quantity, chance, percent, quantity_of, rounded, symbol
+from aircraft_sysid_ros.workbench.views.words import Quantity, chance, percent, quantity_of, rounded, sentence, symbol
 
 Array = npt.NDArray[np.float64]
 
 #: Points of the scatter that are drawn, and bins whose means are.
 _MOST_DOTS, _BINS = 1500, 18
 _LEAST_IN_BIN = 12
+#: The headline of what was found for another version than the one that is shown.
+EARLIER = "Of an earlier model"
 #: Height of the figure of a candidate [px].
 EVIDENCE_HEIGHT = 280
+
+
+def verdict(found: Mapping[str, Any], current: str) -> tuple[str, str]:
+    """Headline and advice of a diagnosis, beside a version of the model: it may be of an earlier one."""
+    if found["model"] == current:
+        return sentence(headline(found)), str(found["advice"])
+    return EARLIER, f"This was found for model {found['model']}. Diagnose again to see what is missing now."
 
 
 @dataclass(frozen=True)

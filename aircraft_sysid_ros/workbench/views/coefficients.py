@@ -21,11 +21,13 @@ from aircraft_sysid_ros.workbench.views.figure import (
     line,
     span_of,
     thinned,
+    ticks_about_zero,
     upright,
 )
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 Span = tuple[float, float]
 
 FAILS, MORE, NOISE, SHORT, NO_DATA = "fails", "more than noise", "only noise", "too short to tell", "no data"
@@ -34,8 +36,6 @@ ORDER = ("CX", "Cl", "CY", "Cm", "CZ", "Cn")
 TIME_TITLE = "time since the filter started [s]"
 #: Of the folds, the one whose blocks are shaded.
 _SHOWN_FOLD = 0
-#: What the line of the model is called.
-_PREDICTED = "predicted"
 #: Share of the height of a plot that the residual takes.
 _RESIDUAL = 0.36
 
@@ -107,21 +107,25 @@ def coefficient_figure(
     """
     window = window or whole(comparison)
     time, measured = time_of(comparison.flight), comparison.flight.coefficient(name)
-    data = [line(*thinned(time, measured, window), theme.ink, "measured", width=2.2)]
+    at, at_beside = _moments(comparison, beside, name, window)
+    data = [line(time[at], measured[at], theme.ink, "measured", width=2.2)]
+    residuals = []
     if beside is not None and name in beside.axes:
-        data += _model(
-            beside.axes[name], time_of(beside.flight), window, theme.second, theme.second, "the other version"
-        )
+        colours, words = (theme.second, theme.second), ("the other version", "residual, the other version")
+        data += _model(beside.axes[name], time_of(beside.flight), at_beside, colours, words)
+        residuals.append(beside.axes[name].fit.held_out[at_beside])
     if name in comparison.axes:
         found = comparison.axes[name]
         data += _noise_band(found, time, window, theme)
-        data += _model(found, time, window, theme.predicted, theme.residual, _PREDICTED)
+        data += _model(found, time, at, (theme.predicted, theme.residual), ("predicted", "residual, held out"))
+        residuals += [found.fit.held_out[at], 2.0 * found.floor.std[at]]
+    ticks = ticks_about_zero(*residuals)
     split, held_out = _RESIDUAL, _held_out(comparison.flight)
     return figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=list(window), anchor="y2", nticks=9),
         yaxis=axis(theme, symbol(name) + " [-]", domain=[split + 0.05, 1.0], fixedrange=True, nticks=5),
-        yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, nticks=4),
+        yaxis2=axis(theme, "residual [-]", domain=[0.0, split], fixedrange=True, **ticks),
         **TIMED, shapes=[
             *bands(held_out, window, theme.shade),
             *bands(marks, window, theme.mark),
@@ -130,13 +134,31 @@ def coefficient_figure(
     )  # fmt: skip
 
 
+def _moments(comparison: Comparison, beside: Comparison | None, name: str, window: Span) -> tuple[Indices, Indices]:
+    """The moments at which the lines of both versions are drawn: the same where both have the same times."""
+    time, lines = time_of(comparison.flight), _lines(comparison, name)
+    if beside is None:
+        return thinned(time, lines, window), np.arange(0)
+    time_beside, of_beside = time_of(beside.flight), _lines(beside, name)
+    if np.array_equal(time, time_beside):
+        at = thinned(time, np.column_stack([lines, of_beside]), window)
+        return at, at
+    return thinned(time, lines, window), thinned(time_beside, of_beside, window)
+
+
+def _lines(comparison: Comparison, name: str) -> Array:
+    """What is drawn of one axis, (n, 1) or (n, 3): measured, predicted, held-out residual."""
+    measured, found = comparison.flight.coefficient(name), comparison.axes.get(name)
+    return np.column_stack([measured] if found is None else [measured, found.predicted, found.fit.held_out])
+
+
 def _model(
-    found: AxisComparison, time: Array, window: Span, colour: str, of_residual: str, words: str
+    found: AxisComparison, time: Array, at: Indices, colours: tuple[str, str], words: tuple[str, str]
 ) -> list[dict[str, Any]]:
-    residual = "residual" if words == _PREDICTED else f"residual, {words}"
+    """Prediction and held-out residual at the moments of some indices."""
     return [
-        line(*thinned(time, found.predicted, window), colour, words, width=1.1),
-        line(*thinned(time, found.fit.held_out, window), of_residual, residual, yaxis="y2", width=1.0),
+        line(time[at], found.predicted[at], colours[0], words[0], width=1.1),
+        line(time[at], found.fit.held_out[at], colours[1], words[1], yaxis="y2", width=1.0),
     ]
 
 
@@ -147,7 +169,15 @@ def _noise_band(found: AxisComparison, time: Array, window: Span, theme: Theme) 
     x, std = time[begin:end:step], found.floor.std[begin:end:step]
     return [
         line(
-            x, sign * 2.0 * std, theme.noise, "two sigma of noise", yaxis="y2", width=1.0, dash="dot", hoverinfo="skip"
+            x,
+            sign * 2.0 * std,
+            theme.noise,
+            "two sigma of noise",
+            yaxis="y2",
+            width=1.0,
+            dash="dot",
+            hoverinfo="skip",
+            showlegend=sign > 0.0,
         )
         for sign in (-1.0, 1.0)
     ]

@@ -116,6 +116,18 @@ def line(x: Array, y: Array, colour: str, name: str, **more: Any) -> dict[str, A
     return {**base, **more}
 
 
+def ticks_about_zero(*lines: Array) -> dict[str, float]:
+    """Ticks of an axis with lines on both sides of zero: there and beside it, where plotly.js may find one alone.
+
+    Empty where nothing is known.
+    """
+    reach = max((float(np.nanmax(np.abs(line))) for line in lines if np.isfinite(line).any()), default=0.0)
+    if reach <= 0.0:
+        return {}
+    decade = 10.0 ** np.floor(np.log10(reach))
+    return {"tick0": 0.0, "dtick": float(decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= reach))}
+
+
 def upright(at: float, colour: str, width: float) -> dict[str, Any]:
     """A dashed line through all of a figure, at a place of its first axis."""
     return {
@@ -153,26 +165,26 @@ def beyond(time: Array, values: Array, limits: Sequence[float] | None, theme: Th
 
 def thinned(
     time: Array, values: Array, window: tuple[float, float] | None = None, most: int = MOST_POINTS
-) -> tuple[Array, Array]:
-    """A line (n,) within a window [s] by at most ``most`` points: least and largest value of every slot, in order.
+) -> npt.NDArray[np.intp]:
+    """Indices of the moments by which lines (n,) or (n, k) are drawn: where one has its least or largest in a slot.
 
-    time rises. One point beyond each border stays, so that lines reach it; all points where there are few.
+    Lines that are drawn at the same moments can be read together. time rises. One point beyond each border of the
+    window [s] stays, so that lines reach it; all points where there are few, else at most ``most`` or so.
     """
     begin, end = (0, len(time)) if window is None else span_of(time, window)
-    time, values = time[begin:end], values[begin:end]
-    slots = most // 2
-    if len(time) <= most:
-        return time, values
-    size = -(-len(time) // slots)
-    padded = np.full(size * -(-len(time) // size), np.nan)
-    padded[: len(values)] = values
-    table = padded.reshape(-1, size)
-    low = np.argmin(np.where(np.isnan(table), np.inf, table), axis=1)
-    high = np.argmax(np.where(np.isnan(table), -np.inf, table), axis=1)
-    first = np.arange(len(table)) * size
-    chosen = np.sort(np.stack([first + low, first + high], axis=1), axis=1).ravel()
-    chosen = np.minimum(chosen, len(values) - 1)
-    return time[chosen], values[chosen]
+    count, columns = end - begin, values[begin:end].reshape(end - begin, -1).T
+    if count <= most:
+        return np.arange(begin, end)
+    size = -(-count // (most // (2 * len(columns))))
+    first = np.arange(0, count, size)
+    padded = np.full((len(columns), len(first) * size), np.nan)
+    padded[:, :count] = columns
+    table = padded.reshape(len(columns), len(first), size)
+    low = np.argmin(np.where(np.isnan(table), np.inf, table), axis=2)
+    high = np.argmax(np.where(np.isnan(table), -np.inf, table), axis=2)
+    chosen = np.unique(np.concatenate([first + low, first + high]))
+    moments: npt.NDArray[np.intp] = begin + np.minimum(chosen, count - 1)
+    return moments
 
 
 def span_of(time: Array, window: tuple[float, float]) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import FAILS, MORE, NO_DATA, NOISE, AxisRow
-from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, figure, line, upright
+from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, beyond, figure, line, upright
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, symbol
 
@@ -27,6 +27,8 @@ _ONLY_NOISE = 0.75
 #: Silence [s] of the node from which the page says so.
 SILENCE = 5.0
 _RESIDUAL = 0.36
+#: Times [s] without a message across which no line is drawn, and from the first one on in which little is learnt yet.
+_GAP, _BEGINNING = 2.5, 5.0
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -78,20 +80,54 @@ def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[fl
     shown = [row for row in rows if row["time"] >= window[0] and name in row["axes"]]
     time = np.array([row["time"] for row in shown])
     measured, predicted = (np.array([row["axes"][name][key] for row in shown]) for key in ("measured", "predicted"))
+    settled = time > _BEGINNING if np.any(time > _BEGINNING) else np.isfinite(time)
+    limits = [_limits(measured[settled], predicted[settled]), _limits((measured - predicted)[settled])]
+    gaps = _gaps(time)
+    time, measured, predicted = _broken_time(time, gaps), _broken(measured, gaps), _broken(predicted, gaps)
+    residual = measured - predicted
     style = {"mode": "lines+markers", "marker": {"size": 3}}
     data = [
         line(time, measured, theme.ink, "measured", width=2.0, **style),
         line(time, predicted, theme.predicted, "predicted", width=1.1, **style),
-        line(time, measured - predicted, theme.residual, "residual", yaxis="y2", width=1.0, **style),
+        line(time, residual, theme.residual, "residual", yaxis="y2", width=1.0, **style),
+        *beyond(time, np.column_stack([measured, predicted]), limits[0], theme),
+        *({**marks, "yaxis": "y2"} for marks in beyond(time, residual, limits[1], theme)),
     ]
+    upper, lower = ({"range": each, "showticklabels": each is not None} for each in limits)
     shapes = [upright(t, theme.second, 1.5) for t in changes if t >= window[0]]
     return figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=window, anchor="y2", nticks=9, fixedrange=True),
-        yaxis=axis(theme, symbol(name) + " [-]", domain=[_RESIDUAL + 0.05, 1.0], fixedrange=True, nticks=5),
-        yaxis2=axis(theme, "residual [-]", domain=[0.0, _RESIDUAL], fixedrange=True, nticks=5),
+        yaxis=axis(theme, symbol(name) + " [-]", domain=[_RESIDUAL + 0.05, 1.0], fixedrange=True, nticks=5, **upper),
+        yaxis2=axis(theme, "residual [-]", domain=[0.0, _RESIDUAL], fixedrange=True, nticks=5, **lower),
         **TIMED, shapes=shapes,
     )  # fmt: skip
+
+
+def _limits(*lines: Array) -> list[float] | None:
+    """Ends of an axis with room around lines; None where there is nothing to show."""
+    values = np.concatenate(lines)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return None
+    room = 0.08 * float(np.ptp(values)) or 0.1 * float(np.abs(values).max()) or 1e-3
+    return [float(values.min()) - room, float(values.max()) + room]
+
+
+def _gaps(time: Array) -> npt.NDArray[np.intp]:
+    """Indices of points before which nothing was heard for long: a playback may be faster than the flight was."""
+    steps = np.diff(time)
+    return 1 + np.flatnonzero(steps > max(_GAP, 3.0 * float(np.median(steps)) if len(steps) else 0.0))
+
+
+def _broken(values: Array, gaps: npt.NDArray[np.intp]) -> Array:
+    """Values (n,) or (n, k) with NaN in gaps, where lines end."""
+    return np.insert(values.astype(np.float64), gaps, np.nan, axis=0)
+
+
+def _broken_time(time: Array, gaps: npt.NDArray[np.intp]) -> Array:
+    """Times (n,) with the middle of gaps."""
+    return np.insert(time.astype(np.float64), gaps, 0.5 * (time[gaps - 1] + time[gaps]))
 
 
 def cards(missing: Mapping[str, Any] | None) -> list[Card]:
@@ -123,12 +159,15 @@ def _card(candidate: Mapping[str, Any]) -> Card:
 def state_history(rows: Rows) -> StateHistory:
     """The contents of AircraftState that are kept, two at least, as the figures of the state take them."""
 
+    time = np.array([row["time"] for row in rows], dtype=np.float64)
+    gaps = _gaps(time)
+
     def column(name: str) -> Array:
-        return np.array([row[name] for row in rows], dtype=np.float64)
+        return _broken(np.array([row[name] for row in rows]), gaps)
 
     sigma = column("standard_deviations")
     return StateHistory(
-        time=column("time"),
+        time=_broken_time(time, gaps),
         accelerometer_bias=column("accelerometer_bias"),
         accelerometer_bias_std=sigma[:, 9:12],
         gyro_bias=column("gyro_bias"),

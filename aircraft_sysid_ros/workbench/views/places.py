@@ -161,6 +161,13 @@ def window_around(spans: list[Span], whole: Span) -> Span:
     return max(begin - room, whole[0]), min(end + room, whole[1])
 
 
+#: Where nothing fails; the map beside it may have dark cells all the same.
+NOWHERE = (
+    "Nowhere: no stretch of time and no part of the flight envelope is worse than noise alone makes one of so many. "
+    "Of the cells of a map, too, noise alone makes a few dark."
+)
+
+
 def first_axis(comparison: Comparison) -> str:
     """The axis that is looked at first: the one that is furthest above its noise."""
     axes = comparison.axes

@@ -72,7 +72,7 @@ def residual_figure(comparison: Comparison, name: str, theme: Theme, height: int
         },
         *(
             line(ends, np.full(2, side * bound), theme.noise, "95 % of white noise", xaxis="x2", yaxis="y2", dash="dot",
-                 hoverinfo="skip")
+                 hoverinfo="skip", showlegend=side > 0.0)
             for side in (-1.0, 1.0)
         ),
     ]  # fmt: skip

@@ -86,12 +86,13 @@ def bias_figure(
     }[which]
     values, std = getattr(state, which), getattr(state, f"{which}_std")
     data: list[dict[str, Any]] = []
+    at = thinned(state.time, values)
     for k, colour in enumerate((theme.residual, theme.predicted, theme.second)):
         for sign in (-INTERVAL, INTERVAL):
-            edge = thinned(state.time, values[:, k] + sign * std[:, k])
+            edge = (values[:, k] + sign * std[:, k])[at]
             style: dict[str, Any] = {"dash": "dot", "width": 0.8, "hoverinfo": "skip", "opacity": 0.7}
-            data.append(line(*edge, colour, "95 % interval", showlegend=False, **style))
-        data.append(line(*thinned(state.time, values[:, k]), colour, words[1][k], width=1.6))
+            data.append(line(state.time[at], edge, colour, "95 % interval", showlegend=False, **style))
+        data.append(line(state.time[at], values[at, k], colour, words[1][k], width=1.6))
     for k, true in enumerate(truth or ()):
         ends = state.time[[0, -1]]
         style = {"dash": "dash", "width": 1.0, "showlegend": k == 0}
@@ -136,11 +137,15 @@ def air_figure(state: StateHistory, which: str, theme: Theme, height: int = 250)
         "sideslip": ("sideslip [deg]", DEGREES),
     }[which]
     data = []
-    if which in state.measured:
-        measured = thinned(state.measured_time[which], factor * state.measured[which])
-        data.append(line(*measured, theme.noise, "measured", width=1.0))
     values = factor * state.air[:, names.index(which)]
-    data.append(line(*thinned(state.time, values), theme.residual, "reconstructed", width=1.4))
+    at = thinned(state.time, values)
+    if which in state.measured:
+        time, measured = state.measured_time[which], factor * state.measured[which]
+        seen = thinned(time, measured)
+        at = np.union1d(at, np.clip(np.searchsorted(state.time, time[seen]), 0, len(state.time) - 1))
+        seen = np.union1d(seen, np.clip(np.searchsorted(time, state.time[at]), 0, len(time) - 1))
+        data.append(line(time[seen], measured[seen], theme.noise, "measured", width=1.0))
+    data.append(line(state.time[at], values[at], theme.residual, "reconstructed", width=1.4))
     return figure(
         theme, data, height,
         xaxis=axis(theme, state.time_title), yaxis=axis(theme, title, fixedrange=True),
@@ -150,8 +155,9 @@ def air_figure(state: StateHistory, which: str, theme: Theme, height: int = 250)
 
 def consistency_figure(state: StateHistory, theme: Theme, height: int = 250) -> Figure:
     """Mean normalised innovation squared over the flight: near one where the filter is honest."""
+    at = thinned(state.time, state.consistency)
     data = [
-        line(*thinned(state.time, state.consistency), theme.residual, "all sensors", width=1.4),
+        line(state.time[at], state.consistency[at], theme.residual, "all sensors", width=1.4),
         line(state.time[[0, -1]], np.ones(2), theme.ink, "as expected", dash="dash", width=1.0),
     ]
     known = state.consistency[np.isfinite(state.consistency)]

@@ -91,8 +91,9 @@ def percent(share: float) -> str:
 
 
 def sentence(text: str) -> str:
-    """With a capital letter, the rest as it is: C_m stays C_m."""
-    return text[:1].upper() + text[1:]
+    """With a capital letter, the rest as it is: C_m stays C_m. What begins with a path or the name of a file stays."""
+    first = text.partition(" ")[0].rstrip(".,:;").replace("-", "")
+    return text[:1].upper() + text[1:] if first.isalpha() else text
 
 
 def chance(p_value: float) -> str:

@@ -1,0 +1,106 @@
+"""What a user meets at the edges of the page: menus, narrow screens, empty fields, addresses that are none."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from page_marks import marked, wait_for_text
+
+
+@pytest.fixture(scope="module")
+def server(hidden_effect, tmp_path_factory, served):
+    """One server for all tests: none changes the run."""
+    run = tmp_path_factory.mktemp("details") / "run"
+    shutil.copytree(hidden_effect, run)
+    with served(run) as address:
+        yield address
+
+
+@pytest.mark.parametrize("label", ["axis", "across"])
+def test_a_menu_is_as_wide_as_its_field_or_what_it_holds(server, open_page, label) -> None:
+    page = open_page(server)
+    field = page.locator(".side .q-field", has_text=label).first
+    field.click()
+    page.wait_for_selector(".q-menu .q-item")
+    page.wait_for_timeout(500)  # it grows
+    menu = page.locator(".q-menu").bounding_box()
+    assert field.bounding_box()["width"] - 3.0 <= menu["width"] < 400.0
+    assert page.evaluate("(m => m.scrollWidth <= m.clientWidth)(document.querySelector('.q-menu'))")
+    assert page.locator(marked("map")).is_visible()
+
+
+def test_lines_of_residuals_are_named(server, open_page) -> None:
+    page = open_page(server)
+    page.click(marked("tab-residuals"))
+    page.wait_for_selector(marked("distribution-Cn") + " .main-svg")
+    named = page.inner_text(marked("distribution-legend"))
+    drawn = page.evaluate("document.querySelector('[data-testid=distribution-Cn]').data.map((t) => t.line?.color)")
+    assert "noise alone" in named and "white noise" in named and "residual" in named
+    keys = page.evaluate(
+        "[...document.querySelectorAll('[data-testid=distribution-legend] .key')].map((e) => getComputedStyle(e).color)"
+    )
+    assert len(keys) == len({*keys}) == 3 and drawn.count("#d55e00") == 1 and "rgb(213, 94, 0)" in keys
+
+
+def test_a_button_without_anything_to_add_says_so(server, open_page) -> None:
+    page = open_page(server)
+    page.click(marked("side-add"))
+    page.click(marked("add-term"))
+    wait_for_text(page, "complaint", "Write a term with its axis, such as CZ: alpha**3")
+    page.click(marked("add-effect"))
+    wait_for_text(page, "no-effect", "Choose an effect first")
+    page.fill(marked("term"), "CZ: alpha**3")
+    page.locator(marked("effect")).click()
+    page.click(".effect-menu .q-item >> nth=1")
+    for name in ("complaint", "no-effect"):
+        page.wait_for_function("(s) => document.querySelector(s).innerText === ''", arg=marked(name))
+
+
+def test_an_address_that_is_none_leads_back(server, chromium) -> None:
+    page = chromium.new_page()
+    answer = page.goto(server + "<b>nobody</b>/here?run=x")
+    assert answer.status == 404 and "There is no page at this address" in page.inner_text("main")
+    assert page.locator("b").count() == 0 and "NiceGUI" not in page.content()
+    page.click("main a")
+    page.wait_for_selector(marked("plot-Cn") + " .main-svg")
+    page.close()
+
+
+def test_a_figure_that_is_saved_says_what_it_is(server, open_page) -> None:
+    page = open_page(server, color_scheme="dark")
+    page.wait_for_selector("body.body--dark")
+    plot = page.locator(marked("plot-Cl"))
+    plot.hover()
+    with page.expect_download() as download:
+        plot.locator(".modebar-btn").first.click()
+    assert download.value.suggested_filename == "Cl-measured-and-predicted-over-time-and-the-residual.svg"
+    drawn = download.value.path().read_text(encoding="utf8")
+    for words in ("Cl measured and predicted over time, and the residual", ">measured<", ">residual, held out<"):
+        assert words in drawn, words
+    assert drawn.count(">two sigma of noise<") == 1
+    assert "fill: rgb(27, 33, 39)" in drawn  # light letters stand on the dark ground of the page
+    assert page.locator(marked("plot-Cl") + " .legend").count() == 0  # and the page is as it was
+    assert page.evaluate("document.querySelector('[data-testid=plot-Cl]').layout.title") is None
+
+
+#: Of each table that can be seen: whether a shadow says where it goes on, and whether its first column stays.
+TABLES = """[...document.querySelectorAll('.of-table')].filter((e) => e.offsetParent && e.innerText).map((e) => [
+  getComputedStyle(e).backgroundImage.includes('gradient'),
+  getComputedStyle(e.querySelector('td')).position])"""
+#: Right edges of what decides in a table.
+RIGHT = "(s) => [...document.querySelectorAll(s)].map((e) => e.getBoundingClientRect().right)"
+
+
+def test_on_a_phone_a_table_shows_what_decides_or_that_it_goes_on(server, open_page) -> None:
+    page = open_page(server, width=390, height=844)
+    for view, decides in (
+        ("parameters", "table.reasons td"),
+        ("residuals", "[data-testid=residual-numbers] td"),
+        ("versions", "[data-testid=history] table"),
+    ):
+        page.click(marked(f"tab-{view}"))
+        page.wait_for_selector(decides)
+        found = page.evaluate(TABLES)
+        assert found and all(shadow and stays == "sticky" for shadow, stays in found), view
+        assert max(page.evaluate(RIGHT, decides)) <= 390.0, view

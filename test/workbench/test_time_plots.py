@@ -1,0 +1,47 @@
+"""The time plots without a browser: their moments, their numbers, and the sentences around them."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.workbench.run_view import load_run_view
+from aircraft_sysid_ros.workbench.views import coefficients, figure, words
+
+
+@pytest.fixture(scope="module")
+def view(hidden_effect):
+    """The run as the page holds it."""
+    return load_run_view(hidden_effect)
+
+
+def numbers(coded: dict) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(coded["bdata"]), "<f4")
+
+
+@pytest.mark.parametrize("reach", [0.0048, 0.00101, 0.0099, 0.0021, 7.0])
+def test_the_axis_of_a_residual_has_a_number_beside_zero(reach) -> None:
+    ticks = figure.ticks_about_zero(np.array([np.nan, -0.3 * reach, reach]), np.array([0.1 * reach]))
+    assert 1 <= reach // ticks["dtick"] <= 2
+    assert figure.ticks_about_zero(np.full(3, np.nan), np.zeros(2)) == {}
+
+
+def test_a_sentence_begins_with_a_capital_but_a_path_stays_what_it_is() -> None:
+    assert words.sentence("added: C_m") == "Added: C_m" and words.sentence("C_m is") == "C_m is"
+    assert words.sentence("runs/monday is no run") == "runs/monday is no run"
+    assert words.sentence("state.json is not there") == "state.json is not there"
+
+
+def test_a_worse_version_beside_has_the_same_moments_and_few_numbers(view) -> None:
+    found = view.comparison.axes["CX"]
+    worse = replace(found, fit=replace(found.fit, held_out=60.0 * found.fit.held_out))
+    beside = replace(view.comparison, axes={**view.comparison.axes, "CX": worse})
+    made = coefficients.coefficient_figure(view.comparison, "CX", figure.LIGHT, beside=beside)
+    drawn = {trace["name"]: trace for trace in made["data"]}
+    times = [numbers(drawn[name]["x"]) for name in ("measured", "predicted", "the other version")]
+    assert all(np.array_equal(times[0], other) for other in times[1:])
+    other = np.nanmax(np.abs(numbers(drawn["residual, the other version"]["y"])))
+    assert other // made["layout"]["yaxis2"]["dtick"] <= 2  # numbers of both, not of the better one
