@@ -7,7 +7,8 @@ allows the bias to wander, an estimate that is right moves from t_1 to t_2 by
 
     E (b_2 - b_1)^2 = P_1 - P_2 + Q (t_2 - t_1),
 
-so that a multiple of that is a leap.
+so that a multiple of that is a leap. Where an attitude is believed less than before, P is what has grown, and the bias
+may leave its old value as far.
 """
 
 from __future__ import annotations
@@ -202,7 +203,7 @@ def _leaps(row: Array, memory: Memory, limits: Limits) -> int:
     past = memory.looked[_ago(LEAP_TIME, memory)]
     elapsed = max(row[_TIME] - past[_TIME], 0.0)  # a clock may go back
     for k in range(_BIAS_COUNT):
-        variance = max(past[_BIAS_STD + k] ** 2 - row[_BIAS_STD + k] ** 2, 0.0) + limits.walk[k] * elapsed
+        variance = abs(past[_BIAS_STD + k] ** 2 - row[_BIAS_STD + k] ** 2) + limits.walk[k] * elapsed
         moved = abs(row[_BIASES + k] - past[_BIASES + k])
         if moved > max(LEAP * np.sqrt(variance), limits.least_leap[k]) or abs(row[_BIASES + k]) > limits.largest[k]:
             return _LEAPT
