@@ -27,7 +27,7 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import (
     size_of,
 )
 from aircraft_sysid_ros.diagnosis.search.fit import Gain
-from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change, without_axes
+from aircraft_sysid_ros.diagnosis.search.sudden_change import sudden_change, without_axes, without_lasting_terms
 from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -193,13 +193,14 @@ class SearchRound:
                 yield change
 
     def _change(self) -> Score | None:
-        """The best change at one moment, without the axes in which something explains as much that was always there.
+        """The best change at one moment, without axes and terms in which what was always there explains as much.
 
         A change may take anything with it that is missing besides, and then explains more than what has happened.
         """
         change = sudden_change(self.bench)
         if change is None:
             return None
+        change = without_lasting_terms(self.bench, change)
         lasting = [trial.gains for trial in self.trials if not trial.candidate.happens]
         others = {
             axis for axis, gain in change.gains.items() if any(_explains_as_much(of, axis, gain) for of in lasting)

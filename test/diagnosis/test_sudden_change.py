@@ -140,15 +140,19 @@ def test_a_change_takes_nothing_with_it_that_was_always_there(aircraft):
     measured[:, [0, 3]] += np.outer(power, [1.0, 0.0]) + np.outer(signals[:, SIGNAL_INDEX["Tc"]], [0.0, -0.1])
     measured[flight.time > 60.0, 2] -= 0.2
     measured[flight.time > 60.0, 4] -= 0.05
+    measured[:, 4] += 0.5 * signals[:, SIGNAL_INDEX["r"]]
     bench = CandidateEvaluator(replace(flight, signals=signals, measured=measured))
-    assert {"CZ", "Cm", "Cl"} <= set(sudden_change(bench).candidate.changed)
+    swept = sudden_change(bench).candidate.changed
+    assert {"CZ", "Cm", "Cl"} <= set(swept) and "r" in swept["Cm"]
 
     def of(*library):
         first = {axis: fit.nrmse_held_out for axis, fit in bench.fits.items()}
         null = null_of([], [BY_ID[name] for name in library], tuple(bench.fits))
         return SearchRound(bench, [], null, [BY_ID[name] for name in library], lambda share: None, None, first, {})
 
-    assert set(of("propeller_torque")._change().candidate.changed) == {"CZ", "Cm"}
+    assert {axis: [*terms] for axis, terms in of("propeller_torque")._change().candidate.changed.items()} == {
+        "CZ": ["1"], "Cm": ["1"]
+    }  # fmt: skip
     assert "Cl" in of("stall")._change().candidate.changed
 
 

@@ -18,7 +18,12 @@ from aircraft_sysid_ros.identification.monitoring.sensor_faults import SensorFau
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, SUSPECTED, StateField, Status
+from aircraft_sysid_ros.reconstruction.state import (
+    D_ACCELEROMETER_BIAS,
+    SUSPECTED,
+    StateField,
+    Status,
+)
 from aircraft_sysid_ros.reconstruction.state_row import _suspected
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH
@@ -170,6 +175,15 @@ def test_signs_of_trouble(aircraft, column, value, words):
     found = looks(aircraft, rows)
     assert not any(found[:50]) and not any(found[75:])
     assert [words] in found[50:56]
+
+
+@pytest.mark.parametrize(("doubt", "leaps"), [(0.01, True), (0.1, False)])
+def test_a_bias_that_is_doubted_more_than_before_may_move_as_far(aircraft, doubt, leaps):
+    """An attitude that is believed less widens the standard deviation of the bias, which then leaves what it was."""
+    rows, column = level(2000), StateField.ACCELEROMETER_BIAS.start + 1
+    rows[1000:, column] = 0.3
+    rows[1000:, StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS + 1] = doubt
+    assert (["an IMU bias leaps"] in looks(aircraft, rows)) is leaps
 
 
 def test_measurements_that_are_rejected_in_bulk_are_a_sign_and_single_ones_are_not(aircraft):

@@ -25,6 +25,8 @@ _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr")
 _LONGEST = MAXIMUM_LENGTH - 80
 #: Terms of one axis, and moments at which terms are chosen.
 _MOST_TERMS, _MOST_MOMENTS = 4, 4
+#: Error with a term that was always there, over that with the term of the change, up to which it explains as much.
+_AS_MUCH = 1.02
 
 
 def sudden_change(bench: CandidateEvaluator) -> Score | None:
@@ -50,6 +52,22 @@ def without_axes(bench: CandidateEvaluator, change: Score, axes: Collection[str]
     """The same change where it is nothing in some axes; None where it is nothing in any other."""
     left = {axis: terms for axis, terms in (change.candidate.changed or {}).items() if axis not in axes}
     return bench.trial(_candidate(bench, dict(change.candidate.inner), left)) if left else None
+
+
+def without_lasting_terms(bench: CandidateEvaluator, change: Score) -> Score:
+    """The same change without terms that explain as much where they were always there."""
+    times, kept = dict(change.candidate.inner), {axis: list(terms) for axis, terms in change.candidate.changed.items()}
+    for axis, terms in change.candidate.changed.items():
+        for term in terms:
+            others = [each for each in kept[axis] if each != term]
+            if term == "1" or not others or term in bench.data.model.terms[axis]:
+                continue
+            lasting = bench.extended({axis: (term,)}).trial(_candidate(bench, times, {axis: others}))
+            if lasting is not None and lasting.gains[axis].nrmse_after <= _AS_MUCH * change.gains[axis].nrmse_after:
+                kept[axis] = others
+    if kept == {axis: list(terms) for axis, terms in change.candidate.changed.items()}:
+        return change
+    return bench.trial(_candidate(bench, times, kept)) or change
 
 
 def _begins(trial: Score, bench: CandidateEvaluator) -> bool:
