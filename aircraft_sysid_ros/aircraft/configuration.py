@@ -16,7 +16,7 @@ from aircraft_sysid_ros.aircraft.file_values import between, check_keys, mapping
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior, prior_from_dict, read_prior
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput, inputs_of
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_PROCESS_NOISE, Sensor, process_noise_of, sensors_of
-from aircraft_sysid_ros.aircraft.shape import check_shape
+from aircraft_sysid_ros.aircraft.shape import check_place, check_shape
 from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.yaml_file import read_yaml
@@ -171,10 +171,10 @@ def aircraft_from_dict(data: Any) -> Aircraft:
         span=span,
         chord=chord,
         inertia=inertia,
-        imu_position=_position(data, "imu_position"),
-        air_data_position=_position(data, "air_data_position"),
-        gps_position=_position(data, "gps_position"),
-        aerodynamic_reference=_position(data, "aerodynamic_reference"),
+        imu_position=_position(data, "imu_position", span),
+        air_data_position=_position(data, "air_data_position", span),
+        gps_position=_position(data, "gps_position", span),
+        aerodynamic_reference=_position(data, "aerodynamic_reference", span),
         sensors=sensors_of(mapping_of(data, "sensors", "{gyro: {noise: 0.002, rate: 100, delay: 0}}")),
         process_noise=process_noise_of(mapping_of(data, "process_noise", "{wind: 0.2}")),
         model=model,
@@ -227,7 +227,7 @@ def _optional_number(data: Mapping[str, Any], key: str) -> float | None:
     return None if data.get(key) is None else _within(key, number_of(data[key], key), key)
 
 
-def _position(data: Mapping[str, Any], key: str) -> Vector:
+def _position(data: Mapping[str, Any], key: str, span: float) -> Vector:
     value = data.get(key)
     if value is None:
         return np.zeros(3)
@@ -236,7 +236,9 @@ def _position(data: Mapping[str, Any], key: str) -> Vector:
             f"{key} must be three numbers [x forward, y right, z down] in m, null for one that nobody knows"
         )
     names = [f"{at} of {key}" for at in "xyz"]
-    return np.array([_within(key, _coordinate(v, name)[0], name) for v, name in zip(value, names, strict=True)])
+    place = np.array([_within(key, _coordinate(v, name)[0], name) for v, name in zip(value, names, strict=True)])
+    check_place(key, place, span)
+    return place
 
 
 def _coordinate(value: Any, name: str) -> tuple[float, float]:

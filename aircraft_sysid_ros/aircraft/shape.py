@@ -15,6 +15,17 @@ _AREAS = (0.1, 10.0)
 _LOADINGS = (0.1, 2000.0)
 #: Radius of gyration over span: 0.1 to 0.3 of aeroplanes, 0.7 of a long fuselage with short wings.
 _RADII = (0.01, 3.0)
+#: Distance of a sensor from the centre of gravity over the span: 2 of a boom far ahead of short wings.
+_FARTHEST = 10.0
+
+
+def check_place(key: str, place: Array, span: float) -> None:
+    """Raises InputError for a place (3,) [m] that is beyond any aeroplane of that span [m]."""
+    away = float(np.linalg.norm(place))
+    if away > _FARTHEST * span:
+        raise InputError(
+            f"{key} is {away:.3g} m from the centre of gravity of an aeroplane whose span is {span:g} m: give it in m"
+        )
 
 
 def check_shape(mass: float, wing_area: float, span: float, chord: float, inertia: Array) -> None:

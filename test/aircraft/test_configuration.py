@@ -213,6 +213,10 @@ BAD = {
     "chord": (MINIMAL.replace("0.25", "1e-300"), "chord must be between 0.001 and 100 m, not 1e-300"),
     "mass in g": (MINIMAL.replace("2.0", "2000"), r"mass over wing_area is 6.67e\+03 kg/m², .*, 2000 kg and 0.3 m²"),
     "area in cm²": (MINIMAL.replace("0.3", "3000"), r"wing_area is 1e\+04 times span times chord, .*: check the units"),
+    "place in mm": (
+        MINIMAL + "imu_position: [120, 0, 40]\n",
+        "imu_position is 126 m from the centre of gravity of an aeroplane whose span is 1.2 m: give it in m",
+    ),
     "chord in mm": (MINIMAL.replace("0.25", "25"), "wing_area is 0.01 times span times chord"),
     "inertia in kg cm²": (
         MINIMAL.replace("0.07", "700").replace("0.09", "900").replace("0.15", "1500"),
