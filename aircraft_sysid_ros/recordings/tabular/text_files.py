@@ -19,6 +19,8 @@ from aircraft_sysid_ros.recordings.tabular.table import EMPTY, Table, imported
 
 _HEAD = 1 << 18  # bytes that show the layout
 _MESSAGE = re.compile(r"(\d+\.\d+) (\d+) ([A-Z][A-Z0-9_]+)(?: (.*))?$")
+#: Endings of tables in text.
+_OF_TEXTS = ("csv", "tsv", "txt", "dat", "log")
 _CONTROL = re.compile("[\1-\10\16-\32]")  # no text has them
 _LONGEST_LINE = 1_000_000
 _LONGEST_LIST = 1 << 16  # bytes of a list of names
@@ -208,4 +210,6 @@ def _head(path: Path) -> tuple[str, list[str]]:
         if len(max(lines, default="", key=len)) > _LONGEST_LINE:
             break
         return encoding, lines if whole else lines[:-1]
-    raise InputError(f"{path} is no text: give it the ending of its format, such as .parquet, .h5, .mat or .xlsx")
+    named = path.name.lower().removesuffix(".gz").rpartition(".")[2] in _OF_TEXTS
+    what = "is damaged: it is named as a text, and holds what none has; write it again, or" if named else "is no text:"
+    raise InputError(f"{path} {what} give it the ending of its format, such as .parquet, .h5, .mat or .xlsx")
