@@ -210,7 +210,7 @@ def test_an_airspeed_that_comes_too_seldom_is_said_at_once_and_judged_by_nobody(
     slow = "the airspeed comes at 0.17 Hz: at least 0.5 Hz is needed"
     assert slow in result["notes"]
     assert {p["reason"] for p in result["parameters"]["parameters"]} == {
-        "no airspeed since 0.0 s, nothing was known before"
+        "no airspeed since 0.1 s, nothing was known before"  # when the first of them came
     }
     for command in (["compare"], ["diagnose", "--replicas", 2]):
         assert slow in refusal(capsys, *command, tmp_path / "run")

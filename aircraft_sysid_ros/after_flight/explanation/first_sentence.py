@@ -20,6 +20,7 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, KEEPS_TIME, WARNING, Finding, joined, short_names
+from aircraft_sysid_ros.flight_check.signals import SURFACES
 from aircraft_sysid_ros.identification.conditions import listed
 
 #: Share of the parameters below which a flight has too little motion: to USE, and that the check says are shown.
@@ -28,6 +29,8 @@ LEAST_USED = 0.4
 LEAST_MASS, SURE_MASS = 0.08, 5.0
 #: Warnings of the check that say that a sensor is off. The sign of a surface is a convention, which any model learns.
 _OF_SENSORS = ("offset", "scale", "held", "saturated")
+#: What a servo does looks the same where the record of it comes late: not before that is mended.
+_OF_SERVOS = ("rate_limit", "free_play")
 #: Static margin [% of the chord] below which an aeroplane is hardly stable, by two standard deviations.
 SMALL_MARGIN = 5.0
 
@@ -171,8 +174,9 @@ def _fall(candidate: Mapping[str, Any]) -> str:
 def _missing(evidence: Evidence) -> Iterator[Said]:
     if evidence.diagnosis and _inputs_alone(evidence.diagnosis):
         return
+    late = {s for f in _findings(evidence.check, WARNING) if f.kind == "offset" for s in f.signals}
     for candidate in _found(evidence):
-        if candidate["kind"] == MEASUREMENT:
+        if candidate["kind"] == MEASUREMENT or (candidate["effect"] in _OF_SERVOS and late & set(SURFACES)):
             continue
         fall = _fall(candidate)
         others = [BY_ID[name].name for name in candidate["confounded_with"] if name in BY_ID]

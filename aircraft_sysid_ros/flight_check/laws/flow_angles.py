@@ -27,8 +27,9 @@ _GUSTS, _FINE = 2.0, 0.05  # up to this step [s], and more for longer ones
 _LATE = 0.04
 #: A ratio that tells a unit and no scale.
 _UNIT = 1.5
-#: Least and largest -d(force)/d(angle) [m/s^2 per rad] of aeroplanes: g C_Z,alpha / C_L, g C_Y,beta / C_L.
-_SLOPES = {"angle_of_attack": (15.0, 400.0), "sideslip": (0.7, 60.0)}
+#: Least and largest -d(force)/d(angle) [m/s^2 per rad] of aeroplanes: g C_Z,alpha / C_L, g C_Y,beta / C_L. A fast one
+#: flies with a C_L of 0.05.
+_SLOPES = {"angle_of_attack": (15.0, 1000.0), "sideslip": (0.7, 150.0)}
 
 
 def pair(motion: Motion) -> Triple:
