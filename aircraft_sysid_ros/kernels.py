@@ -31,7 +31,8 @@ from numba.core.runtime.nrt import rtsys
 __all__ = ["njit", "stamp_of"]
 
 _ROOT = Path(__file__).resolve().parent
-_IMPORTED = re.compile(rf"^\s*(?:from|import) {_ROOT.name}\.([\w.]+)".encode(), re.MULTILINE)
+#: Where from, as ``.a.b``, and what: names of one file, or files of one folder.
+_IMPORTED = re.compile(rf"^\s*from {_ROOT.name}((?:\.\w+)*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 #: Versions (minor numbers of 0.x) whose inside was compared.
 KNOWN = range(60, 69)
@@ -61,10 +62,12 @@ else:
 @cache
 def _read(path: Path) -> tuple[bytes, tuple[Path, ...]]:
     """The hash of a file of source; where it has kernels, the files of the package that it imports, too."""
-    content = path.read_bytes()
-    imported = _IMPORTED.findall(content) if b"njit" in content else []
-    files = (_ROOT.joinpath(*name.decode().split(".")).with_suffix(".py") for name in imported)
-    return sha256(content).digest(), tuple(file for file in files if file.is_file())
+    content = path.read_text(encoding="utf8")
+    files: list[Path] = []
+    for where, names in _IMPORTED.findall(content) if "njit" in content else ():
+        folder = _ROOT.joinpath(*where.split("."))
+        files += [folder.with_suffix(".py"), *(folder / f"{name}.py" for name in re.findall(r"\w+", names))]
+    return sha256(content.encode()).digest(), tuple(file for file in files if file.is_file())
 
 
 @cache

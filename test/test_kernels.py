@@ -85,8 +85,8 @@ def test_after_an_update_no_kernel_runs_with_what_another_file_was(tmp_path):
         "kernels": Path(kernels.__file__).read_text(encoding="utf8"),
         "constants": "FACTOR = 2.0\n",
         "inner": "from {p}.kernels import njit\n\n@njit(cache=True)\ndef inner(x):\n    return x + 1.0\n",
-        "outer": "from {p}.constants import FACTOR\nfrom {p}.inner import inner\nfrom {p}.kernels import njit\n\n"
-        "@njit(cache=True)\ndef outer(x):\n    return FACTOR * inner(x)\n",
+        "outer": "from {p} import inner\nfrom {p}.constants import FACTOR\nfrom {p}.kernels import njit\n\n"
+        "call = inner.inner\n\n@njit(cache=True)\ndef outer(x):\n    return FACTOR * call(x)\n",
         "apart": "NUMBER = 1\n",
     }
 

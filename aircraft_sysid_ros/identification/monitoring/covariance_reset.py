@@ -153,24 +153,20 @@ class ChangeDetector:
 
     def _beside(self, resets: list[AxisReset], model: AerodynamicModel, state: RlsState) -> list[AxisReset]:
         """What surfaces do in axes that have not changed, opened where another axis of the plane has."""
-        found: dict[int, AxisReset] = {}
-        asked = {reset.axis for reset in resets}
-        for reset in resets:
-            plane = next(axes for axes in _PLANES if AXES[reset.axis] in axes)
-            for axis in [AXES.index(name) for name in plane]:
-                if axis not in asked and not reset.is_again and state.updates[axis] >= KNOWN:
-                    found[axis] = self._opened(axis, model, state)
-        return list(found.values())
+        changed = {AXES[reset.axis] for reset in resets if not reset.is_again}
+        others = {name for plane in _PLANES if changed.intersection(plane) for name in plane}
+        beside = [axis for axis in range(len(AXES)) if AXES[axis] in others - {AXES[r.axis] for r in resets}]
+        return [self._opened(axis, model, state) for axis in beside if state.updates[axis] >= KNOWN]
 
     def _opened(self, axis: int, model: AerodynamicModel, state: RlsState) -> AxisReset:
         """The command that opens what surfaces do in an axis; ``covariance`` is what is added to that of now."""
         n = len(model.terms[AXES[axis]])
-        theta, spread = state.theta[axis, :n], spread_of_terms(state.sums[axis, 0, : n + 2, : n + 2])
+        theta, nothing = state.theta[axis, :n], np.zeros(n)
         moved = [bool(program.signals & SURFACE_WORDS.keys()) for program in model.programs[axis]]
         variance = max(self.monitor.variance(axis), 1e-300)
-        change = np.diag(np.where(moved, changed_variance(theta, np.zeros(n)), 0.0)) / variance
+        change = np.diag(np.where(moved, changed_variance(theta, nothing), 0.0)) / variance
         none = self._since(np.inf)
-        return AxisReset(axis, np.nan, spread, theta, change, change, variance, *none, is_beside=True)
+        return AxisReset(axis, np.nan, nothing, theta, change, change, variance, *none, is_beside=True)
 
     def _settled(self, model: AerodynamicModel) -> list[AxisReset]:
         """Of axes that changed and are asked again, those that begin anew since the change had gone on."""
