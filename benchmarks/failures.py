@@ -22,7 +22,7 @@ from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
 from aircraft_sysid_ros.errors import InputError
 
 RESULTS = Path(__file__).parent / "results" / "failures.jsonl"
-FIRST = 7_100_000
+FIRST = 8_600_000
 
 
 def fly(job: dict[str, Any]) -> dict[str, Any]:
@@ -38,7 +38,11 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
          "left": f.left, "left_std": f.left_std, "level": f.level, "errors": [f.begin_error, f.end_error]}
         for f in report.found
     ]  # fmt: skip
-    return {**job, "begin": flight.begin, "end": flight.end, "found": found}
+    changed = report.changed and {
+        "axes": sorted(report.changed.gains), "begin": report.changed.begin, "end": report.changed.end,
+        "evidence": report.changed.evidence, "size": report.changed.size, "like": report.changed.like,
+    }  # fmt: skip
+    return {**job, "begin": flight.begin, "end": flight.end, "found": found, "changed": changed}
 
 
 def jobs(clean: int, failed: int, first: int) -> list[dict[str, Any]]:
@@ -61,8 +65,8 @@ def summary(results: list[dict[str, Any]]) -> str:
     clean = [r for r in done if r["failure"] == "none"]
     failed = [r for r in done if r["failure"] != "none"]
     return (
-        f"clean flights: {len(clean)}, given a verdict: {sum(bool(r['found']) for r in clean)}; "
-        f"with a failure: {len(failed)}, given one: {sum(bool(r['found']) for r in failed)}"
+        f"clean flights: {len(clean)}, given a verdict: {sum(bool(r['found'] or r['changed']) for r in clean)}; "
+        f"with a failure: {len(failed)}, given one: {sum(bool(r['found'] or r['changed']) for r in failed)}"
     )
 
 

@@ -231,21 +231,22 @@ def failures(flown: list[dict[str, Any]]) -> Rows:
     """Inputs that fail in flights without vanes, by what the log holds."""
     signals, rows = {"elevator": "de", "aileron": "da", "rudder": "dr"}, []
     judged = [flight for flight in flown if "found" in flight]
-    series = sorted({flight["seed"] // 100_000 for flight in judged})
     parts = {name: [f for f in judged if f["layout"] == name] for name in dict.fromkeys(f["layout"] for f in judged)}
-    parts |= {f"all, seeds {n}00000 on": [f for f in judged if f["seed"] // 100_000 == n] for n in series}
     for words, own in {**parts, "all": judged}.items():
         clean = [flight for flight in own if flight["failure"] == "none"]
         failed = [flight for flight in own if flight["failure"] != "none"]
         answered = [flight for flight in failed if flight["found"]]
         named = [f for f in answered if f["found"][0]["name"] == signals.get(f["failure"], f["failure"])]
-        dated = sum(abs(flight["found"][0]["begin"] - flight["begin"]) < 2.0 for flight in named)
-        false = sum(bool(flight["found"]) for flight in clean)
-        rows.append(
-            [words, str(len(clean)), str(false), str(len(failed)), str(len(named)), str(len(answered) - len(named)),
-             str(dated)]
-        )  # fmt: skip
-    head = ["log", "clean flights", "given a verdict", "with a failure", "named", "named another", "dated within 2 s"]
+        changed = [flight for flight in failed if flight["changed"]]
+        begun = [(f["found"][0]["begin"], f["begin"]) for f in named] + [
+            (f["changed"]["begin"], f["begin"]) for f in changed
+        ]
+        dated = sum(abs(said - true) < 2.0 for said, true in begun)
+        false = sum(bool(flight["found"] or flight["changed"]) for flight in clean)
+        numbers = (len(clean), false, len(failed), len(named), len(changed), len(answered) - len(named), dated)
+        rows.append([words, *map(str, numbers)])
+    head = ["log", "clean flights", "given a verdict", "with a failure", "named", "a moment that no input shows",
+            "named another", "dated within 2 s"]  # fmt: skip
     return head, rows
 
 

@@ -63,8 +63,8 @@ def answer(
     options_after_flight(samples, calm_air)
     notes = assumed_calm(samples, calm_air)
     report = None if _has_vanes(samples) else _failures(aircraft, samples, progress)
-    if report is not None and report.found:
-        notes.append("the library was not searched: what failed would stand for other effects")
+    if report is not None and report.says_something:
+        notes.append("the library was not searched: what failed or changed would stand for other effects")
         return report_json(report, notes)
     if report is not None and not has_airspeed(samples):
         notes.append("the library was not searched: without airspeed its effects cannot be told from wind")

@@ -7,7 +7,7 @@ its own best times, and when what is left of the input's effect in the interval 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -15,11 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting, relations_of, whitened, without_engine
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting, relations_of, without_engine
 from aircraft_sysid_ros.diagnosis.failures.failure_search import BEFORE, FailureSearch, Judged, columns_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import WIDEST, ForceBalance, force_balance
+from aircraft_sysid_ros.diagnosis.failures.held_out import held_out_errors
 from aircraft_sysid_ros.diagnosis.failures.interval_search import CONSTANT, FROZEN, HELD, NIL
-from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FOLDS
+from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange, unrecorded_change
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.processes import in_parallel
@@ -49,6 +50,8 @@ FAR = 3.0
 #: aeroplane answers. In the quiet hours of a jet at 10 Hz (benchmarks/trimmed_jet.py, seeds 437 and 448, on which this
 #: was made) ailerons that moved by an eighth seemed to be stuck.
 LEAST_MOTION = 0.25
+#: The angle of flow that each moment rests on.
+_ANGLES = {"Cl": "beta", "Cm": "alpha", "Cn": "beta"}
 
 
 @dataclass(frozen=True)
@@ -90,10 +93,16 @@ class FailureReport:
     """What the forces of a flight say of its inputs."""
 
     found: tuple[Failure, ...]  # one at most
+    changed: UnrecordedChange | None  # where no input that failed is named
     tried: tuple[str, ...]  # inputs
     judged: tuple[str, ...]  # axes
     not_judged: dict[str, str]  # axes, and why
     balance: ForceBalance = field(repr=False)
+
+    @property
+    def says_something(self) -> bool:
+        """Whether anything failed or changed."""
+        return bool(self.found) or self.changed is not None
 
 
 class _Form(NamedTuple):
@@ -108,40 +117,64 @@ class _Form(NamedTuple):
         return [name for name in self.search.names if (self.search.axes_of(name) == ["CX"]) == of_thrust]
 
 
+class _Job(NamedTuple):
+    """One input, in one form."""
+
+    form: _Form
+    name: str
+
+
+class _Searched(NamedTuple):
+    """What was found of a job."""
+
+    frozen: float  # the most evidence that freezing the input has
+    constant: Judged  # the likeliest other constant of its axes
+    failure: Failure | None
+
+
 def failures_of(
     aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
 ) -> FailureReport:
-    """Look for an input that stopped acting. Raises InputError where the flight is too short or lacks a sensor."""
+    """Look for an input that stopped acting, or else for moments that changed without any.
+
+    Raises InputError where the flight is too short or lacks a sensor.
+    """
     with_leads = _with_leads(aircraft, samples)
     motion = _best_lead(with_leads, THRESHOLDS.failure_evidence, of_motion=True)
     acceleration = _best_lead(with_leads, THRESHOLDS.acceleration_evidence, of_motion=False)
     slow = force_balance(aircraft, samples, ENGINE_BAND)
     engine = _Form(slow, FailureSearch(relations_of(slow), slow.step), THRESHOLDS.failure_evidence)
-    jobs = [(form, name) for name in motion.inputs(of_thrust=False) for form in (motion, acceleration)]
-    jobs += [(engine, name) for name in engine.inputs(of_thrust=True)]
+    jobs = [_Job(form, name) for name in motion.inputs(of_thrust=False) for form in (motion, acceleration)]
+    jobs += [_Job(engine, name) for name in engine.inputs(of_thrust=True)]
     found: list[Failure] = []
     evidence: dict[str, float] = {}  # the most that freezing an input has
-    for number, ((_, name), (most, failure)) in enumerate(zip(jobs, in_parallel(_searched, jobs), strict=True), 1):
+    constants: list[tuple[FailureSearch, Judged]] = []
+    for number, (job, searched) in enumerate(zip(jobs, in_parallel(_searched, jobs), strict=True), 1):
         progress(number / len(jobs))
-        evidence[name] = max(evidence.get(name, -np.inf), most)
-        if failure is not None:
-            found.append(failure)
+        evidence[job.name] = max(evidence.get(job.name, -np.inf), searched.frozen)
+        constants.append((job.form.search, searched.constant))
+        if searched.failure is not None:
+            found.append(searched.failure)
     found.sort(key=lambda failure: -failure.evidence)
-    best = [failure for failure in found[:1] if failure.recorded or _leads(failure, evidence, jobs)]
+    best = [failure for failure in found[:1] if failure.recorded or _leads(failure, evidence, constants)]
+    unseen = [item for item in constants if _is_unseen(item[1], motion.balance)]
+    changed = None if best else unrecorded_change(unseen, float(motion.balance.time[0]))
     judged = tuple(dict.fromkeys(axis for form, name in jobs for axis in form.search.axes_of(name)))
     progress(1.0)
-    return FailureReport(tuple(best), tuple(evidence), judged, _not_judged(motion.balance, judged), motion.balance)
+    not_judged = _not_judged(motion.balance, judged)
+    return FailureReport(tuple(best), changed, tuple(evidence), judged, not_judged, motion.balance)
 
 
-def _searched(job: tuple[_Form, str]) -> tuple[float, Failure | None]:
-    """The most evidence that freezing an input has, and what failed of it."""
-    form, name = job
-    tried = _frozen(form.search, name)
-    failure = _of_input(form, tried)
-    return tried.evidence, _cut(form.balance) if failure is None and name == ENGINE else failure
+def _searched(job: _Job) -> _Searched:
+    """What speaks for an input that is frozen, and for another constant of its axes."""
+    tried, constant = _frozen(job.form.search, job.name), job.form.search.best(job.name, CONSTANT)
+    failure = _of_input(job.form, tried, constant)
+    if failure is None and job.name == ENGINE:
+        failure = _cut(job.form.balance)
+    return _Searched(tried.evidence, constant, failure)
 
 
-def _leads(failure: Failure, evidence: dict[str, float], jobs: Iterable[tuple[_Form, str]]) -> bool:
+def _leads(failure: Failure, evidence: Mapping[str, float], constants: Iterable[tuple[FailureSearch, Judged]]) -> bool:
     """Whether nothing else happened that is clearly likelier: another input frozen, or another constant of any axes.
 
     What is clearest and is no input that failed has consequences in other axes, and these would get a name.
@@ -149,7 +182,13 @@ def _leads(failure: Failure, evidence: dict[str, float], jobs: Iterable[tuple[_F
     own = max(failure.evidence, evidence[failure.name]) + THRESHOLDS.failure_lead
     if max((value for name, value in evidence.items() if name != failure.name), default=-np.inf) > own:
         return False
-    return all(form.search.best(name, CONSTANT).evidence <= own for form, name in jobs)
+    return all(constant.evidence <= own for _, constant in constants)
+
+
+def _is_unseen(constant: Judged, balance: ForceBalance) -> bool:
+    """Whether it is a moment of an axis whose angle no vane measures: the library has no name there."""
+    axis = max(constant.gains, key=lambda a: constant.gains[a])
+    return axis in _ANGLES and _ANGLES[axis] not in balance.angles
 
 
 def _with_leads(aircraft: Aircraft, samples: Samples) -> list[ForceBalance]:
@@ -186,15 +225,17 @@ def _frozen(search: FailureSearch, name: str) -> Judged:
     return best
 
 
-def _of_input(form: _Form, best: Judged) -> Failure | None:
-    """What failed of one input, by the best that this explains, if it is enough to be named."""
+def _of_input(form: _Form, best: Judged, constant: Judged) -> Failure | None:
+    """What failed of one input, by the best that this explains, if it is enough to be named.
+
+    ``constant``: the best that another constant of the same axes explains.
+    """
     (balance, search, least), name = form, best.hypothesis.name
     if best.evidence < least:
         return None
     best = best if name == ENGINE else search.held(best)
     if best.evidence < least:
         return None
-    constant = search.best(name, CONSTANT)
     failure = _described(balance, search, best)
     if failure.size < THRESHOLDS.size or not _is_told(failure, best.score - constant.score):
         return None
@@ -258,10 +299,8 @@ def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> 
         float(np.sqrt(np.cov(acting.values, aweights=np.clip(share, 1e-6, 1.0)))) for share in (1.0 - failed, failed)
     )
     moving = failed * ((relation.columns[:, at] - still) @ fitted.parameters[at])
-    columns = columns_of(relation, hypothesis)
-    with_rest = search.fit(axis, np.column_stack([columns, moving]))
-    white = [whitened(series, fitted.filtering) for series in (relation.response, relation.columns, columns)]
-    before, after = (_held_out(white[0], tried, search.step) for tried in white[1:])
+    with_rest = search.fit(axis, np.column_stack([columns_of(relation, hypothesis), moving]))
+    before, after = held_out_errors(search, hypothesis, axis)
     lasts = hypothesis.lasts(search.count)
     errors = search.time_errors(judged)
     begin = float(balance.time[0] + balance.step * hypothesis.begin)
@@ -272,19 +311,6 @@ def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> 
         dict(judged.gains), axis, 1.0 - after / before, float(with_rest.parameters[-1]), float(with_rest.std[-1]),
         level, asked, usual, moved, before, after, judged.free,
     )  # fmt: skip
-
-
-def _held_out(response: Array, columns: Array, step: float) -> float:
-    """Error on blocks of time that take turns at being left out, over the spread of the response."""
-    fold = (np.arange(len(response)) * step / BLOCK).astype(int) % FOLDS
-    error = np.empty(len(response))
-    for number in range(FOLDS):
-        known, out = fold != number, fold == number
-        size = np.sqrt(np.mean(columns[known] ** 2, axis=0))
-        size = np.where(size > 0.0, size, 1.0)
-        theta = np.linalg.lstsq(columns[known] / size, response[known], rcond=1e-8)[0]
-        error[out] = response[out] - columns[out] / size @ theta
-    return float(np.sqrt(np.mean(error**2)) / np.std(response))
 
 
 def _level(judged: Judged, acting: Acting, asked: float, failed: Array, parameters: Array) -> float:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS, SURFACE_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
+from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import CHANGE
+from aircraft_sysid_ros.identification.conditions import listed
 
-LOSS_OF_THRUST, STUCK = "loss_of_thrust", "stuck_control"
+LOSS_OF_THRUST, STUCK, CHANGE_OF_MOMENTS = "loss_of_thrust", "stuck_control", "parameter_change"
 _WHAT = {**CONTROL_WORDS, ENGINE: "engine"}
+#: What a moment does, and what else than a control it could be, by effect and in words.
+_DOES = {"Cl": "rolls", "Cm": "pitches", "Cn": "yaws"}
+_SIDEWAYS = ("unrecorded_flaps", "cg_shift", "asymmetric_thrust")
+_IN_PITCH = ("unrecorded_flaps", "cg_shift", "landing_gear")
 _RIVALS = {
     "landing_gear": "a step of drag, as of a landing gear",
     "parameter_change": "another constant of the same axes for that time, as of a trim that moved",
@@ -28,10 +34,13 @@ _PHYSICS = {
     "windmills, which is drag. What the throttle did along the body is gone from one moment on.",
     STUCK: "A surface that stays where it was no longer follows the recorded command, or one of several does not. Its "
     "part of the moments is then a constant instead of one in proportion to the command.",
+    CHANGE_OF_MOMENTS: "A control that stands elsewhere than it is told to, a flap, a load or damage on one side, a "
+    "centre of gravity that moved: each is a moment that was not there before.",
 }
 _MANOEUVRES = {
     LOSS_OF_THRUST: "Throttle steps at constant speed, before and after.",
     STUCK: "Doublets of every surface, repeated during the flight.",
+    CHANGE_OF_MOMENTS: "Doublets of every surface before and after, with vanes: they tell a control from all else.",
 }
 
 
@@ -40,7 +49,7 @@ def effect_of(failure: Failure) -> str:
     return LOSS_OF_THRUST if failure.is_loss_of_thrust else STUCK
 
 
-def span_of(failure: Failure) -> str:
+def span_of(failure: Failure | UnrecordedChange) -> str:
     """From when to when, with what it may be off."""
     begin = f"from {failure.begin:.1f} s (± {failure.begin_error:.1f} s)"
     return f"{begin} " + (
@@ -62,11 +71,32 @@ def sentence_of(failure: Failure) -> str:
     return f"The control '{name}' does not move {span_of(failure)}, whatever is commanded.{where}"
 
 
+def sentence_of_change(change: UnrecordedChange) -> str:
+    """One sentence that a pilot understands."""
+    does = listed([_DOES[axis] for axis in _DOES if axis in change.gains])
+    like = [
+        f"{np.degrees(abs(moved)):.0f} ± {np.degrees(std):.0f}° of {SURFACE_WORDS[name]}"
+        for name, (moved, std) in change.like.items()
+        if name in SURFACE_WORDS
+    ]
+    as_much = f", as much as {' or '.join(like)} would" if like else ""
+    rest = "flaps that are not recorded, or a centre of gravity that moved"
+    if change.main_axis != "Cm":
+        rest = "damage, a flap or a load on one side, or an engine that pulls to one side"
+    return (
+        f"Something {does} the aeroplane {span_of(change)} that no recorded input shows{as_much}: a control that does "
+        f"not stand where it is told to, {rest}."
+    )
+
+
+def _times_likelier(evidence: float) -> str:
+    powers = evidence / np.log(10.0)
+    return f"10^{powers:.0f} times likelier" if powers < _POWERS else f"more than 10^{_POWERS} times likelier"
+
+
 def sure_of(failure: Failure) -> str:
     """How sure, and what else it could be."""
-    powers = failure.evidence / np.log(10.0)
-    times = f"10^{powers:.0f}" if powers < _POWERS else f"more than 10^{_POWERS}"
-    said = f"It is {times} times likelier than that nothing failed"
+    said = f"It is {_times_likelier(failure.evidence)} than that nothing failed"
     if failure.recorded:
         return said + ". A landing with the engine idle looks the same."
     if failure.name != ENGINE:
@@ -76,12 +106,15 @@ def sure_of(failure: Failure) -> str:
     return said + f". It could also be {' or '.join(_RIVALS[name] for name in failure.rivals)}."
 
 
+def _window(failure: Failure | UnrecordedChange) -> str:
+    """1 while it is there, as an expression."""
+    window = f"max(sign(time-{failure.begin:.5g}),0)"
+    return window if failure.end is None else f"{window}*max(sign({failure.end:.5g}-time),0)"
+
+
 def terms_of(failure: Failure, report: FailureReport) -> dict[str, list[str]]:
     """Terms by axis that ``add`` adds to the model for it."""
-    window = f"max(sign(time-{failure.begin:.5g}),0)"
-    if failure.end is not None:
-        window += f"*max(sign({failure.end:.5g}-time),0)"
-    model = report.balance.aircraft.model
+    window, model = _window(failure), report.balance.aircraft.model
     names = ("throttle", "Tc") if failure.name == ENGINE else (failure.name,)
     terms = {}
     for axis in failure.gains:
@@ -95,11 +128,28 @@ def terms_of(failure: Failure, report: FailureReport) -> dict[str, list[str]]:
 def candidate_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
     """As of any candidate of a diagnosis."""
     identifier = effect_of(failure)
-    terms = terms_of(failure, report)
     name = BY_ID[identifier].name if identifier in BY_ID else "Loss of thrust"
-    inner = {"t0": failure.begin} | ({} if failure.end is None else {"t1": failure.end})
     which = "" if failure.is_loss_of_thrust else f" ({_WHAT.get(failure.name, failure.name)})"
-    begin = int(report.balance.begin)
+    return {
+        **_what(identifier, which, name),
+        **_shown(failure, terms_of(failure, report), failure.rivals, report),
+        "input": failure.name,
+        "level": failure.level if np.isfinite(failure.level) else None,
+    }
+
+
+def change_json(change: UnrecordedChange, report: FailureReport) -> dict[str, Any]:
+    """As of any candidate of a diagnosis."""
+    axes = sorted(change.gains, key=lambda axis: -change.gains[axis])
+    rivals = (STUCK, *(_IN_PITCH if change.main_axis == "Cm" else _SIDEWAYS))
+    window = _window(change)
+    return {
+        **_what(CHANGE_OF_MOMENTS, f" ({listed([f'{axis}_0' for axis in axes])})", "A moment that no input shows"),
+        **_shown(change, {axis: [window] for axis in axes}, rivals, report),
+    }
+
+
+def _what(identifier: str, which: str, name: str) -> dict[str, Any]:
     return {
         "effect": identifier,
         "label": identifier + which,
@@ -107,6 +157,16 @@ def candidate_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
         "kind": CHANGE,
         "physics": _PHYSICS[identifier],
         "manoeuvre": _MANOEUVRES[identifier],
+    }
+
+
+def _shown(
+    failure: Failure | UnrecordedChange, terms: dict[str, list[str]], rivals: Sequence[str], report: FailureReport
+) -> dict[str, Any]:
+    """What the flight shows of it, and the terms that ``add`` adds."""
+    inner = {"t0": failure.begin} | ({} if failure.end is None else {"t1": failure.end})
+    begin = int(report.balance.begin)
+    return {
         "expression": "; ".join(f"{axis}: {text}" for axis, texts in terms.items() for text in texts) or None,
         "axes": sorted(failure.gains, key=lambda axis: -failure.gains[axis]),
         "main_axis": failure.main_axis,
@@ -114,13 +174,11 @@ def candidate_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
         "p_value": max(float(np.exp(-failure.evidence)), 10.0**-_POWERS),
         "error_before": failure.error_before,
         "error_after": failure.error_after,
-        "confounded_with": list(failure.rivals),
+        "confounded_with": list(rivals),
         "where": f"{failure.main_axis[0]}_{failure.main_axis[1]}, {span_of(failure)}",
         "inner": inner,
         "inner_error": {"t0": failure.begin_error} | ({} if failure.end is None else {"t1": failure.end_error}),
         "stamps": {key: begin + int(1e9 * time) for key, time in inner.items()},
-        "input": failure.name,
-        "level": failure.level if np.isfinite(failure.level) else None,
         "terms": terms,
         "parameters": [],
         "found": True,
@@ -129,9 +187,10 @@ def candidate_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
 
 def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:
     """The answer of a flight of which nothing but its inputs could be judged, or one of whose inputs failed."""
+    changed = [] if report.changed is None else [change_json(report.changed, report)]
     return {
-        "verdict": "missing" if report.found else "none",
-        "candidates": [candidate_json(failure, report) for failure in report.found],
+        "verdict": "missing" if report.says_something else "none",
+        "candidates": [*(candidate_json(failure, report) for failure in report.found), *changed],
         "advice": " ".join(_advice(report)),
         "notes": [*notes, *notes_of(report)],
         "false_alarm_rate": THRESHOLDS.false_alarm,
@@ -161,7 +220,10 @@ def _advice(report: FailureReport) -> Iterator[str]:
     for failure in report.found:
         yield sentence_of(failure)
         yield sure_of(failure)
-    if not report.tried:
+    if report.changed is not None:
+        yield sentence_of_change(report.changed)
+        yield f"It is {_times_likelier(report.changed.evidence)} than that nothing changed."
+    elif not report.tried:
         yield (
             "Nothing could be looked for: no recorded input moves what this flight tells of a coefficient. The notes "
             "say why of each axis. Record deflections, and vanes; what such a flight does tell is its drag (polar)."
