@@ -40,7 +40,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
     ]  # fmt: skip
     changed = report.changed and {
         "axes": sorted(report.changed.gains), "begin": report.changed.begin, "end": report.changed.end,
-        "evidence": report.changed.evidence, "size": report.changed.size, "like": report.changed.like,
+        "evidence": report.changed.evidence, "size": report.changed.size,
     }  # fmt: skip
     return {**job, "begin": flight.begin, "end": flight.end, "found": found, "changed": changed}
 

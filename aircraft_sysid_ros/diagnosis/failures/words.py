@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS, SURFACE_WORDS
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
@@ -19,8 +19,8 @@ from aircraft_sysid_ros.identification.conditions import listed
 
 LOSS_OF_THRUST, STUCK, CHANGE_OF_MOMENTS = "loss_of_thrust", "stuck_control", "parameter_change"
 _WHAT = {**CONTROL_WORDS, ENGINE: "engine"}
-#: What a moment does, and what else than a control it could be, by effect and in words.
-_DOES = {"Cl": "rolls", "Cm": "pitches", "Cn": "yaws"}
+#: What a moment is called, and what else than a control it could be, by effect and in words.
+_MOMENTS = {"Cl": "rolling", "Cm": "pitching", "Cn": "yawing"}
 _SIDEWAYS = ("unrecorded_flaps", "cg_shift", "asymmetric_thrust")
 _IN_PITCH = ("unrecorded_flaps", "cg_shift", "landing_gear")
 _RIVALS = {
@@ -73,19 +73,13 @@ def sentence_of(failure: Failure) -> str:
 
 def sentence_of_change(change: UnrecordedChange) -> str:
     """One sentence that a pilot understands."""
-    does = listed([_DOES[axis] for axis in _DOES if axis in change.gains])
-    like = [
-        f"{np.degrees(abs(moved)):.0f} ± {np.degrees(std):.0f}° of {SURFACE_WORDS[name]}"
-        for name, (moved, std) in change.like.items()
-        if name in SURFACE_WORDS
-    ]
-    as_much = f", as much as {' or '.join(like)} would" if like else ""
+    made = listed([f"a {_MOMENTS[axis]} moment" for axis in _MOMENTS if axis in change.gains])
     rest = "flaps that are not recorded, or a centre of gravity that moved"
     if change.main_axis != "Cm":
         rest = "damage, a flap or a load on one side, or an engine that pulls to one side"
     return (
-        f"Something {does} the aeroplane {span_of(change)} that no recorded input shows{as_much}: a control that does "
-        f"not stand where it is told to, {rest}."
+        f"No recorded input shows {made} that acts {span_of(change)}: a control that does not stand where it is told "
+        f"to, {rest}."
     )
 
 
