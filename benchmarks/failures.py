@@ -41,6 +41,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
     changed = report.changed and {
         "axes": sorted(report.changed.gains), "begin": report.changed.begin, "end": report.changed.end,
         "evidence": report.changed.evidence, "size": report.changed.size,
+        "errors": [report.changed.begin_error, report.changed.end_error],
     }  # fmt: skip
     return {**job, "begin": flight.begin, "end": flight.end, "found": found, "changed": changed}
 

@@ -50,6 +50,8 @@ FAR = 3.0
 #: aeroplane answers. In the quiet hours of a jet at 10 Hz (benchmarks/trimmed_jet.py, seeds 437 and 448, on which this
 #: was made) ailerons that moved by an eighth seemed to be stuck.
 LEAST_MOTION = 0.25
+#: Share of the evidence from which the other form of a balance is as telling of a time.
+AS_TELLING = 0.5
 #: The angle of flow that each moment rests on.
 _ANGLES = {"Cl": "beta", "Cm": "alpha", "Cn": "beta"}
 
@@ -146,18 +148,22 @@ def failures_of(
     engine = _Form(slow, FailureSearch(relations_of(slow), slow.step), THRESHOLDS.failure_evidence)
     jobs = [_Job(form, name) for name in motion.inputs(of_thrust=False) for form in (motion, acceleration)]
     jobs += [_Job(engine, name) for name in engine.inputs(of_thrust=True)]
-    found: list[Failure] = []
+    found: list[tuple[_Form, Failure]] = []
     evidence: dict[str, float] = {}  # the most that freezing an input has
-    constants: list[tuple[FailureSearch, Judged]] = []
+    constants: list[tuple[_Form, Judged]] = []
     for number, (job, searched) in enumerate(zip(jobs, in_parallel(_searched, jobs), strict=True), 1):
         progress(number / len(jobs))
         evidence[job.name] = max(evidence.get(job.name, -np.inf), searched.frozen)
-        constants.append((job.form.search, searched.constant))
+        constants.append((job.form, searched.constant))
         if searched.failure is not None:
-            found.append(searched.failure)
-    found.sort(key=lambda failure: -failure.evidence)
-    best = [failure for failure in found[:1] if failure.recorded or _leads(failure, evidence, constants)]
-    unseen = [item for item in constants if _is_unseen(item[1], motion.balance)]
+            found.append((job.form, searched.failure))
+    found.sort(key=lambda item: -item[1].evidence)
+    best = [
+        _dated(failure, [other for _, other in found[1:]])
+        for form, failure in found[:1]
+        if failure.recorded or _leads(failure, form, evidence, constants)
+    ]
+    unseen = [(form.search, constant) for form, constant in constants if _is_unseen(constant, motion.balance)]
     changed = None if best else unrecorded_change(unseen, float(motion.balance.time[0]))
     judged = tuple(dict.fromkeys(axis for form, name in jobs for axis in form.search.axes_of(name)))
     progress(1.0)
@@ -174,15 +180,31 @@ def _searched(job: _Job) -> _Searched:
     return _Searched(tried.evidence, constant, failure)
 
 
-def _leads(failure: Failure, evidence: Mapping[str, float], constants: Iterable[tuple[FailureSearch, Judged]]) -> bool:
+def _leads(
+    failure: Failure, own_form: _Form, evidence: Mapping[str, float], constants: Iterable[tuple[_Form, Judged]]
+) -> bool:
     """Whether nothing else happened that is clearly likelier: another input frozen, or another constant of any axes.
 
-    What is clearest and is no input that failed has consequences in other axes, and these would get a name.
+    What is clearest and is no input that failed has consequences in other axes, and these would get a name. In its own
+    axes and form the input has been found likelier than a constant.
     """
     own = max(failure.evidence, evidence[failure.name]) + THRESHOLDS.failure_lead
     if max((value for name, value in evidence.items() if name != failure.name), default=-np.inf) > own:
         return False
-    return all(constant.evidence <= own for _, constant in constants)
+    return all(
+        constant.evidence <= own
+        for form, constant in constants
+        if form is not own_form or constant.gains.keys() != failure.gains.keys()
+    )
+
+
+def _dated(failure: Failure, others: Iterable[Failure]) -> Failure:
+    """With times whose errors hold what the other form of the balance says of the input, where it is as telling."""
+    for other in (o for o in others if o.name == failure.name and o.evidence > AS_TELLING * failure.evidence):
+        failure = replace(failure, begin_error=max(failure.begin_error, abs(other.begin - failure.begin)))
+        if failure.end is not None and other.end is not None:
+            failure = replace(failure, end_error=max(failure.end_error, abs(other.end - failure.end)))
+    return failure
 
 
 def _is_unseen(constant: Judged, balance: ForceBalance) -> bool:

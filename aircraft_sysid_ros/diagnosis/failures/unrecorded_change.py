@@ -45,7 +45,7 @@ def unrecorded_change(searched: Iterable[tuple[FailureSearch, Judged]], first: f
     hypothesis = best.hypothesis
     axis = max(best.gains, key=lambda a: best.gains[a])
     size = 1.0 - float(np.exp(-best.gains[axis] / search.count))  # a gain is n times ln of the ratio of errors
-    if size < THRESHOLDS.size:
+    if size < THRESHOLDS.unrecorded_size:
         return None
     gains = {a: gain for a, gain in best.gains.items() if gain > np.log(search.count)}
     before, after = held_out_errors(search, hypothesis, axis)

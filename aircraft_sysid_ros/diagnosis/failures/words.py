@@ -52,9 +52,9 @@ def effect_of(failure: Failure) -> str:
 def span_of(failure: Failure | UnrecordedChange) -> str:
     """From when to when, with what it may be off."""
     begin = f"from {failure.begin:.1f} s (± {failure.begin_error:.1f} s)"
-    return f"{begin} " + (
-        "to the end of the flight" if failure.end is None else f"to {failure.end:.1f} s (± {failure.end_error:.1f} s)"
-    )
+    if failure.end is None:
+        return f"{begin} to the end of the flight"
+    return f"{begin} to {failure.end:.1f} s (± {failure.end_error:.1f} s)"
 
 
 def sentence_of(failure: Failure) -> str:
