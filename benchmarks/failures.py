@@ -22,7 +22,7 @@ from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
 from aircraft_sysid_ros.errors import InputError
 
 RESULTS = Path(__file__).parent / "results" / "failures.jsonl"
-FIRST = 8_600_000
+FIRST = 8_700_000
 
 
 def fly(job: dict[str, Any]) -> dict[str, Any]:

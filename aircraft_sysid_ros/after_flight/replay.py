@@ -15,7 +15,7 @@ import numpy.typing as npt
 import yaml
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
-from aircraft_sysid_ros.after_flight.replay_notes import manoeuvre_notes, notes, why_no_start
+from aircraft_sysid_ros.after_flight.replay_notes import manoeuvre_notes, notes, sensor_findings, why_no_start
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft, with_prior
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
@@ -126,7 +126,8 @@ def _flown(
             (*recording.notes, *unused),
             [manoeuvre.json for manoeuvre in body.manoeuvres],
         )
-    return pipeline, {"run": str(out), "notes": [*told, *unused], **result}
+    findings = [record for finding in sensor_findings(pipeline) for record in finding.records]
+    return pipeline, {"run": str(out), "notes": [*told, *unused], "findings": findings, **result}
 
 
 def _taken_there(position: list[Any], is_written: bool) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding
 from aircraft_sysid_ros.flight_check.signals import NAMES
 from aircraft_sysid_ros.identification.coefficients.pace import (
     CHANGE,
@@ -23,7 +24,7 @@ from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import absences, of_manoeuvres
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
-from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
+from aircraft_sysid_ros.reconstruction.found_noise import found_noise, noise_notes
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.manoeuvres import Body, Manoeuvre
 from aircraft_sysid_ros.recordings.reader import Recording
@@ -45,6 +46,8 @@ _WHAT_TO_RECORD = (
 _THROTTLE, _THRUST = 4, 5
 #: So long [s] it is too slow to fly before it flies, or after.
 _STANDING = 1.0
+#: Slow error [deg], rms, of a heading that is no longer that of a good one.
+HEADING_OFF = 10.0
 #: A silence [s] of a sensor that is worth a note.
 LONGEST_SILENCE = 2.0
 
@@ -71,6 +74,19 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     found += delay_notes(pipeline.parameters) + prior_notes(pipeline.parameters)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
     return found + flight_notes(pipeline.state, pipeline.parameters)
+
+
+def sensor_findings(pipeline: Pipeline) -> list[Finding]:
+    """What the flight itself showed of its sensors: errors of the check in flight, and a heading that is off."""
+    found = [finding for finding in pipeline.check.findings if finding.severity == ERROR or finding.kind == "scale"]
+    for each in found_noise(pipeline.state):
+        if each.slow is not None and (heading := float(np.rad2deg(each.slow[2]))) > HEADING_OFF:
+            sentence = (
+                f"it is off by {heading:.0f}° (rms) against the course and what turns show, more than any magnetometer "
+                "that was calibrated: calibrate it, and look at how the autopilot is mounted"
+            )
+            found.append(Finding(("attitude.yaw",), "offset", WARNING, sentence))
+    return found
 
 
 def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:

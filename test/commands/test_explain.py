@@ -14,7 +14,7 @@ import pytest
 
 from aircraft_sysid_ros.after_flight.explanation import instruments
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, Learnt, apparent_mass, facts_of, known_modes
-from aircraft_sysid_ros.after_flight.explanation.explain import _lacking
+from aircraft_sysid_ros.after_flight.explanation.explain import _lacking, _with_flight
 from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
 from aircraft_sysid_ros.after_flight.explanation.instruments import LONGEST_BOOM, instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
@@ -82,6 +82,7 @@ SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%"
         (Evidence(check_json(), **USED, diagnosis=STALL, mass=(2.0, 1.6, 0.02)), ["stall", "mass"]),
         (Evidence(check_json(), **USED, diagnosis=DIHEDRAL, mass=(2.0, 1.6, 0.02)), ["mass", "dihedral_alpha"]),
         (Evidence(check_json(*NO_VANES, shown=5), (4, 32)), ["vanes"]),
+        (Evidence(check_json(*NO_VANES, LATE, shown=5), (4, 32)), ["check offset", "vanes"]),
         (Evidence(check_json(), **USED, mass=(2.0, 1.95, 0.001), facts=[SMALL_MARGIN]), ["balance"]),
         (Evidence(check_json(), **USED, facts=[replace(SMALL_MARGIN, reason="HOLD")]), ["nothing"]),
         (Evidence(check_json(), **USED), ["nothing"]),
@@ -91,6 +92,16 @@ def test_what_makes_the_rest_wrong_comes_first(evidence, kinds):
     said = what_matters(evidence)
     assert [each.kind for each in said] == kinds
     assert all(each.sentence.endswith((".", ". ")) for each in said)
+
+
+def test_what_the_flight_showed_of_a_sensor_is_said_where_the_check_of_the_log_says_nothing():
+    leaks = {"signal": "true_airspeed", "kind": "scale", "severity": "error", "sentence": "it reads 0.83 ± 0.03"}
+    heading = {"signal": "attitude.yaw", "kind": "offset", "severity": "warning", "sentence": "it is off by 22°"}
+    said = what_matters(Evidence(_with_flight(check_json(), {"findings": [leaks, heading]}), **USED, diagnosis=STALL))
+    assert [each.kind for each in said] == ["check scale", "check offset"], "nothing of what the model lacks"
+    assert said[0].sentence == "The log is wrong in true_airspeed: it reads 0.83 ± 0.03."
+    known = check_json(("true_airspeed", "unit", "error", "it is in knots"))
+    assert _with_flight(known, {"findings": [leaks]})["findings"] == known["findings"], "each signal once"
 
 
 def _minute(samples):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.after_flight.replay_notes import sensor_findings
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.flight_check.wind_triangle import SURE, TOLERANCE, WindTriangle, scale_of
@@ -179,8 +180,11 @@ def test_nothing_is_used_while_the_airspeed_is_wrong_and_the_reason_names_it():
         for i in range(0, len(samples), 5000):
             marked.append(pipeline.push(samples[i : i + 5000])[0][:, StateField.CONTRADICTION])
         marked.append(pipeline.flush()[0][:, StateField.CONTRADICTION])
-        said[name] = pipeline.parameters.snapshot().parameters, np.concatenate(marked), pipeline.check.words
-    parameters, marked, words = said["wrong"]
+        words, findings = pipeline.check.words, sensor_findings(pipeline)
+        said[name] = pipeline.parameters.snapshot().parameters, np.concatenate(marked), words, findings
+    parameters, marked, words, findings = said["wrong"]
+    assert [(f.signals, f.kind, f.severity) for f in findings] == [(("true_airspeed",), "scale", ERROR)]
+    assert said["sound"][3] == []
     assert marked[-1] == AIRSPEED_CODE and any("of what GPS and wind say" in sentence for sentence in words)
     assert not any(p.status is Trust.USE for p in parameters)
     assert any("scale of the airspeed contradict" in p.reason for p in parameters)

@@ -31,7 +31,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_check.finding import ERROR
+from aircraft_sysid_ros.flight_check.finding import ERROR, INFO
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, read_parameters
@@ -160,7 +160,9 @@ def _explained(
     modes = [] if learnt is None else known_modes(learnt)
     weighed = None if learnt is None else apparent_mass(learnt)
     mass = None if weighed is None else (float(aircraft.mass), *weighed)
-    evidence = Evidence(checked.json, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass)
+    evidence = Evidence(
+        _with_flight(checked.json, replayed), _used(replayed), instruments, diagnosis, facts, options.calm_air, mass
+    )
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
     return Explanation(
@@ -179,6 +181,16 @@ def _explained(
         why_not=why_not,
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _with_flight(check: Mapping[str, Any], replayed: Mapping[str, Any]) -> dict[str, Any]:
+    """What the check of the log says, and what the flight showed of signals of which that says nothing.
+
+    A pitot that leaks from one moment on is found in flight; over the whole log it is neither right nor wrong.
+    """
+    said = {finding["signal"] for finding in check["findings"] if finding["severity"] != INFO}
+    more = [finding for finding in replayed["findings"] if finding["signal"] not in said]
+    return {**check, "findings": [*check["findings"], *more]}
 
 
 def _judged(run: Path, options: ExplainOptions, tell: Tell) -> tuple[ComparedRun | None, Mapping[str, Any] | None, str]:

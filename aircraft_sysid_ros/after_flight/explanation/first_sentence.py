@@ -58,7 +58,7 @@ class Evidence:
 
 def what_matters(evidence: Evidence) -> list[Said]:
     """Everything of importance, the most important first; never empty."""
-    of_all = (_contradictions, _failed, _motion, _sensors)
+    of_all = (_contradictions, _failed, _motion, _sensors, _vanes)
     wrong = any(_contradictions(evidence))
     of_sound = () if wrong else (_missing, _mass, _balance) if _is_of_force(evidence) else (_mass, _missing, _balance)
     return [said for find in (*of_all, *of_sound) for said in find(evidence)] or [_nothing(evidence)]
@@ -92,7 +92,7 @@ def _inputs_alone(diagnosis: Mapping[str, Any]) -> bool:
 
 
 def _motion(evidence: Evidence) -> Iterator[Said]:
-    (used, all_of_them), shown = evidence.used, list(evidence.check["identifiable"].values())
+    used, _ = evidence.used
     lacking = [f for f in _findings(evidence.check, WARNING) if f.kind == "missing"] if not used else []
     if lacking:
         named = listed(short_names(lacking[0].signals).split(", "))
@@ -104,19 +104,32 @@ def _motion(evidence: Evidence) -> Iterator[Said]:
         why = f", since {named} {are} {what}" if what.startswith(ABSENT) else f". Of {named}: {what}"
         yield Said("check missing", f"No parameter can be used{why}.")
         return
-    if used < LEAST_USED * all_of_them and sum(shown) < (1.0 + LEAST_USED) / 2.0 * len(shown):
-        known = f"{used} of {all_of_them} parameters can be used" if used else "no parameter can be used"
-        if vanes := _absent_vanes(evidence.check):
-            yield Said(
-                "vanes", f"Nothing measured {vanes}, and what speed, wind and attitude make of it is too little to say "
-                f"what the aeroplane is like: {known}. Fly what is listed under 'what to fly next' in calm air, with a "
-                "good attitude, or with a vane.",
-            )  # fmt: skip
-            return
+    if _shows_little(evidence) and not _absent_vanes(evidence.check):
         yield Said(
-            "motion", f"This flight has too little motion to say what the aeroplane is like: {known}. Fly what is "
-            "listed under 'what to fly next'.",
+            "motion", f"This flight has too little motion to say what the aeroplane is like: {_known(evidence)}. Fly "
+            "what is listed under 'what to fly next'.",
         )  # fmt: skip
+
+
+def _vanes(evidence: Evidence) -> Iterator[Said]:
+    """That angles of flow were not measured, which is no fault of a sensor, and is said after these."""
+    if _shows_little(evidence) and not any(_motion(evidence)) and (vanes := _absent_vanes(evidence.check)):
+        yield Said(
+            "vanes", f"Nothing measured {vanes}, and what speed, wind and attitude make of it is too little to say "
+            f"what the aeroplane is like: {_known(evidence)}. Fly what is listed under 'what to fly next' in calm air, "
+            "with a good attitude, or with a vane.",
+        )  # fmt: skip
+
+
+def _shows_little(evidence: Evidence) -> bool:
+    """Whether few parameters can be used, and the check says that the flight does not show the others."""
+    (used, all_of_them), shown = evidence.used, list(evidence.check["identifiable"].values())
+    return used < LEAST_USED * all_of_them and sum(shown) < (1.0 + LEAST_USED) / 2.0 * len(shown)
+
+
+def _known(evidence: Evidence) -> str:
+    used, all_of_them = evidence.used
+    return f"{used} of {all_of_them} parameters can be used" if used else "no parameter can be used"
 
 
 def _absent_vanes(check: Mapping[str, Any]) -> str:
