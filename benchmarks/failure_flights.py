@@ -26,6 +26,8 @@ SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia")
 DURATION = 130.0  # [s]
 #: What fails: a surface that is recorded, one elevon of two, the engine, or nothing.
 FAILURES = ("none", "elevon_left", "elevon_right", "elevator", "aileron", "rudder", "engine")
+#: Before the name of a control that keeps part of its effect.
+PART_OF = "part of "
 _ELEVONS = {
     "CX": [1, "alpha", "alpha**2", "Tc"],
     "CY": [1, "beta", "p", "r", "elevon_left - elevon_right"],
@@ -63,6 +65,7 @@ class FailureFlight:
     failure: str
     begin: float  # [s]; NaN: nothing fails
     end: float  # [s]; infinite: it does not work again
+    share: float  # of its effect that a control keeps which fails in part
 
 
 class _Pilot:
@@ -106,9 +109,15 @@ class _Pilot:
         return np.array([*np.clip(out[:3], -limits, limits), np.clip(out[3], 0.0, 1.0)])
 
 
-def _really(failure: str, commands: Array, held: Array) -> Array:
-    """What moves, of commands (4,), while a failure holds a control where it was, ``held`` (4,)."""
+def _really(failure: str, commands: Array, held: Array, share: float) -> Array:
+    """What moves, of commands (4,), while a failure holds a control where it was, ``held`` (4,).
+
+    A control whose name begins with ``part of`` makes a ``share`` of what it is told to.
+    """
     out = commands.copy()
+    if failure.startswith(PART_OF):
+        failure = failure.removeprefix(PART_OF)
+        held = share * commands
     names = {"elevator": 0, "aileron": 1, "rudder": 2}
     if failure in names:
         out[names[failure]] = held[names[failure]]
@@ -148,7 +157,7 @@ def fly(
     wind = (windy * np.cos(heading), windy * np.sin(heading), 0.0)
     plane = SteppedAeroplane(known, seed, duration + 1.0, turbulence=gusts, wind=wind)
     pilot = _Pilot(known, plane, seed, duration + 2.0)
-    begin = rng.uniform(0.3, 0.75) * duration
+    begin, share = rng.uniform(0.3, 0.75) * duration, float(np.random.default_rng([seed, 5]).uniform(0.3, 0.6))
     end = begin + rng.uniform(8.0, 25.0) if rng.uniform() < 0.5 else np.inf
     if failure == "none":
         begin = end = np.nan
@@ -163,12 +172,12 @@ def fly(
         fails = begin <= k * STEP < end
         if not fails:
             held = _put(failure, plane.setup.trim.controls, seed) if moved else commands[k]
-        plane.advance(_really(failure, commands[k], held) if fails else commands[k])
+        plane.advance(_really(failure, commands[k], held, share) if fails else commands[k])
         if -readings[k, Reading.POSITION][2] < -70.0:  # on the ground
             readings, commands = readings[: k + 1], commands[: k + 1]
             break
     return FailureFlight(
-        _users(known, layout), _logged(known, plane, layout, readings, commands, rng), failure, begin, end
+        _users(known, layout), _logged(known, plane, layout, readings, commands, rng), failure, begin, end, share
     )
 
 

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.diagnosis.failures.force_balance import force_balance
 from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     CONSTANT,
     FROZEN,
+    PART,
     Whitened,
     intervals,
     sums_of_squares,
@@ -49,12 +50,13 @@ def test_running_sums_are_the_sums_of_squares_of_the_fits() -> None:
     constant, response = rng.uniform(0.5, 1.5, n), rng.standard_normal(n)
     begin, end = intervals(n, 10, 7)
     series = Whitened(rest, acting, frozen, constant, response)
-    found = {kind: sums_of_squares(series, kind, begin, end) for kind in (CONSTANT, FROZEN)}
+    found = {kind: sums_of_squares(series, kind, begin, end) for kind in (CONSTANT, FROZEN, PART)}
     for w, (first, last) in enumerate(zip(begin, end, strict=True)):
         inside = np.zeros(n)
         inside[first:last] = 1.0
         held = np.where(inside[:, None] > 0.0, frozen, acting)
-        for kind, moving in ((CONSTANT, acting), (FROZEN, held)):
+        part = np.column_stack([acting, inside[:, None] * acting])
+        for kind, moving in ((CONSTANT, acting), (FROZEN, held), (PART, part)):
             x = np.column_stack([rest, moving, inside * constant])
             left = response - x @ np.linalg.lstsq(x, response, rcond=None)[0]
             assert found[kind][w] == pytest.approx(float(left @ left), rel=1e-5), (kind, first, last)

@@ -21,6 +21,7 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     FROZEN,
     HELD,
     NIL,
+    PART,
     Whitened,
     intervals,
     sums_of_squares,
@@ -69,7 +70,7 @@ class Hypothesis:
     """What fails, how, and between which points."""
 
     name: str  # of the input
-    kind: str  # FROZEN, HELD, NIL or CONSTANT
+    kind: str  # FROZEN, HELD, NIL, PART or CONSTANT
     begin: float  # [points]
     end: float  # the number of points where it lasts
     level: float = np.nan  # of HELD
@@ -114,6 +115,8 @@ def columns_of(relation: AxisRelation, hypothesis: Hypothesis | None) -> Array:
         return out
     if hypothesis.kind == FROZEN:
         out[:, at] += failed[:, None] * (acting.frozen - out[:, at])
+    if hypothesis.kind == PART:
+        out = np.column_stack([out, failed[:, None] * (out[:, at] - acting.frozen)])
     return np.column_stack([out, failed * acting.per_unit[:, 0]])
 
 
@@ -173,6 +176,8 @@ class FailureSearch:
             without = self.fit(axis, self.relations[axis].columns, found.filtering)
             gains[axis] = found.log_likelihood - without.log_likelihood
         levels = {NIL: 0, HELD: 1}.get(hypothesis.kind, len(axes))
+        if hypothesis.kind == PART:
+            levels += sum(len(self.relations[axis].acting[hypothesis.name].columns) for axis in axes)
         free = levels + (1 if hypothesis.lasts(self.count) else 2)
         cost = 0.5 * free * np.log(self.count)
         score = sum(f.log_likelihood for f in fits.values()) - cost

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting, 
 from aircraft_sysid_ros.diagnosis.failures.failure_search import BEFORE, FailureSearch, Judged, columns_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import WIDEST, ForceBalance, force_balance
 from aircraft_sysid_ros.diagnosis.failures.held_out import held_out_errors
-from aircraft_sysid_ros.diagnosis.failures.interval_search import CONSTANT, FROZEN, HELD, NIL
+from aircraft_sysid_ros.diagnosis.failures.interval_search import CONSTANT, FROZEN, HELD, NIL, PART
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange, unrecorded_change
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
@@ -38,8 +38,11 @@ LEADS = (0.0, 0.06, 0.12, 0.2)
 MOST_LEFT, MOST_LEFT_AT_ALL = 0.35, 0.7
 #: Share of the usual thrust below which it is called lost, and of what the throttle does up to which it is.
 THRUST_LEFT, THROTTLE_LEFT = 0.35, 0.5
-#: Shortest time [s] without thrust: what is shorter may be a manoeuvre.
-ENGINE_TIME = 8.0
+#: Shortest time [s] without thrust, and without a surface: what is shorter may be a manoeuvre. In a clean flight
+#: (failure_flights.py, seed 8700007) an elevator had seemed to be held for the 3 s before it pushed.
+ENGINE_TIME, SURFACE_TIME = 8.0, 6.0
+#: Share of its effect that an input keeps which lost part of it, with two standard errors to either side.
+LEAST_PART, MOST_PART = 0.15, 0.75
 #: A throttle stands at its lowest within this share of its range; before it was cut it was there so seldom (share).
 IDLE, USUALLY_IDLE = 0.02, 0.05
 #: Forces that agree with a throttle that was cut: within this time [s], and with this evidence.
@@ -172,12 +175,31 @@ def failures_of(
 
 
 def _searched(job: _Job) -> _Searched:
-    """What speaks for an input that is frozen, and for another constant of its axes."""
-    tried, constant = _frozen(job.form.search, job.name), job.form.search.best(job.name, CONSTANT)
-    failure = _of_input(job.form, tried, constant)
-    if failure is None and job.name == ENGINE:
-        failure = _cut(job.form.balance)
-    return _Searched(tried.evidence, constant, failure)
+    """What speaks for an input that is frozen or lost part of its effect, and for another constant of its axes."""
+    form, name = job
+    tried, constant = _frozen(form.search, name), form.search.best(name, CONSTANT)
+    part = None if name == ENGINE else _weakened(form, name, max(tried.score, constant.score))
+    failure = part or _of_input(form, tried, constant)
+    if failure is None and name == ENGINE:
+        failure = _cut(form.balance)
+    return _Searched(tried.evidence if part is None else part.evidence, constant, failure)
+
+
+def _weakened(form: _Form, name: str, others: float) -> Failure | None:
+    """An input that kept part of its effect; ``others``: the best score of what else it could be."""
+    best = form.search.best(name, PART)
+    if best.evidence < THRESHOLDS.part_evidence or best.score < others + THRESHOLDS.failure_lead:
+        return None
+    failure = _described(form.balance, form.search, best)
+    low, high = failure.left - 2.0 * failure.left_std, failure.left + 2.0 * failure.left_std
+    told = low > LEAST_PART and high < MOST_PART and failure.moved >= LEAST_MOTION * failure.usual
+    return failure if told and _is_long_enough(failure) else None
+
+
+def _is_long_enough(failure: Failure) -> bool:
+    """Whether it lasts longer than a manoeuvre."""
+    least = ENGINE_TIME if failure.name == ENGINE else SURFACE_TIME
+    return failure.end is None or failure.end - failure.begin > least
 
 
 def _leads(
@@ -302,7 +324,9 @@ def _is_told(failure: Failure, ahead: float) -> bool:
     """Whether it is the input, and not another constant in the same axes that is ``ahead`` in ln of the likelihood."""
     if failure.name == ENGINE:
         lost = failure.is_loss_of_thrust and failure.left < THROTTLE_LEFT and ahead > -THRESHOLDS.failure_lead
-        return lost and (failure.end is None or failure.end - failure.begin > ENGINE_TIME)
+        return lost and _is_long_enough(failure)
+    if not _is_long_enough(failure):
+        return False
     gone = abs(failure.left) < MOST_LEFT and failure.left + 2.0 * failure.left_std < MOST_LEFT_AT_ALL
     shown = failure.moved >= LEAST_MOTION * failure.usual
     return ((gone and shown) or abs(failure.asked - failure.level) > FAR * failure.usual) and ahead > 0.0
@@ -315,13 +339,16 @@ def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> 
     relation, failed = search.relations[axis], hypothesis.share(search.count)
     acting = relation.acting[hypothesis.name]
     at, fitted = list(acting.columns), search.fitted(axis, hypothesis)
+    is_part = hypothesis.kind == PART
     still = acting.idle if hypothesis.kind == NIL else acting.frozen
     asked = float(np.sum(failed * acting.values) / np.sum(failed))
     usual, moved = (
         float(np.sqrt(np.cov(acting.values, aweights=np.clip(share, 1e-6, 1.0)))) for share in (1.0 - failed, failed)
     )
     moving = failed * ((relation.columns[:, at] - still) @ fitted.parameters[at])
-    with_rest = search.fit(axis, np.column_stack([columns_of(relation, hypothesis), moving]))
+    columns = relation.columns if is_part else columns_of(relation, hypothesis)
+    constant = [failed * acting.per_unit[:, 0]] if is_part else []
+    with_rest = search.fit(axis, np.column_stack([columns, *constant, moving]))
     before, after = held_out_errors(search, hypothesis, axis)
     lasts = hypothesis.lasts(search.count)
     errors = search.time_errors(judged)
@@ -330,7 +357,8 @@ def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> 
     level = _level(judged, acting, asked, failed, fitted.parameters)
     return Failure(
         hypothesis.name, hypothesis.kind, begin, end, errors[0], np.nan if lasts else errors[1], judged.evidence,
-        dict(judged.gains), axis, 1.0 - after / before, float(with_rest.parameters[-1]), float(with_rest.std[-1]),
+        dict(judged.gains), axis, 1.0 - after / before, float(is_part + with_rest.parameters[-1]),
+        float(with_rest.std[-1]),
         level, asked, usual, moved, before, after, judged.free,
     )  # fmt: skip
 

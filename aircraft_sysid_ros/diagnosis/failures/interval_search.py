@@ -17,8 +17,8 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 #: The hypotheses of an interval: another constant; the input frozen, with a constant of each axis; at one level that is
-#: the same in all axes; at 0.
-CONSTANT, FROZEN, HELD, NIL = "constant", "frozen", "held", "nil"
+#: the same in all axes; at 0; with part of its effect, and a constant of each axis.
+CONSTANT, FROZEN, HELD, NIL, PART = "constant", "frozen", "held", "nil", "part"
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def intervals(count: int, shortest: int, every: int) -> tuple[Integers, Integers
 
 
 def sums_of_squares(series: Whitened, kind: str, begin: Integers, end: Integers) -> Array:
-    """Residual sums of squares (w,) of CONSTANT or FROZEN for each interval."""
+    """Residual sums of squares (w,) of CONSTANT, FROZEN or PART for each interval."""
     constant = series.rest.shape[1] + series.acting.shape[1]
     ends = [series.constant[:, None], series.response[:, None]]
     of_acting = _running(np.column_stack([series.rest, series.acting, *ends]))
@@ -50,6 +50,8 @@ def sums_of_squares(series: Whitened, kind: str, begin: Integers, end: Integers)
         of_frozen = _running(np.column_stack([series.rest, series.frozen, *ends]))
         held = of_frozen[end] - of_frozen[begin]
         total, inside = total - inside + held, held
+    if kind == PART:
+        return _all_left(*_with_part(total, inside, series.rest.shape[1], constant))
     return _all_left(_with_constant(total, inside, constant), constant + 1)
 
 
@@ -65,6 +67,20 @@ def _with_constant(sums: Array, inside: Array, constant: int) -> Array:
     out[:, constant, :] = inside[:, constant, :]
     out[:, :, constant] = inside[:, :, constant]
     return out
+
+
+def _with_part(sums: Array, inside: Array, first: int, constant: int) -> tuple[Array, int]:
+    """Sums of products with the columns from ``first`` up to the constant once more, there inside of the interval only.
+
+    Returns them and the place of the response.
+    """
+    whole = [*range(constant)]
+    only_inside = [*range(first, constant + 1)]
+    order = np.array([*whole, *only_inside, constant + 1])
+    out = inside[:, order[:, None], order[None, :]]
+    everywhere = np.array([*whole, len(order) - 1])
+    out[:, everywhere[:, None], everywhere[None, :]] = sums[order[everywhere][:, None], order[everywhere][None, :]]
+    return out, len(order) - 1
 
 
 def _all_left(sums: Array, response: int) -> Array:

@@ -11,13 +11,15 @@ from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
+from aircraft_sysid_ros.diagnosis.failures.interval_search import PART
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import CHANGE
 from aircraft_sysid_ros.identification.conditions import listed
 
-LOSS_OF_THRUST, STUCK, CHANGE_OF_MOMENTS = "loss_of_thrust", "stuck_control", "parameter_change"
+LOSS_OF_THRUST, STUCK, DAMAGED = "loss_of_thrust", "stuck_control", "control_damage"
+CHANGE_OF_MOMENTS = "parameter_change"
 _WHAT = {**CONTROL_WORDS, ENGINE: "engine"}
 #: What a moment is called, and what else than a control it could be, by effect and in words.
 _MOMENTS = {"Cl": "rolling", "Cm": "pitching", "Cn": "yawing"}
@@ -34,19 +36,24 @@ _PHYSICS = {
     "windmills, which is drag. What the throttle did along the body is gone from one moment on.",
     STUCK: "A surface that stays where it was no longer follows the recorded command, or one of several does not. Its "
     "part of the moments is then a constant instead of one in proportion to the command.",
+    DAMAGED: "A surface that lost part of its area, a linkage that slips, or one of several surfaces that no longer "
+    "moves: what is commanded makes part of the moments that it made before.",
     CHANGE_OF_MOMENTS: "A control that stands elsewhere than it is told to, a flap, a load or damage on one side, a "
     "centre of gravity that moved: each is a moment that was not there before.",
 }
 _MANOEUVRES = {
     LOSS_OF_THRUST: "Throttle steps at constant speed, before and after.",
     STUCK: "Doublets of every surface, repeated during the flight.",
+    DAMAGED: "Doublets of every surface, repeated during the flight.",
     CHANGE_OF_MOMENTS: "Doublets of every surface before and after, with vanes: they tell a control from all else.",
 }
 
 
 def effect_of(failure: Failure) -> str:
     """Id of the effect."""
-    return LOSS_OF_THRUST if failure.is_loss_of_thrust else STUCK
+    if failure.is_loss_of_thrust:
+        return LOSS_OF_THRUST
+    return DAMAGED if failure.kind == PART else STUCK
 
 
 def span_of(failure: Failure | UnrecordedChange) -> str:
@@ -67,6 +74,8 @@ def sentence_of(failure: Failure) -> str:
     if failure.is_loss_of_thrust:
         return f"The engine makes no thrust {span_of(failure)}, whatever the throttle says."
     name = _WHAT.get(failure.name, failure.name)
+    if failure.kind == PART:
+        return f"The control '{name}' keeps {_left(failure)} of its effect {span_of(failure)}."
     where = f" It stays near {failure.level:.3f}." if np.isfinite(failure.level) else ""
     return f"The control '{name}' does not move {span_of(failure)}, whatever is commanded.{where}"
 
@@ -88,13 +97,17 @@ def _times_likelier(evidence: float) -> str:
     return f"10^{powers:.0f} times likelier" if powers < _POWERS else f"more than 10^{_POWERS} times likelier"
 
 
+def _left(failure: Failure) -> str:
+    return f"{round(100 * failure.left)} ± {200 * failure.left_std:.0f} %"
+
+
 def sure_of(failure: Failure) -> str:
     """How sure, and what else it could be."""
     said = f"It is {_times_likelier(failure.evidence)} than that nothing failed"
     if failure.recorded:
         return said + ". A landing with the engine idle looks the same."
-    if failure.name != ENGINE:
-        said += f"; of its effect {round(100 * failure.left)} ± {200 * failure.left_std:.0f} % is left meanwhile"
+    if failure.name != ENGINE and failure.kind != PART:
+        said += f"; of its effect {_left(failure)} is left meanwhile"
     if not failure.rivals:
         return said + ". Nothing else that was tried explains it as well."
     return said + f". It could also be {' or '.join(_RIVALS[name] for name in failure.rivals)}."
