@@ -138,6 +138,8 @@ def _explained(
     tell("read the log", 0.0)
     recording, notes = _recording(log, place / RECORDING, options)
     checked = check_recording(recording, aircraft, part_of(tell, 0.02, 0.15))
+    if recording != log:
+        checked = replace(checked, path=str(out / RECORDING))  # where it will be
     notes += checked.notes
     try:
         chosen = ReplayOptions(state=StateOptions(calm_air=options.calm_air))
