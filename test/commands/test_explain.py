@@ -28,6 +28,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, sett
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.check import Checked
 from aircraft_sysid_ros.flight_check.finding import ABSENT, Finding
+from aircraft_sysid_ros.identification.conditions import TELL_FLOW, throttle_instead
 from aircraft_sysid_ros.reconstruction.state import contradiction_text
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -312,6 +313,20 @@ def test_the_recording_of_an_imported_log_is_named_where_it_stays(monkeypatch, t
     monkeypatch.setattr(module, "_recording", lambda log, *_: (log, []))
     found = module.explain(log, aircraft, out, module.ExplainOptions(overwrite=True), page=lambda _: "page")
     assert found.json["check"]["recording"] == str(log)  # one that is a recording stays where it is
+
+
+def test_what_would_let_an_axis_be_compared_stands_beside_it_and_not_in_the_notes(aircraft):
+    throttle = throttle_instead(aircraft.model.terms)
+    notes = ("the map has no clock", f"under 'model' of the aircraft file {throttle}", f"so {TELL_FLOW}", "not searched: CX")
+    found = SimpleNamespace(aircraft=aircraft, compared=None, why_not="", notes=notes)
+    assert explain_page._notes(found) == list(notes)
+    found.why_not = f"no axis can be compared: CX ({throttle}); for alpha {TELL_FLOW}"
+    assert explain_page._notes(found) == ["the map has no clock", "not searched: CX"]
+    found.notes += (f"the library was not searched: no axis of the model can be judged: {found.why_not[25:]}",)
+    assert explain_page._notes(found) == ["the map has no clock", "not searched: CX"]
+    compared = SimpleNamespace(comparison=SimpleNamespace(reasons={"CX": f"({throttle})"}))
+    found = SimpleNamespace(aircraft=aircraft, compared=compared, why_not="", notes=notes)
+    assert explain_page._notes(found) == [notes[0], *notes[2:]]
 
 
 def test_a_run_that_cannot_be_compared_is_diagnosed(monkeypatch, tmp_path):
