@@ -28,6 +28,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, sett
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.check import Checked
 from aircraft_sysid_ros.flight_check.finding import ABSENT, Finding
+from aircraft_sysid_ros.flight_check.identifiable import Identifiability
 from aircraft_sysid_ros.identification.conditions import TELL_FLOW, throttle_instead
 from aircraft_sysid_ros.reconstruction.state import contradiction_text
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -327,6 +328,15 @@ def test_what_would_let_an_axis_be_compared_stands_beside_it_and_not_in_the_note
     compared = SimpleNamespace(comparison=SimpleNamespace(reasons={"CX": f"({throttle})"}))
     found = SimpleNamespace(aircraft=aircraft, compared=compared, why_not="", notes=notes)
     assert explain_page._notes(found) == [notes[0], *notes[2:]]
+
+
+def test_an_axis_that_lacks_a_signal_is_no_want_of_motion():
+    from aircraft_sysid_ros.after_flight.explanation import explain as module
+
+    held = [Identifiability(f"CX_{k}", False, 9.0, 0.1, "thrust is not measured", is_held=True) for k in range(3)]
+    checked = CheckedRecording("flight", 60.0, Checked((), {}, (), None, (*held[:2], replace(held[2], is_held=False))), ())
+    assert list(module._of_motion(checked)["identifiable"].values()) == [True, True, False]
+    assert not any(checked.json["identifiable"].values())
 
 
 def test_a_run_that_cannot_be_compared_is_diagnosed(monkeypatch, tmp_path):

@@ -148,7 +148,7 @@ def _explained(
         why_not = str(error).replace(str(place), str(out))
         if not any(finding.severity == ERROR for finding in checked.checked.findings):
             raise InputError(why_not) from None
-        said = tuple(what_matters(Evidence(checked.json, (0, len(aircraft.model.parameter_names)))))
+        said = tuple(what_matters(Evidence(_of_motion(checked), (0, len(aircraft.model.parameter_names)))))
         further = tuple(next_flights(checked.json, None, (), None))
         return Explanation(str(log), out, aircraft, checked, said, further, why_not=why_not, notes=tuple(notes))
     notes += replayed["notes"]
@@ -162,7 +162,7 @@ def _explained(
     modes = [] if learnt is None else known_modes(learnt)
     weighed = None if learnt is None else apparent_mass(learnt)
     mass = None if weighed is None else (float(aircraft.mass), *weighed)
-    evidence = Evidence(checked.json, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass)
+    evidence = Evidence(_of_motion(checked), _used(replayed), instruments, diagnosis, facts, options.calm_air, mass)
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
     return Explanation(
@@ -181,6 +181,12 @@ def _explained(
         why_not=why_not,
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _of_motion(checked: CheckedRecording) -> dict[str, Any]:
+    """The JSON of a check with what its motion shows: a signal that is not recorded is no want of motion."""
+    shown = {p.name: p.is_shown or p.is_held for p in checked.checked.parameters}
+    return {**checked.json, "identifiable": shown}
 
 
 def _judged(run: Path, options: ExplainOptions, tell: Tell) -> tuple[ComparedRun | None, Mapping[str, Any] | None, str]:
