@@ -25,7 +25,9 @@ CONTROL_SIGNALS = frozenset(CONTROL_COLUMNS)
 def needs(names: Sequence[str]) -> str:
     """That a model reads signals which were not measured, and what to do about it, in words."""
     are, them, their = ("are", "them", "their") if len(names) > 1 else ("is", "it", "its")
-    return f"needs {listed(names)}, which {are} not measured: record {them}, or take {their} terms out of the model"
+    ground = ", or say ground_altitude in the aircraft file" if "height" in names else ""
+    record = f"record {them}{ground}, or take {their} terms out of the model"
+    return f"needs {listed(names)}, which {are} not measured: {record}"
 
 
 #: What lets wind and attitude tell angles of flow that they do not tell, or makes that needless.
