@@ -9,6 +9,7 @@ import hashlib
 import json
 import resource
 import shutil
+import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -66,6 +67,7 @@ class Job:
     options: Options
     program: str
     keep: Path | None = None  # where its run shall stay
+    place: str = ""  # where the program is that the fleet was begun with
 
 
 def content_key(paths: tuple[Path, ...], *more: str) -> str:
@@ -95,6 +97,23 @@ def program_key() -> str:
     return whole.hexdigest()[:16]
 
 
+@cache
+def program_place() -> str:
+    """Where the program is: machine and folder."""
+    return f"{socket.gethostname()}:{Path(__file__).resolve().parents[1]}"
+
+
+def _why_another(job: Job) -> str:
+    """Why a worker has not the program that the fleet was begun with."""
+    if job.place == program_place():
+        place = Path(__file__).resolve().parents[1]
+        return (
+            f"the program in {place} has changed since the fleet began (it was edited or installed anew), and answers "
+            "of two programs are not mixed: begin the same command again"
+        )
+    return "its worker has another version of the program: install the same one everywhere"
+
+
 def answer_of(job: Job, folder: Path) -> Answer:
     """The answer about one flight; ``folder`` may be written to. Raises InputError where the flight has none."""
     try:
@@ -115,7 +134,7 @@ def _without(folder: Path, text: str) -> str:
 
 def _answer_of(job: Job, folder: Path) -> Answer:
     if job.program != program_key():
-        raise Failed("its worker has another version of the program: install the same one everywhere", lasting=False)
+        raise Failed(_why_another(job), lasting=False)
     recording, run, began = job.recording, folder / _RUN, _cpu()
     if not recording.exists():
         raise Failed(f"the worker finds no {recording}: recordings must be where all workers see them", lasting=False)
