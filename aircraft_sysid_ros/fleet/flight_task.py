@@ -169,8 +169,8 @@ def _checked(job: Job, imported: Path) -> tuple[Answer, Path, str]:
             checked = check_recording(job.recording, job.aircraft).json
         except InputError as refused:
             try:
-                options = replace(job.options, map=None)  # which is for tables
-                return _checked(replace(job, is_log=True, options=options), imported)
+                without = replace(job.options, map=None)  # which is for tables
+                return _checked(replace(job, is_log=True, options=without), imported)
             except InputError:
                 raise refused from None
         return checked, job.recording, _unread(job, "a recording says its deflections itself")

@@ -35,10 +35,11 @@ TELL_FLOW = "fit a vane, or fly more turns at several speeds in calmer air"
 
 
 def throttle_instead(terms: Mapping[str, Sequence[str]]) -> str:
-    """Of a model by axis, terms that read the throttle where it reads a thrust: as under 'model' of an aircraft file."""
+    """Terms by axis that read the throttle where those of a model read a thrust, as an aircraft file says them."""
     reads = {axis: texts for axis, texts in terms.items() if "Tc" in texts}
     return "; ".join(
-        f"{axis}: [{', '.join('throttle' if text == 'Tc' else text for text in texts)}]" for axis, texts in reads.items()
+        f"{axis}: [{', '.join('throttle' if text == 'Tc' else text for text in texts)}]"
+        for axis, texts in reads.items()
     )
 
 

@@ -110,7 +110,9 @@ def _notes(found: Explanation) -> list[str]:
     reasons = [] if found.compared is None else found.compared.comparison.reasons.values()
     beside = " ".join([found.why_not, *reasons])
     said = [why for why in (found.why_not.partition(": ")[2],) if why]
-    said += [remedy for remedy in (TELL_FLOW, throttle_instead(found.aircraft.model.terms)) if remedy in beside and remedy]
+    said += [
+        remedy for remedy in (TELL_FLOW, throttle_instead(found.aircraft.model.terms)) if remedy in beside and remedy
+    ]
     return [note for note in found.notes if not any(text in note for text in said)]
 
 

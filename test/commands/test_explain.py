@@ -318,7 +318,12 @@ def test_the_recording_of_an_imported_log_is_named_where_it_stays(monkeypatch, t
 
 def test_what_would_let_an_axis_be_compared_stands_beside_it_and_not_in_the_notes(aircraft):
     throttle = throttle_instead(aircraft.model.terms)
-    notes = ("the map has no clock", f"under 'model' of the aircraft file {throttle}", f"so {TELL_FLOW}", "not searched: CX")
+    notes = (
+        "the map has no clock",
+        f"under 'model' of the aircraft file {throttle}",
+        f"so {TELL_FLOW}",
+        "not searched: CX",
+    )
     found = SimpleNamespace(aircraft=aircraft, compared=None, why_not="", notes=notes)
     assert explain_page._notes(found) == list(notes)
     found.why_not = f"no axis can be compared: CX ({throttle}); for alpha {TELL_FLOW}"
@@ -334,7 +339,9 @@ def test_an_axis_that_lacks_a_signal_is_no_want_of_motion():
     from aircraft_sysid_ros.after_flight.explanation import explain as module
 
     held = [Identifiability(f"CX_{k}", False, 9.0, 0.1, "thrust is not measured", is_held=True) for k in range(3)]
-    checked = CheckedRecording("flight", 60.0, Checked((), {}, (), None, (*held[:2], replace(held[2], is_held=False))), ())
+    checked = CheckedRecording(
+        "flight", 60.0, Checked((), {}, (), None, (*held[:2], replace(held[2], is_held=False))), ()
+    )
     assert list(module._of_motion(checked)["identifiable"].values()) == [True, True, False]
     assert not any(checked.json["identifiable"].values())
 

@@ -82,7 +82,8 @@ def test_servos_that_say_nothing_of_a_flight_are_told(tmp_path, aircraft_file, m
     taken = []
     monkeypatch.setattr(flight_task, "import_log", lambda log, out, **options: taken.append(options))
     monkeypatch.setattr(flight_task, "check_recording", lambda place, aircraft: _Checked())
-    assert looked_at(tmp_path, tmp_path / "flight.mat", tmp_path)[1] == "servos.yaml is not read: a .mat file needs none"
+    _, unread = looked_at(tmp_path, tmp_path / "flight.mat", tmp_path)
+    assert unread == "servos.yaml is not read: a .mat file needs none"
     assert taken == [{}]
 
 

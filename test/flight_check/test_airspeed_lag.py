@@ -30,7 +30,9 @@ def test_an_airspeed_that_is_late_is_found_with_its_time(seed):
     late = late[late.kind != Kind.ANGLE_OF_ATTACK]
     (found,) = [f for f in check(flight_of(late, late.stamp)).findings if f.severity != INFO]
     assert (found.signals, found.kind) == (("true_airspeed",), "offset")
-    told = re.match(r"it comes (\S+) s .* later than velocity.north, by the (?:changes of the )?GPS speed", found.sentence)
+    told = re.match(
+        r"it comes (\S+) s .* later than velocity.north, by the (?:changes of the )?GPS speed", found.sentence
+    )
     assert told is not None and float(told[1]) == pytest.approx(0.3, abs=0.05)
 
 

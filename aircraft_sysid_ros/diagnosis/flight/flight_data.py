@@ -231,7 +231,7 @@ class FlightData:
 
     @property
     def untold(self) -> list[str]:
-        """Signals of the air data that nothing measures, and that wind and attitude tell in too little of the flight."""
+        """Signals of the air data that nothing measures, and that wind and attitude tell too seldom in the flight."""
         least = THRESHOLDS.shortest / self.step
         return [name for name in self.inferred if not np.isfinite(self.signal(name)).sum() >= least]
 

@@ -30,7 +30,15 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     slope_texts,
     with_inner,
 )
-from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error, tied_gains, why_none
+from aircraft_sysid_ros.diagnosis.search.fit import (
+    AxisFit,
+    Gain,
+    fit_axis,
+    fits_of,
+    held_out_error,
+    tied_gains,
+    why_none,
+)
 from aircraft_sysid_ros.diagnosis.search.intervals import best_intervals
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, END, FULL, Effect, ShapeParameter, Variant

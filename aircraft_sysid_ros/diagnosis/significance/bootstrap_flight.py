@@ -164,9 +164,7 @@ def _motion(rows: Array, band: float) -> tuple[Array, Array, Array, Array, Array
     return time, on_grid, rates, turning, low_passed(on_grid[:, StateField.SPECIFIC_FORCE], band)
 
 
-def _recorded(
-    aircraft: Aircraft, samples: Samples, time: Array, epoch: int, rows: Array
-) -> tuple[Array, Array, Array]:
+def _recorded(aircraft: Aircraft, samples: Samples, time: Array, epoch: int, rows: Array) -> tuple[Array, Array, Array]:
     """Controls (n, 7) with the signs of the aircraft file, named inputs (n, MOST_INPUTS) and height above ground (n,).
 
     Controls are those at that time: a delay that the aircraft file says is taken off. The height, where it was not

@@ -18,8 +18,8 @@ _LONG = 60.0
 _SHORT, _SECONDS = 0.6, 8.0
 #: Least course change [rad] that separates the wind from the scale.
 _TURNED = 2.0
-#: Parts of the flight that are left out in turn, for the error of a lag: an event lies on an edge of few of them. A lag [s]
-#: that nothing tells.
+#: Parts of the flight that are left out in turn, for the error of a lag: an event lies on an edge of few of them; and
+#: the error [s] of a lag that nothing tells.
 _PARTS, _UNKNOWN = (4, 7, 13), 1e3
 #: Residuals beyond this share of the speed count less; most steps of the fit.
 _USUAL, _ROUNDS = 0.05, 60
@@ -132,7 +132,6 @@ def _jackknife(y: Array, x: Array, lag: float, step: float, parts: int) -> float
 
 
 def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64], seconds: float) -> list[Relation]:
-    grid = motion.grid
     v, u = speed[thin], ground[thin]
     typical = float(np.median(v) / np.median(np.linalg.norm(u, axis=1)))
     scale, wind, std = scale_and_wind(v, u, typical)
