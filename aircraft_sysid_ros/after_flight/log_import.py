@@ -30,12 +30,12 @@ def import_log(
     path = _there(log)
     if not out:
         raise InputError("say with --out where the recording shall be written")
+    if calibration and (why := why_no_calibration(path, columns)):
+        raise InputError(f"--calibration is for logs of autopilots: {why}")
     if columns:
-        return _import_tables(path, out, columns, calibration, overwrite)
+        return _import_tables(path, out, columns, overwrite)
     suffix = path.suffix.lower()
     if suffix == ".mat":
-        if calibration:
-            raise InputError("--calibration is for logs of autopilots: a .mat file needs none")
         from aircraft_sysid_ros.recordings.mat_import import import_mat  # scipy, only when it is used
 
         return import_mat(path, out, overwrite=overwrite)
@@ -45,6 +45,13 @@ def import_log(
     if importer is None:
         raise _unknown(path)
     return _import_autopilot(path, importer, out, calibration, overwrite)
+
+
+def why_no_calibration(log: Path, columns: str | Path | None) -> str:
+    """Why a calibration file says nothing of a log; empty where it says what servo outputs mean."""
+    if columns:
+        return "the map says units and signs itself"
+    return "a .mat file needs none" if log.suffix.lower() == ".mat" else ""
 
 
 def _there(log: str | Path) -> Path:
@@ -127,14 +134,10 @@ def guess_columns(
     return report_of(first, path, target)
 
 
-def _import_tables(
-    path: Path, out: str | Path, columns: str | Path, calibration: str | None, overwrite: bool
-) -> dict[str, Any]:
+def _import_tables(path: Path, out: str | Path, columns: str | Path, overwrite: bool) -> dict[str, Any]:
     from aircraft_sysid_ros.recordings.tabular.column_map import load_column_map
     from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
 
-    if calibration:
-        raise InputError("--calibration is for logs of autopilots: say units and signs in a map")
     return import_tables(path, load_column_map(columns), out, overwrite=overwrite)
 
 

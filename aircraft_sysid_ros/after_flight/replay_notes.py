@@ -18,7 +18,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
     why_airspeed_too_slow,
 )
 from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream
-from aircraft_sysid_ros.identification.conditions import listed
+from aircraft_sysid_ros.identification.conditions import TELL_FLOW, listed, throttle_instead
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -217,8 +217,7 @@ def length_notes(pipeline: Pipeline, writer: RunWriter) -> list[str]:
     needed = f"compare, diagnose, add and remove need {least:g} s in all, so"
     if seconds >= least and not {Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP} <= usable:
         return [
-            f"wind and attitude tell the angles of flow for {judged:.0f} s of this flight only: {needed} fit a vane, "
-            "or fly more turns at several speeds in calmer air"
+            f"wind and attitude tell the angles of flow for {judged:.0f} s of this flight only: {needed} {TELL_FLOW}"
         ]
     learnt = f"{judged:.0f} of {seconds:.0f} s could be learnt from"
     return [f"{learnt}: {needed} record more or replay more manoeuvres together"]
@@ -277,13 +276,9 @@ def thrust_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
     moves = len(controls) > 1 and np.nanmax(controls[:, _THROTTLE], initial=0.0) > 0.0
     if not reads or not moves or np.isfinite(controls[:, _THRUST]).any():
         return []
-    instead = "; ".join(
-        f"{axis}: [{', '.join('throttle' if term == 'Tc' else term for term in aircraft.model.terms[axis])}]"
-        for axis in reads
-    )
     return [
         f"thrust is not measured, and {listed(reads)} cannot be judged without it: under 'model' of the aircraft file "
-        f"{instead} has the throttle in its place"
+        f"{throttle_instead(aircraft.model.terms)} has the throttle in its place"
     ]
 
 

@@ -85,7 +85,10 @@ KEYS = {
         _SPEEDS,
     ),
     "ground_altitude": Key(
-        "altitude of the ground as the GPS reports it, for height", "m", "lowest of the flight so far", (-1000.0, 1e5)
+        "altitude of the ground as the GPS reports it, for height",
+        "m",
+        "where it stood; a flight in the air has none",
+        (-1000.0, 1e5),
     ),
     "magnetic_declination": Key(
         "declination; without it a magnetometer only starts the heading", "rad", "none", (-float(np.pi), float(np.pi))

@@ -78,6 +78,8 @@ def _of_sensor(effect: Effect, kinds: Collection[int], is_calm: bool, bench: Can
 def _of_force(effect: Effect, bench: CandidateEvaluator) -> str:
     data, needed = bench.data, sorted(effect.signals | ({effect.domain.signal} if effect.domain else set()))
     lacking = data.lacks(needed)
+    if lacking == ["height"]:
+        return "nothing says where the ground is: ground_altitude of the aircraft file can"
     if lacking:
         return f"{_listed(lacking)} is not measured"
     if not can_act(effect, data):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.quick_motion import QuickMotion, quick_motion
-from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Fit, fits_of
+from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Fit, fits_of, why_none
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place, failing_places
 from aircraft_sysid_ros.diagnosis.significance.noise_floor import HALF_WIDTH, NoiseFloor, noise_floor, noise_seen
 from aircraft_sysid_ros.diagnosis.significance.whiteness import ORDER, Whiteness, on_grid, whiteness_of
@@ -151,7 +151,7 @@ def compare(flight: FlightData) -> Comparison:
     """Compare a flight with the model of its aircraft file. Raises InputError where no axis has data."""
     fits, reasons = fits_of(flight)
     if not fits:
-        raise InputError(f"no axis can be compared: {next(iter(reasons.values()))}")
+        raise InputError(f"no axis can be compared: {why_none(flight)}")
     return Comparison(flight, {axis: compare_axis(flight, fit) for axis, fit in fits.items()}, reasons)
 
 

@@ -269,17 +269,31 @@ class FlightDiagnosis:
                 continue
             yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
 
+    @property
+    def _refused(self) -> list[tuple[Finding, str]]:
+        """What explains enough to be named and is not, with the rule that refuses it, in words."""
+        large = [(f, f.refusal(first=True)) for f in self.diagnosis.candidates if f.size >= THRESHOLDS.size]
+        return [(finding, why) for finding, why in large if why]
+
+    @property
+    def _beginning(self) -> str:
+        """How advice that names nothing begins: something may be there of which the flight is no proof."""
+        if self.diagnosis.left:
+            return "Nothing is named:"
+        if self._refused:
+            return "Nothing is surely missing:"
+        return "Nothing is missing that this flight could show:"
+
     def _nearest(self) -> Iterator[str]:
         """What explains enough to be named and is not, with the rule that refuses it."""
-        refused = [(f, f.refusal(first=True)) for f in self.diagnosis.candidates if f.size >= THRESHOLDS.size]
-        refused = [(finding, why) for finding, why in refused if why]
+        refused = self._refused
         if not refused:
             yield f"no effect explains {THRESHOLDS.size:.0%} of the error of an axis on flight that was held out."
         for finding, why in refused[:_MOST_REFUSED]:
-            axis = finding.trial.main_axis
+            axis, effect = finding.trial.main_axis, finding.trial.candidate.effect
             yield (
                 f"{self._label(finding.trial.candidate)} would explain {finding.size:.0%} of the error of "
-                f"{axis[0]}_{axis[1]} but is not named, since {why}."
+                f"{axis[0]}_{axis[1]}{f' ({effect.name})' if effect else ''} but is not named, since {why}."
             )
 
     def _of_what_is_left(self) -> Iterator[str]:
@@ -311,7 +325,7 @@ class FlightDiagnosis:
                 "given: it rests on angles of flow that no vane measures, and may be their error. Measure them."
             )
         if self.verdict == NONE and not self.diagnosis.unknown:
-            yield "Nothing is named:" if self.diagnosis.left else "Nothing is missing that this flight could show:"
+            yield self._beginning
             yield from self._nearest()
             if self.flight.runs:
                 yield "Nothing that they could show changed between the flights."

@@ -12,7 +12,15 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.apart import Failed, Limits
 from aircraft_sysid_ros.fleet.between import Between, between_flights
 from aircraft_sysid_ros.fleet.cluster import Work, cluster, fly_all, has_dashboard
-from aircraft_sysid_ros.fleet.flight_task import Answer, Job, Options, answer_of, content_key, program_key
+from aircraft_sysid_ros.fleet.flight_task import (
+    Answer,
+    Job,
+    Options,
+    answer_of,
+    content_key,
+    program_key,
+    program_place,
+)
 from aircraft_sysid_ros.fleet.flights import Files, Flight, flights_of
 from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
 from aircraft_sysid_ros.fleet.priors import write_priors
@@ -127,7 +135,9 @@ def _jobs(
             beside[files] = content_key(files, program_key(), repr(options.replicas))
         key = content_key((), recording, beside[files])
         keep = (asked.out / RUNS / flight.name).absolute() if asked.runs else None
-        jobs[flight.name] = Job(key, flight.recording, flight.is_log, flight.aircraft, options, program_key(), keep)
+        jobs[flight.name] = Job(
+            key, flight.recording, flight.is_log, flight.aircraft, options, program_key(), keep, program_place()
+        )
     return answers, jobs
 
 

@@ -9,9 +9,10 @@ import hashlib
 import json
 import resource
 import shutil
+import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ import numpy as np
 from aircraft_sysid_ros.after_flight.check import check_recording
 from aircraft_sysid_ros.after_flight.compare import compare_run
 from aircraft_sysid_ros.after_flight.diagnose import diagnose
-from aircraft_sysid_ros.after_flight.log_import import import_log
+from aircraft_sysid_ros.after_flight.log_import import import_log, why_no_calibration
 from aircraft_sysid_ros.after_flight.replay import replay
 from aircraft_sysid_ros.after_flight.sensor_errors import sensor_errors
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
@@ -66,6 +67,7 @@ class Job:
     options: Options
     program: str
     keep: Path | None = None  # where its run shall stay
+    place: str = ""  # where the program is that the fleet was begun with
 
 
 def content_key(paths: tuple[Path, ...], *more: str) -> str:
@@ -95,6 +97,23 @@ def program_key() -> str:
     return whole.hexdigest()[:16]
 
 
+@cache
+def program_place() -> str:
+    """Where the program is: machine and folder."""
+    return f"{socket.gethostname()}:{Path(__file__).resolve().parents[1]}"
+
+
+def _why_another(job: Job) -> str:
+    """Why a worker has not the program that the fleet was begun with."""
+    if job.place == program_place():
+        place = Path(__file__).resolve().parents[1]
+        return (
+            f"the program in {place} has changed since the fleet began (it was edited or installed anew), and answers "
+            "of two programs are not mixed: begin the same command again"
+        )
+    return "its worker has another version of the program: install the same one everywhere"
+
+
 def answer_of(job: Job, folder: Path) -> Answer:
     """The answer about one flight; ``folder`` may be written to. Raises InputError where the flight has none."""
     try:
@@ -115,19 +134,16 @@ def _without(folder: Path, text: str) -> str:
 
 def _answer_of(job: Job, folder: Path) -> Answer:
     if job.program != program_key():
-        raise Failed("its worker has another version of the program: install the same one everywhere", lasting=False)
+        raise Failed(_why_another(job), lasting=False)
     recording, run, began = job.recording, folder / _RUN, _cpu()
     if not recording.exists():
         raise Failed(f"the worker finds no {recording}: recordings must be where all workers see them", lasting=False)
-    if job.is_log:
-        recording = folder / _IMPORTED
-        import_log(job.recording, recording, **_import_options(job))
-    checked = check_recording(recording, job.aircraft).json
+    checked, recording, unread = _checked(job, folder / _IMPORTED)
     replay([str(recording)], job.aircraft, run)
     answer: Answer = {"ok": True, "reason": "", "duration": checked["duration"], "findings": checked["findings"]}
     answer["start"] = int(read_samples(run).stamp.min())
     answer["parameters"] = _parameters(run)
-    reasons = []
+    reasons = [unread]
     answer["axes"], told = _tried(lambda: compare_run(run).json["axes"], "not compared", {})
     reasons.append(told)
     answer["diagnosis"] = None
@@ -143,12 +159,42 @@ def _answer_of(job: Job, folder: Path) -> Answer:
     return answer
 
 
-def _import_options(job: Job) -> dict[str, Any]:
-    """What of the options is for a log of this kind."""
-    options = job.options
-    if job.recording.suffix.lower() in AUTOPILOTS:
-        return {"calibration": str(options.servos)} if options.servos is not None else {}
-    return {"columns": options.map} if options.map is not None else {}
+def _checked(job: Job, imported: Path) -> tuple[Answer, Path, str]:
+    """The check, its recording, and why the file of servos was not read; ``imported``: where a log becomes one.
+
+    A bag is a recording, or, as for ``explain``, the log of an autopilot.
+    """
+    if not job.is_log:
+        try:
+            checked = check_recording(job.recording, job.aircraft).json
+        except InputError as refused:
+            try:
+                without = replace(job.options, map=None)  # which is for tables
+                return _checked(replace(job, is_log=True, options=without), imported)
+            except InputError:
+                raise refused from None
+        return checked, job.recording, _unread(job, "a recording says its deflections itself")
+    options, unread = _import_options(job)
+    import_log(job.recording, imported, **options)
+    return check_recording(imported, job.aircraft).json, imported, unread
+
+
+def _import_options(job: Job) -> tuple[dict[str, Any], str]:
+    """What of the options is for a log of this kind, and why the servos are not."""
+    options, log = job.options, job.recording
+    columns = options.map if log.suffix.lower() not in AUTOPILOTS else None
+    found: dict[str, Any] = {} if columns is None else {"columns": columns}
+    if options.servos is not None:
+        why = why_no_calibration(log, columns)
+        if why:
+            return found, _unread(job, why)
+        found["calibration"] = str(options.servos)
+    return found, ""
+
+
+def _unread(job: Job, why: str) -> str:
+    """That the file of servos that was named for a flight is not read, and why."""
+    return f"{job.options.servos.name} is not read: {why}" if job.options.servos is not None else ""
 
 
 def _cpu() -> float:

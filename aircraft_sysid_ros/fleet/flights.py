@@ -155,7 +155,8 @@ def _recordings(place: Path, out: Path, endings: Sequence[str]) -> Iterator[Path
 
 
 def _found(recording: Path, base: Path, files: Files) -> Flight:
-    """A flight that was found below a folder."""
+    """A flight that was found below a folder, or is that folder: one of tables, named as a bag in its place."""
+    base = base.parent if recording == base else base
     inside = recording.relative_to(base) if recording.is_relative_to(base) else Path(recording.name)
     airframe = inside.parts[0] if len(inside.parts) > 1 else base.resolve().name or "fleet"
     name = str(inside if recording.is_dir() else inside.with_suffix(""))

@@ -17,6 +17,7 @@ from aircraft_sysid_ros.flight_check.laws import (
     flow_angles,
     gravity,
     gyro_attitude,
+    imu_axes,
     inputs,
     kinematic_force,
     position_velocity,
@@ -106,6 +107,8 @@ def _explained(motion: Motion, laws: Sequence[Any]) -> tuple[list[Relation], lis
     """Relations of a flight, and the gravest of what they say."""
     triples = [gyro_attitude.triple(motion), position_velocity.triple(motion)]
     triples += [kinematic_force.triple(motion)]
+    if (imu := imu_axes.turned(triples[0], triples[2])) is not None:
+        return [], [Explanation(imu.finding, imu.taken_out)]
     for triple in (*triples, flow_angles.pair(motion)):
         if triple.places:
             move = partial(with_columns, follows=triple.places)

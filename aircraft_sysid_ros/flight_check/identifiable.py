@@ -4,7 +4,8 @@ Of each axis the terms of the model are made of measured signals, and the measur
 is regressed on them: f/qbar for forces, d(p, q, r)/dt/qbar for moments, whose scale (mass, inertia) does not matter
 here. A parameter can be shown when
 
-1. every signal of its term is measured;
+1. every signal of its term is measured, and every one that another term of its axis reads and that nothing makes up
+   for: without it `replay` has no sample of the axis and holds it whole;
 2. what its term moves apart from the other terms of the axis is at least EXCITATION times the noise of the term
    (collinearity: R. V. Jategaonkar, ch. 6, and Klein and Morelli, ch. 5, in docs/references.md);
 3. its standard error, with residuals correlated in time, is at most RELATIVE_ERROR of its value, or so small that it
@@ -15,13 +16,13 @@ These are the limits by which `replay` gives USE (identification/trust.py); the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.atmosphere import SEA_LEVEL_TEMPERATURE, altitude_at
 from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
@@ -47,6 +48,10 @@ _NEEDS = {
 }  # fmt: skip
 
 
+#: Signals that the reconstruction may have where nothing measures them.
+_MADE_UP = frozenset({"alpha", "beta", "alpha_dot", "beta_dot", "height"})
+
+
 @dataclass(frozen=True)
 class Identifiability:
     """Of one parameter: whether the flight shows it, the motion of its term alone over its noise, and why."""
@@ -56,6 +61,7 @@ class Identifiability:
     excitation: float  # NaN where the term is not measured
     relative_error: float  # standard error over value
     reason: str
+    is_held: bool = False  # its motion shows it, but its axis lacks a signal, and nothing of that is learnt
 
 
 def identifiable(motion: Motion, model: AerodynamicModel) -> list[Identifiability]:
@@ -69,9 +75,13 @@ def identifiable(motion: Motion, model: AerodynamicModel) -> list[Identifiabilit
         there = [j for j, reason in enumerate(lacking) if not reason]
         verdicts = _judged(_response(motion, axis), [programs[j] for j in there], values, noise, model.inputs)
         judged = dict(zip(there, verdicts, strict=True))
+        held = _held(motion.flight, axis, model.signals_of_axes[axis])
         for j, name in enumerate(names):
             nothing = (False, float("nan"), float("nan"), lacking[j])
-            found.append(Identifiability(name, *judged.get(j, nothing)))
+            one = Identifiability(name, *judged.get(j, nothing))
+            if held and j in judged:
+                one = replace(one, is_shown=False, is_held=one.is_shown, reason=held)
+            found.append(one)
     return found
 
 
@@ -82,6 +92,17 @@ def _lacking(flight: Flight, axis: int, signals: list[str]) -> str:
     needed += [INPUTS + s for s in signals if s not in SIGNALS]
     missing = [name for name in needed if flight.column(name) is None]
     return f"{missing[0]} is not measured" if missing else ""
+
+
+def _held(flight: Flight, axis: int, signals: Collection[str]) -> str:
+    """Why `replay` holds an axis whole, whatever its other terms show: one that it reads has no value; empty: not so.
+
+    Not of what the reconstruction makes up for: the angles of flow and the height.
+    """
+    for signal in signals:
+        if signal not in _MADE_UP and (lacking := _lacking(flight, axis, [signal])):
+            return f"replay holds all of {AXES[axis][0]}_{AXES[axis][1]}, whose model reads it: {lacking}"
+    return ""
 
 
 def _signals(motion: Motion) -> dict[str, Array]:

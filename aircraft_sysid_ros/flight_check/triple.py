@@ -34,6 +34,11 @@ class Triple:
         """Of each signal with each expectation."""
         return [[compare(y, x, self.step, self.longest_lag) for x in self.expected] for y in self.measured]
 
+    def correlation(self, axis: int, other: int) -> float:
+        """Of the signal of an axis with what another one should be; 0 where that is not sure."""
+        comparison = self.comparisons[axis][other]
+        return comparison.correlation if comparison is not None and comparison.is_sure else 0.0
+
     @cached_property
     def follows(self) -> dict[int, int]:
         """Axes that follow another one."""

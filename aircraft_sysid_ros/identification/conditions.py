@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,22 @@ CONTROL_SIGNALS = frozenset(CONTROL_COLUMNS)
 def needs(names: Sequence[str]) -> str:
     """That a model reads signals which were not measured, and what to do about it, in words."""
     are, them, their = ("are", "them", "their") if len(names) > 1 else ("is", "it", "its")
-    return f"needs {listed(names)}, which {are} not measured: record {them}, or take {their} terms out of the model"
+    ground = ", or say ground_altitude in the aircraft file" if "height" in names else ""
+    record = f"record {them}{ground}, or take {their} terms out of the model"
+    return f"needs {listed(names)}, which {are} not measured: {record}"
+
+
+#: What lets wind and attitude tell angles of flow that they do not tell, or makes that needless.
+TELL_FLOW = "fit a vane, or fly more turns at several speeds in calmer air"
+
+
+def throttle_instead(terms: Mapping[str, Sequence[str]]) -> str:
+    """Terms by axis that read the throttle where those of a model read a thrust, as an aircraft file says them."""
+    reads = {axis: texts for axis, texts in terms.items() if "Tc" in texts}
+    return "; ".join(
+        f"{axis}: [{', '.join('throttle' if text == 'Tc' else text for text in texts)}]"
+        for axis, texts in reads.items()
+    )
 
 
 def listed(names: Sequence[str]) -> str:

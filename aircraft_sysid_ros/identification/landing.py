@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.identification.coefficients.ground import LEVEL
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.kernels import njit
@@ -26,8 +27,8 @@ Array = npt.NDArray[np.float64]
 
 #: [s] too slow to fly, as in diagnosis/flight/wheels.py; [s] of the run before it, as ``rolling`` of its thresholds.
 SLOW, ROLLING = 5.0, 20.0
-#: [m/s] of climb and descent on the ground at most, and [s] in flight before there is a landing.
-LEVEL, FLOWN = 1.0, 30.0
+#: [s] in flight before there is a landing.
+FLOWN = 30.0
 _MEMORY = ROLLING + SLOW + 5.0
 _TIME, _AIRSPEED, _NORTH = StateField.TIME, StateField.AIRSPEED, StateField.VELOCITY.start
 _SLOW_SINCE, _FLOWN, _NEWEST = range(3)

@@ -51,6 +51,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     FlightModel,
     flight_model_of,
 )
+from aircraft_sysid_ros.identification.coefficients.ground import ground_of
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
 from aircraft_sysid_ros.reconstruction.options import StateOptions
@@ -195,14 +196,15 @@ def _inputs(
         inputs[:, first_named : first_named + MOST_INPUTS] = both[:, CONTROL_COUNT:]
     inputs[:, DENSITY] = _mean(rows[:, StateField.AIR_DENSITY], first, every)
     altitude = rows[first, StateField.ORIGIN.stop - 1] - states[:, 5]
-    ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(altitude.min())
-    height = _series(Kind.HEIGHT, 1, kinds, times, values, time)[:, 0]
-    inputs[:, HEIGHT] = np.where(np.isfinite(height), height, altitude - ground)
+    ground, height = ground_of(aircraft, rows), _series(Kind.HEIGHT, 1, kinds, times, values, time)[:, 0]
+    if np.isnan(ground) and np.isfinite(height).any():
+        ground = float(np.nanmedian(altitude - height))
+    inputs[:, HEIGHT] = np.where(np.isfinite(height), height, altitude - ground) if np.isfinite(ground) else 0.0
     inputs[:, SPEED_OF_SOUND] = [speed_of_sound(h) for h in altitude]
     inputs[:, TIME] = time - time[0]
     inputs[:, REFERENCE] = states[:, ATTITUDE]
-    names = (*CONTROL_COLUMNS, *aircraft.model.inputs)
-    return inputs, frozenset(name for name, gone in zip(names, never, strict=False) if gone)
+    names, no_ground = (*CONTROL_COLUMNS, *aircraft.model.inputs), {"height"} if np.isnan(ground) else set()
+    return inputs, frozenset(name for name, gone in zip(names, never, strict=False) if gone) | no_ground
 
 
 def _series(kind: Kind, width: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array) -> Array:

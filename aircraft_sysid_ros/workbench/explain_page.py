@@ -12,6 +12,7 @@ from aircraft_sysid_ros.after_flight.explanation.explain import Explanation
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, SEVERITIES, WARNING, short_names
+from aircraft_sysid_ros.identification.conditions import TELL_FLOW, throttle_instead
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.report import STYLE
 from aircraft_sysid_ros.workbench.views import coefficients
@@ -33,6 +34,7 @@ def explain_html(found: Explanation) -> str:
         errors=_errors(found),
         places=[] if found.compared is None else found.compared.comparison.worst[:_MOST_PLACES],
         sensors=_sensors(found),
+        notes=_notes(found),
     )
 
 
@@ -50,7 +52,7 @@ def _trust(found: Explanation) -> list[str]:
     else:
         first = "Yes: its sensors do not contradict each other."
     said = [first]
-    if found.why_not:
+    if found.why_not and found.diagnosis is None:  # else it stands with what is wrong with the model
         said.append(f"It could not be judged to the end: {found.why_not}.")
     used, every = found.used
     if found.replayed is not None:
@@ -101,6 +103,17 @@ def _off(found: Explanation) -> list[str]:
 
 def _sensors(found: Explanation) -> list[str]:
     return _off(found) or ["None that could be seen: what they show fits together."]
+
+
+def _notes(found: Explanation) -> list[str]:
+    """Notes that do not say once more why an axis is not compared, and what would let it be, which stands beside it."""
+    reasons = [] if found.compared is None else found.compared.comparison.reasons.values()
+    beside = " ".join([found.why_not, *reasons])
+    said = [why for why in (found.why_not.partition(": ")[2],) if why]
+    said += [
+        remedy for remedy in (TELL_FLOW, throttle_instead(found.aircraft.model.terms)) if remedy in beside and remedy
+    ]
+    return [note for note in found.notes if not any(text in note for text in said)]
 
 
 def _is_setting(kind: str) -> bool:

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.after_flight.check import CheckedRecording
 from aircraft_sysid_ros.after_flight.explanation import instruments
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, Learnt, apparent_mass, facts_of, known_modes
 from aircraft_sysid_ros.after_flight.explanation.explain import _lacking, _with_flight
@@ -25,7 +26,10 @@ from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_check.check import Checked
 from aircraft_sysid_ros.flight_check.finding import ABSENT, Finding
+from aircraft_sysid_ros.flight_check.identifiable import Identifiability
+from aircraft_sysid_ros.identification.conditions import TELL_FLOW, throttle_instead
 from aircraft_sysid_ros.reconstruction.state import contradiction_text
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -295,6 +299,62 @@ def test_a_table_is_taken_with_its_map(tmp_path):
     recording, notes = module._recording(tmp_path / "flight.csv", tmp_path / "out", options)
     assert len(read_recording(recording).samples) == 60
     assert any("true_airspeed" in note for note in notes)
+
+
+def test_the_recording_of_an_imported_log_is_named_where_it_stays(monkeypatch, tmp_path, aircraft):
+    """The check had named the folder beside it in which the recording is made, which is gone."""
+    from aircraft_sysid_ros.after_flight.explanation import explain as module
+
+    def begin(recording, *_):
+        raise InputError(f"{recording} never flies")
+
+    def write(log, target, **_):
+        target.mkdir()
+        return {"missing": {}, "notes": []}
+
+    finding = Finding(("angle_of_attack",), "unit", "error", "it is in degrees")
+    checked = CheckedRecording("", 60.0, Checked((finding,), {}, (), None, ()), ())
+    monkeypatch.setattr(module, "import_log", write)
+    monkeypatch.setattr(module, "check_recording", lambda recording, *_: replace(checked, path=str(recording)))
+    monkeypatch.setattr(module, "replay", lambda recordings, *_: begin(*recordings))
+    log, out = tmp_path / "flight.ulg", tmp_path / "out"
+    log.touch()
+    found = module.explain(log, aircraft, out, page=lambda _: "page")
+    assert found.json["check"]["recording"] == str(out / "flight") and (out / "flight").is_dir()
+    assert found.why_not == f"{out / 'flight'} never flies"
+    monkeypatch.setattr(module, "_recording", lambda log, *_: (log, []))
+    found = module.explain(log, aircraft, out, module.ExplainOptions(overwrite=True), page=lambda _: "page")
+    assert found.json["check"]["recording"] == str(log)  # one that is a recording stays where it is
+
+
+def test_what_would_let_an_axis_be_compared_stands_beside_it_and_not_in_the_notes(aircraft):
+    throttle = throttle_instead(aircraft.model.terms)
+    notes = (
+        "the map has no clock",
+        f"under 'model' of the aircraft file {throttle}",
+        f"so {TELL_FLOW}",
+        "not searched: CX",
+    )
+    found = SimpleNamespace(aircraft=aircraft, compared=None, why_not="", notes=notes)
+    assert explain_page._notes(found) == list(notes)
+    found.why_not = f"no axis can be compared: CX ({throttle}); for alpha {TELL_FLOW}"
+    assert explain_page._notes(found) == ["the map has no clock", "not searched: CX"]
+    found.notes += (f"the library was not searched: no axis of the model can be judged: {found.why_not[25:]}",)
+    assert explain_page._notes(found) == ["the map has no clock", "not searched: CX"]
+    compared = SimpleNamespace(comparison=SimpleNamespace(reasons={"CX": f"({throttle})"}))
+    found = SimpleNamespace(aircraft=aircraft, compared=compared, why_not="", notes=notes)
+    assert explain_page._notes(found) == [notes[0], *notes[2:]]
+
+
+def test_an_axis_that_lacks_a_signal_is_no_want_of_motion():
+    from aircraft_sysid_ros.after_flight.explanation import explain as module
+
+    held = [Identifiability(f"CX_{k}", False, 9.0, 0.1, "thrust is not measured", is_held=True) for k in range(3)]
+    checked = CheckedRecording(
+        "flight", 60.0, Checked((), {}, (), None, (*held[:2], replace(held[2], is_held=False))), ()
+    )
+    assert list(module._of_motion(checked)["identifiable"].values()) == [True, True, False]
+    assert not any(checked.json["identifiable"].values())
 
 
 def test_a_run_that_cannot_be_compared_is_diagnosed(monkeypatch, tmp_path):

@@ -75,6 +75,30 @@ def test_an_axis_without_data_is_null_with_a_reason(flight) -> None:
         compare(flight.with_signals(np.full_like(signals, np.nan)))
 
 
+def test_why_no_axis_can_be_compared_is_said_of_all_six_with_what_would_let_them(flight) -> None:
+    """Of a flight without vanes and thrust one axis had been named, and of that alone what it lacks."""
+    signals = flight.signals.copy()
+    for name in ("alpha", "beta", "Tc"):
+        signals[:, SIGNAL_INDEX[name]] = np.nan
+    bare = replace(flight.with_signals(signals), inferred=("alpha", "beta"))
+    with pytest.raises(InputError) as error:
+        compare(bare)
+    assert str(error.value) == (
+        "no axis can be compared: CX cannot be fitted: it needs alpha and Tc, which are not measured: record them, or "
+        "take their terms out of the model (under 'model' of the aircraft file CX: [1, alpha, alpha**2, q, de, "
+        "throttle] has the throttle in place of the thrust); CY, Cl and Cn have no value of beta; CZ and Cm have no "
+        "value of alpha; for alpha and beta fit a vane, or fly more turns at several speeds in calmer air"
+    )
+    signals[:, SIGNAL_INDEX["throttle"]] = 0.0  # which stands for nothing
+    with pytest.raises(InputError) as error:
+        compare(flight.with_signals(signals))  # angles that somebody else lost: no remedy is known
+    assert "throttle" not in str(error.value) and "vane" not in str(error.value)
+    same = flight.signals.copy()
+    same[:, SIGNAL_INDEX["V"]] = same[:, SIGNAL_INDEX["alpha"]] = same[:, SIGNAL_INDEX["p"]] = np.nan
+    with pytest.raises(InputError, match=r"the model \(so it is with CZ and Cm\); CY, Cl and Cn have no value of p$"):
+        compare(flight.with_signals(same))
+
+
 def test_a_reconstruction_closes_its_files(aircraft, recwarn) -> None:
     """One that fails, and one that succeeds while what it gave is in use: Python would warn of files that are left."""
     warnings.simplefilter("always", ResourceWarning)

@@ -342,6 +342,8 @@ def test_the_rule_that_refuses_an_effect_of_size_is_said(aircraft):
     assert candidate.size > THRESHOLDS.size and candidate.above_floor < THRESHOLDS.above_floor
     assert said["verdict"] == "none" and "no effect explains" not in said["advice"]
     assert f"dihedral_alpha would explain {candidate.size:.0%} of the error of C_l" in said["advice"]
+    assert said["advice"].startswith("Nothing is surely missing: dihedral_alpha")  # and not that it could not be seen
+    assert f"of C_l ({BY_ID['dihedral_alpha'].name}) but is not named, since" in said["advice"]
     assert "times what noise makes of it" in said["advice"]
     far = replace(candidate, above_floor=3.0)
     assert far.refusal(first=True) == "" and far.matters

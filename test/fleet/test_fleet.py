@@ -257,6 +257,22 @@ def test_a_flight_of_which_nothing_is_to_use_says_why():
     assert _why_unused(dict(enumerate([*held, {"status": "USE", "reason": ""}]))) == "" == _why_unused({})
 
 
+def test_a_program_that_changes_under_a_fleet_is_no_worker_with_another_version(tmp_path):
+    """Of workers on this machine it had been said that they have another version, and to install the same one."""
+    from aircraft_sysid_ros.fleet import flight_task
+
+    here, elsewhere = flight_task.program_place(), "far:/opt/aircraft_sysid_ros"
+    said = {}
+    for place in (here, elsewhere):
+        job = flight_task.Job("key", tmp_path / "1.bin", True, tmp_path, Options(2), "older", place=place)
+        with pytest.raises(Failed) as error:
+            flight_task.answer_of(job, tmp_path)
+        said[place] = error.value.sentence
+        assert not error.value.lasting
+    assert "has changed since the fleet began" in said[here] and said[here].endswith("begin the same command again")
+    assert said[elsewhere] == "its worker has another version of the program: install the same one everywhere"
+
+
 def test_what_is_said_of_a_flight_does_not_name_the_folder_that_it_was_flown_in(tmp_path, monkeypatch):
     """Otherwise no two tables of one fleet are the same, and they name folders that are gone."""
     from aircraft_sysid_ros.fleet import flight_task

@@ -118,6 +118,8 @@ def test_a_folder_of_tables_that_say_what_they_are_is_one_flight(place):
               and f.recording.is_dir()]  # fmt: skip
     assert (log.name, log.airframe) == ("N1/log", "N1")
     assert "N1/hours" not in found(place, "fleet")
+    (alone,) = flights_of([str(folder)], Files(str(place / "one.yaml")), place / "out")
+    assert (alone.name, alone.airframe) == ("log", "N1")  # and not "."
 
 
 @pytest.mark.parametrize("ending", ["yaml", "csv"])

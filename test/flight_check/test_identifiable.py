@@ -53,6 +53,29 @@ def test_what_is_not_measured_is_not_shown_and_the_reason_names_it(flown):
     assert all(reason == "sideslip is not measured" for reason in missing.values())
 
 
+def test_an_axis_of_which_a_signal_is_missing_is_not_shown_as_replay_holds_it_whole(flown):
+    """Without thrust C_X had been shown but for C_X,Tc, and nothing of it was to use."""
+    samples = flown.samples
+    values = samples.values.copy()
+    values[samples.kind == Kind.CONTROLS, NAMES[Kind.CONTROLS].index("thrust")] = np.nan
+    bare = Samples(samples.stamp, samples.kind, values)
+    pipeline = Pipeline(flown.aircraft)
+    pipeline.push(bare)
+    pipeline.flush()
+    used = {p.name: p.status.name == "USE" for p in pipeline.parameters.snapshot().parameters}
+    checked = check(flight_of(bare, bare.stamp, surface_noise=0.0005))
+    found = {p.name: (p.is_shown, p.reason) for p in checked.parameters}
+    assert not any(used[name] or found[name][0] for name in used if name.startswith("CX"))
+    assert found["CX_Tc"][1] == "thrust is not measured"
+    assert found["CX_0"][1] == "replay holds all of C_X, whose model reads it: thrust is not measured"
+    assert found["CZ_alpha"][0] and found["Cm_de"][0]
+    values[bare.kind == Kind.CONTROLS, NAMES[Kind.CONTROLS].index("rudder")] = np.nan
+    checked = check(flight_of(bare, bare.stamp, surface_noise=0.0005))
+    roll = {p.name: (p.is_shown, p.is_held) for p in checked.parameters if p.name.startswith("Cl_")}
+    assert roll["Cl_p"] == roll["Cl_da"] == (False, True)  # it moved well enough
+    assert roll["Cl_dr"] == (False, False)
+
+
 def test_surfaces_that_move_as_one_are_collinear(flown):
     """A rudder that is half of the aileron, with nothing of its own: neither can be told from the other."""
     samples = flown.samples

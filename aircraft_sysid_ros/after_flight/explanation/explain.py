@@ -138,6 +138,8 @@ def _explained(
     tell("read the log", 0.0)
     recording, notes = _recording(log, place / RECORDING, options)
     checked = check_recording(recording, aircraft, part_of(tell, 0.02, 0.15))
+    if recording != log:
+        checked = replace(checked, path=str(out / RECORDING))  # where it will be
     notes += checked.notes
     try:
         chosen = ReplayOptions(state=StateOptions(calm_air=options.calm_air))
@@ -146,7 +148,7 @@ def _explained(
         why_not = str(error).replace(str(place), str(out))
         if not any(finding.severity == ERROR for finding in checked.checked.findings):
             raise InputError(why_not) from None
-        said = tuple(what_matters(Evidence(checked.json, (0, len(aircraft.model.parameter_names)))))
+        said = tuple(what_matters(Evidence(_of_motion(checked), (0, len(aircraft.model.parameter_names)))))
         further = tuple(next_flights(checked.json, None, (), None))
         return Explanation(str(log), out, aircraft, checked, said, further, why_not=why_not, notes=tuple(notes))
     notes += replayed["notes"]
@@ -160,9 +162,8 @@ def _explained(
     modes = [] if learnt is None else known_modes(learnt)
     weighed = None if learnt is None else apparent_mass(learnt)
     mass = None if weighed is None else (float(aircraft.mass), *weighed)
-    evidence = Evidence(
-        _with_flight(checked.json, replayed), _used(replayed), instruments, diagnosis, facts, options.calm_air, mass
-    )
+    checks = _with_flight(_of_motion(checked), replayed)
+    evidence = Evidence(checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass)
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
     return Explanation(
@@ -191,6 +192,12 @@ def _with_flight(check: Mapping[str, Any], replayed: Mapping[str, Any]) -> dict[
     said = {finding["signal"] for finding in check["findings"] if finding["severity"] != INFO}
     more = [finding for finding in replayed["findings"] if finding["signal"] not in said]
     return {**check, "findings": [*check["findings"], *more]}
+
+
+def _of_motion(checked: CheckedRecording) -> dict[str, Any]:
+    """The JSON of a check with what its motion shows: a signal that is not recorded is no want of motion."""
+    shown = {p.name: p.is_shown or p.is_held for p in checked.checked.parameters}
+    return {**checked.json, "identifiable": shown}
 
 
 def _judged(run: Path, options: ExplainOptions, tell: Tell) -> tuple[ComparedRun | None, Mapping[str, Any] | None, str]:

@@ -23,7 +23,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
     why_controls_too_slow,
     why_too_slow,
 )
-from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, listed, needs
+from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, listed, needs, throttle_instead
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.run_reader import UNREADABLE, not_a_run, read_points
 from aircraft_sysid_ros.samples import Samples
@@ -218,7 +218,22 @@ class FlightData:
         part = self.model.axis_slice(axis)
         programs = zip(self.model.parameter_names[part], self.model.programs[AXES.index(axis)], strict=True)
         lacking = self.lacks({name for parameter, p in programs if parameter in parameters for name in p.signals})
-        return f"it {needs(lacking)}" if lacking else f"{listed(sorted(parameters))} never have a value in this flight"
+        if not lacking:
+            return f"{listed(sorted(parameters))} never have a value in this flight"
+        return f"it {needs(lacking)}{self._instead(axis) if 'Tc' in lacking else ''}"
+
+    def _instead(self, axis: str) -> str:
+        """What may stand for a thrust that nothing measures, in words; empty where the throttle does not move."""
+        instead = throttle_instead({axis: self.model.terms[axis]})
+        if not instead or not (self.signal("throttle") > 0.0).any():
+            return ""
+        return f" (under 'model' of the aircraft file {instead} has the throttle in place of the thrust)"
+
+    @property
+    def untold(self) -> list[str]:
+        """Signals of the air data that nothing measures, and that wind and attitude tell too seldom in the flight."""
+        least = THRESHOLDS.shortest / self.step
+        return [name for name in self.inferred if not np.isfinite(self.signal(name)).sum() >= least]
 
     def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
         """Terms (n, len(programs)) on the signals, ``within`` flights; the points of each stand side by side."""

@@ -30,7 +30,15 @@ from aircraft_sysid_ros.diagnosis.search.candidates import (
     slope_texts,
     with_inner,
 )
-from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, Gain, fit_axis, fits_of, held_out_error, tied_gains
+from aircraft_sysid_ros.diagnosis.search.fit import (
+    AxisFit,
+    Gain,
+    fit_axis,
+    fits_of,
+    held_out_error,
+    tied_gains,
+    why_none,
+)
 from aircraft_sysid_ros.diagnosis.search.intervals import best_intervals
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN, END, FULL, Effect, ShapeParameter, Variant
@@ -120,7 +128,7 @@ class CandidateEvaluator:
         self.data, self.shapes = data, shapes or {}
         self.fits = _fits(data, shapes=self.shapes) if fits is None else dict(fits)
         if not self.fits:
-            raise InputError(f"no axis of the model can be judged: {next(iter(fits_of(data)[1].values()))}")
+            raise InputError(f"no axis of the model can be judged: {why_none(data)}")
 
     @cached_property
     def _one_off(self) -> CandidateEvaluator:

@@ -41,6 +41,7 @@ from aircraft_sysid_ros.diagnosis.search.block_sums import (
 )
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import coloured_covariance
+from aircraft_sysid_ros.identification.conditions import TELL_FLOW, listed
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -50,6 +51,14 @@ Mask = npt.NDArray[np.bool_]
 LAG_TIME = 2.0
 #: Points per parameter below which nothing is fitted.
 LEAST_POINTS = 10
+
+
+class NotFitted(InputError):
+    """An axis that nothing can be fitted to, in a sentence, and ``has``: what it has, or lacks, in a few words."""
+
+    def __init__(self, sentence: str, has: str) -> None:
+        super().__init__(sentence)
+        self.has = has
 
 
 @dataclass(frozen=True)
@@ -141,19 +150,24 @@ class AxisFit:
     def _check(self, finite: Mask) -> None:
         axis, empty = self.axis, ~finite.any(axis=0)
         if not self.columns.shape[1]:
-            raise InputError(f"the model has no terms for {axis}: add some")
+            raise NotFitted(f"the model has no terms for {axis}: add some", "no terms")
         if not np.isfinite(self.measured).any():
-            raise InputError(f"{axis} is not measured in this flight")
+            raise NotFitted(f"{axis} is not measured in this flight", "no measurement")
         if empty.any():
             unknown = [self.names[j] for j in np.flatnonzero(empty)]
-            raise InputError(f"{axis} cannot be fitted: {self.flight.why_unknown(axis, unknown)}")
+            why = self.flight.why_unknown(axis, unknown)
+            lacking = self.flight.lacks(self.flight.model.signals_of_axes[AXES.index(axis)])
+            raise NotFitted(f"{axis} cannot be fitted: {why}", f"no value of {listed(lacking)}" if lacking else why)
         count, folds = int(self.rows.sum()), np.unique(self.flight.fold[self.rows])
         if count < LEAST_POINTS * self.columns.shape[1]:
-            raise InputError(f"{axis} cannot be fitted: it has {count} points, too few for {len(self.names)} terms")
+            few = f"{count} points, too few for {len(self.names)} terms"
+            raise NotFitted(f"{axis} cannot be fitted: it has {few}", few)
         if len(folds) < 2:
-            raise InputError(
-                f"{axis} cannot be fitted: its terms are measured together in one part of the flight only, and nothing "
-                "is left to hold out: measure them in the other manoeuvres too, or replay that one by itself"
+            where = "measured together in one part of the flight only"
+            raise NotFitted(
+                f"{axis} cannot be fitted: its terms are {where}, and nothing "
+                "is left to hold out: measure them in the other manoeuvres too, or replay that one by itself",
+                f"terms that are {where}",
             )
 
     # -- factorisation ---------------------------------------------------------------------------------------
@@ -364,3 +378,21 @@ def fits_of(flight: FlightData, axes: Collection[str] = AXES) -> tuple[dict[str,
         except InputError as error:
             reasons[axis] = str(error)
     return fits, reasons
+
+
+def why_none(flight: FlightData) -> str:
+    """Of a flight of which no axis can be fitted, why: of the first axis in whole, of the others by what they lack."""
+    groups: dict[str, list[str]] = {}
+    sentences: list[str] = []
+    for axis in AXES:
+        try:
+            fit_axis(flight, axis)
+        except NotFitted as error:
+            groups.setdefault(error.has, []).append(axis)
+            sentences.append(str(error))
+    of_first, *others = groups.items()
+    same = f" (so it is with {listed(of_first[1][1:])})" if len(of_first[1]) > 1 else ""
+    parts = [f"{sentences[0]}{same}", *(f"{listed(axes)} ha{'ve' if axes[1:] else 's'} {has}" for has, axes in others)]
+    if untold := flight.untold:
+        parts.append(f"for {listed(untold)} {TELL_FLOW}")
+    return "; ".join(parts)

@@ -28,6 +28,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconst
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
 from aircraft_sysid_ros.estimation.window_average import window_averages
 from aircraft_sysid_ros.identification.coefficients.body import body_of
+from aircraft_sysid_ros.identification.coefficients.ground import altitudes, ground_of
 from aircraft_sysid_ros.identification.coefficients.signals import signals_of
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds, sensor_delays
@@ -120,7 +121,7 @@ def world_of(flight: Reconstruction, stretches: list[Array], parameters: Array, 
     position = on_grid[:, StateField.POSITION].copy()
     position[:, 2] += origins[0] - origins  # each manoeuvre has its own
     altitude = origins - on_grid[:, StateField.POSITION.stop - 1]
-    controls, inputs, height = _recorded(aircraft, samples, time, epoch, altitude)
+    controls, inputs, height = _recorded(aircraft, samples, time, epoch, on_grid)
     pressure = 0.5 * on_grid[:, StateField.AIR_DENSITY] * flow[:, 0] ** 2
     coefficients = coefficients_of_motion(aircraft, force, rates, turning, pressure)
     truth = Truth(
@@ -163,19 +164,19 @@ def _motion(rows: Array, band: float) -> tuple[Array, Array, Array, Array, Array
     return time, on_grid, rates, turning, low_passed(on_grid[:, StateField.SPECIFIC_FORCE], band)
 
 
-def _recorded(
-    aircraft: Aircraft, samples: Samples, time: Array, epoch: int, altitude: Array
-) -> tuple[Array, Array, Array]:
+def _recorded(aircraft: Aircraft, samples: Samples, time: Array, epoch: int, rows: Array) -> tuple[Array, Array, Array]:
     """Controls (n, 7) with the signs of the aircraft file, named inputs (n, MOST_INPUTS) and height above ground (n,).
 
     Controls are those at that time: a delay that the aircraft file says is taken off. The height, where it was not
-    recorded, is that of the altitude (n,) [m] over the ground or the lowest point.
+    recorded, is that of the altitude of states (n, …) over the ground; where nothing says that, over the lowest point,
+    which no axis that is judged reads.
     """
     controls = _series(samples, Kind.CONTROLS, 7, time + sensor_delays(aircraft)[Kind.CONTROLS], epoch)
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
     inputs = _series(samples, Kind.INPUTS, MOST_INPUTS, time, epoch)
     height = _series(samples, Kind.HEIGHT, 1, time, epoch)[:, 0]
-    ground = aircraft.ground_altitude if aircraft.ground_altitude is not None else float(np.min(altitude))
+    altitude, ground = altitudes(rows), ground_of(aircraft, rows)
+    ground = ground if np.isfinite(ground) else float(np.min(altitude))
     return controls, inputs, np.where(np.isfinite(height), height, altitude - ground)
 
 

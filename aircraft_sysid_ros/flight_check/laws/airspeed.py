@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +18,9 @@ _LONG = 60.0
 _SHORT, _SECONDS = 0.6, 8.0
 #: Least course change [rad] that separates the wind from the scale.
 _TURNED = 2.0
+#: Parts of the flight that are left out in turn, for the error of a lag: an event lies on an edge of few of them; and
+#: the error [s] of a lag that nothing tells.
+_PARTS, _UNKNOWN = (4, 7, 13), 1e3
 #: Residuals beyond this share of the speed count less; most steps of the fit.
 _USUAL, _ROUNDS = 0.05, 60
 
@@ -90,8 +95,43 @@ def _cost_of(x: Array, speed: Array, ground: Array, usual: float) -> tuple[float
     return cost, residual, np.column_stack([-length, towards])
 
 
-def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64], seconds: float) -> list[Relation]:
+def _slow(motion: Motion, speed: Array, expected: Array) -> Comparison | None:
+    """Changes of the airspeed (n,) and of what it should be, over seconds: its lag must be that of several of them.
+
+    A speed that falls once, as after an engine was cut, has one slope, on which a gust is a lag; what is left is not
+    stationary, as the standard error of all of it takes it to be.
+    """
     grid = motion.grid
+    y, x = (grid.band(each, grid.step, _LONG) for each in (speed, expected))
+    found = compare(y, x, grid.step, 1.0)
+    if found is None:
+        return None
+    return replace(found, lag_std=max(found.lag_std, *(_jackknife(y, x, found.lag, grid.step, k) for k in _PARTS)))
+
+
+def _jackknife(y: Array, x: Array, lag: float, step: float, parts: int) -> float:
+    """Standard error [s] of the lag of y (n,) behind x, from what it is without each of some parts of the time.
+
+    y(t) = a x(t - lag) + b dx/dt(t - lag) + c by least squares moves the lag by -b/a.
+    """
+    steps = round(lag / step)
+    late = np.full(len(x), np.nan)
+    late[max(steps, 0) : len(x) + min(steps, 0)] = x[max(-steps, 0) : len(x) - max(steps, 0)]
+    columns = np.column_stack([late, np.gradient(late, step), np.ones(len(x)), y])
+    columns = columns[np.all(np.isfinite(columns), axis=1)]
+    products = [part.T @ part for part in np.array_split(columns, parts)]
+    lags = []
+    for product in products:
+        others = np.sum(products, axis=0) - product
+        a, b, _ = np.linalg.lstsq(others[:3, :3], others[:3, 3])[0]
+        if not a > 0.0:
+            return _UNKNOWN
+        lags.append(-b / a)
+    apart = np.array(lags) - np.mean(lags)
+    return float(np.sqrt((parts - 1) / parts * np.sum(apart**2)))
+
+
+def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64], seconds: float) -> list[Relation]:
     v, u = speed[thin], ground[thin]
     typical = float(np.median(v) / np.median(np.linalg.norm(u, axis=1)))
     scale, wind, std = scale_and_wind(v, u, typical)
@@ -100,12 +140,7 @@ def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.in
     turned = np.ptp(course) > _TURNED and np.hypot(*wind) < 0.9 * np.median(np.linalg.norm(u, axis=1))
     if not turned:  # only a unit can be told, with a wind of up to half of the speed, or by changes of the speed
         scale, std = typical, 0.15 * typical
-        changes = compare(
-            grid.band(speed, grid.step, _LONG),
-            grid.band(np.linalg.norm(ground, axis=1), grid.step, _LONG),
-            grid.step,
-            1.0,
-        )
+        changes = _slow(motion, speed, np.linalg.norm(ground, axis=1))
         if changes is not None:
             words = "the changes of the GPS speed"
             found.append(
@@ -126,7 +161,7 @@ def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.in
         found.append(Relation("true_airspeed", "velocity.north", comparison, words, _SCALE, has_lag=False))
     if turned:
         expected = np.linalg.norm(ground - [wind[0], wind[1], 0.0], axis=1)
-        lag = compare(grid.band(speed, grid.step, _LONG), grid.band(expected, grid.step, _LONG), grid.step, 1.0)
+        lag = _slow(motion, speed, expected)
         if lag is not None:
             words = "the GPS speed less the wind"
             found.append(

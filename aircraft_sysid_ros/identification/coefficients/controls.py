@@ -13,6 +13,7 @@ from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS, MOST_INPUTS
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
+from aircraft_sysid_ros.identification.coefficients.ground import Ground, altitudes
 from aircraft_sysid_ros.identification.coefficients.layout import Body
 from aircraft_sysid_ros.identification.coefficients.pace import SPARSEST_CONTROLS, Pace
 from aircraft_sysid_ros.identification.coefficients.signals import (
@@ -47,7 +48,7 @@ class ControlHistory:
         self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
         self._masses: list[tuple[float, Array]] = []
-        self._lowest = np.inf
+        self.ground = Ground(aircraft)
         self.body = body_of(aircraft)
         self.late = 0
         self.late_vanes = 0
@@ -67,6 +68,7 @@ class ControlHistory:
         }
         self._behind = {kind: deque(maxlen=_MOST_BEHIND) for kind in self._series}
         self.used_until = -np.inf
+        self.ground.restart_clock()
         self.pace.restart()
         self._absurd: list[list[float]] = [[] for _ in range(CONTROL_COUNT)]  # times [s] of values that none has
         self._misread = dict.fromkeys(self._misread, -np.inf)
@@ -142,6 +144,8 @@ class ControlHistory:
     def at(self, rows: Array, sparse: bool) -> tuple[Array, Array]:
         """Controls (n, 17), with the signs of the aircraft file, and heights above ground (n,) [m] of states (n, …).
 
+        NaN where nothing says where the ground is.
+
         The seven of Kind.CONTROLS, and the named inputs.
 
         ``sparse``: the states are far apart beside the motion.
@@ -154,7 +158,7 @@ class ControlHistory:
             controls = interpolate(*series, times, self.settle, 2.0 / self._aircraft.sensors["control_surfaces"].rate)
         heights = interpolate(*self._series[Kind.HEIGHT], times, self.settle, self.settle)[:, 0]
         controls = np.hstack([controls * self._signs, self._inputs_at(times, sparse)])
-        return controls, np.where(np.isfinite(heights), heights, self._height_from_gps(rows))
+        return controls, np.where(np.isfinite(heights), heights, altitudes(rows) - self.ground.below(rows))
 
     def _inputs_at(self, at: Array, sparse: bool) -> Array:
         """Named inputs (n, MOST_INPUTS)."""
@@ -165,14 +169,6 @@ class ControlHistory:
             return interpolate(times, values, at, self.settle)
 
         return named_inputs(len(self._aircraft.inputs), *self._series[Kind.INPUTS], at, between)
-
-    def _height_from_gps(self, rows: Array) -> Array:
-        altitude = rows[:, StateField.ORIGIN.stop - 1] - rows[:, StateField.POSITION.stop - 1]
-        if self._aircraft.ground_altitude is not None:
-            return altitude - self._aircraft.ground_altitude
-        lowest = np.minimum.accumulate(np.minimum(altitude, self._lowest))
-        self._lowest = float(lowest[-1])
-        return altitude - lowest
 
     def vanes(self) -> list[tuple[Array, Array]]:
         """Times [s] and values (k, 1) of each of VANES."""

@@ -223,6 +223,9 @@ def coefficient_samples(
     """
     stream = CoefficientStream(aircraft, options)
     stream.controls.add(samples, epoch)
+    for part in one_clock(rows):  # of a flight that is over it counts where it landed, too
+        stream.controls.ground.below(part)
+        stream.controls.ground.restart_clock()
     found = [np.empty((0, CoefficientSample.TERMS + len(aircraft.model.parameter_names)))]
 
     def use(limit: float) -> None:

@@ -1,0 +1,85 @@
+"""The time of the airspeed by the GPS speed less the wind: told by many changes of the speed, and not by one."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.flight_check.check import check
+from aircraft_sysid_ros.flight_check.finding import INFO
+from aircraft_sysid_ros.flight_check.grid import Grid, compare
+from aircraft_sysid_ros.flight_check.laws import airspeed
+from aircraft_sysid_ros.flight_check.relation import SIGMAS
+from aircraft_sysid_ros.flight_check.signals import flight_of
+from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+STEP = 0.05
+
+
+@pytest.mark.parametrize("seed", [51, 53])
+def test_an_airspeed_that_is_late_is_found_with_its_time(seed):
+    """By the GPS alone, without a vane that would tell it by the accelerometers."""
+    calm = {"wind": np.zeros(3), "sensors": SensorOptions(attitude=True)}
+    flown = simulate_samples(default_aircraft(), seed, 100.0, **calm).samples
+    late = Samples(flown.stamp + (flown.kind == Kind.AIRSPEED) * 300_000_000, flown.kind, flown.values)
+    late = late[late.kind != Kind.ANGLE_OF_ATTACK]
+    (found,) = [f for f in check(flight_of(late, late.stamp)).findings if f.severity != INFO]
+    assert (found.signals, found.kind) == (("true_airspeed",), "offset")
+    told = re.match(
+        r"it comes (\S+) s .* later than velocity.north, by the (?:changes of the )?GPS speed", found.sentence
+    )
+    assert told is not None and float(told[1]) == pytest.approx(0.3, abs=0.05)
+
+
+def changes(seed: int, times, lag: float = 0.0, gust: float = 0.1, shear: float = 0.0):
+    """Speeds (n,) [m/s] by the airspeed and over ground less one wind, which fall or rise by 6 m/s at some times [s].
+
+    With gusts in the former, and from 75 s on a wind that differs by ``shear`` [m/s], seen in circles of 15 s.
+    """
+    rng, time = np.random.default_rng(seed), np.arange(0.0, 160.0, STEP)
+    blown = np.zeros(len(time))
+    for k in range(1, len(time)):  # a gust lasts for 4 s
+        blown[k] = (1.0 - STEP / 4.0) * blown[k - 1] + gust * np.sqrt(2.0 * STEP / 4.0) * rng.normal()
+    circles = np.sin(2.0 * np.pi * time / 15.0 + np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi))
+
+    def flown(at):
+        return 20.0 + sum(way * 3.0 * np.tanh((at - when) / 3.0) for when, way in times)
+
+    return flown(time - lag) + blown + shear * circles * (time > 75.0), flown(time)
+
+
+def lags(seeds, times, **more) -> tuple[list[float], list[float]]:
+    """Lags over their standard errors, as least squares of all of it have them and as the law has them."""
+    plain, own = [], []
+    for seed in seeds:
+        y, x = changes(seed, times, **more)
+        grid = Grid(0.0, STEP, len(x))
+        first = compare(grid.band(y, STEP, 60.0), grid.band(x, STEP, 60.0), STEP, 1.0)
+        second = airspeed._slow(SimpleNamespace(grid=grid), y, x)
+        assert first.lag == second.lag and second.lag_std >= first.lag_std
+        plain.append(abs(first.lag) / first.lag_std)
+        own.append(abs(second.lag) / second.lag_std)
+    return plain, own
+
+
+def test_a_speed_that_falls_once_tells_no_lag():
+    """An engine that was cut: of an airspeed in time it had been said that it comes 0.42 s (± 0.19) late."""
+    plain, own = lags(range(20), [(80.0, -1.0)], shear=0.6)
+    assert sum(times > SIGMAS for times in plain) >= 3 and max(own) < SIGMAS
+
+
+def test_a_speed_that_changes_often_tells_one():
+    times = [(10.0 * k + 5.0, (-1.0) ** k) for k in range(15)]
+    assert min(lags(range(10), times, lag=0.3)[1]) > SIGMAS
+    assert max(lags(range(20), times, shear=0.6)[1]) < SIGMAS
+
+
+def test_what_nothing_tells_has_no_small_error():
+    _, x = changes(0, [(80.0, -1.0)])
+    noise = np.random.default_rng(1).normal(size=len(x))
+    assert airspeed._jackknife(x + noise, x, 0.0, STEP, 4) < 1.0 < airspeed._jackknife(-x, x, 0.0, STEP, 4)

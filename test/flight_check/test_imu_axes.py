@@ -1,0 +1,65 @@
+"""An IMU that is turned by a quarter is said in one sentence, where gyros and accelerometers both show it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.flight_check.check import check
+from aircraft_sysid_ros.flight_check.finding import ERROR, INFO
+from aircraft_sysid_ros.flight_check.signals import NAMES, flight_of
+from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+AXES = "xyz"
+
+
+@pytest.fixture(scope="module")
+def samples() -> Samples:
+    return simulate_samples(default_aircraft(), 52, 100.0, sensors=SensorOptions(attitude=True)).samples
+
+
+def with_imu(samples: Samples, follows: dict[int, tuple[int, float]], vectors=("force", "gyro")) -> Samples:
+    """Each axis shows another one, with a sign."""
+    values, rows = samples.values.copy(), samples.kind == Kind.IMU
+    for vector in vectors:
+        first = 0 if vector == "force" else 3
+        for axis, (other, sign) in follows.items():
+            values[rows, first + axis] = sign * samples.values[rows, first + other]
+    return Samples(samples.stamp, samples.kind, values)
+
+
+def findings(samples: Samples):
+    found = check(flight_of(samples, samples.stamp, surface_noise=0.0005)).findings
+    return [f for f in found if f.severity != INFO]
+
+
+@pytest.mark.parametrize(("first", "second", "sign"), [(0, 1, 1.0), (0, 1, -1.0), (1, 2, 1.0), (0, 2, -1.0)])
+def test_a_turn_is_one_sentence_and_the_rest_is_judged_without_it(samples, first, second, sign):
+    (found,) = findings(with_imu(samples, {first: (second, sign), second: (first, -sign)}))
+    names = NAMES[Kind.IMU]
+    assert found.signals == tuple(names[first + k] for k in (0, second - first, 3, 3 + second - first))
+    i, j, about = AXES[first], AXES[second], AXES[3 - first - second]
+    minus = "minus " if sign < 0.0 else ""
+    assert found.severity == ERROR and found.sentence.startswith(
+        f"the IMU is turned by 90 deg about its {about} axis: {i} follows {minus}what {j} should be"
+    )
+    remedy = f"take {j} for {i} and minus {i} for {j}" if sign < 0.0 else f"take minus {j} for {i} and {i} for {j}"
+    assert found.sentence.endswith(f"of both {remedy}")
+
+
+def test_what_is_exchanged_in_one_sensor_alone_is_no_turn(samples):
+    for vectors in (("gyro",), ("force",)):
+        sentences = [f.sentence for f in findings(with_imu(samples, {0: (1, 1.0), 1: (0, -1.0)}, vectors))]
+        assert sentences and not any("is turned" in text for text in sentences)
+    mirrored = [f.sentence for f in findings(with_imu(samples, {0: (1, 1.0), 1: (0, 1.0)}))]
+    assert mirrored and not any("is turned" in text for text in mirrored)
+
+
+def test_without_gps_the_gyros_alone_are_named(samples):
+    turned = with_imu(samples, {0: (1, 1.0), 1: (0, -1.0)})
+    of_gps = np.isin(turned.kind, (Kind.GPS_VELOCITY, Kind.GPS_POSITION))
+    sentences = [f.sentence for f in findings(turned[~of_gps])]
+    assert any("the axes are exchanged" in text for text in sentences)
+    assert not any("is turned" in text for text in sentences)
