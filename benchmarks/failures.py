@@ -1,6 +1,6 @@
 """How often a control that sticks, or an engine that fails, is found in flights without vanes; and false alarms.
 
-    python benchmarks/failures.py [--clean 40] [--failed 24] [--first 7100000] [--jobs 2]
+    python benchmarks/failures.py [--clean 40] [--failed 48] [--first 8800000] [--jobs 2]
 
 The flights are those of failure_flights.py; each is a line in results/failures.jsonl. Seeds are looked at once.
 """
@@ -22,7 +22,7 @@ from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
 from aircraft_sysid_ros.errors import InputError
 
 RESULTS = Path(__file__).parent / "results" / "failures.jsonl"
-FIRST = 8_700_000
+FIRST = 8_800_000
 
 
 def fly(job: dict[str, Any]) -> dict[str, Any]:
@@ -43,20 +43,23 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
         "evidence": report.changed.evidence, "size": report.changed.size,
         "errors": [report.changed.begin_error, report.changed.end_error],
     }  # fmt: skip
-    return {**job, "begin": flight.begin, "end": flight.end, "found": found, "changed": changed}
+    return {
+        **job, "begin": flight.begin, "end": flight.end, "share": flight.share, "found": found, "changed": changed
+    }  # fmt: skip
 
 
 def jobs(clean: int, failed: int, first: int) -> list[dict[str, Any]]:
-    """Clean flights and flights in which something fails, of each layout in turn; of 32 the second 16 moved."""
+    """Clean flights and flights in which something fails, of each layout in turn: held, moved, in part."""
     layouts = list(flights.LAYOUTS)
     listed = [{"seed": first + n, "layout": layouts[n % 4], "failure": "none", "where": "held"} for n in range(clean)]
     for n in range(failed):
-        layout = layouts[n % 4]
-        kinds = ("elevon_left", "elevon_right", "engine") if flights.LAYOUTS[layout].elevons else (
-            "elevator", "aileron", "engine", "rudder"
-        )  # fmt: skip
-        failure, where = kinds[(n // 4) % len(kinds)], ("held", "moved")[(n // 16) % 2]
-        listed.append({"seed": first + 50_000 + n, "layout": layout, "failure": failure, "where": where})
+        layout, where = layouts[n % 4], ("held", "moved", "part")[(n // 16) % 3]
+        surfaces = ("elevon_left", "elevon_right") if flights.LAYOUTS[layout].elevons else ("elevator", "aileron")
+        others = ("engine",) if flights.LAYOUTS[layout].elevons else ("engine", "rudder")
+        kinds = tuple(flights.PART_OF + name for name in surfaces) if where == "part" else (*surfaces, *others)
+        listed.append(
+            {"seed": first + 50_000 + n, "layout": layout, "failure": kinds[(n // 4) % len(kinds)], "where": where}
+        )
     return listed
 
 
@@ -75,7 +78,7 @@ def main() -> None:
     """Fly what is not flown yet, and count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clean", type=int, default=40)
-    parser.add_argument("--failed", type=int, default=24)
+    parser.add_argument("--failed", type=int, default=48)
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--results", type=Path, default=RESULTS)

@@ -228,26 +228,35 @@ def further_effects(flown: list[dict[str, Any]]) -> Rows:
 
 
 def failures(flown: list[dict[str, Any]]) -> Rows:
-    """Inputs that fail in flights without vanes, by what the log holds."""
-    signals, rows = {"elevator": "de", "aileron": "da", "rudder": "dr"}, []
+    """Inputs that fail in flights without vanes, by what the log holds and by how they fail."""
     judged = [flight for flight in flown if "found" in flight]
     parts = {name: [f for f in judged if f["layout"] == name] for name in dict.fromkeys(f["layout"] for f in judged)}
+    failed_so = {"held": "held where it was", "moved": "put elsewhere", "part": "keeps 0.3 to 0.6 of its effect"}
+    for where, words in failed_so.items():
+        parts[f"all, {words}"] = [f for f in judged if f["where"] == where and f["failure"] != "none"]
+    rows = []
     for words, own in {**parts, "all": judged}.items():
         clean = [flight for flight in own if flight["failure"] == "none"]
         failed = [flight for flight in own if flight["failure"] != "none"]
         answered = [flight for flight in failed if flight["found"]]
-        named = [f for f in answered if f["found"][0]["name"] == signals.get(f["failure"], f["failure"])]
+        named = [flight for flight in answered if _is_named(flight)]
         changed = [flight for flight in failed if flight["changed"]]
-        begun = [(f["found"][0]["begin"], f["begin"]) for f in named] + [
-            (f["changed"]["begin"], f["begin"]) for f in changed
-        ]
-        dated = sum(abs(said - true) < 2.0 for said, true in begun)
+        said = [(f["found"][0], f) for f in named] + [(f["changed"], f) for f in changed]
+        near = sum(abs(found["begin"] - flight["begin"]) < 2.0 for found, flight in said)
+        within = sum(abs(found["begin"] - flight["begin"]) <= found["errors"][0] for found, flight in said)
         false = sum(bool(flight["found"] or flight["changed"]) for flight in clean)
-        numbers = (len(clean), false, len(failed), len(named), len(changed), len(answered) - len(named), dated)
+        numbers = (len(clean), false, len(failed), len(named), len(changed), len(answered) - len(named), near, within)
         rows.append([words, *map(str, numbers)])
     head = ["log", "clean flights", "given a verdict", "with a failure", "named", "a moment that no input shows",
-            "named another", "dated within 2 s"]  # fmt: skip
+            "named another", "dated within 2 s", "within its error"]  # fmt: skip
     return head, rows
+
+
+def _is_named(flight: dict[str, Any]) -> bool:
+    """Whether the input and how it failed are right."""
+    signals = {"elevator": "de", "aileron": "da", "rudder": "dr"}
+    failure, found = flight["failure"].removeprefix("part of "), flight["found"][0]
+    return found["name"] == signals.get(failure, failure) and (found["kind"] == "part") == (flight["where"] == "part")
 
 
 def thresholds() -> Rows:
