@@ -253,7 +253,7 @@ class Thresholds:
     part_evidence: float = _of(
         90.0,
         "And that from which an input is said to keep part of its effect: of 20 clean flights, eight of JSBSim, the",
-        "most with a loss had 45; eight of nine surfaces that kept 0.35 to 0.58 had 96 to 1000, in one form or the other.",
+        "most with a loss had 45; eight of nine surfaces that kept 0.35 to 0.58 had 96 to 2000, in one of both forms.",
     )
     unrecorded_evidence: float = _of(
         130.0,

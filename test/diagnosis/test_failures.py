@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +137,26 @@ def test_a_rudder_that_goes_hard_over_is_a_moment_that_no_input_shows(hard_over)
     assert "stuck_control" in candidate["confounded_with"]
     assert set(candidate["terms"]) == {"Cn", "Cl"}
     assert "No recorded input shows a rolling moment" in said["advice"] and "yawing moment" in said["advice"]
+
+
+def test_a_surface_that_keeps_part_of_its_effect_is_named_with_what_is_left() -> None:
+    flight = flights.fly(8420005, flights.LAYOUTS["airspeed, 50 Hz"], "part of elevator")
+    (found,) = failures_of(flight.aircraft, flight.samples).found
+    assert (found.name, found.kind) == ("de", PART)
+    assert abs(found.begin - flight.begin) < 1.0 and abs(found.end - flight.end) < 1.0
+    assert found.left == pytest.approx(flight.share, abs=3.0 * found.left_std + 0.02)
+    assert "keeps 4" in sentence_of(found) and "of its effect" in sentence_of(found)
+
+
+def test_inputs_that_a_flight_does_not_show_are_said_and_not_called_sound() -> None:
+    flight = flights.fly(3002, flights.LAYOUTS["airspeed, 10 Hz"], "none")
+    controls = flight.samples.kind == Kind.CONTROLS
+    values = flight.samples.values.copy()
+    values[controls, 2] = 1e-4 * np.sin(np.arange(controls.sum()))  # the rudder moves by nothing that counts
+    still = replace(flight.samples, values=values)
+    advice = report_json(failures_of(flight.aircraft, still), [])["advice"]
+    assert "would show it has failed: elevator" in advice
+    assert "Whether" in advice and "rudder" in advice.partition("Whether")[2]
 
 
 def test_the_answer_needs_airspeed_or_the_choice_of_calm_air(stuck) -> None:

@@ -53,6 +53,8 @@ FAR = 3.0
 #: aeroplane answers. In the quiet hours of a jet at 10 Hz (benchmarks/trimmed_jet.py, seeds 437 and 448, on which this
 #: was made) ailerons that moved by an eighth seemed to be stuck.
 LEAST_MOTION = 0.25
+#: ln of the likelihood that the model loses without an input which a flight tells: that of five standard errors.
+SHOWN = 12.5
 #: Share of the evidence from which the other form of a balance is as telling of a time.
 AS_TELLING = 0.5
 #: The angle of flow that each moment rests on.
@@ -100,6 +102,7 @@ class FailureReport:
     found: tuple[Failure, ...]  # one at most
     changed: UnrecordedChange | None  # where no input that failed is named
     tried: tuple[str, ...]  # inputs
+    shown: frozenset[str]  # those of them whose effect this flight shows, so that a failure would be seen
     judged: tuple[str, ...]  # axes
     not_judged: dict[str, str]  # axes, and why
     balance: ForceBalance = field(repr=False)
@@ -135,6 +138,7 @@ class _Searched(NamedTuple):
     frozen: float  # the most evidence that freezing the input has
     constant: Judged  # the likeliest other constant of its axes
     failure: Failure | None
+    is_shown: bool  # whether the flight shows what the input does
 
 
 def failures_of(
@@ -154,10 +158,12 @@ def failures_of(
     found: list[tuple[_Form, Failure]] = []
     evidence: dict[str, float] = {}  # the most that freezing an input has
     constants: list[tuple[_Form, Judged]] = []
+    shown: set[str] = set()
     for number, (job, searched) in enumerate(zip(jobs, in_parallel(_searched, jobs), strict=True), 1):
         progress(number / len(jobs))
         evidence[job.name] = max(evidence.get(job.name, -np.inf), searched.frozen)
         constants.append((job.form, searched.constant))
+        shown |= {job.name} if searched.is_shown else set()
         if searched.failure is not None:
             found.append((job.form, searched.failure))
     found.sort(key=lambda item: -item[1].evidence)
@@ -171,7 +177,7 @@ def failures_of(
     judged = tuple(dict.fromkeys(axis for form, name in jobs for axis in form.search.axes_of(name)))
     progress(1.0)
     not_judged = _not_judged(motion.balance, judged)
-    return FailureReport(tuple(best), changed, tuple(evidence), judged, not_judged, motion.balance)
+    return FailureReport(tuple(best), changed, tuple(evidence), frozenset(shown), judged, not_judged, motion.balance)
 
 
 def _searched(job: _Job) -> _Searched:
@@ -182,7 +188,19 @@ def _searched(job: _Job) -> _Searched:
     failure = part or _of_input(form, tried, constant)
     if failure is None and name == ENGINE:
         failure = _cut(form.balance)
-    return _Searched(tried.evidence if part is None else part.evidence, constant, failure)
+    evidence = tried.evidence if part is None else part.evidence
+    return _Searched(evidence, constant, failure, _is_shown(form.search, name))
+
+
+def _is_shown(search: FailureSearch, name: str) -> bool:
+    """Whether the flight tells what an input does: the model without it is surely less likely in one of its axes."""
+    for axis in search.axes_of(name):
+        fit, relation = search.base[axis], search.relations[axis]
+        columns = relation.columns[:, list(relation.acting[name].columns)]
+        rest = np.delete(relation.columns, relation.acting[name].columns, axis=1)
+        if columns.size and fit.log_likelihood - search.fit(axis, rest, fit.filtering).log_likelihood > SHOWN:
+            return True
+    return False
 
 
 def _weakened(form: _Form, name: str, others: float) -> Failure | None:

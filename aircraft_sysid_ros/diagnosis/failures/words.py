@@ -236,5 +236,9 @@ def _advice(report: FailureReport) -> Iterator[str]:
             "say why of each axis. Record deflections, and vanes; what such a flight does tell is its drag (polar)."
         )
     elif not report.found:
-        names = ", ".join(_WHAT.get(name, name) for name in report.tried)
-        yield f"None of the inputs that move in this flight has failed for a while, or for good: {names}."
+        known = [_WHAT.get(name, name) for name in report.tried if name in report.shown]
+        hidden = [_WHAT.get(name, name) for name in report.tried if name not in report.shown]
+        if known:
+            yield f"None of the inputs of which this flight would show it has failed: {', '.join(known)}."
+        if hidden:
+            yield f"Whether {listed(hidden)} failed it cannot show, since what that does here is too little to be told."
