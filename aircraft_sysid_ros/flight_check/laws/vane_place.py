@@ -43,8 +43,9 @@ _STILL, _ALL = 1e-12, 1e-9
 LONGEST = 0.2
 #: Share of the span by which a vane is elsewhere that matters, and by how many standard errors it surely is.
 _MATTERS, _SURE = 0.1, 5.0
-#: One sigma of the correlation between gusts at the vane and the roll that earlier ones have made.
-_ASLANT = 0.15
+#: One sigma of the correlation between gusts at the vane and the roll that earlier ones have made: 0.2 to 0.4 where all
+#: gusts come aslant and nothing else rolls much.
+_ASLANT = 0.2
 #: Beyond half of the span by more than so many standard errors, or than this share of the span, is no place.
 _BEYOND, _TIP = 2.0, 0.05
 #: Where no file says it, it is taken there if that is farther out than this share of the span, and so many standard
@@ -83,7 +84,8 @@ def sideways(motion: Motion) -> tuple[float, float] | None:
     alone[good] = _rest(x[good, 0], x[good, 1:])
     count, power = int(good.sum()), float(alone @ alone)
     chance = max(float(solved[1][0]), _scatter(alone * left, round(_LONG / grid.step)) / power)
-    gusts = max(float(left @ left) / count - _noise(motion, short), 0.0)
+    gust = np.where(good, left + x[:, len(terms) :] @ solved[0][len(terms) :], 0.0)  # those that roll it are some, too
+    gusts = max(float(gust @ gust) / count - _noise(motion, short), 0.0)
     return float(solved[0][0]), float(np.hypot(chance, _ASLANT * np.sqrt(share * gusts * count / power)))
 
 
