@@ -164,8 +164,9 @@ class StateEstimatorNode(EstimatorNode):
     def _push(self) -> None:
         waiting, self._waiting = concatenate(self._waiting), []
         if len(waiting):
-            if self.on_samples is not None:
-                self.on_samples(waiting[~np.isin(waiting.kind, BESIDE)])
+            own = waiting[~np.isin(waiting.kind, BESIDE)]
+            if self.on_samples is not None and len(own):
+                self.on_samples(own)
             known = self.check.findings
             self._publish(self.estimator.push(waiting))
             if self.check.findings != known:

@@ -22,8 +22,8 @@ UNSAID = Vane(0.0, SPAN, False)
 def flown(seed: int, right: float = 0.0, aslant: float = 0.0, gusts: float = 1.5, duration: float = 60.0) -> Motion:
     """A light aeroplane whose surfaces are moved by doublets, an autopilot besides, in gusts [m/s] that last 2 s.
 
-    They come from ``aslant`` [rad] of ahead: along the span the vertical wind grows by tan(aslant) of what it does along
-    the way, and the wing rolls with it.
+    They come from ``aslant`` [rad] of ahead: along the span the vertical wind grows by tan(aslant) of what it does
+    along the way, and the wing rolls with it.
     """
     rng, n, fine = np.random.default_rng(seed), round(duration / STEP), 4
     dt, wind, state = STEP / fine, 0.0, np.zeros(5)  # p, q, angle of attack of the motion, roll, aileron of the pilot
@@ -97,6 +97,18 @@ def test_four_tenths_of_half_the_span_are_found_in_calm_air_and_in_gusts(turbule
         found.append(pipeline.check.vane_place)
     assert found[0] == found[1]  # as they come does not matter
     assert found[0] is not None and abs(found[0][0] - right) < 3.0 * found[0][1] < 0.5 * right
+
+
+def test_gusts_that_come_from_both_sides_by_turns_leave_less_doubt() -> None:
+    """Straight on, and there and back."""
+    motion, back = flown(2, aslant=0.8), flown(2, aslant=0.8)
+    legs = np.where(np.arange(motion.grid.count) < motion.grid.count // 2, 40.0, -40.0)
+    still = np.zeros_like(legs)
+    motion.__dict__["velocity"] = np.column_stack([np.abs(legs), still, still])
+    back.__dict__["velocity"] = np.column_stack([legs, still, still])
+    one_way, both_ways, unknown = sideways(motion), sideways(back), sideways(flown(2, aslant=0.8))
+    assert one_way is not None and both_ways is not None and one_way == unknown
+    assert both_ways[0] == one_way[0] and both_ways[1] < 0.5 * one_way[1]
 
 
 def test_the_noise_of_the_vane_is_no_gust() -> None:

@@ -7,15 +7,16 @@ y to the right; x, which any delay looks like, is not found. A vane on a wing of
 spoils all that depends on the angle of attack.
 
 Gusts, e, are what is left. As far as they come by turns with the roll, time takes them out. But a gust that is met
-aslant lifts the vane and one wing, in phase with the roll's acceleration, and looks like a place beside, however long the
-flight. So what of that acceleration follows neither the surfaces nor rates and sideslip is a term of its own: y is found
-by the rest, which the surfaces command (two-stage least squares). Rates and an autopilot's surfaces follow earlier gusts,
-by a correlation with e that nobody knows. ``_ASLANT`` is one sigma of it where the share 1 - R^2 of the acceleration that
-nothing explains is all, which makes an error of y of
+aslant lifts the vane and one wing, in phase with the roll's acceleration, and looks like a place beside, however long
+the flight. So what of that acceleration follows neither the surfaces nor rates and sideslip is a term of its own: y is
+found by the rest, which the surfaces command (two-stage least squares). Rates and an autopilot's surfaces follow
+earlier gusts, by a correlation with e that nobody knows. ``_ASLANT`` is one sigma of it where nothing explains the
+acceleration, and less by the root of the share 1 - R^2 that nothing does, which makes an error of y of
 
-    _ASLANT sqrt(1 - R^2) sd(e) / sd(acceleration by which y is found),
+    _ASLANT |mean course| sqrt(1 - R^2) sd(e) / sd(acceleration by which y is found),
 
-without the noise of the vane in e, which rolls nothing: in calm air nothing is left of it.
+without the noise of the vane in e, which rolls nothing: in calm air nothing is left of it. Gusts that come aslant on one
+course come from the other side on the way back: the mean of the unit vectors of the course is what is left of them.
 """
 
 from __future__ import annotations
@@ -86,7 +87,8 @@ def sideways(motion: Motion) -> tuple[float, float] | None:
     chance = max(float(solved[1][0]), _scatter(alone * left, round(_LONG / grid.step)) / power)
     gust = np.where(good, left + x[:, len(terms) :] @ solved[0][len(terms) :], 0.0)  # those that roll it are some, too
     gusts = max(float(gust @ gust) / count - _noise(motion, short), 0.0)
-    return float(solved[0][0]), float(np.hypot(chance, _ASLANT * np.sqrt(share * gusts * count / power)))
+    aslant = _ASLANT * _one_way(motion) * np.sqrt(share * gusts * count / power)
+    return float(solved[0][0]), float(np.hypot(chance, aslant))
 
 
 def _rest(y: Array, x: Array) -> Array:
@@ -96,8 +98,18 @@ def _rest(y: Array, x: Array) -> Array:
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
 
 
+def _one_way(motion: Motion) -> float:
+    """Length of the mean of the unit vectors of the course: 1 straight on, or where nothing shows it; 0 in circles."""
+    horizontal = motion.velocity[:, :2]
+    length = np.linalg.norm(horizontal, axis=1)
+    flies = np.isfinite(length) & (length > 0.0)
+    if not flies.any():
+        return 1.0
+    return float(np.linalg.norm(np.mean(horizontal[flies] / length[flies, None], axis=0)))
+
+
 def _scatter(products: Array, longest: int) -> float:
-    """Standard error of the sum of a series (n,) whose values belong together over ``longest`` (Newey and West 1987)."""
+    """Standard error of the sum of a series (n,) whose values hang together over ``longest`` (Newey and West, 1987)."""
     square = float(products @ products)
     for k in range(1, min(longest, len(products))):
         square += 2.0 * (1.0 - k / longest) * float(products[k:] @ products[:-k])
