@@ -15,8 +15,8 @@ acceleration, and less by the root of the share 1 - R^2 that nothing does, which
 
     _ASLANT |mean course| sqrt(1 - R^2) sd(e) / sd(acceleration by which y is found),
 
-without the noise of the vane in e, which rolls nothing: in calm air nothing is left of it. Gusts that come aslant on one
-course come from the other side on the way back: the mean of the unit vectors of the course is what is left of them.
+without the noise of the vane in e, which rolls nothing: in calm air nothing is left of it. Gusts that come aslant on
+one course come from the other side on the way back: the mean of the unit vectors of the course is what is left of them.
 """
 
 from __future__ import annotations
