@@ -9,24 +9,27 @@ What the airspeed reads may change, and is asked to the end (``wind_triangle``).
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.flight_check.check import contradictions
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, short_names
 from aircraft_sysid_ros.flight_check.laws import vane_place
 from aircraft_sysid_ros.flight_check.laws.vane_place import Vane
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
-from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, VaneArm, flight_of, vane_arm
+from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, Flight, VaneArm, flight_of, vane_arm
 from aircraft_sysid_ros.flight_check.wind_triangle import WindTriangle
 from aircraft_sysid_ros.flight_check.wind_triangle import warm_up as warm_up_triangle
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
+from aircraft_sysid_ros.reconstruction.state_estimator import BESIDE
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 Array = npt.NDArray[np.float64]
@@ -74,7 +77,7 @@ def watch_of(aircraft: Aircraft, options: StateOptions | None = None) -> InFligh
     is_estimated = options is not None and options.air_data_errors
     is_said = ("air_data_position", "y") not in aircraft.unsaid
     vane = Vane(float(aircraft.air_data_position[1]), aircraft.span, is_said)
-    return InFlightCheck(aircraft.minimum_airspeed, vane, vane_arm(aircraft), asks_airspeed=not is_estimated)
+    return InFlightCheck(aircraft.minimum_airspeed, vane, vane_arm(aircraft), not is_estimated, aircraft.inputs)
 
 
 def warm_up() -> None:
@@ -93,16 +96,19 @@ class InFlightCheck:
         vane: Vane | None = None,
         arm: VaneArm | None = None,
         asks_airspeed: bool = True,
+        inputs: Sequence[NamedInput] = (),
     ) -> None:
         """Time counts from ``minimum_airspeed`` [m/s] on: what is true of flight is not of taxiing.
 
         ``vane``, ``arm``: where the aircraft file has it. ``asks_airspeed``: whether GPS and wind are asked what it
-        reads.
+        reads. ``inputs`` that the aircraft file names.
         """
         #: How far [m] to the right the vane is, and one sigma, where no file says it and it is not where that has it.
         self.vane_place: tuple[float, float] | None = None
         self._minimum_airspeed, self._vane, self._arm = minimum_airspeed, vane, arm
+        self._inputs = tuple(inputs)
         self._triangle = WindTriangle(minimum_airspeed) if asks_airspeed else None
+        self._surest: tuple[float, float] | None = None  # of all looks at the place of the vane
         self._found: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
         self._code = 0
         self._density = np.nan  # over that of the standard atmosphere, at the begin of the flight
@@ -125,7 +131,7 @@ class InFlightCheck:
         else:  # too short for the other laws
             samples = self._keep(epoch, self._begin)
             with contextlib.suppress(ValueError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-                self._look_at_vane(samples, Motion(flight_of(samples, samples.stamp)), [])
+                self._look_at_vane(samples, Motion(self._flight_of(samples)), [])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -148,7 +154,7 @@ class InFlightCheck:
         if not self._over:
             self._waiting.append(samples)
         if self._triangle is not None:
-            self._triangle.add(samples)
+            self._triangle.add(samples[~np.isin(samples.kind, BESIDE)])
 
     def mark(self, rows: Array, epoch: int) -> None:
         """Write into rows (n, StateField.WIDTH) by rising time which sensor is contradicted, looking when it is due."""
@@ -202,12 +208,19 @@ class InFlightCheck:
         self._waiting, self._kept_since = [samples], since
         return samples
 
+    def _flight_of(self, samples: Samples, arm: VaneArm | None = None) -> Flight:
+        """The flight of samples by rising stamp; what moves the surfaces neither begins nor ends it."""
+        moved = np.isin(samples.kind, BESIDE)
+        rest = samples.stamp[~moved]
+        samples = samples[~moved | ((samples.stamp >= rest.min()) & (samples.stamp <= rest.max()))]
+        return flight_of(samples, samples.stamp, self._inputs, arm=arm)
+
     def _look(self, now: float, epoch: int) -> None:
         samples = self._keep(epoch, max(now - LONGEST, self._begin))
         past = samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
         try:
             with np.errstate(all="ignore"):
-                found, relations, motion = contradictions(flight_of(past, past.stamp, arm=self._arm))
+                found, relations, motion = contradictions(self._flight_of(past, arm=self._arm))
                 place_is_known = self._look_at_vane(past, motion, found)
         except (ValueError, np.linalg.LinAlgError):  # numbers that nothing can be made of: another look will tell
             return
@@ -231,13 +244,13 @@ class InFlightCheck:
         if np.median(np.diff(stamps)) > vane_place.LONGEST * NANOSECONDS:  # lines between samples are no motion of it
             return True
         place = vane_place.sideways(motion)
-        elsewhere, known = vane_place.findings(place, self._vane), vane_place.is_known(place, self._vane.span)
-        if not self._vane.is_said and (known or self.vane_place is None):
-            self.vane_place = vane_place.taken(place, self._vane)
-        if not known:  # what was found before stands
-            elsewhere = elsewhere or [f for f in self._found if (f.kind, f.severity, *f.signals) == vane_place.MARKS]
-        found += elsewhere
-        return known
+        if place is not None and (self._surest is None or place[1] <= self._surest[1]):
+            self._surest = place  # a vane does not move: the surest look is the last word, and takes back another one
+        if not self._vane.is_said:
+            self.vane_place = vane_place.taken(self._surest, self._vane)
+        self._found = tuple(f for f in self._found if (f.kind, f.severity, *f.signals) != vane_place.MARKS)
+        found += vane_place.findings(self._surest, self._vane)
+        return vane_place.is_known(self._surest, self._vane.span)
 
 
 @njit(cache=True)

@@ -23,8 +23,8 @@ from aircraft_sysid_ros.nodes.options import NodeOption, When, node_options, opt
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, found_wind_walk
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField, status_text
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, warm_up
-from aircraft_sysid_ros.ros_messages.conversion import message_fields, to_samples
+from aircraft_sysid_ros.reconstruction.state_estimator import BESIDE, StateEstimator, nanoseconds, warm_up
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, message_fields, to_samples
 from aircraft_sysid_ros.ros_messages.output_messages import (
     BASE,
     MAP,
@@ -37,6 +37,8 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 INPUTS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data")
+#: Heard by the check between sensors alone: what moves the surfaces; kept by the second step.
+CONTROLS_TOPIC = "control_surfaces"
 #: Type of /tf; its package is no requirement.
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
@@ -83,7 +85,8 @@ class StateEstimatorNode(EstimatorNode):
     def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> StateEstimator:
         """The filter, compiled."""
         probe = (PROBE_TOPIC,) if self.correction is not None and self.correction.uses_probe else ()
-        self.received = dict.fromkeys(INPUTS + probe, 0)
+        moved = (CONTROLS_TOPIC, INPUTS_TOPIC) if aircraft.inputs else (CONTROLS_TOPIC,)
+        self.received = dict.fromkeys(INPUTS + probe + moved, 0)
         self._waiting.clear()
         warm_up(aircraft)
         in_flight.warm_up()
@@ -115,7 +118,7 @@ class StateEstimatorNode(EstimatorNode):
 
     def take(self, topic: str, message: Any) -> None:
         """One sensor message: convert and, when it is time, push and publish the states that are complete."""
-        samples = to_samples(topic, *message_fields(topic, message))
+        samples = to_samples(topic, *message_fields(topic, message), self.estimator.aircraft.inputs)
         if self.correction is not None:
             samples = [left for part in samples if len(left := self.correction.apply(part))]
         self._waiting.extend(samples)
@@ -161,8 +164,9 @@ class StateEstimatorNode(EstimatorNode):
     def _push(self) -> None:
         waiting, self._waiting = concatenate(self._waiting), []
         if len(waiting):
-            if self.on_samples is not None:
-                self.on_samples(waiting)
+            own = waiting[~np.isin(waiting.kind, BESIDE)]
+            if self.on_samples is not None and len(own):
+                self.on_samples(own)
             known = self.check.findings
             self._publish(self.estimator.push(waiting))
             if self.check.findings != known:

@@ -71,6 +71,8 @@ Batch = tuple[Array, npt.NDArray[np.int64], Array]
 #: Kinds that the first step uses. Any other would split the integration between two IMU samples, so that the
 #: numbers depended on who else listens.
 _USED = np.isin(np.arange(len(Kind)), (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.FIVE_HOLE, Kind.INPUTS), invert=True)
+#: Of those, what a watch sees: what moves the surfaces, and by them rolls the aeroplane.
+BESIDE = (Kind.CONTROLS, Kind.INPUTS)
 #: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
 _EPOCH_STEP = 2**20 * NANOSECONDS
 #: States that air data have a part in.
@@ -187,6 +189,7 @@ class StateEstimator:
             used = self._unscaled(self._still.without(part[_USED[part.kind]]))
             if self.watch is not None:
                 self._show_absurd(used)
+                self._show_beside(part)
             rows.append(self._collect(self.order.push(used)))
         return np.vstack(rows) if len(rows) > 1 else rows[0]
 
@@ -196,6 +199,12 @@ class StateEstimator:
         absurd = is_absurd(samples).any(axis=1) & angles & (np.abs(samples.values[:, 0]) <= 180.0)
         if absurd.any() and self.watch is not None:
             self.watch.add(samples[absurd & (samples.stamp >= self.order.newest_due(samples))])
+
+    def _show_beside(self, samples: Samples) -> None:
+        """Let the watch see what moves the surfaces, as it comes. Not what comes too late."""
+        beside = np.isin(samples.kind, BESIDE)
+        if beside.any() and self.watch is not None:
+            self.watch.add(samples[beside & (samples.stamp >= self.order.newest_due(samples))])
 
     def _unscaled(self, samples: Samples) -> Samples:
         """Samples without the scales that the aircraft file gives to its air data sensors."""
