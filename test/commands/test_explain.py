@@ -65,6 +65,7 @@ SLOW_SERVO = {"candidates": [candidate("rate_limit", "aerodynamic", main_axis="C
 NO_VANES = [(name, "missing", "info", f"{ABSENT}: fly without") for name in ("angle_of_attack", "sideslip")]
 SCALE = {"candidates": [candidate("airspeed_scale", "measurement")], "advice": "", "unknown": {}}
 CUT = {"candidates": [candidate("loss_of_thrust", "change in flight")], "advice": "No thrust.", "replicas": 0}
+HELD = {"candidates": [candidate("stuck_control", "change in flight")], "advice": "It is held.", "replicas": 0}
 NO_AIR = ("true_airspeed", "missing", "warning", "not in the recording: dynamic pressure is unknown")
 SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%", "stable in pitch")
 
@@ -78,6 +79,7 @@ SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%"
         (Evidence(check_json(NO_AIR, shown=5), (0, 32)), ["check missing"]),
         (Evidence(check_json(NO_AIR, shown=5), (0, 32), calm_air=True), ["calm air"]),
         (Evidence(check_json(LATE), **USED, diagnosis=STALL), ["check offset", "stall"]),
+        (Evidence(check_json(LATE), **USED, diagnosis=HELD), ["stuck_control"]),
         (Evidence(check_json(LATE), **USED, diagnosis=SLOW_SERVO), ["check offset"]),
         (Evidence(check_json(), **USED, diagnosis=SLOW_SERVO), ["rate_limit"]),
         (Evidence(check_json(LATE, FOLLOWS), **USED), ["check offset"]),

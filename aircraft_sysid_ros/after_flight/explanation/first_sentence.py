@@ -31,6 +31,8 @@ LEAST_MASS, SURE_MASS = 0.08, 5.0
 _OF_SENSORS = ("offset", "scale", "held", "saturated")
 #: What a servo does looks the same where the record of it comes late: not before that is mended.
 _OF_SERVOS = ("rate_limit", "free_play")
+#: What a surface that fails is called.
+_OF_SURFACES = ("stuck_control", "control_damage", "parameter_change")
 #: Static margin [% of the chord] below which an aeroplane is hardly stable, by two standard deviations.
 SMALL_MARGIN = 5.0
 
@@ -148,6 +150,8 @@ def _sensors(evidence: Evidence) -> Iterator[Said]:
     for finding in _findings(evidence.check, WARNING):
         if finding.kind not in _OF_SENSORS or _is_said_of(finding, said):
             continue
+        if finding.kind == "offset" and _a_surface_failed(evidence) and set(finding.signals) & set(SURFACES):
+            continue
         if not said & set(finding.signals):
             said |= set(finding.signals)
             named = short_names(finding.signals)
@@ -156,6 +160,11 @@ def _sensors(evidence: Evidence) -> Iterator[Said]:
         if candidate["kind"] == MEASUREMENT and not (said and _explained_by(candidate["effect"], said)):
             yield Said(str(candidate["effect"]), f"The aircraft file does not describe the sensors as they are: "
                        f"{candidate['name']} ({candidate['where']}){_fall(candidate)}.")  # fmt: skip
+
+
+def _a_surface_failed(evidence: Evidence) -> bool:
+    """Whether a surface failed, which feigns a delay of all of them."""
+    return any(said.kind in _OF_SURFACES for said in _failed(evidence))
 
 
 def _is_said_of(finding: Finding, said: set[str]) -> bool:
