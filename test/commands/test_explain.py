@@ -103,11 +103,15 @@ def test_what_makes_the_rest_wrong_comes_first(evidence, kinds):
 def test_what_the_flight_showed_of_a_sensor_is_said_where_the_check_of_the_log_says_nothing():
     leaks = {"signal": "true_airspeed", "kind": "scale", "severity": "error", "sentence": "it reads 0.83 ± 0.03"}
     heading = {"signal": "attitude.yaw", "kind": "offset", "severity": "warning", "sentence": "it is off by 22°"}
-    said = what_matters(Evidence(_with_flight(check_json(), {"findings": [leaks, heading]}), **USED, diagnosis=STALL))
+    said = what_matters(
+        Evidence(_with_flight(check_json(), {"findings": [leaks, heading]}, []), **USED, diagnosis=STALL)
+    )
     assert [each.kind for each in said] == ["check scale", "check offset"], "nothing of what the model lacks"
     assert said[0].sentence == "The log is wrong in true_airspeed: it reads 0.83 ± 0.03."
     known = check_json(("true_airspeed", "unit", "error", "it is in knots"))
-    assert _with_flight(known, {"findings": [leaks]})["findings"] == known["findings"], "each signal once"
+    assert _with_flight(known, {"findings": [leaks]}, [])["findings"] == known["findings"], "each signal once"
+    scale = SimpleNamespace(signal="true_airspeed")
+    assert _with_flight(check_json(), {"findings": [leaks]}, [scale])["findings"] == []
 
 
 def _minute(samples):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -162,7 +162,7 @@ def _explained(
     modes = [] if learnt is None else known_modes(learnt)
     weighed = None if learnt is None else apparent_mass(learnt)
     mass = None if weighed is None else (float(aircraft.mass), *weighed)
-    checks = _with_flight(_of_motion(checked), replayed)
+    checks = _with_flight(_of_motion(checked), replayed, instruments)
     evidence = Evidence(checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass)
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
@@ -184,12 +184,16 @@ def _explained(
     )
 
 
-def _with_flight(check: Mapping[str, Any], replayed: Mapping[str, Any]) -> dict[str, Any]:
-    """What the check of the log says, and what the flight showed of signals of which that says nothing.
+def _with_flight(
+    check: Mapping[str, Any], replayed: Mapping[str, Any], instruments: Iterable[InstrumentError]
+) -> dict[str, Any]:
+    """What the check of the log says, and what the flight showed of signals of which nothing else says anything.
 
-    A pitot that leaks from one moment on is found in flight; over the whole log it is neither right nor wrong.
+    A pitot that leaks from one moment on is found in flight; over the whole log it is neither right nor wrong. One that
+    is wrong by the same in all of it is an instrument with an error, which is told better with all of it.
     """
     said = {finding["signal"] for finding in check["findings"] if finding["severity"] != INFO}
+    said |= {error.signal for error in instruments}
     more = [finding for finding in replayed["findings"] if finding["signal"] not in said]
     return {**check, "findings": [*check["findings"], *more]}
 
