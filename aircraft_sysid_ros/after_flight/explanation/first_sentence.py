@@ -15,6 +15,7 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact
 from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError
+from aircraft_sysid_ros.diagnosis.failures.words import CHANGE_OF_MOMENTS, DAMAGED, STUCK
 from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
@@ -32,7 +33,7 @@ _OF_SENSORS = ("offset", "scale", "held", "saturated")
 #: What a servo does looks the same where the record of it comes late: not before that is mended.
 _OF_SERVOS = ("rate_limit", "free_play")
 #: What a surface that fails is called.
-_OF_SURFACES = ("stuck_control", "control_damage", "parameter_change")
+_OF_SURFACES = (STUCK, DAMAGED, CHANGE_OF_MOMENTS)
 #: Static margin [% of the chord] below which an aeroplane is hardly stable, by two standard deviations.
 SMALL_MARGIN = 5.0
 

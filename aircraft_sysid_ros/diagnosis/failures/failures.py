@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting, relations_of, without_engine
+from aircraft_sysid_ros.diagnosis.failures.episode import Episode, times_of
 from aircraft_sysid_ros.diagnosis.failures.failure_search import BEFORE, FailureSearch, Judged, columns_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import WIDEST, ForceBalance, force_balance
 from aircraft_sysid_ros.diagnosis.failures.held_out import held_out_errors
@@ -61,31 +62,18 @@ AS_TELLING = 0.5
 _ANGLES = {"Cl": "beta", "Cm": "alpha", "Cn": "beta"}
 
 
-@dataclass(frozen=True)
-class Failure:
-    """One input that stopped acting."""
+@dataclass(frozen=True, kw_only=True)
+class Failure(Episode):
+    """One input that stopped acting, or that lost part of its effect."""
 
     name: str  # of the input, or ENGINE
     kind: str
-    begin: float  # [s] from the first sample of the IMU
-    end: float | None  # [s]; None: to the end of the flight
-    begin_error: float  # [s] two standard errors
-    end_error: float
-    evidence: float  # ln of the likelihood over that of the model as it is, less what free numbers cost
-    gains: dict[str, float]  # the same by axis
-    main_axis: str
-    size: float  # share of the error of the main axis that goes
     left: float  # share of its effect that the input keeps
     left_std: float
     level: float  # at which the input seems to stay; of an engine as a share of what was asked for
     asked: float  # what was recorded meanwhile, the mean
     usual: float  # standard deviation of the input at other times
     moved: float  # and meanwhile
-    #: Of the main axis on flight that was held out, over the spread of its coefficient, both without the slow part of
-    #: noise: what the second before does not foretell.
-    error_before: float
-    error_after: float
-    free: int
     recorded: bool = False  # the recorded input says so itself: the throttle was cut
     rivals: tuple[str, ...] = ()  # what explains it nearly as well
 
@@ -368,16 +356,13 @@ def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> 
     constant = [failed * acting.per_unit[:, 0]] if is_part else []
     with_rest = search.fit(axis, np.column_stack([columns, *constant, moving]))
     before, after = held_out_errors(search, hypothesis, axis)
-    lasts = hypothesis.lasts(search.count)
-    errors = search.time_errors(judged)
-    begin = float(balance.time[0] + balance.step * hypothesis.begin)
-    end = None if lasts else float(balance.time[0] + balance.step * hypothesis.end)
+    begin, end, begin_error, end_error = times_of(search, judged, float(balance.time[0]))
     level = _level(judged, acting, asked, failed, fitted.parameters)
     return Failure(
-        hypothesis.name, hypothesis.kind, begin, end, errors[0], np.nan if lasts else errors[1], judged.evidence,
-        dict(judged.gains), axis, 1.0 - after / before, float(is_part + with_rest.parameters[-1]),
-        float(with_rest.std[-1]),
-        level, asked, usual, moved, before, after, judged.free,
+        name=hypothesis.name, kind=hypothesis.kind, begin=begin, end=end, begin_error=begin_error, end_error=end_error,
+        evidence=judged.evidence, gains=dict(judged.gains), main_axis=axis, size=1.0 - after / before,
+        error_before=before, error_after=after, left=float(is_part + with_rest.parameters[-1]),
+        left_std=float(with_rest.std[-1]), level=level, asked=asked, usual=usual, moved=moved,
     )  # fmt: skip
 
 

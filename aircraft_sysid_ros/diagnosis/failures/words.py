@@ -10,6 +10,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
+from aircraft_sysid_ros.diagnosis.failures.episode import Episode
 from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
 from aircraft_sysid_ros.diagnosis.failures.interval_search import PART
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
@@ -56,7 +57,7 @@ def effect_of(failure: Failure) -> str:
     return DAMAGED if failure.kind == PART else STUCK
 
 
-def span_of(failure: Failure | UnrecordedChange) -> str:
+def span_of(failure: Episode) -> str:
     """From when to when, with what it may be off."""
     begin = f"from {failure.begin:.1f} s (± {failure.begin_error:.1f} s)"
     if failure.end is None:
@@ -113,7 +114,7 @@ def sure_of(failure: Failure) -> str:
     return said + f". It could also be {' or '.join(_RIVALS[name] for name in failure.rivals)}."
 
 
-def _window(failure: Failure | UnrecordedChange) -> str:
+def _window(failure: Episode) -> str:
     """1 while it is there, as an expression."""
     window = f"max(sign(time-{failure.begin:.5g}),0)"
     return window if failure.end is None else f"{window}*max(sign({failure.end:.5g}-time),0)"
@@ -168,7 +169,7 @@ def _what(identifier: str, which: str, name: str) -> dict[str, Any]:
 
 
 def _shown(
-    failure: Failure | UnrecordedChange, terms: dict[str, list[str]], rivals: Sequence[str], report: FailureReport
+    failure: Episode, terms: dict[str, list[str]], rivals: Sequence[str], report: FailureReport
 ) -> dict[str, Any]:
     """What the flight shows of it, and the terms that ``add`` adds."""
     inner = {"t0": failure.begin} | ({} if failure.end is None else {"t1": failure.end})

@@ -120,7 +120,7 @@ def world_of(flight: Reconstruction, stretches: list[Array], parameters: Array, 
     origins = on_grid[:, StateField.ORIGIN.stop - 1]
     position = on_grid[:, StateField.POSITION].copy()
     position[:, 2] += origins[0] - origins  # each manoeuvre has its own
-    altitude = origins - on_grid[:, StateField.POSITION.stop - 1]
+    altitude = altitudes(on_grid)
     controls, inputs, height = _recorded(aircraft, samples, time, epoch, on_grid)
     pressure = 0.5 * on_grid[:, StateField.AIR_DENSITY] * flow[:, 0] ** 2
     coefficients = coefficients_of_motion(aircraft, force, rates, turning, pressure)
