@@ -147,8 +147,12 @@ def fly(
     turbulence: float | None = None,
     *,
     moved: bool = False,
+    lasting: float | None = None,
 ) -> FailureFlight:
-    """One flight. ``moved``: what fails goes where a test puts it, the rudder to a side and all else to its trim."""
+    """One flight. ``moved``: what fails goes where a test puts it, the rudder to a side and all else to its trim.
+
+    ``lasting`` [s]: how long it fails, else that is drawn.
+    """
     rng = np.random.default_rng([seed, 16])
     known = load_aircraft(config_path(str(rng.choice(AEROPLANES)) + ".yaml"))
     speed = known.trim_airspeed or 15.0
@@ -159,6 +163,7 @@ def fly(
     pilot = _Pilot(known, plane, seed, duration + 2.0)
     begin, share = rng.uniform(0.3, 0.75) * duration, float(np.random.default_rng([seed, 5]).uniform(0.3, 0.6))
     end = begin + rng.uniform(8.0, 25.0) if rng.uniform() < 0.5 else np.inf
+    end = begin + lasting if lasting is not None else end
     if failure == "none":
         begin = end = np.nan
     elif failure == "engine":

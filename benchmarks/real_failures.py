@@ -38,12 +38,13 @@ def said_of(name: str, data: Path, folder: Path) -> dict[str, Any]:
     """The answer of diagnose, by real processes."""
     source, columns, aircraft, more = FLIGHTS[name]
     recording, run = folder / name, folder / f"{name}_run"
-    _command("import", data / source, "--map", MAPS / columns, "--out", recording)
-    _command("replay", recording, "--aircraft", config_path(aircraft), "--out", run, *more)
-    return _command("diagnose", run)
+    command("import", data / source, "--map", MAPS / columns, "--out", recording)
+    command("replay", recording, "--aircraft", config_path(aircraft), "--out", run, *more)
+    return command("diagnose", run)
 
 
-def _command(*arguments: Any) -> dict[str, Any]:
+def command(*arguments: Any) -> dict[str, Any]:
+    """What a command of the command line says, as JSON."""
     words = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", *map(str, arguments), "--json"]
     result: dict[str, Any] = json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
     return result

@@ -1,6 +1,6 @@
 """Real flights in which something fails, the whole way by processes; the references are never an input.
 
-Simulated ones, which `make test` has, are in diagnosis/test_failures.py.
+Simulated ones are in diagnosis/test_failures.py.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ HELD = (74.3, 77.9)
 CUT = 1531943927.13 - 1531943810.9
 
 
-@pytest.mark.long
 def test_an_elevon_that_software_held_is_named_with_both_times(shared_data, tmp_path) -> None:
     said = real_failures.said_of("commands", shared_data, tmp_path)
     (found,) = said["candidates"]
@@ -28,6 +27,7 @@ def test_an_elevon_that_software_held_is_named_with_both_times(shared_data, tmp_
     assert any("taken as calm" in note for note in said["notes"]) and any("wind of" in note for note in said["notes"])
     parameters = (tmp_path / "commands_run" / "parameters.json").read_text()
     assert '"USE"' not in parameters, "the air was taken as calm, and was not"
+    _added_and_taken_back(tmp_path / "commands_run", found)
 
 
 @pytest.mark.long
@@ -36,10 +36,22 @@ def test_nothing_is_named_where_the_servos_own_pulses_are_read(shared_data, tmp_
     assert said["verdict"] == "none" and said["candidates"] == []
 
 
-@pytest.mark.long
 def test_an_engine_that_was_cut_is_dated_and_nothing_else_named(shared_data, tmp_path) -> None:
     said = real_failures.said_of("alfa", shared_data, tmp_path)
     (found,) = said["candidates"]
     assert found["effect"] == "loss_of_thrust" and abs(found["inner"]["t0"] - CUT) < 5.0
     parameters = (tmp_path / "alfa_run" / "parameters.json").read_text()
     assert '"USE"' not in parameters, "10 Hz and pulses at 3 Hz tell no derivative"
+    _added_and_taken_back(tmp_path / "alfa_run", found)
+
+
+def _added_and_taken_back(run, found) -> None:
+    """What was named is added, with the errors that were shown; then nothing is missing; taken back, it is again."""
+    added = real_failures.command("add", run, found["effect"])
+    errors = added["axes"][found["main_axis"]]
+    assert (errors["error_before"], errors["error_after"]) == (found["error_before"], found["error_after"])
+    assert added["improved"]
+    assert real_failures.command("diagnose", run)["verdict"] == "none"
+    removed = real_failures.command("remove", run, found["effect"])
+    assert removed["axes"][found["main_axis"]]["error_after"] == found["error_before"] and not removed["improved"]
+    assert removed["model"] == added["parents"][0]

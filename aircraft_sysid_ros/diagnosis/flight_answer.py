@@ -11,10 +11,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.failures.failures import FailureReport, failures_of
+from aircraft_sysid_ros.diagnosis.failures.failures import FailureReport, failures_of, has_vanes
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
@@ -22,7 +20,7 @@ from aircraft_sysid_ros.diagnosis.several_runs import join_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm, has_airspeed, options_after_flight
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Samples
 
 
 def diagnose_run(
@@ -62,7 +60,7 @@ def answer(
     """
     options_after_flight(samples, calm_air)
     notes = assumed_calm(samples, calm_air)
-    report = None if _has_vanes(samples) else _failures(aircraft, samples, progress)
+    report = None if has_vanes(samples) else _failures(aircraft, samples, progress)
     if report is not None and report.says_something:
         notes.append("the library was not searched: what failed or changed would stand for other effects")
         return report_json(report, notes)
@@ -77,13 +75,6 @@ def answer(
         return report_json(report, [*notes, f"the library was not searched: {error}"])
     said = [*notes, *found.flight.notes, *([] if report is None else notes_of(report))]
     return {**found.json, "notes": said}
-
-
-def _has_vanes(samples: Samples) -> bool:
-    """Whether both angles of flow are measured, or the flight consists of manoeuvres, which are short."""
-    kinds = (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
-    measured = [np.isfinite(samples.values[samples.kind == kind, 0]).any() for kind in kinds]
-    return all(measured) or bool(np.any(samples.kind == Kind.SEAM))
 
 
 def _failures(aircraft: Aircraft, samples: Samples, progress: Callable[[str, float], None]) -> FailureReport | None:

@@ -85,7 +85,8 @@ def errors_figure(axes: Mapping[str, Mapping[str, float]], path: str | Path, tit
         bars = plot.bar(at + shift, values, 0.38, color=colour, label=label)
         plot.bar_label(bars, fmt="%.1f", fontsize=9)
     floors = [100.0 * errors["noise_floor"] for errors in axes.values()]
-    plot.hlines(floors, at - 0.45, at + 0.45, color=_FLOOR_COLOUR, lw=2.0, label="noise floor")
+    if np.isfinite(floors).any():
+        plot.hlines(floors, at - 0.45, at + 0.45, color=_FLOOR_COLOUR, lw=2.0, label="noise floor")
     plot.set_xticks(at, [_SYMBOLS[axis] for axis in axes])
     plot.set_ylabel("held-out error [% of spread]")
     plot.set_title(title, fontsize=10)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +23,12 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import (
 )
 from aircraft_sysid_ros.diagnosis.failures.words import candidate_json, report_json, sentence_of
 from aircraft_sysid_ros.diagnosis.flight_answer import answer
+from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import contradicted_calm, wind_of_ground_speed
+from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import Kind
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -118,6 +124,18 @@ def test_nothing_is_named_where_nothing_fails(layout) -> None:
     assert not failures_of(flight.aircraft, flight.samples).says_something
 
 
+def test_an_elevon_that_is_held_for_seconds_only_is_told_by_two_moments() -> None:
+    flight = flights.fly(9100005, flights.LAYOUTS["no airspeed, 60 Hz"], "elevon_right", moved=True, lasting=5.6)
+    (found,) = failures_of(flight.aircraft, flight.samples).found
+    assert found.name == "elevon_right" and found.end - found.begin < 6.0
+    assert abs(found.begin - flight.begin) < 0.5 and abs(found.end - flight.end) < 0.5
+
+
+def test_an_elevator_that_only_seems_to_be_held_for_seconds_is_none() -> None:
+    flight = flights.fly(8700007, flights.LAYOUTS["no airspeed, 25 Hz"], "none")
+    assert not failures_of(flight.aircraft, flight.samples).found
+
+
 @pytest.fixture(scope="module")
 def hard_over():
     """The rudder goes to a side and stays there, while its command hardly moves; no airspeed, no vanes."""
@@ -165,6 +183,34 @@ def test_the_answer_needs_airspeed_or_the_choice_of_calm_air(stuck) -> None:
     said = answer(stuck.aircraft, stuck.samples, calm_air=True)
     assert said["candidates"][0]["input"] == "elevon_left"
     assert any("taken as calm" in note for note in said["notes"])
+
+
+@pytest.fixture(scope="module")
+def run_without_vanes(engine, tmp_path_factory):
+    """A run of the flight whose engine fails, of which no coefficient can be fitted."""
+    path, pipeline = tmp_path_factory.mktemp("runs") / "engine", Pipeline(engine.aircraft)
+    with RunWriter(path, engine.aircraft) as writer:
+        for rows, points in (pipeline.push(engine.samples), pipeline.flush()):
+            writer.add_rows(rows)
+            writer.add_points(points)
+        writer.add_samples(engine.samples)
+        writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, time.perf_counter())
+    return path
+
+
+def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes, engine) -> None:
+    (found,) = failures_of(engine.aircraft, engine.samples).found
+    added = add(run_without_vanes, "loss_of_thrust")
+    assert {a: (e["error_before"], e["error_after"]) for a, e in added.axes.items()} == dict(found.errors)
+    assert added.improved and "falls from" in added.verdict and "by the balance of forces" in added.verdict
+    assert not failures_of(added.version.aircraft, engine.samples).says_something, "the model has it now"
+    listed = json.loads((run_without_vanes / "models" / added.version.identifier / "parameters.json").read_text())
+    assert {p["status"] for p in listed["parameters"]} == {"HOLD"} and "10 Hz" in listed["parameters"][0]["reason"]
+    with pytest.raises(InputError, match="in the model already"):
+        add(run_without_vanes, "loss_of_thrust")
+    removed = remove(run_without_vanes, "loss_of_thrust")
+    assert removed.axes["CX"]["error_after"] == added.axes["CX"]["error_before"] and not removed.improved
+    assert open_run(run_without_vanes).current.changes == {}
 
 
 def test_a_wind_contradicts_calm_air(stuck, engine) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,10 +22,19 @@ class Episode:
     gains: dict[str, float]  # the same by axis
     main_axis: str
     size: float  # share of the error of the main axis that goes
-    #: Of the main axis on flight that was held out, over the spread of its coefficient, both without the slow part of
-    #: noise: what the second before does not foretell.
-    error_before: float
-    error_after: float
+    #: By axis without and with it, on flight that was held out, over the spread of its coefficient; without the slow
+    #: part of noise: what the second before does not foretell.
+    errors: Mapping[str, tuple[float, float]]
+
+    @property
+    def error_before(self) -> float:
+        """Of the main axis without it."""
+        return self.errors[self.main_axis][0]
+
+    @property
+    def error_after(self) -> float:
+        """Of the main axis with it."""
+        return self.errors[self.main_axis][1]
 
 
 def times_of(search: FailureSearch, judged: Judged, first: float) -> tuple[float, float | None, float, float]:

@@ -66,6 +66,29 @@ class AxisFit:
 
 
 @dataclass(frozen=True)
+class _Solved:
+    """Whitened columns of usual size 1, what solves them, and the white noise that is in their residuals besides."""
+
+    x: Array  # (m, k)
+    y: Array  # (m,)
+    parameters: Array  # (k,) of columns of size 1
+    filtering: Array
+    size: Array  # (k,) that the columns have
+    floor: float
+
+    @property
+    def variance(self) -> float:
+        """Of the innovations."""
+        innovations = self.y - self.x @ self.parameters
+        return float(np.mean(innovations**2) + self.floor**2 * np.sum(self.filtering**2))
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the innovations, at their own variance."""
+        return -0.5 * len(self.y) * np.log(max(self.variance, 1e-300))
+
+
+@dataclass(frozen=True)
 class Hypothesis:
     """What fails, how, and between which points."""
 
@@ -96,7 +119,6 @@ class Judged:
     score: float  # ln of the likelihood, less what free numbers cost; of one input and one set of axes only
     evidence: float  # ln of the likelihood over that of the model as it is, less the same
     gains: Mapping[str, float]  # of the evidence by axis, without what numbers cost
-    free: int  # numbers
 
 
 def columns_of(relation: AxisRelation, hypothesis: Hypothesis | None) -> Array:
@@ -128,6 +150,7 @@ class FailureSearch:
         self.count = len(next(iter(relations.values())).response)
         self.names = tuple(dict.fromkeys(name for r in relations.values() for name in r.acting))
         self._order = round(MEMORY / step)
+        self._scores: dict[Hypothesis, float] = {}
         self._floors = {axis: _MODEL_ERROR * float(np.std(r.response)) for axis, r in relations.items()}
         self.base = {axis: self.fit(axis, r.columns) for axis, r in relations.items()}
         self._shortest = max(round(SHORTEST / step), LEAST_POINTS)
@@ -144,24 +167,27 @@ class FailureSearch:
 
     def fit(self, axis: str, columns: Array, filtering: Array | None = None) -> AxisFit:
         """Generalised least squares of an axis, with the colour of residuals that suits them best or a given one."""
+        found = self._solved(axis, columns, filtering)
+        x, theta, colour, size = found.x, found.parameters, found.filtering, found.size
+        covariance = found.variance * np.linalg.pinv(x.T @ x, rcond=1e-10)
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        size = np.where(size > 0.0, size, 1.0)
+        residual = self.relations[axis].response - columns / size @ theta
+        return AxisFit(found.log_likelihood, theta / size, std / size, residual, colour)
+
+    def _solved(self, axis: str, columns: Array, filtering: Array | None = None) -> _Solved:
         response, floor = self.relations[axis].response, self._floors[axis]
         size = np.sqrt(np.mean(columns**2, axis=0))
         scaled = columns / np.where(size > 0.0, size, 1.0)
-        theta = np.linalg.lstsq(scaled, response, rcond=1e-8)[0]
-        colour = filtering
-        for _ in range(_ROUNDS if filtering is None else 1):
-            if filtering is None:
-                colour = autoregression(response - scaled @ theta, self._order, floor)
-            assert colour is not None
+        if filtering is not None:
+            x, y = whitened(scaled, filtering), whitened(response, filtering)
+            return _Solved(x, y, _least_squares(x, y), filtering, size, floor)
+        theta = _least_squares(scaled, response)
+        for _ in range(_ROUNDS):
+            colour = autoregression(response - scaled @ theta, self._order, floor)
             x, y = whitened(scaled, colour), whitened(response, colour)
-            theta = np.linalg.lstsq(x, y, rcond=1e-8)[0]
-        assert colour is not None
-        variance = float(np.mean((y - x @ theta) ** 2) + floor**2 * np.sum(colour**2))
-        covariance = variance * np.linalg.pinv(x.T @ x, rcond=1e-10)
-        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        size = np.where(size > 0.0, size, 1.0)
-        log_likelihood = -0.5 * len(y) * np.log(max(variance, 1e-300))
-        return AxisFit(log_likelihood, theta / size, std / size, response - scaled @ theta, colour)
+            theta = _least_squares(x, y)
+        return _Solved(x, y, theta, colour, size, floor)
 
     def fitted(self, axis: str, hypothesis: Hypothesis | None) -> AxisFit:
         """An axis under a hypothesis."""
@@ -169,19 +195,29 @@ class FailureSearch:
 
     def judged(self, hypothesis: Hypothesis) -> Judged:
         """What speaks for a hypothesis."""
-        axes = self.axes_of(hypothesis.name)
-        fits = {axis: self.fitted(axis, hypothesis) for axis in axes}
         gains = {}
-        for axis, found in fits.items():
-            without = self.fit(axis, self.relations[axis].columns, found.filtering)
+        for axis in self.axes_of(hypothesis.name):
+            found = self._solved(axis, columns_of(self.relations[axis], hypothesis))
+            without = self._solved(axis, self.relations[axis].columns, found.filtering)
             gains[axis] = found.log_likelihood - without.log_likelihood
+        return Judged(hypothesis, self.score(hypothesis), sum(gains.values()) - self._cost(hypothesis), gains)
+
+    def score(self, hypothesis: Hypothesis) -> float:
+        """Of ``Judged``."""
+        if hypothesis not in self._scores:
+            relations = {axis: self.relations[axis] for axis in self.axes_of(hypothesis.name)}
+            likelihoods = [self._solved(a, columns_of(r, hypothesis)).log_likelihood for a, r in relations.items()]
+            self._scores[hypothesis] = sum(likelihoods) - self._cost(hypothesis)
+        return self._scores[hypothesis]
+
+    def _cost(self, hypothesis: Hypothesis) -> float:
+        """Half of ln n for each free number."""
+        axes = self.axes_of(hypothesis.name)
         levels = {NIL: 0, HELD: 1}.get(hypothesis.kind, len(axes))
         if hypothesis.kind == PART:
             levels += sum(len(self.relations[axis].acting[hypothesis.name].columns) for axis in axes)
         free = levels + (1 if hypothesis.lasts(self.count) else 2)
-        cost = 0.5 * free * np.log(self.count)
-        score = sum(f.log_likelihood for f in fits.values()) - cost
-        return Judged(hypothesis, score, sum(gains.values()) - cost, gains, free)
+        return 0.5 * free * float(np.log(self.count))
 
     def best(self, name: str, kind: str) -> Judged:
         """The best interval of one hypothesis on one input.
@@ -191,27 +227,28 @@ class FailureSearch:
         axes = self.axes_of(name)
         colours = [{axis: np.array(colour) for axis in axes} for colour in _COLOURS]
         tried = [*colours, {axis: self.base[axis].filtering for axis in axes}]
-        promising = [self.judged(h) for h in {h for colour in tried for h in self._coarse(name, kind, colour)}]
-        promising.sort(key=lambda judged: -judged.score)
-        best = max((self._refined(judged) for judged in promising[:2]), key=lambda judged: judged.score)
-        found = {axis: self.fitted(axis, best.hypothesis).filtering for axis in axes}
-        again = max((self.judged(h) for h in self._coarse(name, kind, found)), key=lambda judged: judged.score)
-        return max(best, self._refined(again), key=lambda judged: judged.score) if again.score > best.score else best
+        coarse = dict.fromkeys(h for colour in tried for h in self._coarse(name, kind, colour))
+        promising = sorted(coarse, key=self.score)
+        best = max((self._refined(each) for each in promising[-2:]), key=self.score)
+        found = {axis: self.fitted(axis, best).filtering for axis in axes}
+        again = max(self._coarse(name, kind, found), key=self.score)
+        if self.score(again) > self.score(best):
+            best = max(best, self._refined(again), key=self.score)
+        return self.judged(best)
 
     def held(self, judged: Judged) -> Judged:
         """The same with one level in all axes, where a control can be: one number in place of one per axis."""
         hypothesis = judged.hypothesis
         values = self.relations[self.axes_of(hypothesis.name)[0]].acting[hypothesis.name].values
         low, high = float(values.min()), float(values.max())
-        best, width = judged, (high - low) / (_LEVELS - 1)
-        tried = [self.judged(replace(hypothesis, kind=HELD, level=level)) for level in np.linspace(low, high, _LEVELS)]
-        best = max(tried, key=lambda each: each.score)
+        width = (high - low) / (_LEVELS - 1)
+        tried = [replace(hypothesis, kind=HELD, level=float(level)) for level in np.linspace(low, high, _LEVELS)]
+        best = max(tried, key=self.score)
         while width > _FINEST_LEVEL * (high - low):
             width /= 3.0
-            levels = np.clip(best.hypothesis.level + width * np.array([-2.0, -1.0, 1.0, 2.0]), low, high)
-            tried = [self.judged(replace(best.hypothesis, level=float(level))) for level in levels]
-            best = max([best, *tried], key=lambda each: each.score)
-        return self._refined(best, 4.0 * _FINEST)
+            levels = np.clip(best.level + width * np.array([-2.0, -1.0, 1.0, 2.0]), low, high)
+            best = max([best, *(replace(best, level=float(level)) for level in levels)], key=self.score)
+        return self.judged(self._refined(best, 4.0 * _FINEST))
 
     def _coarse(self, name: str, kind: str, colours: Mapping[str, Array]) -> list[Hypothesis]:
         """The best intervals with some colours of the axes, that begin at different times."""
@@ -264,19 +301,18 @@ class FailureSearch:
         parts = (np.delete(relation.columns, at, axis=1), relation.columns[:, at], acting.frozen, acting.per_unit[:, 0])
         return Whitened(*(whitened(part, colour) for part in (*parts, relation.response)))
 
-    def _refined(self, judged: Judged, step: float = 0.0) -> Judged:
+    def _refined(self, hypothesis: Hypothesis, step: float = 0.0) -> Hypothesis:
         """Both times where the score is best, in ever smaller steps, by default from those of the first pass on.
 
         A step that was right is followed by one of twice its length: in a long flight the best may be far away.
         """
         step = step or float(max(self._every // 2, 1))
         while True:
-            near = [self.judged(h) for h in self._near(judged.hypothesis, step)]
-            moved = max(near, key=lambda j: j.score, default=judged)
-            if moved.score > judged.score:
-                judged, step = moved, 2.0 * step
+            moved = max(self._near(hypothesis, step), key=self.score, default=hypothesis)
+            if self.score(moved) > self.score(hypothesis):
+                hypothesis, step = moved, 2.0 * step
             elif step <= _FINEST:
-                return judged
+                return hypothesis
             else:
                 step /= 2.0
 
@@ -294,7 +330,7 @@ class FailureSearch:
             for sign in (-1.0, 1.0):
                 for distance in np.arange(1.0, _LONGEST_DOUBT / self.step):
                     other = self._moved(judged.hypothesis, which, sign * distance)
-                    if other is None or self.judged(other).score < judged.score - _FALL:
+                    if other is None or self.score(other) < judged.score - _FALL:
                         break
                     far = max(far, float(distance))
             found.append(max((far + 1.0) * self.step, _LEAST_DOUBT))
@@ -304,3 +340,8 @@ class FailureSearch:
         """A hypothesis with one time moved by some points; None where that is outside of the flight."""
         other = replace(hypothesis, **{which: getattr(hypothesis, which) + by})
         return other if 0.0 < other.begin < other.end - 1.0 and other.end <= self.count else None
+
+
+def _least_squares(columns: Array, response: Array) -> Array:
+    """Parameters (k,)."""
+    return np.asarray(np.linalg.lstsq(columns, response, rcond=1e-8)[0])

@@ -25,7 +25,7 @@ from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedCh
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.processes import in_parallel
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
 
@@ -42,6 +42,9 @@ THRUST_LEFT, THROTTLE_LEFT = 0.35, 0.5
 #: Shortest time [s] without thrust, and without a surface: what is shorter may be a manoeuvre. In a clean flight
 #: (failure_flights.py, seed 8700007) an elevator had seemed to be held for the 3 s before it pushed.
 ENGINE_TIME, SURFACE_TIME = 8.0, 6.0
+#: Moments in which a surface that is told to be far from where it stays is seen for a shorter time all the same, and
+#: the evidence of each: in one, an aeroplane that stalls does not answer either.
+SHORT_AXES, SHORT_EVIDENCE = 2, 30.0
 #: Share of its effect that an input keeps which lost part of it, with two standard errors to either side.
 LEAST_PART, MOST_PART = 0.15, 0.75
 #: A throttle stands at its lowest within this share of its range; before it was cut it was there so seldom (share).
@@ -129,6 +132,15 @@ class _Searched(NamedTuple):
     is_shown: bool  # whether the flight shows what the input does
 
 
+def has_vanes(samples: Samples) -> bool:
+    """Whether both angles of flow are measured, or the flight consists of manoeuvres, which are short: inputs of others
+    are judged by the forces alone.
+    """
+    kinds = (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
+    measured = [np.isfinite(samples.values[samples.kind == kind, 0]).any() for kind in kinds]
+    return all(measured) or bool(np.any(samples.kind == Kind.SEAM))
+
+
 def failures_of(
     aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
 ) -> FailureReport:
@@ -203,9 +215,17 @@ def _weakened(form: _Form, name: str, others: float) -> Failure | None:
 
 
 def _is_long_enough(failure: Failure) -> bool:
-    """Whether it lasts longer than a manoeuvre."""
+    """Whether it lasts longer than a manoeuvre, or several moments tell that a surface did not follow one."""
     least = ENGINE_TIME if failure.name == ENGINE else SURFACE_TIME
-    return failure.end is None or failure.end - failure.begin > least
+    if failure.end is None or failure.end - failure.begin > least:
+        return True
+    told = sum(gain > SHORT_EVIDENCE for gain in failure.gains.values())
+    return failure.name != ENGINE and _is_far(failure) and told >= SHORT_AXES
+
+
+def _is_far(failure: Failure) -> bool:
+    """Whether an input was told to be far from where it stays."""
+    return abs(failure.asked - failure.level) > FAR * failure.usual
 
 
 def _leads(
@@ -335,7 +355,7 @@ def _is_told(failure: Failure, ahead: float) -> bool:
         return False
     gone = abs(failure.left) < MOST_LEFT and failure.left + 2.0 * failure.left_std < MOST_LEFT_AT_ALL
     shown = failure.moved >= LEAST_MOTION * failure.usual
-    return ((gone and shown) or abs(failure.asked - failure.level) > FAR * failure.usual) and ahead > 0.0
+    return ((gone and shown) or _is_far(failure)) and ahead > 0.0
 
 
 def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> Failure:
@@ -355,13 +375,14 @@ def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> 
     columns = relation.columns if is_part else columns_of(relation, hypothesis)
     constant = [failed * acting.per_unit[:, 0]] if is_part else []
     with_rest = search.fit(axis, np.column_stack([columns, *constant, moving]))
-    before, after = held_out_errors(search, hypothesis, axis)
+    errors = {a: held_out_errors(search, hypothesis, a) for a in judged.gains}
+    before, after = errors[axis]
     begin, end, begin_error, end_error = times_of(search, judged, float(balance.time[0]))
     level = _level(judged, acting, asked, failed, fitted.parameters)
     return Failure(
         name=hypothesis.name, kind=hypothesis.kind, begin=begin, end=end, begin_error=begin_error, end_error=end_error,
         evidence=judged.evidence, gains=dict(judged.gains), main_axis=axis, size=1.0 - after / before,
-        error_before=before, error_after=after, left=float(is_part + with_rest.parameters[-1]),
+        errors=errors, left=float(is_part + with_rest.parameters[-1]),
         left_std=float(with_rest.std[-1]), level=level, asked=asked, usual=usual, moved=moved,
     )  # fmt: skip
 

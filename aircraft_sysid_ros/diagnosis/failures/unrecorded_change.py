@@ -35,9 +35,9 @@ def unrecorded_change(searched: Iterable[tuple[FailureSearch, Judged]], first: f
     if size < THRESHOLDS.unrecorded_size:
         return None
     gains = {a: gain for a, gain in best.gains.items() if gain > np.log(search.count)}
-    before, after = held_out_errors(search, best.hypothesis, axis)
+    errors = {a: held_out_errors(search, best.hypothesis, a) for a in gains}
     begin, end, begin_error, end_error = times_of(search, best, first)
     return UnrecordedChange(
         begin=begin, end=end, begin_error=begin_error, end_error=end_error, evidence=best.evidence, gains=gains,
-        main_axis=axis, size=size, error_before=before, error_after=after,
+        main_axis=axis, size=size, errors=errors,
     )  # fmt: skip

@@ -193,12 +193,19 @@ def _shown(
     }
 
 
+def candidates_of(report: FailureReport) -> Iterator[tuple[dict[str, Any], Episode]]:
+    """What is said of each thing that was found, and what that is."""
+    for failure in report.found:
+        yield candidate_json(failure, report), failure
+    if report.changed is not None:
+        yield change_json(report.changed, report), report.changed
+
+
 def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:
     """The answer of a flight of which nothing but its inputs could be judged, or one of whose inputs failed."""
-    changed = [] if report.changed is None else [change_json(report.changed, report)]
     return {
         "verdict": "missing" if report.says_something else "none",
-        "candidates": [*(candidate_json(failure, report) for failure in report.found), *changed],
+        "candidates": [candidate for candidate, _ in candidates_of(report)],
         "advice": " ".join(_advice(report)),
         "notes": [*notes, *notes_of(report)],
         "false_alarm_rate": THRESHOLDS.false_alarm,

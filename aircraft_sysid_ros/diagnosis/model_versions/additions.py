@@ -13,6 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, term_label
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
+from aircraft_sysid_ros.diagnosis.failures.failures import has_vanes
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     as_flown,
@@ -30,6 +31,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     stretch_of,
     try_setting,
 )
+from aircraft_sysid_ros.diagnosis.model_versions.failed_input import BY_FORCES, FailedInput, failed_input
 from aircraft_sysid_ros.diagnosis.model_versions.requests import label_of, parse_request
 from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     Change,
@@ -75,6 +77,12 @@ def add(path: str | Path, text: str, progress: Progress = lambda share: None) ->
     with changing(path):
         run = open_run(path)
         parsed, setting = parse_request(text, run.root.model.inputs), None
+        if isinstance(parsed, Effect):
+            failed = failed_input(run.current.aircraft, run.samples, parsed.identifier)
+            if failed is not None:
+                return _finish_by_forces(run, parsed.identifier, failed)
+            if parsed.identifier in BY_FORCES and parsed.identifier in run.current.changes and not _has_vanes(run):
+                raise InputError(f"'{parsed.identifier}' is in the model already, and nothing of it is left to add")
         flight = run.flight()
         progress(0.2)
         if isinstance(parsed, Effect):
@@ -107,7 +115,15 @@ def remove(path: str | Path, text: str) -> Outcome:
         else:
             change = _removal(run.current, parsed)
             changes = _with_removal(changes, label, change, run.root.model)
+        without = version_with(run, changes, ())
+        failed = failed_input(without.aircraft, run.samples, label)
+        if failed is not None:
+            return _finish_by_forces(run, label, failed, removed=change)
         return _finish(run, run.flight(), changes, label, change, removed=True)
+
+
+def _has_vanes(run: Run) -> bool:
+    return run.samples is None or has_vanes(run.samples)
 
 
 def _added(version: Version) -> str:
@@ -141,11 +157,11 @@ def missing_signals(flight: FlightData, *texts: str) -> list[str]:
 
 def _of_effect(flight: FlightData, effect: Effect) -> Change:
     missing = flight.lacks(effect.signals)
-    trial = None if missing else _best_of(effect, flight)
+    if missing:
+        raise InputError(f"'{effect.identifier}' needs {' and '.join(missing)}, which this flight does not have")
+    trial = _best_of(effect, flight)
     if trial is None:
-        raise InputError(
-            f"'{effect.identifier}' needs {' and '.join(missing) or 'signals'}, which this flight does not have"
-        )
+        raise InputError(f"nothing of '{effect.identifier}' can be fitted on this flight")
     new = new_terms(flight, trial)
     if not new:
         raise InputError(f"this flight does not determine '{effect.identifier}', or the model has it already")
@@ -292,9 +308,7 @@ def _finish(
     new = [p for p in parameters if p["name"] in names]
     pairs = {axis: (before[axis], after[axis]) for axis in fitted if axis in before}
     shared = {axis: _errors(*_on_shared_points(*pair)) for axis, pair in pairs.items()}
-    falls = [1.0 - e["error_after"] / e["error_before"] for e in shared.values()]
-    logs = [np.log(e["error_after"] / e["error_before"]) for e in shared.values()]
-    improved = bool(max(falls, default=0.0) > THRESHOLDS.least_fall and sum(logs) < 0.0)
+    improved = _falls(shared)
     partly = any(shared[axis] != _errors(*pair) for axis, pair in pairs.items())
     where = " where both models have values" if partly else ""
     if shared:
@@ -305,6 +319,41 @@ def _finish(
         improved = setting.evidence > 1.0
         verdict = _verdict_of(setting, {axis: errors for axis, errors in axes.items() if axis in before})
     return Outcome(version, label, change, axes, new, improved, verdict)
+
+
+def _finish_by_forces(run: Run, label: str, failed: FailedInput, *, removed: Change | None = None) -> Outcome:
+    """The version with what forces alone have found, or ``removed`` from it, judged by the balances that found it."""
+    changes = dict(run.current.changes)
+    if removed is None:
+        change = Change(terms=failed.terms)
+        changes[label] = _merged(changes.get(label), change)
+    else:
+        change = changes.pop(label)
+    version = version_with(run, changes, (run.current.identifier,))
+    axes = {}
+    for axis in (axis for axis in AXES if axis in failed.errors):
+        before, after = failed.errors[axis] if removed is None else reversed(failed.errors[axis])
+        axes[axis] = {"error_before": before, "error_after": after, "noise_floor": np.nan}
+    write_version(run, version, _parameters_if_any(run, version), axes)
+    improved = _falls(axes)
+    verdict = _verdict(label, axes, improved, removed is not None, ", by the balance of forces and moments")
+    return Outcome(version, label, change, axes, [], improved, verdict)
+
+
+def _parameters_if_any(run: Run, version: Version) -> list[dict[str, Any]]:
+    """Parameters of a version; without values where the flight tells no coefficients."""
+    try:
+        flight = run.flight(version.aircraft)
+    except InputError as error:
+        names = version.aircraft.model.parameter_names
+        return [{"name": n, "value": np.nan, "std": np.nan, "status": "HOLD", "reason": str(error)} for n in names]
+    return parameters_of(flight, fits_of(flight)[0])
+
+
+def _falls(axes: Mapping[str, Mapping[str, float]]) -> bool:
+    """Whether the error falls in some axis, and in all together."""
+    logs = [np.log(errors["error_after"] / errors["error_before"]) for errors in axes.values()]
+    return bool(min(logs, default=0.0) < np.log(1.0 - THRESHOLDS.least_fall) and sum(logs) < 0.0)
 
 
 def _errors(before: AxisFit | None, after: AxisFit) -> dict[str, float]:
