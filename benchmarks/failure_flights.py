@@ -148,10 +148,11 @@ def fly(
     *,
     moved: bool = False,
     lasting: float | None = None,
+    every: float = np.inf,
 ) -> FailureFlight:
     """One flight. ``moved``: what fails goes where a test puts it, the rudder to a side and all else to its trim.
 
-    ``lasting`` [s]: how long it fails, else that is drawn.
+    ``lasting`` [s]: how long it fails, else that is drawn; ``every`` [s]: it begins to fail so often.
     """
     rng = np.random.default_rng([seed, 16])
     known = load_aircraft(config_path(str(rng.choice(AEROPLANES)) + ".yaml"))
@@ -174,7 +175,8 @@ def fly(
     for k in range(count):
         readings[k], _ = plane.look()
         commands[k] = pilot.command(k, readings[k], gust[k : k + 1])
-        fails = begin <= k * STEP < end
+        since = k * STEP - begin
+        fails = 0.0 <= since % every < end - begin if since >= 0.0 else False
         if not fails:
             held = _put(failure, plane.setup.trim.controls, seed) if moved else commands[k]
         plane.advance(_really(failure, commands[k], held, share) if fails else commands[k])

@@ -35,6 +35,9 @@ LONG_WAIT = 10.0
 #: Without --wait: as long as this [s], and when some topics have listeners and no more appear for the shorter
 #: time [s], the rest is taken to have none. A busy machine can take longer to find them all.
 LONGEST_WAIT, DISCOVERY_SETTLED = 5.0, 1.5
+#: And where every topic has one, no more have appeared for this time [s]: of two nodes that hear a topic one is found
+#: first, and the other would lack the beginning.
+ALL_FOUND = 0.5
 CLOCK_RATE = 40.0  # [Hz] of --clock, as of `ros2 bag play`
 LAST_MESSAGES = 0.2  # [s] for the middleware to send what best-effort publishers still hold
 
@@ -153,17 +156,17 @@ def _publishers(
 
 
 def _wait_for_subscribers(publishers: dict[int, Any], asked: float | None) -> None:
-    """Until every topic has a subscriber or the time is over; if none was asked for, or no more appear."""
+    """Until every topic has a subscriber and no more appear, or the time is over; if none was asked for, or no more
+    appear at all.
+    """
     start = changed = time.perf_counter()
     longest, settled = (LONGEST_WAIT, DISCOVERY_SETTLED) if asked is None else (asked, asked)
     before = 0
     while (now := time.perf_counter()) - start < longest:
         counts = [publisher.get_subscription_count() for publisher in publishers.values()]
-        if all(counts):
-            return
         if sum(counts) != before:
             before, changed = sum(counts), now
-        elif before and now - changed > settled:
+        elif before and now - changed > (min(ALL_FOUND, settled) if all(counts) else settled):
             return
         time.sleep(0.02)
 

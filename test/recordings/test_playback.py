@@ -201,3 +201,25 @@ def test_bad_rate_is_refused_before_anything_else(flight):
 
     with pytest.raises(InputError, match="--rate"):
         run(argparse.Namespace(recording="nowhere", rate=-1.0, wait=0.0))
+
+
+def test_a_second_node_that_hears_a_topic_is_waited_for(monkeypatch):
+    """Both estimators hear the controls: the one that is found later had missed the beginning of a fast playback."""
+    from aircraft_sysid_ros.commands import play
+
+    now = 0.0
+
+    class Publisher:
+        """Of a topic that two nodes hear, of which one is found 0.3 s after the other."""
+
+        def get_subscription_count(self):
+            return int(now > 0.2) + int(now > 0.5)
+
+    def sleep(seconds):
+        nonlocal now
+        now += seconds
+
+    monkeypatch.setattr(play.time, "perf_counter", lambda: now)
+    monkeypatch.setattr(play.time, "sleep", sleep)
+    play._wait_for_subscribers({0: Publisher()}, None)
+    assert 0.5 + play.ALL_FOUND < now < 0.6 + play.ALL_FOUND

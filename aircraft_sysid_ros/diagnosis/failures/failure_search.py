@@ -43,6 +43,8 @@ _LONGEST_DOUBT, _LEAST_DOUBT = 25.0, 0.5
 #: Fall of the log-likelihood at two standard errors of a time: 2 where the model is right. With that 16 of 25 dates
 #: were within their errors (benchmarks/failures.py, seeds 8650000 on).
 _FALL = 8.0
+#: Longest time [s] from which others like it are looked for.
+_SHORT = 15.0
 #: Rounds of search and of the colour of what is left.
 _ROUNDS = 3
 #: Colours of noise with which the first pass begins, how many intervals of each it keeps, and how far apart [edges].
@@ -97,18 +99,26 @@ class Hypothesis:
     begin: float  # [points]
     end: float  # the number of points where it lasts
     level: float = np.nan  # of HELD
+    again: tuple[tuple[float, float], ...] = ()  # first and last points of what comes later
+
+    @property
+    def spans(self) -> tuple[tuple[float, float], ...]:
+        """First and last points of all times."""
+        return ((self.begin, self.end), *self.again)
 
     def lasts(self, count: int) -> bool:
         """To the end of the flight."""
-        return self.end >= count
+        return self.spans[-1][1] >= count
 
     def share(self, count: int) -> Array:
         """How much it has failed at each point (n,): a step is as smooth as what the series have left of one."""
         from scipy.special import ndtr
 
-        at = np.arange(count)
-        begun = ndtr((at - self.begin + 0.5) / _SMOOTH)
-        return np.asarray(begun if self.lasts(count) else begun - ndtr((at - self.end + 0.5) / _SMOOTH))
+        at, total = np.arange(count), np.zeros(count)
+        for begin, end in self.spans:
+            begun = ndtr((at - begin + 0.5) / _SMOOTH)
+            total += begun if end >= count else begun - ndtr((at - end + 0.5) / _SMOOTH)
+        return total
 
 
 @dataclass(frozen=True)
@@ -121,11 +131,15 @@ class Judged:
     gains: Mapping[str, float]  # of the evidence by axis, without what numbers cost
 
 
-def columns_of(relation: AxisRelation, hypothesis: Hypothesis | None) -> Array:
-    """Columns (n, k) of an axis under a hypothesis; the constant, where there is one, is the last."""
+def columns_of(relation: AxisRelation, hypothesis: Hypothesis | None, share: Array | None = None) -> Array:
+    """Columns (n, k) of an axis under a hypothesis; the constant, where there is one, is the last.
+
+    ``share`` (n,): how much it has failed, by default at the times of the hypothesis.
+    """
     if hypothesis is None or hypothesis.name not in relation.acting:
         return relation.columns
-    acting, failed = relation.acting[hypothesis.name], hypothesis.share(len(relation.response))
+    acting = relation.acting[hypothesis.name]
+    failed = hypothesis.share(len(relation.response)) if share is None else share
     out = relation.columns.copy()
     at = list(acting.columns)
     if hypothesis.kind == NIL:
@@ -153,7 +167,7 @@ class FailureSearch:
         self._scores: dict[Hypothesis, float] = {}
         self._floors = {axis: _MODEL_ERROR * float(np.std(r.response)) for axis, r in relations.items()}
         self.base = {axis: self.fit(axis, r.columns) for axis, r in relations.items()}
-        self._shortest = max(round(SHORTEST / step), LEAST_POINTS)
+        self.shortest = max(round(SHORTEST / step), LEAST_POINTS)
         self._every = max(self.count // _EDGES, 1)
 
     def axes_of(self, name: str) -> list[str]:
@@ -216,7 +230,7 @@ class FailureSearch:
         levels = {NIL: 0, HELD: 1}.get(hypothesis.kind, len(axes))
         if hypothesis.kind == PART:
             levels += sum(len(self.relations[axis].acting[hypothesis.name].columns) for axis in axes)
-        free = levels + (1 if hypothesis.lasts(self.count) else 2)
+        free = levels + 2 * len(hypothesis.spans) - hypothesis.lasts(self.count)
         return 0.5 * free * float(np.log(self.count))
 
     def best(self, name: str, kind: str) -> Judged:
@@ -234,7 +248,16 @@ class FailureSearch:
         again = max(self._coarse(name, kind, found), key=self.score)
         if self.score(again) > self.score(best):
             best = max(best, self._refined(again), key=self.score)
-        return self.judged(best)
+        return self.judged(self._repeated(best, found))
+
+    def _repeated(self, hypothesis: Hypothesis, colours: Mapping[str, Array]) -> Hypothesis:
+        """The same with all times at which it is there, begun from it and from what may be one time of several."""
+        from aircraft_sysid_ros.diagnosis.failures.repeats import repeated
+
+        short = self._coarse(hypothesis.name, hypothesis.kind, colours, round(_SHORT / self.step))
+        tried = {repeated(self, start) for start in (hypothesis, *short)}
+        best = max(sorted(tried, key=lambda h: h.spans), key=self.score)
+        return self._refined(best) if self.score(best) > self.score(hypothesis) else hypothesis
 
     def held(self, judged: Judged) -> Judged:
         """The same with one level in all axes, where a control can be: one number in place of one per axis."""
@@ -250,9 +273,10 @@ class FailureSearch:
             best = max([best, *(replace(best, level=float(level)) for level in levels)], key=self.score)
         return self.judged(self._refined(best, 4.0 * _FINEST))
 
-    def _coarse(self, name: str, kind: str, colours: Mapping[str, Array]) -> list[Hypothesis]:
-        """The best intervals with some colours of the axes, that begin at different times."""
-        begin, end = intervals(self.count, self._shortest, self._every)
+    def _coarse(self, name: str, kind: str, colours: Mapping[str, Array], longest: float = np.inf) -> list[Hypothesis]:
+        """The best intervals with some colours of the axes that begin at different times; ``longest`` [points]."""
+        begin, end = intervals(self.count, self.shortest, self._every)
+        begin, end = begin[end - begin <= longest], end[end - begin <= longest]
         total = self._scored(name, kind, colours, begin, end)
         chosen: list[Hypothesis] = []
         while len(chosen) < _STARTS and np.isfinite(total).any():
@@ -272,7 +296,7 @@ class FailureSearch:
             steps = apart * np.arange(-(reach // apart), reach // apart + 1)
             first, last = np.meshgrid(begin + steps, np.array([end]) if lasts else end + steps, indexing="ij")
             first, last = first.ravel(), np.minimum(last.ravel(), self.count)
-            keep = (first > 0) & (last - first >= self._shortest)
+            keep = (first > 0) & (last - first >= self.shortest)
             first, last = first[keep], last[keep]
             best = int(np.argmax(self._scored(name, kind, colours, first, last)))
             begin, end, reach = int(first[best]), int(last[best]), apart
@@ -293,6 +317,17 @@ class FailureSearch:
         """Intervals before and beside which enough of the flight is intact."""
         first, last = np.asarray(begin), np.asarray(end)
         return np.asarray((first >= BEFORE * self.count) & (self.count - (last - first) >= INTACT * self.count))
+
+    def leaves_enough(self, hypothesis: Hypothesis) -> bool:
+        """Whether enough of the flight is intact before and beside all of its times, each of which is long enough."""
+        spans = np.array(hypothesis.spans)
+        lengths, between = spans[:, 1] - spans[:, 0], spans[1:, 0] - spans[:-1, 1]
+        intact = self.count - lengths.sum() >= INTACT * self.count
+        return bool(spans[0, 0] >= BEFORE * self.count and intact and min([*lengths, *between]) >= self.shortest)
+
+    def floor(self, axis: str, filtering: Array) -> float:
+        """Variance that is in the innovations of an axis besides what is seen."""
+        return float(self._floors[axis] ** 2 * np.sum(filtering**2))
 
     def _whitened(self, axis: str, name: str, colour: Array) -> Whitened:
         relation = self.relations[axis]
@@ -317,29 +352,42 @@ class FailureSearch:
                 step /= 2.0
 
     def _near(self, hypothesis: Hypothesis, step: float) -> list[Hypothesis]:
-        found = [replace(hypothesis, begin=hypothesis.begin + s) for s in (-step, step)]
-        if not hypothesis.lasts(self.count):
-            found += [replace(hypothesis, end=min(hypothesis.end + s, self.count)) for s in (-step, step)]
-        return [h for h in found if h.end - h.begin >= self._shortest and self._leaves_enough(h.begin, h.end)]
-
-    def time_errors(self, judged: Judged) -> tuple[float, float]:
-        """How far [s] either time may be off, at two standard errors."""
         found = []
-        for which in ("begin", "end"):
-            far = 0.0
-            for sign in (-1.0, 1.0):
-                for distance in np.arange(1.0, _LONGEST_DOUBT / self.step):
-                    other = self._moved(judged.hypothesis, which, sign * distance)
-                    if other is None or self.score(other) < judged.score - _FALL:
-                        break
-                    far = max(far, float(distance))
-            found.append(max((far + 1.0) * self.step, _LEAST_DOUBT))
-        return found[0], found[1]
+        for number, span in enumerate(hypothesis.spans):
+            for which in (0, 1) if span[1] < self.count else (0,):
+                found += [self._with_edge(hypothesis, number, which, span[which] + s) for s in (-step, step)]
+        return [h for h in found if self.leaves_enough(h)]
 
-    def _moved(self, hypothesis: Hypothesis, which: str, by: float) -> Hypothesis | None:
-        """A hypothesis with one time moved by some points; None where that is outside of the flight."""
-        other = replace(hypothesis, **{which: getattr(hypothesis, which) + by})
-        return other if 0.0 < other.begin < other.end - 1.0 and other.end <= self.count else None
+    def _with_edge(self, hypothesis: Hypothesis, number: int, which: int, point: float) -> Hypothesis:
+        """A hypothesis with one of its times moved."""
+        spans = [list(span) for span in hypothesis.spans]
+        spans[number][which] = min(point, self.count) if which else point
+        (begin, end), *again = [(first, last) for first, last in spans]
+        return replace(hypothesis, begin=begin, end=end, again=tuple(again))
+
+    def time_errors(self, judged: Judged) -> list[tuple[float, float]]:
+        """How far [s] begin and end of each of its times may be off, at two standard errors."""
+        found = []
+        for number, span in enumerate(judged.hypothesis.spans):
+            begin, end = (self._doubt(judged, number, which) for which in (0, 1))
+            found.append((begin, np.nan if span[1] >= self.count else end))
+        return found
+
+    def _doubt(self, judged: Judged, number: int, which: int) -> float:
+        """How far [s] one of the times may be off, at two standard errors."""
+        far, point = 0.0, judged.hypothesis.spans[number][which]
+        for sign in (-1.0, 1.0):
+            for distance in np.arange(1.0, _LONGEST_DOUBT / self.step):
+                other = self._with_edge(judged.hypothesis, number, which, point + sign * float(distance))
+                if not self._is_possible(other) or self.score(other) < judged.score - _FALL:
+                    break
+                far = max(far, float(distance))
+        return max((far + 1.0) * self.step, _LEAST_DOUBT)
+
+    def _is_possible(self, hypothesis: Hypothesis) -> bool:
+        """Whether its times are in the flight and follow each other."""
+        edges = np.ravel(hypothesis.spans)
+        return bool(edges[0] > 0.0 and edges[-1] <= self.count and np.all(np.diff(edges) > 1.0))
 
 
 def _least_squares(columns: Array, response: Array) -> Array:

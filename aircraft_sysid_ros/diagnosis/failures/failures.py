@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting, relations_of, without_engine
-from aircraft_sysid_ros.diagnosis.failures.episode import Episode, times_of
+from aircraft_sysid_ros.diagnosis.failures.episode import Episode, Times, times_of
 from aircraft_sysid_ros.diagnosis.failures.failure_search import BEFORE, FailureSearch, Judged, columns_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import WIDEST, ForceBalance, force_balance
 from aircraft_sysid_ros.diagnosis.failures.held_out import held_out_errors
@@ -217,7 +217,7 @@ def _weakened(form: _Form, name: str, others: float) -> Failure | None:
 def _is_long_enough(failure: Failure) -> bool:
     """Whether it lasts longer than a manoeuvre, or several moments tell that a surface did not follow one."""
     least = ENGINE_TIME if failure.name == ENGINE else SURFACE_TIME
-    if failure.end is None or failure.end - failure.begin > least:
+    if any(times.end is None or times.end - times.begin > least for times in failure.times):
         return True
     told = sum(gain > SHORT_EVIDENCE for gain in failure.gains.values())
     return failure.name != ENGINE and _is_far(failure) and told >= SHORT_AXES
@@ -249,10 +249,18 @@ def _leads(
 def _dated(failure: Failure, others: Iterable[Failure]) -> Failure:
     """With times whose errors hold what the other form of the balance says of the input, where it is as telling."""
     for other in (o for o in others if o.name == failure.name and o.evidence > AS_TELLING * failure.evidence):
-        failure = replace(failure, begin_error=max(failure.begin_error, abs(other.begin - failure.begin)))
-        if failure.end is not None and other.end is not None:
-            failure = replace(failure, end_error=max(failure.end_error, abs(other.end - failure.end)))
+        if len(other.times) == len(failure.times):
+            pairs = zip(failure.times, other.times, strict=True)
+            failure = replace(failure, times=tuple(_agreeing(times, others) for times, others in pairs))
     return failure
+
+
+def _agreeing(times: Times, other: Times) -> Times:
+    """Times whose errors hold another look at them."""
+    times = times._replace(begin_error=max(times.begin_error, abs(other.begin - times.begin)))
+    if times.end is None or other.end is None:
+        return times
+    return times._replace(end_error=max(times.end_error, abs(other.end - times.end)))
 
 
 def _is_unseen(constant: Judged, balance: ForceBalance) -> bool:
@@ -377,10 +385,9 @@ def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> 
     with_rest = search.fit(axis, np.column_stack([columns, *constant, moving]))
     errors = {a: held_out_errors(search, hypothesis, a) for a in judged.gains}
     before, after = errors[axis]
-    begin, end, begin_error, end_error = times_of(search, judged, float(balance.time[0]))
     level = _level(judged, acting, asked, failed, fitted.parameters)
     return Failure(
-        name=hypothesis.name, kind=hypothesis.kind, begin=begin, end=end, begin_error=begin_error, end_error=end_error,
+        name=hypothesis.name, kind=hypothesis.kind, times=times_of(search, judged, float(balance.time[0])),
         evidence=judged.evidence, gains=dict(judged.gains), main_axis=axis, size=1.0 - after / before,
         errors=errors, left=float(is_part + with_rest.parameters[-1]),
         left_std=float(with_rest.std[-1]), level=level, asked=asked, usual=usual, moved=moved,

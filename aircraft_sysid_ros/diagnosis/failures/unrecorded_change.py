@@ -36,8 +36,5 @@ def unrecorded_change(searched: Iterable[tuple[FailureSearch, Judged]], first: f
         return None
     gains = {a: gain for a, gain in best.gains.items() if gain > np.log(search.count)}
     errors = {a: held_out_errors(search, best.hypothesis, a) for a in gains}
-    begin, end, begin_error, end_error = times_of(search, best, first)
-    return UnrecordedChange(
-        begin=begin, end=end, begin_error=begin_error, end_error=end_error, evidence=best.evidence, gains=gains,
-        main_axis=axis, size=size, errors=errors,
-    )  # fmt: skip
+    times = times_of(search, best, first)
+    return UnrecordedChange(times=times, evidence=best.evidence, gains=gains, main_axis=axis, size=size, errors=errors)

@@ -10,7 +10,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
-from aircraft_sysid_ros.diagnosis.failures.episode import Episode
+from aircraft_sysid_ros.diagnosis.failures.episode import Episode, Times
 from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
 from aircraft_sysid_ros.diagnosis.failures.interval_search import PART
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
@@ -59,10 +59,14 @@ def effect_of(failure: Failure) -> str:
 
 def span_of(failure: Episode) -> str:
     """From when to when, with what it may be off."""
-    begin = f"from {failure.begin:.1f} s (± {failure.begin_error:.1f} s)"
-    if failure.end is None:
+    return listed([_from_to(times) for times in failure.times])
+
+
+def _from_to(times: Times) -> str:
+    begin = f"from {times.begin:.1f} s (± {times.begin_error:.1f} s)"
+    if times.end is None:
         return f"{begin} to the end of the flight"
-    return f"{begin} to {failure.end:.1f} s (± {failure.end_error:.1f} s)"
+    return f"{begin} to {times.end:.1f} s (± {times.end_error:.1f} s)"
 
 
 def sentence_of(failure: Failure) -> str:
@@ -116,8 +120,11 @@ def sure_of(failure: Failure) -> str:
 
 def _window(failure: Episode) -> str:
     """1 while it is there, as an expression."""
-    window = f"max(sign(time-{failure.begin:.5g}),0)"
-    return window if failure.end is None else f"{window}*max(sign({failure.end:.5g}-time),0)"
+    windows = []
+    for times in failure.times:
+        window = f"max(sign(time-{times.begin:.5g}),0)"
+        windows.append(window if times.end is None else f"{window}*max(sign({times.end:.5g}-time),0)")
+    return windows[0] if len(windows) == 1 else f"({'+'.join(windows)})"
 
 
 def terms_of(failure: Failure, report: FailureReport) -> dict[str, list[str]]:
@@ -172,7 +179,10 @@ def _shown(
     failure: Episode, terms: dict[str, list[str]], rivals: Sequence[str], report: FailureReport
 ) -> dict[str, Any]:
     """What the flight shows of it, and the terms that ``add`` adds."""
-    inner = {"t0": failure.begin} | ({} if failure.end is None else {"t1": failure.end})
+    inner, errors = dict[str, float](), dict[str, float]()
+    for number, times in enumerate(failure.times):
+        inner |= {f"t{2 * number}": times.begin} | ({} if times.end is None else {f"t{2 * number + 1}": times.end})
+        errors |= {f"t{2 * number}": times.begin_error, f"t{2 * number + 1}": times.end_error}
     begin = int(report.balance.begin)
     return {
         "expression": "; ".join(f"{axis}: {text}" for axis, texts in terms.items() for text in texts) or None,
@@ -185,7 +195,7 @@ def _shown(
         "confounded_with": list(rivals),
         "where": f"{failure.main_axis[0]}_{failure.main_axis[1]}, {span_of(failure)}",
         "inner": inner,
-        "inner_error": {"t0": failure.begin_error} | ({} if failure.end is None else {"t1": failure.end_error}),
+        "inner_error": {name: errors[name] for name in inner},
         "stamps": {key: begin + int(1e9 * time) for key, time in inner.items()},
         "terms": terms,
         "parameters": [],
