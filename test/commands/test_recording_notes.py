@@ -36,7 +36,7 @@ def chunks_of(data):
 def damaged(tmp_path_factory):
     """A simulated flight with one wrong bit in the length of the last message of its middle chunk."""
     bag = tmp_path_factory.mktemp("damaged") / "flight"
-    done = command("simulate", "--out", bag, "--duration", 30, "--json")
+    done = command("simulate", "--out", bag, "--duration", 100, "--json")
     messages = json.loads(done.stdout)["messages"]
     file = bag / "flight.mcap"
     data = bytearray(file.read_bytes())

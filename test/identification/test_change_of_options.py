@@ -35,11 +35,13 @@ def flown(flight, name, changed, block=500, at=0.5):
 
 
 @pytest.mark.parametrize("name", ["rls", "fourier", pytest.param("rml", marks=pytest.mark.long)])
-def test_blocks_of_any_size_give_the_same_and_not_what_was_without_the_change(short, name):
+def test_blocks_of_any_size_give_the_same_and_not_what_was_without_the_change(short, aircraft, name):
+    if name == "rml":  # gives its first values after half a minute
+        short = simulate_samples(aircraft, seed=2, duration=44.0)
     changed = CHANGED | ({} if name == "fourier" else {"forgetting_time": 4.0})
     expected = flown(short, name, changed)
     assert np.array_equal(flown(short, name, changed, block=37), expected, equal_nan=True)
-    assert not np.array_equal(flown(short, name, {}), expected, equal_nan=True)
+    assert not np.array_equal(flown(short, name, {}), expected, equal_nan=True) and np.isfinite(expected).any()
 
 
 def test_a_shorter_memory_is_less_sure(short):
