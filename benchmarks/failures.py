@@ -1,6 +1,6 @@
 """How often a control that sticks, or an engine that fails, is found in flights without vanes; and false alarms.
 
-    python benchmarks/failures.py [--clean 40] [--failed 48] [--first 8800000] [--jobs 2]
+    python benchmarks/failures.py [--clean 40] [--failed 48] [--again 16] [--first 8800000] [--jobs 2]
 
 The flights are those of failure_flights.py; each is a line in results/failures.jsonl. Seeds are looked at once.
 """
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import failure_flights as flights
+import numpy as np
 from resumed import flown
 
 from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
@@ -28,14 +29,16 @@ FIRST = 8_800_000
 def fly(job: dict[str, Any]) -> dict[str, Any]:
     """One flight and what is said of it."""
     layout, moved = flights.LAYOUTS[job["layout"]], job["where"] == "moved"
-    flight = flights.fly(job["seed"], layout, job["failure"], moved=moved)
+    times = {"moved": True, "lasting": job["lasting"], "every": job["every"]} if job["where"] == "again" else {}
+    flight = flights.fly(job["seed"], layout, job["failure"], **(times or {"moved": moved}))
     try:
         report = failures_of(flight.aircraft, flight.samples)
     except InputError as error:
         return {**job, "failed": str(error)}
     found = [
-        {"name": f.name, "kind": f.kind, "begin": f.begin, "end": f.end, "evidence": f.evidence, "size": f.size,
-         "left": f.left, "left_std": f.left_std, "level": f.level, "errors": [f.begin_error, f.end_error]}
+        {"name": f.name, "kind": f.kind, "begin": f.begin, "end": f.end, "times": f.times, "evidence": f.evidence,
+         "size": f.size, "left": f.left, "left_std": f.left_std, "level": f.level,
+         "errors": [f.begin_error, f.end_error]}
         for f in report.found
     ]  # fmt: skip
     changed = report.changed and {
@@ -43,8 +46,11 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
         "evidence": report.changed.evidence, "size": report.changed.size,
         "errors": [report.changed.begin_error, report.changed.end_error],
     }  # fmt: skip
+    stamps = flight.samples.stamp
+    last = float(stamps.max() - stamps.min()) * 1e-9
     return {
-        **job, "begin": flight.begin, "end": flight.end, "share": flight.share, "found": found, "changed": changed
+        **job, "begin": flight.begin, "end": flight.end, "last": last, "share": flight.share, "found": found,
+        "changed": changed,
     }  # fmt: skip
 
 
@@ -60,6 +66,22 @@ def jobs(clean: int, failed: int, first: int) -> list[dict[str, Any]]:
         listed.append(
             {"seed": first + 50_000 + n, "layout": layout, "failure": kinds[(n // 4) % len(kinds)], "where": where}
         )
+    return listed
+
+
+def jobs_again(count: int, first: int) -> list[dict[str, Any]]:
+    """Flights in which a control fails several times, as in a campaign of tests: put elsewhere, or in part."""
+    layouts, listed = list(flights.LAYOUTS), []
+    for n in range(count):
+        rng, layout = np.random.default_rng(first + 80_000 + n), layouts[n % 4]
+        surfaces = ("elevon_left", "elevon_right") if flights.LAYOUTS[layout].elevons else ("elevator", "aileron")
+        lasting = float(rng.uniform(8.0, 14.0))
+        failure = (flights.PART_OF if (n // 8) % 2 else "") + surfaces[(n // 4) % 2]
+        every = lasting + float(rng.uniform(12.0, 18.0))
+        listed.append(
+            {"seed": first + 80_000 + n, "layout": layout, "failure": failure, "where": "again",
+             "lasting": lasting, "every": every}
+        )  # fmt: skip
     return listed
 
 
@@ -79,11 +101,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clean", type=int, default=40)
     parser.add_argument("--failed", type=int, default=48)
+    parser.add_argument("--again", type=int, default=16, help="flights in which a control fails several times")
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args()
-    wanted = jobs(args.clean, args.failed, args.first)
+    wanted = [*jobs(args.clean, args.failed, args.first), *jobs_again(args.again, args.first)]
     print(summary(list(flown(fly, wanted, args.results, args.jobs))))
 
 

@@ -516,6 +516,11 @@ def failures() -> str:
     return table(*diagnosis_tables.failures(load_lines("failures")))
 
 
+def failures_again() -> str:
+    """Inputs that fail several times in a flight without vanes."""
+    return table(*diagnosis_tables.failures_again(load_lines("failures")))
+
+
 def choice() -> str:
     """Every estimator, and the one that chooses itself, by what the sensors are."""
     header = ["air", "sensors", "estimator", "published at the end", "inside 1.96 standard errors", "USE"]
@@ -759,6 +764,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "fleet_costs": fleet(fleet_tables.costs, "fleet_costs"),
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "failures": failures,
+    "failures_again": failures_again,
     "slow_imu": slow_imu,
     "choice": choice,
     "lack_of_fit": lack_of_fit,

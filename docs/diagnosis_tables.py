@@ -20,6 +20,8 @@ _PARTS = {
 }  # fmt: skip
 
 
+#: Shortest time [s] before the end of a flight in which a failure that begins can be seen.
+LEAST_SEEN = 3.0
 _SHARES = ("detected", "right_first", "right_or_alias", "in_first_three", "within_confounded")
 _METHODS = {
     "diagnose": "`diagnose`", "stepwise": "stepwise regression, partial F test at 5 % (Bonferroni)",
@@ -229,7 +231,7 @@ def further_effects(flown: list[dict[str, Any]]) -> Rows:
 
 def failures(flown: list[dict[str, Any]]) -> Rows:
     """Inputs that fail in flights without vanes, by what the log holds and by how they fail."""
-    judged = [flight for flight in flown if "found" in flight]
+    judged = [flight for flight in flown if "found" in flight and flight["where"] != "again"]
     parts = {name: [f for f in judged if f["layout"] == name] for name in dict.fromkeys(f["layout"] for f in judged)}
     failed_so = {"held": "held where it was", "moved": "put elsewhere", "part": "keeps 0.3 to 0.6 of its effect"}
     for where, words in failed_so.items():
@@ -252,11 +254,38 @@ def failures(flown: list[dict[str, Any]]) -> Rows:
     return head, rows
 
 
+def failures_again(flown: list[dict[str, Any]]) -> Rows:
+    """Inputs that fail several times in a flight: how many of the times are found, and how many said that are none."""
+    again = [flight for flight in flown if "found" in flight and flight["where"] == "again"]
+    kinds = {"put elsewhere": [f for f in again if not f["failure"].startswith("part of")]}
+    kinds["keeps 0.3 to 0.6 of its effect"] = [f for f in again if f["failure"].startswith("part of")]
+    rows = []
+    for words, own in kinds.items():
+        named = [flight for flight in own if flight["found"] and _is_named(flight)]
+        true = near = false = 0
+        for flight in named:
+            last, begin = flight["last"] - LEAST_SEEN, flight["begin"]
+            begins = [begin + k * flight["every"] for k in range(int((last - begin) // flight["every"]) + 1)]
+            said = [times[0] for times in flight["found"][0]["times"]]
+            true += len(begins)
+            near += sum(min(abs(at - b) for b in said) < 2.0 for at in begins)
+            false += sum(min(abs(at - b) for b in begins) >= 2.0 for at in said)
+        other = sum(bool(flight["found"]) for flight in own) - len(named)
+        changed = sum(bool(flight["changed"]) for flight in own)
+        rows.append([words, *map(str, (len(own), len(named), changed, other, true, near, false))])
+    head = ["control that fails", "flights", "named", "a moment that no input shows", "named another",
+            "times that it begins to fail, where named", "said within 2 s",
+            "said and more than 2 s from any"]  # fmt: skip
+    return head, rows
+
+
 def _is_named(flight: dict[str, Any]) -> bool:
     """Whether the input and how it failed are right."""
     signals = {"elevator": "de", "aileron": "da", "rudder": "dr"}
     failure, found = flight["failure"].removeprefix("part of "), flight["found"][0]
-    return found["name"] == signals.get(failure, failure) and (found["kind"] == "part") == (flight["where"] == "part")
+    return found["name"] == signals.get(failure, failure) and (found["kind"] == "part") == flight["failure"].startswith(
+        "part of"
+    )
 
 
 def thresholds() -> Rows:

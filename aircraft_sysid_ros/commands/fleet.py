@@ -38,6 +38,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="leave out diagnose, which takes most of the time: what changes is learnt without it")  # fmt: skip
     add("--map", metavar="MAP", help="which column is which signal, as of import: tables are flights, too")
     add("--servos", metavar="FILE", help="what the outputs of an autopilot mean, as --calibration of import")
+    add("--calm-air", action="store_true",
+        help="as of replay: where no airspeed is measured, the speed over ground stands for it")  # fmt: skip
     add("--runs", action="store_true", help="keep the run of every flight, in DIR/runs")
     return parser
 
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     _check(args)
     asked = Asked(
         sources=args.sources,
-        files=Files(args.aircraft, args.map, args.servos),
+        files=Files(args.aircraft, args.map, args.servos, args.calm_air),
         out=Path(args.out),
         replicas=0 if args.no_diagnosis else args.replicas,
         time_limit=args.time_limit,

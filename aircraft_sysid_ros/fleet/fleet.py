@@ -129,11 +129,11 @@ def _jobs(
         if other != flight.name:
             answers[flight.name] = _no_answer(f"it holds the same as {other}, and counts once")
             continue
-        options = Options(asked.replicas, flight.map, flight.servos)
+        options = Options(asked.replicas, flight.map, flight.servos, flight.calm_air)
         files = (flight.aircraft, *options.files)
         if files not in beside:
             beside[files] = content_key(files, program_key(), repr(options.replicas))
-        key = content_key((), recording, beside[files])
+        key = content_key((), recording, beside[files], *(["calm air"] if options.calm_air else []))
         keep = (asked.out / RUNS / flight.name).absolute() if asked.runs else None
         jobs[flight.name] = Job(
             key, flight.recording, flight.is_log, flight.aircraft, options, program_key(), keep, program_place()

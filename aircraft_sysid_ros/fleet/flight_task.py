@@ -23,13 +23,14 @@ from aircraft_sysid_ros.after_flight.check import check_recording
 from aircraft_sysid_ros.after_flight.compare import compare_run
 from aircraft_sysid_ros.after_flight.diagnose import diagnose
 from aircraft_sysid_ros.after_flight.log_import import import_log, why_no_calibration
-from aircraft_sysid_ros.after_flight.replay import replay
+from aircraft_sysid_ros.after_flight.replay import ReplayOptions, replay
 from aircraft_sysid_ros.after_flight.sensor_errors import sensor_errors
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.apart import Failed
 from aircraft_sysid_ros.fleet.flights import AUTOPILOTS
+from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.run_reader import AIRCRAFT, read_parameters, read_points, read_samples, read_state
 
 #: Signals of the condition in which a parameter was learnt.
@@ -49,6 +50,7 @@ class Options:
     replicas: int  # of the diagnosis; 0: there is none
     map: Path | None = None  # columns of tables
     servos: Path | None = None  # what the outputs of an autopilot mean
+    calm_air: bool = False  # the speed over ground stands for an airspeed that is not measured
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -139,7 +141,7 @@ def _answer_of(job: Job, folder: Path) -> Answer:
     if not recording.exists():
         raise Failed(f"the worker finds no {recording}: recordings must be where all workers see them", lasting=False)
     checked, recording, unread = _checked(job, folder / _IMPORTED)
-    replay([str(recording)], job.aircraft, run)
+    replay([str(recording)], job.aircraft, run, ReplayOptions(state=StateOptions(calm_air=job.options.calm_air)))
     answer: Answer = {"ok": True, "reason": "", "duration": checked["duration"], "findings": checked["findings"]}
     answer["start"] = int(read_samples(run).stamp.min())
     answer["parameters"] = _parameters(run)

@@ -11,7 +11,7 @@ import csv
 import glob
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import date, datetime, timezone
 from pathlib import Path
 from types import MappingProxyType
@@ -29,9 +29,10 @@ LOGS = (*AUTOPILOTS, ".mat", ".data")
 TABLES = (".csv", ".tsv", ".txt", ".parquet", ".h5", ".hdf5", ".xlsx")
 LISTS = (".yaml", ".yml", ".csv")
 #: What a list says of a flight; only the recording must be there.
-KEYS = ("recording", "name", "airframe", "aircraft", "start", "map", "servos")
+KEYS = ("recording", "name", "airframe", "aircraft", "start", "map", "servos", "calm_air")
 #: What stands for the airframe in the names of files.
 AIRFRAME = "{airframe}"
+_YES_OR_NO = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 _METADATA = "metadata.yaml"
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
@@ -47,6 +48,7 @@ class Flight:
     start: int | None = None  # [ns] UTC; None: the first stamp of the recording
     map: Path | None = None  # columns of tables
     servos: Path | None = None  # what the outputs of an autopilot mean
+    calm_air: bool = False  # the speed over ground stands for an airspeed that is not measured
 
     @property
     def is_log(self) -> bool:
@@ -58,11 +60,12 @@ class Flight:
 
 @dataclass(frozen=True)
 class Files:
-    """Files that flights go with, unless a list says others; ``{airframe}`` in a name stands for that of each."""
+    """What flights go with, unless a list says otherwise; ``{airframe}`` in a name stands for that of each."""
 
     aircraft: str | None
     map: str | None = None
     servos: str | None = None
+    calm_air: bool = False
 
 
 def flights_of(sources: Sequence[str], files: Files, out: Path) -> list[Flight]:
@@ -172,7 +175,8 @@ def _with_files(flight: Flight, files: Files, said: Mapping[str, str] = MappingP
 
     if (aircraft := place("aircraft")) is None:
         raise InputError(f"no aircraft file is named for {flight.recording}: give --aircraft, or a list that names one")
-    return replace(flight, aircraft=aircraft, map=place("map"), servos=place("servos"))
+    calm_air = _YES_OR_NO[said["calm_air"]] if "calm_air" in said else files.calm_air
+    return replace(flight, aircraft=aircraft, map=place("map"), servos=place("servos"), calm_air=calm_air)
 
 
 # -- lists ---------------------------------------------------------------------------------------------------
@@ -215,7 +219,11 @@ def _listed(where: str, entry: Mapping[str, Any], folder: Path, files: Files) ->
         if not text.isprintable() or text.startswith("/") or ".." in Path(text).parts or not text.strip():
             raise InputError(f"{where} has the {what} '{text[:60]}', which cannot be that of a folder: give another")
     start = _nanoseconds(where, entry["start"]) if "start" in entry else None
-    said = {field.name: str(folder / str(entry[field.name])) for field in fields(Files) if field.name in entry}
+    said = {name: str(folder / str(entry[name])) for name in ("aircraft", "map", "servos") if name in entry}
+    if "calm_air" in entry:
+        said["calm_air"] = str(entry["calm_air"]).strip().lower()
+        if said["calm_air"] not in _YES_OR_NO:
+            raise InputError(f"{where} has calm_air '{said['calm_air'][:20]}': write true or false")
     return _with_files(Flight(name, airframe, Path(os.path.normpath(recording)), Path(), start), files, said)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
 import time
@@ -21,6 +22,7 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     intervals,
     sums_of_squares,
 )
+from aircraft_sysid_ros.diagnosis.failures.repeats import likeliest, times_there
 from aircraft_sysid_ros.diagnosis.failures.words import candidate_json, report_json, sentence_of
 from aircraft_sysid_ros.diagnosis.flight_answer import answer
 from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
@@ -67,6 +69,23 @@ def test_running_sums_are_the_sums_of_squares_of_the_fits() -> None:
             x = np.column_stack([rest, moving, inside * constant])
             left = response - x @ np.linalg.lstsq(x, response, rcond=None)[0]
             assert found[kind][w] == pytest.approx(float(left @ left), rel=1e-5), (kind, first, last)
+
+
+def test_the_likeliest_times_are_the_best_of_all_that_there_are() -> None:
+    rng, count, change = np.random.default_rng(4), 11, 1.3
+    sequences = np.array([*itertools.product([False, True], repeat=count)])
+    changes = np.abs(np.diff(sequences.astype(int), axis=1, prepend=0)).sum(axis=1)
+    for _ in range(20):
+        gains = rng.standard_normal(count)
+        best = sequences[np.argmax(sequences @ gains - change * changes)]
+        assert np.array_equal(likeliest(gains, change), best)
+
+
+def test_times_that_are_near_are_one_and_short_ones_none() -> None:
+    gains = np.full(60, -3.0)
+    for begin, end in ((10, 20), (22, 30), (40, 43), (50, 60)):
+        gains[begin:end] = 3.0
+    assert times_there(gains, 2.0, 5) == [(10.0, 30.0), (50.0, 60.0)]
 
 
 def test_the_wind_of_a_circle_is_its_centre() -> None:

@@ -91,6 +91,21 @@ def test_an_aircraft_file_by_airframe(place):
         flights_of([str(place / "fleet")], Files(str(place / "{airframe}.yaml")), place / "out")
 
 
+@pytest.mark.parametrize("text", ["true", "'yes'", "1", "True"])
+def test_calm_air_is_said_of_one_flight_or_of_all(place, text):
+    def flights(said, **more):
+        (place / "list.yaml").write_text(
+            f"- {{recording: fleet/N1/1.mcap, calm_air: {said}}}\n- {{recording: fleet/4.bin}}"
+        )
+        listed = flights_of([str(place / "list.yaml")], Files(str(place / "one.yaml"), **more), place / "out")
+        return [flight.calm_air for flight in sorted(listed, key=lambda flight: flight.recording.suffix)]
+
+    assert flights(text) == [False, True]
+    assert flights("false", calm_air=True) == [True, False]
+    with pytest.raises(InputError, match="calm_air 'perhaps': write true or false"):
+        flights("perhaps")
+
+
 def test_maps_and_servos_by_airframe_and_in_a_list(place):
     for name in ("map-N1.yaml", "map-N2.yaml", "servos.yaml"):
         (place / name).touch()

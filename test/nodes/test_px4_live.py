@@ -55,7 +55,7 @@ def test_a_flight_beside_px4(px4, aircraft, aircraft_file, tmp_path):
     assert result["received"]["imu/data"] > 0.98 * told["published"]["imu/data"]
     parameters = {p["name"]: p for p in result["parameters"]["parameters"]}
     usable = [name for name, p in parameters.items() if p["status"] == "USE"]
-    assert len(usable) >= 5, parameters
+    assert len(usable) >= 3, parameters  # no vane: what rests on inferred angles is held
     for name in usable:
         p, truth = parameters[name], flight.coefficients[name]
         assert abs(p["value"] - truth) < 5.0 * p["std"] + 0.1 * abs(truth), (name, p, truth)

@@ -26,6 +26,7 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     intervals,
     sums_of_squares,
 )
+from aircraft_sysid_ros.diagnosis.failures.repeats import times_there
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -45,6 +46,8 @@ _LONGEST_DOUBT, _LEAST_DOUBT = 25.0, 0.5
 _FALL = 8.0
 #: Longest time [s] from which others like it are looked for.
 _SHORT = 15.0
+#: Turns of times and of what a failure does.
+_TURNS = 6
 #: Rounds of search and of the colour of what is left.
 _ROUNDS = 3
 #: Colours of noise with which the first pass begins, how many intervals of each it keeps, and how far apart [edges].
@@ -252,12 +255,36 @@ class FailureSearch:
 
     def _repeated(self, hypothesis: Hypothesis, colours: Mapping[str, Array]) -> Hypothesis:
         """The same with all times at which it is there, begun from it and from what may be one time of several."""
-        from aircraft_sysid_ros.diagnosis.failures.repeats import repeated
-
         short = self._coarse(hypothesis.name, hypothesis.kind, colours, round(_SHORT / self.step))
-        tried = {repeated(self, start) for start in (hypothesis, *short)}
-        best = max(sorted(tried, key=lambda h: h.spans), key=self.score)
+        tried = dict.fromkeys(self._with_all_times(start) for start in (hypothesis, *short))
+        best = max(tried, key=self.score)
         return self._refined(best) if self.score(best) > self.score(hypothesis) else hypothesis
+
+    def _with_all_times(self, hypothesis: Hypothesis) -> Hypothesis:
+        """By turns all times from what it does, and what it does from all times (hard expectation and maximisation)."""
+        for _ in range(_TURNS):
+            spans = times_there(self._told(hypothesis), float(np.log(self.count)), self.shortest)
+            if not spans:
+                break
+            tried = replace(hypothesis, begin=spans[0][0], end=spans[0][1], again=tuple(spans[1:]))
+            if not self.leaves_enough(tried) or self.score(tried) <= self.score(hypothesis):
+                break
+            hypothesis = tried
+        return hypothesis
+
+    def _told(self, hypothesis: Hypothesis) -> Array:
+        """ln of the likelihood (n,) of each point if it is there, over that if it is not."""
+        total = np.zeros(self.count)
+        for axis in self.axes_of(hypothesis.name):
+            relation = self.relations[axis]
+            found = self._solved(axis, columns_of(relation, hypothesis))
+            theta = found.parameters / np.where(found.size > 0.0, found.size, 1.0)
+            intact, failed = (
+                whitened(relation.response - columns_of(relation, hypothesis, share) @ theta, found.filtering)
+                for share in (np.zeros(self.count), np.ones(self.count))
+            )
+            total[self.count - len(intact) :] += (intact**2 - failed**2) / (2.0 * found.variance)
+        return total
 
     def held(self, judged: Judged) -> Judged:
         """The same with one level in all axes, where a control can be: one number in place of one per axis."""
@@ -324,10 +351,6 @@ class FailureSearch:
         lengths, between = spans[:, 1] - spans[:, 0], spans[1:, 0] - spans[:-1, 1]
         intact = self.count - lengths.sum() >= INTACT * self.count
         return bool(spans[0, 0] >= BEFORE * self.count and intact and min([*lengths, *between]) >= self.shortest)
-
-    def floor(self, axis: str, filtering: Array) -> float:
-        """Variance that is in the innovations of an axis besides what is seen."""
-        return float(self._floors[axis] ** 2 * np.sum(filtering**2))
 
     def _whitened(self, axis: str, name: str, colour: Array) -> Whitened:
         relation = self.relations[axis]
