@@ -83,6 +83,8 @@ class EstimatorNode(ConfigurableNode):
         self.correction: Correction | None = None  # of the samples, by the calibration file
         self.received = dict.fromkeys(inputs, 0)
         self.inputs: list[Input] = []  # while active
+        #: What is received in one order: that of all nodes of this process.
+        self.beside: Callable[[], Sequence[Input]] = lambda: self.inputs
         self.numerical_faults = 0
         self.noted: list[str] = []  # what was changed or forgotten in this flight, and when
         self._shared: dict[str, int] = {}  # topics that several programs published on, and how many
@@ -191,7 +193,7 @@ class EstimatorNode(ConfigurableNode):
 
     def hear(self, kind: Any, topic: str, receive: Callable[[Any], None], quality: Any) -> None:
         """An input that lives while the node is active."""
-        self.inputs.append(Input(self, kind, topic, partial(self._survive, receive), quality))
+        self.inputs.append(Input(self, kind, topic, partial(self._survive, receive), quality, self.beside))
 
     def note_call(self, service: str, what: str) -> None:
         """A service changed what is estimated: for the log, and for the notes of the run."""

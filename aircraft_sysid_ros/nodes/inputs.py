@@ -2,15 +2,24 @@
 
 Messages are counted by the numbers that the middleware gives them at their publisher: a number that is left out is a
 message that was lost, wherever that was. What was lost after the last that came cannot be seen.
+
+Where a process is behind, the oldest of a fast topic are dropped, while a slow topic has room for all of its own: taken
+in turn, the fast one would run ahead by all that was dropped, and every sample of the slow one (GPS) would be too late.
+Therefore what came before a message is received before it, whatever its topic.
 """
 
 from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
+
+#: Time [ns] after which a message that waits says that the process is behind.
+_BEHIND = 20_000_000
+#: A message and its information.
+_Taken = tuple[Any, dict[str, Any]]
 
 
 class Numbers:
@@ -39,12 +48,22 @@ class Numbers:
 
 
 class Input:
-    """A subscription of ``node``; ``receive`` gets each message."""
+    """A subscription of ``node``; ``receive`` gets each message, after those that came before it to ``beside``."""
 
-    def __init__(self, node: Any, kind: Any, topic: str, receive: Callable[[Any], None], quality: Any) -> None:
+    def __init__(
+        self,
+        node: Any,
+        kind: Any,
+        topic: str,
+        receive: Callable[[Any], None],
+        quality: Any,
+        beside: Callable[[], Sequence[Input]] = lambda: (),
+    ) -> None:
         self.topic = topic
+        self._beside = beside
         self._node, self._receive = node, receive
-        self.subscription = node.create_subscription(kind, topic, _Both(self._take), quality)
+        self._next: _Taken | None = None  # taken, and it is not its turn yet
+        self.subscription = node.create_subscription(kind, topic, _Both(self._come), quality)
         self._numbers = Numbers(self._publishers)
 
     @property
@@ -54,13 +73,10 @@ class Input:
 
     def waiting(self, now: int) -> Iterator[tuple[int, Callable[[], None]]]:
         """What had come by ``now`` [ns] and was not received yet: when it was sent [ns], and what receives it."""
-        sent, handle, kind = 0, self.subscription.handle, self.subscription.msg_type
-        with handle:
-            while (taken := handle.take_message(kind, False)) is not None:
-                if taken[1]["received_timestamp"] > now:
-                    return
-                sent = max(sent, taken[1]["source_timestamp"])
-                yield sent, partial(self._take, *taken)
+        sent = 0
+        while (taken := self._look()) is not None and taken[1]["received_timestamp"] <= now:
+            self._next, sent = None, max(sent, taken[1]["source_timestamp"])
+            yield sent, partial(self._take, *taken)
 
     def close(self) -> None:
         """Hear no more."""
@@ -70,9 +86,38 @@ class Input:
         found = self._node.get_publishers_info_by_topic(self.subscription.topic_name)
         return frozenset(bytes(info.endpoint_gid) for info in found)
 
+    def _look(self) -> _Taken | None:
+        """The message that is next, with its information; None where none waits."""
+        if self._next is None:
+            handle = self.subscription.handle
+            with handle:
+                self._next = handle.take_message(self.subscription.msg_type, False)
+        return self._next
+
+    def _come(self, message: Any, info: dict[str, Any]) -> None:
+        """The executor gives a message: first what came before it."""
+        own, self._next = self._next, None
+        if own is not None:
+            self._come(*own)
+        came, others = info["received_timestamp"], [each for each in self._beside() if each is not self]
+        if time.time_ns() - came > _BEHIND or any(each._next is not None for each in others):
+            _receive_until(came, others)
+        self._take(message, info)
+
     def _take(self, message: Any, info: dict[str, Any]) -> None:
         self._numbers.take(info["publication_sequence_number"])
         self._receive(message)
+
+
+def _receive_until(came: int, inputs: Sequence[Input]) -> None:
+    """Receive what came before a time [ns], the oldest first; 0: the middleware does not say when."""
+    while came:
+        heads = [(taken, each) for each in inputs if (taken := each._look())]
+        taken, first = min(heads, key=lambda head: head[0][1]["received_timestamp"], default=(None, None))
+        if taken is None or first is None or taken[1]["received_timestamp"] >= came:
+            return
+        first._next = None
+        first._take(*taken)
 
 
 class _Both:

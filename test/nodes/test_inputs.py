@@ -1,5 +1,7 @@
 """What was lost is counted by numbers, and what has come can be received without an executor."""
 
+import time
+
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -133,3 +135,25 @@ def test_an_input_knows_what_its_queue_did_not_hold(bench, pair, way):
     bench.spin_until(lambda: order[-1] in taken and order[-4] in taken)
     assert len(taken) == 6 + 2 * 10
     assert [each.lost for each in inputs] == [140, 140]
+
+
+def test_where_a_fast_topic_lost_its_oldest_a_slow_one_is_not_late(bench):
+    """Taken in turn, the fast one ran ahead by all that had been dropped, and every GPS fix was late."""
+    taken, inputs = [], []
+    quality = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+    for topic in ("fast", "slow"):
+        receive = lambda message, topic=topic: taken.append((message.header.stamp.sec, topic))  # noqa: E731
+        inputs.append(Input(bench.helper, Imu, topic, receive, quality, lambda: inputs))
+    publishers = [bench.helper.create_publisher(Imu, topic, QoSProfile(depth=1000)) for topic in ("fast", "slow")]
+    bench.spin_until(lambda: all(publisher.get_subscription_count() for publisher in publishers))
+    message = Imu()
+    for number in range(200):  # nobody takes them meanwhile
+        message.header.stamp.sec = number
+        publishers[0].publish(message)
+        if number % 20 == 10:
+            publishers[1].publish(message)
+        time.sleep(0.002)  # they come one by one
+    bench.spin_until(lambda: (199, "fast") in taken)
+    assert [number for number, topic in taken if topic == "slow"] == list(range(10, 200, 20))
+    assert 50 <= len(taken) - 10 < 200
+    assert taken == sorted(taken)

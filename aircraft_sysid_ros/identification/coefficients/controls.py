@@ -18,10 +18,13 @@ from aircraft_sysid_ros.identification.coefficients.layout import Body
 from aircraft_sysid_ros.identification.coefficients.pace import SPARSEST_CONTROLS, Pace
 from aircraft_sysid_ros.identification.coefficients.signals import (
     INPUT_HELD,
+    STEPS_BEFORE,
     interpolate,
     interpolate_sparse,
+    moved_unseen,
     named_inputs,
 )
+from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
@@ -47,6 +50,8 @@ class ControlHistory:
         self._aircraft, self.settle = aircraft, settle
         self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
+        self._noise = np.full(CONTROL_COUNT, np.inf)  # one sigma of the surfaces; what else moves is slow
+        self._noise[: len(SURFACES)] = aircraft.sensors["control_surfaces"].noise[0]
         self._masses: list[tuple[float, Array]] = []
         self.ground = Ground(aircraft)
         self.body = body_of(aircraft)
@@ -156,6 +161,7 @@ class ControlHistory:
             controls = interpolate_sparse(*series, times, SPARSEST_CONTROLS, self.settle)
         else:
             controls = interpolate(*series, times, self.settle, 2.0 / self._aircraft.sensors["control_surfaces"].rate)
+            controls[moved_unseen(*series, times, self._noise, 2.0 * LONG, self.settle)] = np.nan
         heights = interpolate(*self._series[Kind.HEIGHT], times, self.settle, self.settle)[:, 0]
         controls = np.hstack([controls * self._signs, self._inputs_at(times, sparse)])
         return controls, np.where(np.isfinite(heights), heights, altitudes(rows) - self.ground.below(rows))
@@ -181,7 +187,7 @@ class ControlHistory:
         self.used_until = used_until
         for kind, (times, values) in self._series.items():
             reach = used_until - self._input_reach if kind == Kind.INPUTS else used_until
-            keep = max(int(np.searchsorted(times, reach)) - 2, 0)
+            keep = max(int(np.searchsorted(times, reach)) - 2 - STEPS_BEFORE, 0)
             self._series[kind] = (times[keep:], values[keep:])
 
     def parts_of_one_mass(self, rows: Array) -> Iterator[tuple[Array, Body]]:

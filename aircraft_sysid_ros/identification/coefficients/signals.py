@@ -25,6 +25,10 @@ _ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[s] for s in ("alpha_dot", "beta_dot
 _INPUTS = len(SIGNALS)
 #: How long [s] the newest value of a named input holds: what stands still need not be sent more often.
 INPUT_HELD = 1.0
+#: A series has lost samples where a step is so many times as long as usual: the median of the steps before it.
+LOST_STEPS, STEPS_BEFORE = 2.1, 8
+#: By so many times its noise a surface has moved.
+_MOVED = 6.0
 _POSITION_DOWN = StateField.POSITION.stop - 1
 _ORIGIN_ALTITUDE = StateField.ORIGIN.stop - 1
 
@@ -167,6 +171,26 @@ def named_inputs(
         found = between(*series, at)
         out[:, k] = np.where(np.isfinite(found), found, held(*series, at, INPUT_HELD))[:, 0]
     return out
+
+
+def moved_unseen(
+    times: Array, values: Array, at: Array, noise: Array, shortest: float, ahead: float
+) -> npt.NDArray[np.bool_]:
+    """Where (m, k) a series (n, k) moved while its samples were lost, at ascending times ``at`` (m,).
+
+    Nobody knows when it did: a straight line gives the begin of a doublet that had not begun, and what is learnt from
+    few samples takes the difference for the aeroplane. Samples are lost where a step is longer than ``shortest`` [s]
+    and ``LOST_STEPS`` times as long as usual. It counts a usual step longer, since states may have been lost with them.
+    ``noise`` (k,): one sigma. No sample is looked at that is later than ``ahead`` [s].
+    """
+    unseen = np.zeros((len(at), values.shape[1]), np.bool_)
+    steps, moved = np.diff(times), np.abs(np.diff(values, axis=0)) > _MOVED * noise
+    for i in np.flatnonzero((steps > shortest) & moved.any(axis=1)).tolist():
+        usual = float(np.median(steps[max(i - STEPS_BEFORE, 0) : i])) if i else 0.0
+        if steps[i] > LOST_STEPS * usual:
+            after = times[i + 1] - at
+            unseen[(at > times[i]) & (after <= ahead) & (after >= -max(usual, 0.5 * shortest))] |= moved[i]
+    return unseen
 
 
 def held(times: Array, values: Array, at: Array, longest: float) -> Array:

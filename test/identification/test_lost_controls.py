@@ -1,0 +1,97 @@
+"""Controls that were lost while a surface moved: a straight line between those that came is no deflection."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.identification.coefficients.controls import ControlHistory
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.samples import Kind, samples_of
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+SETTLE, STEP, SECOND = 0.2, 0.02, 1_000_000_000
+ELEVATOR, AILERON = 0, 1
+MOVES_AT = 25  # sample at which the elevator begins to move
+
+
+def elevator_and_aileron(aircraft, lost=(), step=STEP, moves_by=0.1):
+    """Both at the time of each state, where some samples of the controls did not come."""
+    numbers = np.array([i for i in range(50) if i not in lost])
+    values = np.zeros((len(numbers), 7))
+    values[:, ELEVATOR] = np.where(numbers < MOVES_AT, 0.0, moves_by)
+    history = ControlHistory(aircraft, SETTLE)
+    history.add(samples_of(Kind.CONTROLS, np.rint(numbers * step * SECOND), values), 0)
+    rows = np.zeros((98, StateField.WIDTH))
+    rows[:, StateField.TIME] = step * (0.25 + 0.5 * np.arange(98))
+    return rows[:, StateField.TIME], history.at(rows, False)[0][:, :2]
+
+
+@pytest.mark.parametrize(
+    ("lost", "moves_by", "unseen"),
+    [
+        ((), 0.1, False),
+        ((24,), 0.1, False),
+        ((24, 25), 0.1, True),
+        ((23, 24, 25), 0.1, True),
+        ((23, 24, 25), 0.001, False),  # it stands still within its noise
+        ((10, 11, 12), 0.1, False),  # nothing moved then
+    ],
+)
+def test_nobody_knows_when_a_surface_moved(aircraft, lost, moves_by, unseen):
+    times, found = elevator_and_aileron(aircraft, lost, moves_by=moves_by)
+    known = np.isfinite(found)
+    assert known[:, AILERON].all()
+    if not unseen:
+        assert known[:, ELEVATOR].all()
+        return
+    begin, end = STEP * (min(lost) - 1), STEP * (max(lost) + 1)
+    assert not known[(times > begin) & (times <= end), ELEVATOR].any()
+    assert known[(times <= begin) | (times > end + 0.025), ELEVATOR].all()
+    assert not known[np.searchsorted(times, end), ELEVATOR]  # states may have been lost with the controls
+
+
+def test_controls_that_always_come_slowly_are_not_lost(aircraft):
+    assert np.isfinite(elevator_and_aileron(aircraft, step=0.06)[1]).all()
+
+
+def begins_lost(samples):
+    """The flight without the samples of the controls with which a surface begins to move."""
+    controls = np.flatnonzero(samples.kind == Kind.CONTROLS)
+    moves = np.flatnonzero((np.abs(np.diff(samples.values[controls, :3], axis=0)) > 0.01).any(axis=1))
+    begins = moves[np.diff(moves, prepend=-9) > 2]
+    assert len(begins) > 5
+    lost = controls[np.concatenate([begins - 1, begins, begins + 1])]
+    return samples[np.setdiff1d(np.arange(len(samples)), lost)]
+
+
+@pytest.fixture(scope="module")
+def flight(aircraft):
+    samples = simulate_samples(aircraft, seed=3).samples
+    return begins_lost(samples[samples.stamp < samples.stamp[0] + 18 * SECOND])
+
+
+def test_what_may_be_used_is_right(aircraft, flight):
+    """With straight lines across what was lost Cl_da was 28 standard errors from the truth, and said USE."""
+    pipeline, used = Pipeline(aircraft), 0
+    for part in np.array_split(np.arange(len(flight)), 90):
+        pipeline.push(flight[part])
+        for p in pipeline.parameters.snapshot().parameters:
+            if p.status == Trust.USE:
+                used += 1
+                assert abs(p.value - aircraft.coefficients[p.name]) < 5.0 * p.std, p
+    assert used > 50
+
+
+def test_blocks_of_any_size_give_the_same(aircraft, flight):
+    few = flight[: len(flight) // 2]
+
+    def points(size):
+        pipeline = Pipeline(aircraft)
+        return np.vstack([pipeline.push(few[at : at + size])[1] for at in range(0, len(few), size)])
+
+    whole = points(len(few))
+    for size in (1, 61, 1000):
+        np.testing.assert_array_equal(points(size), whole)
