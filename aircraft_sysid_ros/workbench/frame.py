@@ -112,8 +112,8 @@ class Frame:
         """What can be done on the page, and how."""
         return {
             "Drag in a time plot": "zooms; a double click shows everything again",
-            "Point at a time plot": "draws a line through all of them, with the values there",
-            "Camera over a figure": "saves it as SVG",
+            "Point at a time plot": "draws a line through all of them, with the values there; on a phone, tap",
+            "Camera under a figure": "saves it as SVG",
             "◐": "light or dark",
             "?": "this help",
         }

@@ -59,6 +59,7 @@ def _environment() -> Environment:
         "number": number,
         "rounded": rounded,
         "percent": percent,
+        "drawn": drawn,
         "thousands": thousands,
         "symbol": symbol,
     }
