@@ -23,11 +23,11 @@ from aircraft_sysid_ros.workbench.views.history import VersionRow
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL, ParameterRow
 from aircraft_sysid_ros.workbench.views.residuals import ResidualRow
 from aircraft_sysid_ros.workbench.views.states import Consistency
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, chance, percent, rounded, symbol
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, chance, percent, rounded, symbol, typeset
 
 #: What figures do by themselves in a browser, on the page and in the file.
 SCRIPT = "\n".join(
-    Path(__file__).with_name(name).read_text(encoding="utf8") for name in ("crosshair.js", "save_figure.js")
+    Path(__file__).with_name(name).read_text(encoding="utf8") for name in ("crosshair.js", "touch.js", "save_figure.js")
 )
 #: Parts of the content of one AircraftState: title, field, and where its standard deviations begin.
 _OF_STATE = (
@@ -59,7 +59,7 @@ def _environment() -> Environment:
         "number": number,
         "rounded": rounded,
         "percent": percent,
-        "drawn": drawn,
+        "typeset": typeset,
         "thousands": thousands,
         "symbol": symbol,
     }
