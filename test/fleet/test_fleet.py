@@ -16,6 +16,7 @@ from aircraft_sysid_ros.fleet.apart import Failed
 from aircraft_sysid_ros.fleet.fleet import Asked, fly_fleet
 from aircraft_sysid_ros.fleet.flight_task import Options
 from aircraft_sysid_ros.fleet.flights import Files
+from aircraft_sysid_ros.fleet.page import _Scale
 from aircraft_sysid_ros.fleet.results import Results
 
 DAY = 86_400 * 10**9
@@ -294,3 +295,12 @@ def test_what_is_said_of_a_flight_does_not_name_the_folder_that_it_was_flown_in(
         lambda job, folder: {"reason": flight_task._tried(lambda: judge(folder / "run"), "no", 0)[1]},
     )
     assert flight_task.answer_of(job, tmp_path / "wörk") == {"reason": "no: the flight is too short"}
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.87, -0.83), (0.0708, 0.0738), (-7.7, -5.6), (11.0, 4300.0), (-2.0, 1.0)])
+def test_the_axis_of_a_curve_has_a_few_round_numbers(low, high) -> None:
+    ticks = _Scale(6, low, high).ticks
+    values = [float(tick["text"].replace("−", "-")) for tick in ticks]
+    assert 3 <= len(values) <= 8 and all(low <= value <= high for value in values)
+    assert all(len(tick["text"].strip("−0.").rstrip("0")) <= 3 for tick in ticks)
+    assert np.diff(values) == pytest.approx(values[1] - values[0])
