@@ -435,13 +435,17 @@ def test_a_number_ends_where_its_error_does():
 @pytest.mark.parametrize(
     ("kinds", "findings", "begin"),
     [
-        (["instrument offset"], [], "With care: 1 sensor or what the aircraft file says of it is off"),
+        (
+            ["instrument offset"],
+            [],
+            "With care: something is wrong with 1 sensor, or with what the aircraft file says of it.",
+        ),
         (
             ["instrument offset", "instrument scale"],
             [],
-            "With care: 2 sensors or what the aircraft file says of them are",
+            "With care: something is wrong with 2 sensors, or with what the aircraft file says of them.",
         ),
-        (["airspeed_scale", "stall"], [], "With care: 1 sensor or"),
+        (["airspeed_scale", "stall"], [], "With care: something is wrong with 1 sensor, or"),
         (["stall"], [], "Yes"),
         (["stall"], [Finding(("elevator",), "sign", "warning", "…")], "With care: 1 warning,"),
         (["check unit"], [Finding(("sideslip",), "unit", "error", "…")], "Not as it is: 1 error "),
