@@ -109,11 +109,14 @@ class StatePanel(Panel):
             figures = states.all_figures(record.state, self.page.look.theme, self.page.session.truth.content)
             with ui.element("div").classes("grid2"):
                 for title, made in figures:
-                    with card(title):
+                    if title != states.INNOVATIONS:
+                        with card(title):
+                            plot(made, title)
+                        continue
+                    with card(title).style("grid-column: 1 / -1"), ui.element("div").classes("beside"):
                         plot(made, title)
-                        if title == states.INNOVATIONS:
-                            table = markup.consistency_table(states.consistencies(record.summary))
-                            Html(table).props("data-testid=consistency")
+                        table = markup.consistency_table(states.consistencies(record.summary))
+                        Html(table).props("data-testid=consistency")
             self._track(record.state)
 
     def _track(self, state: states.StateHistory) -> None:
