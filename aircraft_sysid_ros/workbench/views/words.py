@@ -114,7 +114,8 @@ def rounded(value: float, std: float) -> tuple[str, str]:
 
 
 def _with_minus(text: str) -> str:
-    return text.replace("-", "−")
+    """A true minus, and none before a zero."""
+    return text.replace("-", "−") if text.strip("-0.") else text.lstrip("-")
 
 
 def percent(share: float) -> str:
