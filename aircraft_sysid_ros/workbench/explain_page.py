@@ -114,14 +114,18 @@ def _sensors(found: Explanation) -> list[str]:
 
 
 def _notes(found: Explanation) -> list[str]:
-    """Notes that do not say once more why an axis is not compared, and what would let it be, which stands beside it."""
+    """Notes that do not say once more what stands elsewhere: why an axis is not compared and what would let it be.
+
+    Nor, from the flight, the delay that the check has found in the whole log: two numbers of one delay contradict.
+    """
     reasons = [] if found.compared is None else found.compared.comparison.reasons.values()
     beside = " ".join([found.why_not, *reasons])
     said = [why for why in (found.why_not.partition(": ")[2],) if why]
     said += [
         remedy for remedy in (TELL_FLOW, throttle_instead(found.aircraft.model.terms)) if remedy in beside and remedy
     ]
-    return [note for note in found.notes if not any(text in note for text in said)]
+    late = tuple(f"{finding['signals']}: " for finding in _findings(found) if finding["kind"] == "offset")
+    return [note for note in found.notes if not note.startswith(late) and not any(text in note for text in said)]
 
 
 def _is_setting(kind: str) -> bool:
