@@ -24,6 +24,8 @@ _MOST_ROWS, _MOST_PLOTS, _MOST_AIRFRAMES, _MOST_FAILURES = 1000, 12, 8, 100
 _MAIN = ("Cm_de", "Cm_alpha", "CZ_alpha", "Cl_da", "Cn_beta", "Cm_q", "Cl_p", "Cn_dr")
 #: Verdicts that a reader would not understand as they are called.
 _VERDICTS = {"none": "nothing is missing", "missing": "an effect is missing"}
+#: From so many standard errors of scatter on, a curve says so.
+_SCATTERS = 3.0
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 640, 240, 64, 10, 24
 _SECOND = 1_000_000_000
 
@@ -188,6 +190,9 @@ def _plot(
         for airframe, one in there.items()
     ]
     words = "; ".join(f"{airframe}: {text}" for airframe, text in said.items()) or "no change, no difference"
+    for airframe, one in there.items():
+        if (times := _scatter(one)) > _SCATTERS and airframe not in said:
+            words += f"; {airframe}: scatters {times:.0f} times as much as its standard errors say"
     missing = sum(len(flights[airframe]) - len(one.number) for airframe, one in there.items())
     if missing:
         words += f"; no point for {missing} flight{'s' if missing > 1 else ''}, of which it is not to be used"
@@ -195,6 +200,14 @@ def _plot(
         "parameter": parameter, "words": words, "curves": curves, "ticks": scale.ticks, "width": _WIDTH,
         "height": _HEIGHT, "left": _LEFT, "right": _WIDTH - 8, "last": scale.last + 1,
     }  # fmt: skip
+
+
+def _scatter(series: Series) -> float:
+    """How much more the values of an airframe scatter about their mean than their standard errors say."""
+    if len(series.value) < 3:
+        return 0.0
+    mean = np.average(series.value, weights=series.std**-2.0)
+    return float(np.sqrt(np.sum(((series.value - mean) / series.std) ** 2) / (len(series.value) - 1)))
 
 
 def _said(change: Mapping[str, Any]) -> str:
