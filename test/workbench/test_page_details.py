@@ -102,8 +102,10 @@ def test_a_figure_is_read_and_zoomed_by_a_finger_and_the_page_still_moves(server
     everything, top = page.evaluate(range_of), page.evaluate("scrollY")
     stroke(0.0, 0.0)
     page.wait_for_function("document.querySelector('.crosshair span')?.innerText.includes('measured')")
+    read = page.locator(".crosshair span").first.bounding_box()
+    assert read["x"] >= 0.0 and read["x"] + read["width"] <= 390.0
     camera = plot.locator(".modebar-btn").first.bounding_box()
-    assert camera["y"] > page.locator(".crosshair span").first.bounding_box()["y"] + 100.0  # neither covers the other
+    assert camera["y"] > read["y"] + read["height"]  # neither covers the other
     stroke(0.0, -90.0)
     page.wait_for_function("(top) => scrollY > top + 30", arg=top)
     assert page.evaluate(range_of) == everything and page.locator(".crosshair span").count() == 0
