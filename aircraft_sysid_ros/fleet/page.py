@@ -22,6 +22,10 @@ from aircraft_sysid_ros.text_file import write_whole
 _MOST_ROWS, _MOST_PLOTS, _MOST_AIRFRAMES, _MOST_FAILURES = 1000, 12, 8, 100
 #: Parameters that are drawn first where nothing changes: stability, damping and control power.
 _MAIN = ("Cm_de", "Cm_alpha", "CZ_alpha", "Cl_da", "Cn_beta", "Cm_q", "Cl_p", "Cn_dr")
+#: Verdicts that a reader would not understand as they are called.
+_VERDICTS = {"none": "nothing is missing", "missing": "an effect is missing"}
+#: From so many standard errors of scatter on, a curve says so.
+_SCATTERS = 3.0
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 640, 240, 64, 10, 24
 _SECOND = 1_000_000_000
 
@@ -97,7 +101,8 @@ def _row(flown: Flown, anchor: str) -> dict[str, Any]:
     step = {"none": 0.0, "not diagnosed": 1e6, "not used": 3e6}.get(verdict, 2e6)
     return {
         "name": flown.flight.name, "airframe": flown.flight.airframe, "date": _date(flown.start), "anchor": anchor,
-        "verdict": verdict, "bad": verdict not in ("none", "not diagnosed"), "badness": step + times,
+        "verdict": _VERDICTS.get(verdict, verdict), "bad": verdict not in ("none", "not diagnosed"),
+        "badness": step + times,
         "error": f"{100.0 * max(e for e, _ in known):.1f} %" if known else "–",
         "times": f"{times:.1f}" if known else "–",
         "used": sum(p["status"] == "USE" for p in answer.get("parameters", ())),
@@ -150,9 +155,12 @@ class _Scale:
 
     @property
     def ticks(self) -> list[dict[str, Any]]:
-        values = np.linspace(self.low, self.high, 6)[1:-1]
-        digits = max(int(np.ceil(-np.log10(self.high - self.low))) + 2, 0)
-        return [{"at": self.y(v), "text": f"{v:.{digits}f}".replace("-", "−")} for v in values]
+        """At round numbers, three to six of them."""
+        decade = 10.0 ** np.floor(np.log10((self.high - self.low) / 3.0))
+        step = max(step for step in (decade, 2.0 * decade, 5.0 * decade) if 3.0 * step <= self.high - self.low)
+        digits = max(int(-np.floor(np.log10(1.001 * step))), 0)
+        values = step * np.arange(np.ceil(self.low / step), np.floor(self.high / step) + 1.0)
+        return [{"at": self.y(v), "text": f"{v + 0.0:.{digits}f}".replace("-", "−")} for v in values]
 
 
 def _plot(
@@ -182,6 +190,9 @@ def _plot(
         for airframe, one in there.items()
     ]
     words = "; ".join(f"{airframe}: {text}" for airframe, text in said.items()) or "no change, no difference"
+    for airframe, one in there.items():
+        if (times := _scatter(one)) > _SCATTERS and airframe not in said:
+            words += f"; {airframe}: scatters {times:.0f} times as much as its standard errors say"
     missing = sum(len(flights[airframe]) - len(one.number) for airframe, one in there.items())
     if missing:
         words += f"; no point for {missing} flight{'s' if missing > 1 else ''}, of which it is not to be used"
@@ -191,16 +202,26 @@ def _plot(
     }  # fmt: skip
 
 
+def _scatter(series: Series) -> float:
+    """How much more the values of an airframe scatter about their mean than their standard errors say."""
+    if len(series.value) < 3:
+        return 0.0
+    mean = np.average(series.value, weights=series.std**-2.0)
+    return float(np.sqrt(np.sum(((series.value - mean) / series.std) ** 2) / (len(series.value) - 1)))
+
+
 def _said(change: Mapping[str, Any]) -> str:
     size = f"{change['size']:+.2g}".replace("-", "−")
     return f"drifts by {size} per flight" if change["kind"] == "drift" else f"jumps by {size} from {change['flight']}"
 
 
 def _points(series: Series, scale: _Scale, flown: Sequence[Flown], anchors: Mapping[str, str]) -> list[dict[str, Any]]:
+    from aircraft_sysid_ros.workbench.views.words import rounded
+
     points = []
     for number, value, std in zip(series.number, series.value, series.std, strict=True):
         each = flown[int(number)]
-        words = (each.flight.name, _date(each.start), f"{value:.5g} ± {2.0 * std:.2g}")
+        words = (each.flight.name, _date(each.start), " ± ".join(rounded(value, 2.0 * std)))
         points.append({
             "x": scale.x(int(number)), "y": scale.y(value), "low": scale.y(value - 2.0 * std),
             "high": scale.y(value + 2.0 * std), "anchor": anchors[each.flight.name], "title": ", ".join(words),

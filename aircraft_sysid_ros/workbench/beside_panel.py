@@ -17,7 +17,7 @@ from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.envelope import envelope_words, shared_scale
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
-from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, quantity_of, sentence
 
 #: Where there is nothing to compare with.
 ONE_VERSION = (
@@ -183,7 +183,7 @@ class BesidePanel(Panel):
 
     def _offer(self, one: Comparison, other: Comparison) -> None:
         """Axes and signals that both have."""
-        axes = {name: f"C_{name[1]}" for name in one.axes if name in other.axes}
+        axes = {name: AXIS_WORDS[name] for name in one.axes if name in other.axes}
         signals = [s for s in places.moving_signals(one.flight) if s in places.moving_signals(other.flight)]
         words = {name: quantity_of(name).words for name in signals}
         for key, options in (("axis", axes), ("x", words), ("y", words)):

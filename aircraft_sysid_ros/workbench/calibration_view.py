@@ -18,6 +18,21 @@ Array = npt.NDArray[np.float64]
 #: As ``calibrate`` calls its file, and what a run has that a calibration has not.
 RESULT, OF_RUN = "result.json", "aircraft.yaml"
 DEGREES = 180.0 / np.pi
+_KINDS = {"lambda": "scale error of", "b": "offset of"}
+_OF = {
+    "V": "the airspeed", "alpha": "the angle of attack", "beta": "the sideslip", "phi": "the roll angle",
+    "theta": "the pitch angle", "psi": "the heading", "p": "the roll rate", "q": "the pitch rate", "r": "the yaw rate",
+    "ax": "the acceleration forward", "ay": "the acceleration to the right", "az": "the acceleration down",
+    **{axis: f"the magnetic field along {axis}" for axis in "xyz"},
+}  # fmt: skip
+_WORDS = {
+    "W_N": "wind to the north", "W_E": "wind to the east", "W_D": "wind downwards",
+    "eps_phi": "roll of the probe in its mount", "inclination": "how far the magnetic field points down",
+    "declination": "magnetic north, east of true north",
+    **{f"n_{axis}": f"hard iron along {axis}" for axis in "xyz"},
+    **{f"eta_{axis}": f"the magnetometer is turned about {axis}" for axis in "xyz"},
+    **{f"alpha_{axes}": f"soft iron, {axes}" for axes in ("xy", "xz", "yz")},
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -41,6 +56,14 @@ class CalibratedParameter:
     def title(self) -> str:
         """Name with unit."""
         return f"{self.name} [{self.unit or '-'}]"
+
+    @property
+    def words(self) -> str:
+        """What it is, for those who do not know its symbol; empty where that is not known."""
+        kind, _, of = self.name.partition("_")
+        if self.name in _WORDS or kind not in _KINDS:
+            return _WORDS.get(self.name, "")
+        return f"{_KINDS[kind]} {_OF[of]}" if of in _OF else ""
 
 
 @dataclass(frozen=True)

@@ -68,8 +68,9 @@
       part.textContent = text;
       part.style.borderColor = colour ?? "currentColor";
     }
-    const side = along > 0.5 * xaxis._length ? {right: `${innerWidth - left + 6}px`} : {left: `${left + 6}px`};
-    Object.assign(label.style, side, {top: `${box.top + size.t + 2}px`});
+    const width = label.offsetWidth, beside = along > 0.5 * xaxis._length ? left - 6 - width : left + 6;
+    const inside = Math.max(Math.min(beside, innerWidth - 4 - width), 4); // a phone may have no room on either side
+    Object.assign(label.style, {left: `${inside}px`, top: `${box.top + size.t + 2}px`});
   }
 
   let last = null;

@@ -11,7 +11,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, card
 from aircraft_sysid_ros.workbench.views.coefficients import AxisRow
-from aircraft_sysid_ros.workbench.views.words import percent, symbol
+from aircraft_sysid_ros.workbench.views.words import percent, symbol, typeset
 
 
 class Errors:
@@ -48,7 +48,7 @@ class Errors:
         self._notes.set_visibility(bool(notes))
         with self._notes:
             for note in notes:
-                ui.label(note)
+                Html(typeset(note))
         top = markup.errors_scale([*(row.held_out for row in rows), *before.values()])
         self._scale.show(markup.scale_head(top))
         for row in rows:

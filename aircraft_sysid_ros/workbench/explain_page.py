@@ -31,6 +31,7 @@ def explain_html(found: Explanation) -> str:
         findings=_findings(found),
         groups=_groups(found),
         modes=[_mode(mode) for mode in found.modes],
+        no_modes=_why_no_modes(found),
         errors=_errors(found),
         places=[] if found.compared is None else found.compared.comparison.worst[:_MOST_PLACES],
         sensors=_sensors(found),
@@ -45,8 +46,9 @@ def _trust(found: Explanation) -> list[str]:
     if count[ERROR]:
         first = f"Not as it is: {_counted(count[ERROR], 'error')} make what is estimated from it wrong."
     elif off := _off(found):
-        of = "them are" if len(off) > 1 else "it is"
-        first = f"With care: {_counted(len(off), 'sensor')} or what the aircraft file says of {of} off, see below."
+        of = "them" if len(off) > 1 else "it"
+        sensors = _counted(len(off), "sensor")
+        first = f"With care: something is wrong with {sensors}, or with what the aircraft file says of {of}."
     elif count[WARNING]:
         first = f"With care: {_counted(count[WARNING], 'warning')}, of parts of the flight or single parameters."
     else:
@@ -87,6 +89,12 @@ def _mode(mode: KnownMode) -> dict[str, Any]:
     return {"mode": mode, "period": 2.0 * np.pi / slow if swings and slow > 0.0 else None}
 
 
+def _why_no_modes(found: Explanation) -> str:
+    """The one reason why no mode is known; empty where one is, or where they have several reasons."""
+    reasons = {mode.reason for mode in found.modes}
+    return reasons.pop() if len(reasons) == 1 and len(found.modes) > 1 else ""
+
+
 def _errors(found: Explanation) -> dict[str, Any] | None:
     if found.compared is None:
         return None
@@ -106,14 +114,18 @@ def _sensors(found: Explanation) -> list[str]:
 
 
 def _notes(found: Explanation) -> list[str]:
-    """Notes that do not say once more why an axis is not compared, and what would let it be, which stands beside it."""
+    """Notes that do not say once more what stands elsewhere: why an axis is not compared and what would let it be.
+
+    Nor, from the flight, the delay that the check has found in the whole log: two numbers of one delay contradict.
+    """
     reasons = [] if found.compared is None else found.compared.comparison.reasons.values()
     beside = " ".join([found.why_not, *reasons])
     said = [why for why in (found.why_not.partition(": ")[2],) if why]
     said += [
         remedy for remedy in (TELL_FLOW, throttle_instead(found.aircraft.model.terms)) if remedy in beside and remedy
     ]
-    return [note for note in found.notes if not any(text in note for text in said)]
+    late = tuple(f"{finding['signals']}: " for finding in _findings(found) if finding["kind"] == "offset")
+    return [note for note in found.notes if not note.startswith(late) and not any(text in note for text in said)]
 
 
 def _is_setting(kind: str) -> bool:

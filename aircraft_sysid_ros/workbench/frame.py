@@ -11,7 +11,7 @@ from nicegui import ui
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Theme
-from aircraft_sysid_ros.workbench.views.words import sentence
+from aircraft_sysid_ros.workbench.views.words import sentence, typeset
 
 STYLE = Path(__file__).with_name("style.css")
 #: Time [s] between looks at the session.
@@ -105,15 +105,15 @@ class Frame:
                 )
             with ui.element("div").classes("notice").props("role=status aria-live=polite data-testid=notice") as box:
                 self._notice_box = box
-                self._notice_text = ui.label("").classes("text")
+                self._notice_text = Html().classes("text")
                 self.notice_extras()
 
     def help(self) -> dict[str, str]:
         """What can be done on the page, and how."""
         return {
             "Drag in a time plot": "zooms; a double click shows everything again",
-            "Point at a time plot": "draws a line through all of them, with the values there",
-            "Camera over a figure": "saves it as SVG",
+            "Point at a time plot": "draws a line through all of them, with the values there; on a phone, tap",
+            "Camera under a figure": "saves it as SVG",
             "◐": "light or dark",
             "?": "this help",
         }
@@ -135,7 +135,7 @@ class Frame:
 
     def notice(self, text: str, is_bad: bool, is_shown: bool = False) -> None:
         """Say one sentence under the header; nothing where it is empty, unless the notice is shown anyway."""
-        self._notice_text.text = sentence(text)
+        self._notice_text.show(typeset(sentence(text)))
         self._notice_box.set_visibility(bool(text) or is_shown)
         self._notice_box.classes(add="bad" if is_bad else "", remove="" if is_bad else "bad")
 

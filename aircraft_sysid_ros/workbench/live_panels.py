@@ -22,7 +22,7 @@ from aircraft_sysid_ros.workbench.views.coefficients import ORDER
 from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.history import effect_name
 from aircraft_sysid_ros.workbench.views.parameters import parameter_rows
-from aircraft_sysid_ros.workbench.views.words import sentence
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, sentence, typeset
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE
 
 #: Least time [s] between two drawings: a playback at ten times real time must not choke the browser.
@@ -113,7 +113,7 @@ class LiveWhyPanel(SidePanel):
     def build(self) -> None:
         """Make the verdict and the place of the cards."""
         self._verdict = ui.label("").classes("heading").props("data-testid=verdict")
-        self._words = ui.label("").classes("soft").style("margin-bottom:6px")
+        self._words = Html().classes("soft").style("margin-bottom:6px")
         self._cards = ui.element("div").style("width:100%").props("data-testid=cards")
         self._shown: Any = ""
         self.update()
@@ -129,19 +129,20 @@ class LiveWhyPanel(SidePanel):
         self._cards.clear()
         if found is None:
             self._verdict.text = "Not looked for yet"
-            self._words.text = "The node searches by itself, from about a minute and a half of flight on."
+            self._words.show("The node searches by itself, from about a minute and a half of flight on.")
             return
         self._verdict.text = EARLIER if stale else sentence(headline(found))
-        self._words.text = found["advice"]
+        words = found["advice"]
         if stale:
-            self._words.text = f"This was found for model {found['model']}. The node searches again by itself."
+            words = f"This was found for model {found['model']}. The node searches again by itself."
+        self._words.show(typeset(words))
         with self._cards:
             for number, shown in enumerate(live.cards(found)):
                 self._card(shown, number, shown.key in added)
 
     def _card(self, shown: Card, number: int, has: bool) -> None:
         note = "in the model" if has else "missing"
-        caption = f"{shown.main_axis[0]}_{shown.main_axis[1]} {shown.gain} · {note}"
+        caption = f"{AXIS_WORDS[shown.main_axis]} {shown.gain} · {note}"
         with fold(shown.title, f"card-{number}", caption).classes("top-card" if number == 0 else ""):
             Html(markup.card_facts(shown, None))
             add = ui.button("Add in flight", on_click=lambda: self.do(ADD, shown.key)).style("margin-top:10px")

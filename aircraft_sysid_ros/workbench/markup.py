@@ -23,11 +23,11 @@ from aircraft_sysid_ros.workbench.views.history import VersionRow
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL, ParameterRow
 from aircraft_sysid_ros.workbench.views.residuals import ResidualRow
 from aircraft_sysid_ros.workbench.views.states import Consistency
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, chance, percent, rounded, symbol
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, chance, percent, rounded, symbol, typeset
 
 #: What figures do by themselves in a browser, on the page and in the file.
 SCRIPT = "\n".join(
-    Path(__file__).with_name(name).read_text(encoding="utf8") for name in ("crosshair.js", "save_figure.js")
+    Path(__file__).with_name(name).read_text(encoding="utf8") for name in ("crosshair.js", "touch.js", "save_figure.js")
 )
 #: Parts of the content of one AircraftState: title, field, and where its standard deviations begin.
 _OF_STATE = (
@@ -40,6 +40,11 @@ _OF_STATE = (
 def number(value: float | None, digits: int = 4) -> str:
     """Significant digits, with a true minus; a dash where it is not known."""
     return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
+
+
+def figures(value: float | None, digits: int = 3) -> str:
+    """As many significant digits in every row of a table: 0.0750 beneath 0.0756."""
+    return "–" if value is None else f"{value:#.{digits}g}".rstrip(".").replace("-", "−")
 
 
 def thousands(count: int) -> str:
@@ -57,8 +62,10 @@ def _environment() -> Environment:
     )
     made.filters |= {
         "number": number,
+        "figures": figures,
         "rounded": rounded,
         "percent": percent,
+        "typeset": typeset,
         "thousands": thousands,
         "symbol": symbol,
     }

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.workbench.views import states, track
 from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.numbers import parameters_csv
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, history_figure, parameter_rows
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS
 
 #: What the figures of the track show.
 TRACK_WORDS = ("track over the ground, coloured by model error", "height over time, coloured by model error")
@@ -108,20 +109,23 @@ class StatePanel(Panel):
             figures = states.all_figures(record.state, self.page.look.theme, self.page.session.truth.content)
             with ui.element("div").classes("grid2"):
                 for title, made in figures:
-                    with card(title):
+                    if title != states.INNOVATIONS:
+                        with card(title):
+                            plot(made, title)
+                        continue
+                    with card(title).style("grid-column: 1 / -1"), ui.element("div").classes("beside"):
                         plot(made, title)
-                        if title == states.INNOVATIONS:
-                            table = markup.consistency_table(states.consistencies(record.summary))
-                            Html(table).props("data-testid=consistency")
+                        table = markup.consistency_table(states.consistencies(record.summary))
+                        Html(table).props("data-testid=consistency")
             self._track(record.state)
 
     def _track(self, state: states.StateHistory) -> None:
         """Where the model fails, on the map and over the height."""
-        axes = {track.WORST: "worst of all", **{name: f"C_{name[1]}" for name in self.page.view.comparison.axes}}
+        axes = {track.WORST: "worst of all", **{name: AXIS_WORDS[name] for name in self.page.view.comparison.axes}}
         self._axis = self._axis if self._axis in axes else track.WORST
         with card("Where the model fails: residual over the noise, along the track"):
             picker = ui.select(axes, value=self._axis, label="axis", on_change=self._choose)
-            picker.props("outlined dense options-dense data-testid=track-axis").style("width:150px; margin:8px 0")
+            picker.props("outlined dense options-dense data-testid=track-axis").style("width:190px; margin:8px 0")
             with ui.element("div").classes("grid2"):
                 self._drawn = [
                     plot(made, words).props(f"data-testid={name}")

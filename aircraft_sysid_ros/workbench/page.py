@@ -167,7 +167,7 @@ class Page(Frame):
             return
         told = self.session.told
         what = told.what or ("looking for what is missing" if job.kind == DIAGNOSE else job.text)
-        self._notice_text.text = f"{what[:1].upper()}{what[1:]} · {self.session.elapsed:.0f} s"
+        self._notice_text.show(f"{what[:1].upper()}{what[1:]} · {self.session.elapsed:.0f} s")
         self._bar.value = max(told.share, 0.02)
 
     def _key(self, event: events.KeyEventArguments) -> None:

@@ -22,7 +22,7 @@ from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.candidates import EVIDENCE_HEIGHT, Card, cards, evidence_figure, verdict
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
 from aircraft_sysid_ros.workbench.views.history import effect_name
-from aircraft_sysid_ros.workbench.views.words import quantity_of
+from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, quantity_of, typeset
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")
@@ -70,7 +70,7 @@ class WherePanel(SidePanel):
         ui.label("Residual by two signals").classes("heading").style("margin-top:12px")
         ui.label("Press a cell to see in the time plots when it was flown.").classes("soft small")
         options = {name: quantity_of(name).words for name in signals}
-        axes = {name: f"C_{name[1]}" for name in AXES if name in comparison.axes}
+        axes = {name: AXIS_WORDS[name] for name in AXES if name in comparison.axes}
         with ui.element("div").classes("pickers"):
             for key, label, choices in (("axis", "axis", axes), ("x", "across", options), ("y", "upwards", options)):
                 picker = ui.select(choices, value=self._choice[key], label=label, on_change=self._choose(key))
@@ -131,7 +131,7 @@ class WhyPanel(SidePanel):
             ui.element("div").classes("spring")
             button = ui.button("Diagnose", on_click=lambda: self.do(DIAGNOSE)).props("unelevated data-testid=diagnose")
             self.changing(button)
-        self._words = ui.label("").classes("soft").style("margin-bottom:6px")
+        self._words = Html().classes("soft").style("margin-bottom:6px")
         self._cards = ui.element("div").style("width:100%").props("data-testid=cards")
         self._drawn: list[tuple[Any, Card]] = []
         self._shown: Any = None
@@ -149,12 +149,13 @@ class WhyPanel(SidePanel):
         self._cards.clear()
         if found is None:
             self._verdict.text = "Not looked for yet"
-            self._words.text = (
+            self._words.show(
                 "Tries every effect of the library, and terms outside of it, against flights in which nothing is "
                 "missing. Half a minute to a minute."
             )
             return
-        self._verdict.text, self._words.text = verdict(found, view.current)
+        self._verdict.text, words = verdict(found, view.current)
+        self._words.show(typeset(words))
         known = view.comparisons.get(found["model"], view.comparison)
         with self._cards:
             for number, card in enumerate(cards(found, known.flight)):
@@ -164,7 +165,7 @@ class WhyPanel(SidePanel):
     def _card(self, card: Card, number: int, floor: float | None) -> None:
         has = card.key in self.page.view.changes
         note = "in the model" if has else "missing" if card.found else "weaker"
-        caption = f"{card.main_axis[0]}_{card.main_axis[1]} {card.gain} · {note}"
+        caption = f"{AXIS_WORDS[card.main_axis]} {card.gain} · {note}"
         with fold(card.title, f"card-{number}", caption).classes("top-card" if number == 0 else "") as box:
             Html(markup.card_facts(card, floor))
             height = EVIDENCE_HEIGHT if card.evidence is not None else 0  # kept free: the button below stays

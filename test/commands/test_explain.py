@@ -341,15 +341,18 @@ def test_what_would_let_an_axis_be_compared_stands_beside_it_and_not_in_the_note
         f"so {TELL_FLOW}",
         "not searched: CX",
     )
-    found = SimpleNamespace(aircraft=aircraft, compared=None, why_not="", notes=notes)
+    check = SimpleNamespace(checked=SimpleNamespace(findings=[Finding(("true_airspeed",), "offset", "warning", "…")]))
+    found = SimpleNamespace(aircraft=aircraft, compared=None, why_not="", notes=notes, check=check)
     assert explain_page._notes(found) == list(notes)
     found.why_not = f"no axis can be compared: CX ({throttle}); for alpha {TELL_FLOW}"
     assert explain_page._notes(found) == ["the map has no clock", "not searched: CX"]
     found.notes += (f"the library was not searched: no axis of the model can be judged: {found.why_not[25:]}",)
     assert explain_page._notes(found) == ["the map has no clock", "not searched: CX"]
     compared = SimpleNamespace(comparison=SimpleNamespace(reasons={"CX": f"({throttle})"}))
-    found = SimpleNamespace(aircraft=aircraft, compared=compared, why_not="", notes=notes)
+    found = SimpleNamespace(aircraft=aircraft, compared=compared, why_not="", notes=notes, check=check)
     assert explain_page._notes(found) == [notes[0], *notes[2:]]
+    found.notes += ("true_airspeed: it comes 0.27 s late", "true_airspeed_2: not read")
+    assert explain_page._notes(found) == [notes[0], *notes[2:], "true_airspeed_2: not read"]
 
 
 def test_an_axis_that_lacks_a_signal_is_no_want_of_motion():
@@ -435,13 +438,17 @@ def test_a_number_ends_where_its_error_does():
 @pytest.mark.parametrize(
     ("kinds", "findings", "begin"),
     [
-        (["instrument offset"], [], "With care: 1 sensor or what the aircraft file says of it is off"),
+        (
+            ["instrument offset"],
+            [],
+            "With care: something is wrong with 1 sensor, or with what the aircraft file says of it.",
+        ),
         (
             ["instrument offset", "instrument scale"],
             [],
-            "With care: 2 sensors or what the aircraft file says of them are",
+            "With care: something is wrong with 2 sensors, or with what the aircraft file says of them.",
         ),
-        (["airspeed_scale", "stall"], [], "With care: 1 sensor or"),
+        (["airspeed_scale", "stall"], [], "With care: something is wrong with 1 sensor, or"),
         (["stall"], [], "Yes"),
         (["stall"], [Finding(("elevator",), "sign", "warning", "…")], "With care: 1 warning,"),
         (["check unit"], [Finding(("sideslip",), "unit", "error", "…")], "Not as it is: 1 error "),

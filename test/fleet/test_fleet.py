@@ -13,9 +13,11 @@ import pytest
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet import fleet as module
 from aircraft_sysid_ros.fleet.apart import Failed
+from aircraft_sysid_ros.fleet.changes import Series
 from aircraft_sysid_ros.fleet.fleet import Asked, fly_fleet
 from aircraft_sysid_ros.fleet.flight_task import Options
 from aircraft_sysid_ros.fleet.flights import Files
+from aircraft_sysid_ros.fleet.page import _Scale, _scatter
 from aircraft_sysid_ros.fleet.results import Results
 
 DAY = 86_400 * 10**9
@@ -294,3 +296,19 @@ def test_what_is_said_of_a_flight_does_not_name_the_folder_that_it_was_flown_in(
         lambda job, folder: {"reason": flight_task._tried(lambda: judge(folder / "run"), "no", 0)[1]},
     )
     assert flight_task.answer_of(job, tmp_path / "wörk") == {"reason": "no: the flight is too short"}
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.87, -0.83), (0.0708, 0.0738), (-7.7, -5.6), (11.0, 4300.0), (-2.0, 1.0)])
+def test_the_axis_of_a_curve_has_a_few_round_numbers(low, high) -> None:
+    ticks = _Scale(6, low, high).ticks
+    values = [float(tick["text"].replace("−", "-")) for tick in ticks]
+    assert 3 <= len(values) <= 8 and all(low <= value <= high for value in values)
+    assert all(len(tick["text"].strip("−0.").rstrip("0")) <= 3 for tick in ticks)
+    assert np.diff(values) == pytest.approx(values[1] - values[0])
+
+
+def test_values_that_scatter_beyond_their_errors_are_told_from_those_that_do_not() -> None:
+    values, std = np.random.default_rng(1).normal(-0.8, 0.01, 40), np.full(40, 0.01)
+    assert 0.7 < _scatter(Series(np.arange(40), values, std, std)) < 1.3
+    assert _scatter(Series(np.arange(40), values, 0.1 * std, std)) > 7.0
+    assert _scatter(Series(np.arange(2), np.array([0.0, 9.0]), np.ones(2), np.ones(2))) == 0.0

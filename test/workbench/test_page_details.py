@@ -84,6 +84,36 @@ def test_a_figure_that_is_saved_says_what_it_is(server, open_page) -> None:
     assert page.evaluate("document.querySelector('[data-testid=plot-Cl]').layout.title") is None
 
 
+def test_a_figure_is_read_and_zoomed_by_a_finger_and_the_page_still_moves(server, open_page) -> None:
+    page = open_page(server, width=390, height=844, has_touch=True, is_mobile=True)
+    plot = page.locator(marked("plot-CX"))
+    fingers = page.context.new_cdp_session(page)
+
+    def stroke(right: float, down: float) -> None:
+        box = plot.locator(".nsewdrag").first.bounding_box()
+        x, y = box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"]
+        at = [{"x": x + right * share, "y": y + down * share} for share in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)]
+        for point, kind in zip(at, ["touchStart", *["touchMove"] * 5], strict=True):
+            fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
+        fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    range_of = "document.querySelector('[data-testid=plot-CX]')._fullLayout.xaxis.range"
+    plot.scroll_into_view_if_needed()
+    everything, top = page.evaluate(range_of), page.evaluate("scrollY")
+    stroke(0.0, 0.0)
+    page.wait_for_function("document.querySelector('.crosshair span')?.innerText.includes('measured')")
+    read = page.locator(".crosshair span").first.bounding_box()
+    assert read["x"] >= 0.0 and read["x"] + read["width"] <= 390.0
+    camera = plot.locator(".modebar-btn").first.bounding_box()
+    assert camera["y"] > read["y"] + read["height"]  # neither covers the other
+    stroke(0.0, -90.0)
+    page.wait_for_function("(top) => scrollY > top + 30", arg=top)
+    assert page.evaluate(range_of) == everything and page.locator(".crosshair span").count() == 0
+    page.wait_for_timeout(500)  # until it stands still
+    stroke(90.0, 0.0)
+    page.wait_for_function(f"(all) => {range_of}[1] - {range_of}[0] < 0.6 * all", arg=everything[1] - everything[0])
+
+
 #: Of each table that can be seen: whether a shadow says where it goes on, and whether its first column stays.
 TABLES = """[...document.querySelectorAll('.of-table')].filter((e) => e.offsetParent && e.innerText).map((e) => [
   getComputedStyle(e).backgroundImage.includes('gradient'),

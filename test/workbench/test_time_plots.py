@@ -35,6 +35,24 @@ def test_a_sentence_begins_with_a_capital_but_a_path_stays_what_it_is() -> None:
     assert words.sentence("state.json is not there") == "state.json is not there"
 
 
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("C_m and CZ, C_m,q: 9% of -14.4", "C<sub>m</sub> and C<sub>Z</sub>, C<sub>m,q</sub>: 9 % of −14.4"),
+        ("Cm_de is HOLD; a 3-2-1-1", '<span class="mono">Cm_de</span> is HOLD; a 3-2-1-1'),
+        ("`aircraft-sysid add` <b>", '<span class="mono">aircraft-sysid add</span> &lt;b&gt;'),
+        ("10^6 times, f-2, 1-3 s, 5 %, T_c", "10⁶ times, f-2, 1-3 s, 5 %, T<sub>c</sub>"),
+        ("under 'model' CX: [1, alpha] has it", "under &#39;model&#39; CX: [1, alpha] has it"),
+    ],
+)
+def test_a_sentence_has_the_symbols_of_the_page(text, shown) -> None:
+    assert words.typeset(text) == shown
+
+
+def test_a_difference_that_rounds_to_nothing_has_no_sign() -> None:
+    assert words.rounded(-0.00032, 0.021) == ("0.000", "0.021") and words.rounded(-0.3, 0.021)[0] == "−0.300"
+
+
 def test_a_worse_version_beside_has_the_same_moments_and_few_numbers(view) -> None:
     found = view.comparison.axes["CX"]
     worse = replace(found, fit=replace(found.fit, held_out=60.0 * found.fit.held_out))

@@ -31,6 +31,17 @@ def result(calibration):
     return json.loads((calibration / "result.json").read_text())
 
 
+def test_a_parameter_is_named_for_those_who_do_not_know_its_symbol(calibration) -> None:
+    view = load_calibration_view(calibration)
+    words = {p.name: p.words for p in view.parameters}
+    assert (
+        words["lambda_V"] == "scale error of the airspeed" and words["W_D"] == "wind downwards" and all(words.values())
+    )
+    assert [markup.figures(x) for x in (0.075, 0.07577, -1.8, 4.0817, 120.4, None)] == [
+        "0.0750", "0.0758", "−1.80", "4.08", "120", "–",
+    ]  # fmt: skip
+
+
 @pytest.fixture
 def folder(calibration, tmp_path):
     """A copy that a test may change."""

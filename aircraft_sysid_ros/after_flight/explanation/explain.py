@@ -153,6 +153,7 @@ def _explained(
         return Explanation(str(log), out, aircraft, checked, said, further, why_not=why_not, notes=tuple(notes))
     notes += replayed["notes"]
     compared, diagnosis, why_not = _judged(place / RUN, options, tell)
+    why_not = why_not.replace(str(place / RUN), "the flight")  # a reader has never seen that folder
     tell("put it into words", 0.97)
     learnt = None
     if compared is not None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS, SURFACE_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.episode import Episode, Times
 from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
@@ -81,7 +81,8 @@ def sentence_of(failure: Failure) -> str:
     name = _WHAT.get(failure.name, failure.name)
     if failure.kind == PART:
         return f"The control '{name}' keeps {_left(failure)} of its effect {span_of(failure)}."
-    where = f" It stays near {failure.level:.3f}." if np.isfinite(failure.level) else ""
+    unit = " rad" if failure.name in SURFACE_WORDS else "" if failure.name in _WHAT else " in SI units"
+    where = f" It stays near {failure.level:.3f}{unit}." if np.isfinite(failure.level) else ""
     return f"The control '{name}' does not move {span_of(failure)}, whatever is commanded.{where}"
 
 

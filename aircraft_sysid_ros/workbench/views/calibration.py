@@ -29,7 +29,12 @@ def verdict(view: CalibrationView) -> str:
 def sentences(view: CalibrationView) -> list[str]:
     """Why, and what stage 2 made of it."""
     why = view.decision[:1].upper() + view.decision[1:]
-    return [f"{why}.", f"Stage 2: {view.stage_2}" + ("." if view.converged else ", not converged.")]
+    fitted = view.stage_2.replace("xi2 alone", "the sampled parameters alone")
+    return [
+        f"{why}.",
+        f"Stage 2: {fitted}" + ("." if view.converged else ", not converged."),
+        f"{TRACE} is the mean square of what a sample leaves unexplained; stage 2 fits from the best.",
+    ]
 
 
 def trace_figure(view: CalibrationView, column: int, theme: Theme, height: int = 240) -> Figure:
@@ -62,7 +67,7 @@ def distance_figure(view: CalibrationView, theme: Theme, height: int = 240) -> F
     data = [_dots(_distance(view, view.xi2), view.trace, theme)]
     return figure(
         theme, data, height,
-        xaxis=axis(theme, "distance from the estimate [half ranges]", fixedrange=True, rangemode="tozero"),
+        xaxis=axis(theme, "distance [half ranges]", fixedrange=True, rangemode="tozero"),
         yaxis=_trace_axis(view, theme), margin=_MARGIN,
     )  # fmt: skip
 

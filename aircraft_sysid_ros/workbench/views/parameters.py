@@ -17,9 +17,10 @@ Array = npt.NDArray[np.float64]
 
 #: Standard errors on either side of an interval.
 INTERVAL = 1.96
+_UNITS = "Per radian where a term is of an angle; rates are p b/2V, q c/V and r b/2V."
 #: Where the numbers of the first version come from, and those of the others.
-IN_FLIGHT = "Learnt in flight by the recursion, at the end of the flight."
-OF_ALL = "Fitted to all of the flight when this version was made."
+IN_FLIGHT = "Learnt in flight by the recursion, at the end of the flight. " + _UNITS
+OF_ALL = "Fitted to all of the flight when this version was made. " + _UNITS
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 #: The histogram ends there [sigma], and its first and last bar have what is beyond; bars of this width.
 _END, _WIDTH = 5.0, 0.25
 #: Share of the width of a figure that the histogram takes.
-_HISTOGRAM = 0.54
+_HISTOGRAM = 0.5
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def residual_figure(comparison: Comparison, name: str, theme: Theme, height: int
         ),
     ]  # fmt: skip
     top = float(max(0.3, 1.1 * bound, 1.1 * np.nanmax(np.abs(correlation), initial=0.0)))
-    left, right = {"domain": [0.0, _HISTOGRAM]}, {"domain": [_HISTOGRAM + 0.15, 1.0], "anchor": "y2"}
+    left, right = {"domain": [0.0, _HISTOGRAM]}, {"domain": [_HISTOGRAM + 0.2, 1.0], "anchor": "y2"}
     return figure(
         theme, data, height,
         xaxis=axis(theme, "residual [sigma of the noise]", range=[-_END, _END], fixedrange=True, **left),

@@ -14,6 +14,7 @@ from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE, time_of
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
 from aircraft_sysid_ros.workbench.views.places import colour_bar
 from aircraft_sysid_ros.workbench.views.states import StateHistory
+from aircraft_sysid_ros.workbench.views.words import symbol
 
 Array = npt.NDArray[np.float64]
 
@@ -93,7 +94,7 @@ def _coloured(x: Array, y: Array, error: FlownError, theme: Theme) -> dict[str, 
     """Marks whose colour is the residual, with its scale."""
     bar, low, high = colour_bar(error.times_noise, theme)
     words = [
-        f"{at:.0f} s<br>C_{name[1]}: {times:.1f} times the noise"
+        f"{at:.0f} s<br>{symbol(name)}: {times:.1f} times the noise"
         for at, name, times in zip(error.time, error.axis, error.times_noise, strict=True)
     ]
     return {

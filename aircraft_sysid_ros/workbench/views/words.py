@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 AXIS_WORDS = {
     "CX": "axial force",
@@ -42,7 +43,7 @@ SIGNAL_WORDS = {
     "da": Quantity("aileron", "deg", _DEGREES),
     "dr": Quantity("rudder", "deg", _DEGREES),
     "flaps": Quantity("flaps", "deg", _DEGREES),
-    "Tc": Quantity("thrust coefficient T_c", "-"),
+    "Tc": Quantity("thrust coefficient", "-"),
     "throttle": Quantity("throttle", "-"),
     "propeller_speed": Quantity("propeller speed", "rad/s"),
     "V": Quantity("airspeed", "m/s"),
@@ -65,6 +66,37 @@ def symbol(axis: str) -> Markup:
     return Markup("C<sub>{}</sub>").format(axis[1])
 
 
+#: What sentences hold that a page draws in another way: what is quoted as a command, names of parameters, symbols of
+#: coefficients (C_m, C_m,q and Cm; but "CX: [1, alpha]" is for a file), T_c, powers of ten, and minus signs.
+_DRAWN = re.compile(
+    r"`(?P<command>[^`]+)`|\b(?P<parameter>C[XYZlmn]_\w+)"
+    r"|\bC_?(?P<axis>[XYZlmn])(?P<by>,(?:alpha|beta|[pqr]|d[aer]))?\b(?!: \[)|\b(?P<thrust>T_c)\b"
+    r"|10\^(?P<power>\d+)|(?P<minus>(?<![\w.,)/-])-(?=\d))|(?P<percent>(?<=\d)%)"
+)
+_POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def typeset(text: str) -> Markup:
+    """A sentence as a page shows it: C with its index for C_m, as beside it, and true minus signs."""
+    parts, end = [], 0
+    for found in _DRAWN.finditer(text):
+        parts += [escape(text[end : found.start()]), _draw(found)]
+        end = found.end()
+    return Markup("").join([*parts, escape(text[end:])])
+
+
+def _draw(found: re.Match[str]) -> Markup:
+    if name := found["command"] or found["parameter"]:
+        return Markup('<span class="mono">{}</span>').format(name)
+    if found["axis"]:
+        return Markup("C<sub>{}{}</sub>").format(found["axis"], found["by"] or "")
+    if found["thrust"]:
+        return Markup("T<sub>c</sub>")
+    if found["power"]:
+        return Markup("10") + found["power"].translate(_POWERS)
+    return Markup("−" if found["minus"] else " %")
+
+
 def rounded(value: float, std: float) -> tuple[str, str]:
     """A value and its standard error to the last place that the standard error says something of: its second digit.
 
@@ -82,7 +114,8 @@ def rounded(value: float, std: float) -> tuple[str, str]:
 
 
 def _with_minus(text: str) -> str:
-    return text.replace("-", "−")
+    """A true minus, and none before a zero."""
+    return text.replace("-", "−") if text.strip("-0.") else text.lstrip("-")
 
 
 def percent(share: float) -> str:
