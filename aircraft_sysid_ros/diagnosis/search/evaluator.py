@@ -440,6 +440,9 @@ def tilt_terms(data: FlightData) -> list[str]:
 #: Signals whose products the search outside the library tries, with the named inputs of the aircraft.
 _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "flaps", "Tc", "V", "height", "alpha_dot", "beta_dot")
 _HINGED = ("alpha", "beta", "V", "height")
+#: Rates of the flow angles contain the measured forces, which answer to gusts before the reconstructed angles do, and
+#: the gradient of a gust along the aeroplane, which no replica has: in gusts they say something of every force.
+_RATES, _FORCES = frozenset({"alpha_dot", "beta_dot"}), ("CX", "CY", "CZ")
 
 
 def expressions(data: FlightData) -> Iterator[Candidate]:
@@ -453,10 +456,11 @@ def expressions(data: FlightData) -> Iterator[Candidate]:
         if name in moving:
             levels = np.nanquantile(data.signal(name), (0.25, 0.5, 0.75))
             texts += [f"max({name}-({level:.4g}),0)" for level in levels]
+    gusty = data.aircraft.process_noise["wind"] > THRESHOLDS.calm
     for axis in AXES:
         known = set(data.model.terms[axis]) | (set(tilt_terms(data)) if axis == "CX" else set())
         for program in data.parsed(texts):
-            if program.text not in known:
+            if program.text not in known and not (gusty and axis in _FORCES and program.signals & _RATES):
                 yield Candidate(None, "", (), {axis: (program.text,)})
 
 

@@ -1,0 +1,25 @@
+"""Expressions outside the library: rates of the flow angles say nothing of a force in gusts, which makes them."""
+
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.diagnosis.search.evaluator import expressions
+from aircraft_sysid_ros.effects.effect import with_setting
+
+RATES = {"alpha_dot", "beta_dot"}
+
+
+def axes_with_rates(flight) -> set[str]:
+    return {
+        axis
+        for candidate in expressions(flight)
+        for axis, texts in candidate.terms.items()
+        if any(parse_expression(text).signals & RATES for text in texts)
+    }
+
+
+def test_in_gusts_no_force_is_explained_by_the_rate_of_an_angle(hidden_run) -> None:
+    flight = open_run(hidden_run).flight()
+    calm = with_setting(flight.aircraft, ("process_noise", "wind"), 0.02)
+    gusty = with_setting(flight.aircraft, ("process_noise", "wind"), 1.0)
+    assert axes_with_rates(flight.under(calm)) == {"CX", "CY", "CZ", "Cl", "Cm", "Cn"}
+    assert axes_with_rates(flight.under(gusty)) == {"Cl", "Cm", "Cn"}
