@@ -214,7 +214,7 @@ def length_notes(pipeline: Pipeline, writer: RunWriter) -> list[str]:
             f"{seconds:.0f} s are too short for parameters, none of them is to be used: record at least "
             f"{least:g} s of flight with motion about every axis"
         ]
-    needed = f"compare, diagnose, add and remove need {least:g} s in all, so"
+    needed = f"compare and add, and diagnose of all but inputs that fail, need {least:g} s in all, so"
     if seconds >= least and not {Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP} <= usable:
         return [
             f"wind and attitude tell the angles of flow for {judged:.0f} s of this flight only: {needed} {TELL_FLOW}"

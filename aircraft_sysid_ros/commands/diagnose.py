@@ -43,10 +43,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
-    searched = result["replicas"] or result["verdict"] != "none"
-    poor = "no input has stopped acting, more was not looked for" if result["tried"] else "nothing could be looked for"
-    answer = headline(result) if searched else poor
-    lines = [f"model {result['model']}: {answer}", ""]
+    lines = [f"model {result['model']}: {headline(result)}", ""]
     if "runs" in result:
         lines[1:] = [f"{len(result['runs'])} runs: {', '.join(result['runs'])}; held out: {result['held_out']}", ""]
     for candidate in result["candidates"]:

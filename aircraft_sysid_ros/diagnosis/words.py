@@ -31,6 +31,10 @@ _HEADLINES = {
 
 def headline(said: Mapping[str, Any]) -> str:
     """The answer in a few words, of the JSON that is said of a flight or of a part of it."""
+    if said["verdict"] == NONE and said.get("replicas") == 0:  # the library was not searched
+        return (
+            "no input has stopped acting, more was not looked for" if said["tried"] else "nothing could be looked for"
+        )
     if said["verdict"] == NONE and said.get("unknown"):
         return "nothing can be named, since the angles of flow are not measured"
     if said["verdict"] == NONE and said.get("left"):

@@ -38,6 +38,9 @@ _CONDITION = ("V", "alpha")
 _BLOCK = 1 << 20
 #: In the folder of a flight: its run, and what a log was imported to.
 _RUN, _IMPORTED = "run", "recording"
+#: How calm air is asked for of one flight, and here.
+_OF_REPLAY = "replay it with --calm-air"
+_OF_FLEET = "fly the fleet with --calm-air, or say calm_air: true of it in a list"
 #: Folders of the program that have no part in an answer.
 _NO_PART = ("commands", "consumer", "fleet", "nodes", "report", "simulation", "workbench")
 Answer = dict[str, Any]
@@ -209,7 +212,7 @@ def _tried(work: Callable[[], Any], what: str, nothing: Any) -> tuple[Any, str]:
     try:
         return work(), ""
     except InputError as error:
-        return nothing, f"{what}: {error}"
+        return nothing, f"{what}: {str(error).replace(_OF_REPLAY, _OF_FLEET)}"
 
 
 def _why_unused(parameters: Mapping[str, Mapping[str, Any]]) -> str:

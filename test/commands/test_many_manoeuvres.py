@@ -263,7 +263,7 @@ def test_the_sum_of_short_manoeuvres_is_what_must_be_long_enough(bag, aircraft_f
     for count, enough in ((3, False), (6, True)):
         file = write_segments(folder / f"{count}.yaml", equal_segments(count, 6.0))
         said = ask("replay", bag, "--segments", file, "--aircraft", aircraft_file, "--out", folder / f"few{count}")
-        told = [note for note in said["notes"] if "compare, diagnose, add and remove need 20 s in all" in note]
+        told = [note for note in said["notes"] if "inputs that fail, need 20 s in all" in note]
         assert len(told) == (not enough), said["notes"]
         if enough:
             assert ask("compare", folder / f"few{count}")["axes"]["CZ"]["nrmse_held_out"] < 0.2

@@ -23,11 +23,13 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     sums_of_squares,
 )
 from aircraft_sysid_ros.diagnosis.failures.repeats import likeliest, times_there
-from aircraft_sysid_ros.diagnosis.failures.words import candidate_json, report_json, sentence_of
+from aircraft_sysid_ros.diagnosis.failures.words import candidate_json, report_json, sentence_of, terms_of
 from aircraft_sysid_ros.diagnosis.flight_answer import answer
 from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.model_change import with_terms
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import contradicted_calm, wind_of_ground_speed
 from aircraft_sysid_ros.run_writer import RunWriter
@@ -230,6 +232,26 @@ def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes,
     removed = remove(run_without_vanes, "loss_of_thrust")
     assert removed.axes["CX"]["error_after"] == added.axes["CX"]["error_before"] and not removed.improved
     assert open_run(run_without_vanes).current.changes == {}
+
+
+def test_what_the_model_has_failed_is_not_called_sound(engine) -> None:
+    (found,) = failures_of(engine.aircraft, engine.samples).found
+    report = failures_of(engine.aircraft, engine.samples)
+    known = with_terms(engine.aircraft, {a: tuple(t) for a, t in terms_of(found, report).items()}, {})
+    said = report_json(failures_of(known, engine.samples), [])
+    assert said["verdict"] == "none" and "The model has it that engine failed" in said["advice"]
+    assert headline(said) == "no input has stopped acting, more was not looked for"
+
+
+def test_nothing_is_added_by_forces_where_diagnose_would_say_nothing(stuck, tmp_path) -> None:
+    pipeline = Pipeline(stuck.aircraft)
+    with RunWriter(tmp_path / "run", stuck.aircraft) as writer:
+        pipeline.push(stuck.samples), pipeline.flush()
+        writer.add_samples(stuck.samples)
+        writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, time.perf_counter())
+    with pytest.raises(InputError, match="replay it with --calm-air"):
+        add(tmp_path / "run", "stuck_control")
+    assert not (tmp_path / "run" / "models").exists()
 
 
 def test_a_wind_contradicts_calm_air(stuck, engine) -> None:

@@ -242,6 +242,17 @@ def notes_of(report: FailureReport) -> list[str]:
     return notes
 
 
+def _failed_in_model(report: FailureReport) -> list[str]:
+    """Inputs that the model has changed at times, as ``add`` adds what failed."""
+    model, found = report.balance.aircraft.model, []
+    for name in report.tried:
+        signals = {"throttle", "Tc"} if name == ENGINE else {name}
+        read = [parse_expression(text, model.inputs).signals for texts in model.terms.values() for text in texts]
+        if any("time" in each and each & signals for each in read):
+            found.append(_WHAT.get(name, name))
+    return found
+
+
 def _advice(report: FailureReport) -> Iterator[str]:
     for failure in report.found:
         yield sentence_of(failure)
@@ -256,6 +267,8 @@ def _advice(report: FailureReport) -> Iterator[str]:
         )
     elif not report.found:
         known = [_WHAT.get(name, name) for name in report.tried if name in report.shown]
+        if failed := _failed_in_model(report):
+            yield f"The model has it that {listed(failed)} failed or changed for a time. Beyond that:"
         hidden = [_WHAT.get(name, name) for name in report.tried if name not in report.shown]
         if known:
             yield f"None of the inputs of which this flight would show it has failed: {', '.join(known)}."

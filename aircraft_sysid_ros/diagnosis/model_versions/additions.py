@@ -50,6 +50,7 @@ from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.processes import in_parallel
+from aircraft_sysid_ros.reconstruction.absences import options_after_flight
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -322,7 +323,12 @@ def _finish(
 
 
 def _finish_by_forces(run: Run, label: str, failed: FailedInput, *, removed: Change | None = None) -> Outcome:
-    """The version with what forces alone have found, or ``removed`` from it, judged by the balances that found it."""
+    """The version with what forces alone have found, or ``removed`` from it, judged by the balances that found it.
+
+    Raises InputError where ``diagnose`` would say nothing, since neither airspeed nor calm air is there.
+    """
+    assert run.samples is not None
+    options_after_flight(run.samples, run.calm_air)
     changes = dict(run.current.changes)
     if removed is None:
         change = Change(terms=failed.terms)
