@@ -206,17 +206,22 @@ def test_the_answer_needs_airspeed_or_the_choice_of_calm_air(stuck) -> None:
     assert any("taken as calm" in note for note in said["notes"])
 
 
+def written(path: Path, flight) -> Path:
+    """The run of a flight."""
+    pipeline = Pipeline(flight.aircraft)
+    with RunWriter(path, flight.aircraft) as writer:
+        for rows, points in (pipeline.push(flight.samples), pipeline.flush()):
+            writer.add_rows(rows)
+            writer.add_points(points)
+        writer.add_samples(flight.samples)
+        writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, time.perf_counter())
+    return path
+
+
 @pytest.fixture(scope="module")
 def run_without_vanes(engine, tmp_path_factory):
     """A run of the flight whose engine fails, of which no coefficient can be fitted."""
-    path, pipeline = tmp_path_factory.mktemp("runs") / "engine", Pipeline(engine.aircraft)
-    with RunWriter(path, engine.aircraft) as writer:
-        for rows, points in (pipeline.push(engine.samples), pipeline.flush()):
-            writer.add_rows(rows)
-            writer.add_points(points)
-        writer.add_samples(engine.samples)
-        writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, time.perf_counter())
-    return path
+    return written(tmp_path_factory.mktemp("runs") / "engine", engine)
 
 
 def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes, engine) -> None:
@@ -235,8 +240,8 @@ def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes,
 
 
 def test_what_the_model_has_failed_is_not_called_sound(engine) -> None:
-    (found,) = failures_of(engine.aircraft, engine.samples).found
     report = failures_of(engine.aircraft, engine.samples)
+    (found,) = report.found
     known = with_terms(engine.aircraft, {a: tuple(t) for a, t in terms_of(found, report).items()}, {})
     said = report_json(failures_of(known, engine.samples), [])
     assert said["verdict"] == "none" and "The model has it that engine failed" in said["advice"]
@@ -244,11 +249,7 @@ def test_what_the_model_has_failed_is_not_called_sound(engine) -> None:
 
 
 def test_nothing_is_added_by_forces_where_diagnose_would_say_nothing(stuck, tmp_path) -> None:
-    pipeline = Pipeline(stuck.aircraft)
-    with RunWriter(tmp_path / "run", stuck.aircraft) as writer:
-        pipeline.push(stuck.samples), pipeline.flush()
-        writer.add_samples(stuck.samples)
-        writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, time.perf_counter())
+    written(tmp_path / "run", stuck)
     with pytest.raises(InputError, match="replay it with --calm-air"):
         add(tmp_path / "run", "stuck_control")
     assert not (tmp_path / "run" / "models").exists()

@@ -58,6 +58,7 @@ def test_the_error_with_what_was_named_is_that_of_the_truth(flown):
 )
 def test_what_is_taken_out_of_the_library_is_unexplained_and_gets_no_other_name(flown):
     assert flown["without"]["verdict"] == "unexplained" and flown["axis"] in flown["without"]["axes"]
+    assert hidden_effects.summary([flown])["without"]["unexplained_right_axis"] == 1.0
 
 
 def test_the_summary_counts_it(flown):
