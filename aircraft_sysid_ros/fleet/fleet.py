@@ -132,8 +132,8 @@ def _jobs(
         options = Options(asked.replicas, flight.map, flight.servos, flight.calm_air)
         files = (flight.aircraft, *options.files)
         if files not in beside:
-            beside[files] = content_key(files, program_key(), repr(options.replicas))
-        key = content_key((), recording, beside[files], *(["calm air"] if options.calm_air else []))
+            beside[files] = content_key(files, program_key())
+        key = content_key((), recording, beside[files], repr((options.replicas, options.calm_air)))
         keep = (asked.out / RUNS / flight.name).absolute() if asked.runs else None
         jobs[flight.name] = Job(
             key, flight.recording, flight.is_log, flight.aircraft, options, program_key(), keep, program_place()

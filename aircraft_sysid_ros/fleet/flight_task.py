@@ -30,6 +30,7 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.apart import Failed
 from aircraft_sysid_ros.fleet.flights import AUTOPILOTS
+from aircraft_sysid_ros.reconstruction.absences import NoAirspeedError
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.run_reader import AIRCRAFT, read_parameters, read_points, read_samples, read_state
 
@@ -38,9 +39,8 @@ _CONDITION = ("V", "alpha")
 _BLOCK = 1 << 20
 #: In the folder of a flight: its run, and what a log was imported to.
 _RUN, _IMPORTED = "run", "recording"
-#: How calm air is asked for of one flight, and here.
-_OF_REPLAY = "replay it with --calm-air"
-_OF_FLEET = "fly the fleet with --calm-air, or say calm_air: true of it in a list"
+#: How calm air is asked for here.
+_CALM_AIR = "fly the fleet with --calm-air, or say calm_air: true of it in a list"
 #: Folders of the program that have no part in an answer.
 _NO_PART = ("commands", "consumer", "fleet", "nodes", "report", "simulation", "workbench")
 Answer = dict[str, Any]
@@ -211,8 +211,10 @@ def _tried(work: Callable[[], Any], what: str, nothing: Any) -> tuple[Any, str]:
     """What a step finds, or nothing and why."""
     try:
         return work(), ""
+    except NoAirspeedError as error:
+        return nothing, f"{what}: {error.why}: {_CALM_AIR}"
     except InputError as error:
-        return nothing, f"{what}: {str(error).replace(_OF_REPLAY, _OF_FLEET)}"
+        return nothing, f"{what}: {error}"
 
 
 def _why_unused(parameters: Mapping[str, Mapping[str, Any]]) -> str:

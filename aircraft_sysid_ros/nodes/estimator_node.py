@@ -215,7 +215,10 @@ class EstimatorNode(ConfigurableNode):
         if not self._shared:
             return ""
         listed = ", ".join(f"{count} on {topic}" for topic, count in self._shared.items())
-        return f"several programs published at once ({listed}), and what they sent is mixed: let one of them send"
+        return (
+            f"several programs published at once ({listed}), and what they sent is mixed: let one of them send, or "
+            "give each aircraft a namespace"
+        )
 
     def must_have(self, topic: str) -> bool:
         """Whether no message of a topic may be lost."""

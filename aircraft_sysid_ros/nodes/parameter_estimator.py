@@ -178,8 +178,6 @@ class ParameterEstimatorNode(EstimatorNode):
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),
         }
-        if self.count_publishers(STATES) > 1:
-            return f"{self.count_publishers(STATES)} nodes publish {STATES}: give each aircraft a namespace", values
         return "" if self.estimator.learning.newest is not None else "waiting for states in flight", values
 
     def take_states(self, rows: Any, stamps: Any) -> None:

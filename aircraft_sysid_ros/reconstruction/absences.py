@@ -36,6 +36,18 @@ def of_manoeuvres(said: Sequence[Sequence[str]], names: Sequence[str] = ()) -> l
     return found
 
 
+class NoAirspeedError(InputError):
+    """A flight without airspeed, of which nobody has said that its air was calm: ``why``, and what to do of one."""
+
+    why = "this flight has no airspeed, and nothing can be said of its model without one"
+
+    def __init__(self) -> None:
+        super().__init__(
+            f"{self.why}: replay it with --calm-air, which takes the speed over ground for it, and compare, diagnose, "
+            "add and refine take that up"
+        )
+
+
 def _of_one(sensors: Sensors, state: StateEstimator) -> list[str]:
     ground, calm_air = state.aircraft.ground_altitude, state.options.calm_air
     return [*_of_gps(sensors), *_of_height(sensors, ground), *_of_air_data(sensors, calm_air)]
@@ -49,13 +61,10 @@ def has_airspeed(samples: Samples) -> bool:
 def options_after_flight(samples: Samples, calm_air: bool) -> StateOptions:
     """Options with which a flight is reconstructed once more, ``calm_air`` as when it was replayed.
 
-    Raises InputError for a flight that no parameter can be learnt from.
+    Raises NoAirspeedError for a flight that no parameter can be learnt from.
     """
     if not has_airspeed(samples) and not calm_air:
-        raise InputError(
-            "this flight has no airspeed, and nothing can be said of its model without one: replay it with --calm-air, "
-            "which takes the speed over ground for it, and compare, diagnose, add and refine take that up"
-        )
+        raise NoAirspeedError
     return StateOptions(calm_air=calm_air)
 
 

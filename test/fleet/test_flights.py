@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.fleet import flight_task
 from aircraft_sysid_ros.fleet.flights import Files, flights_of
+from aircraft_sysid_ros.reconstruction.absences import NoAirspeedError
 
 
 @pytest.fixture
@@ -182,3 +184,14 @@ def test_what_is_not_there(place):
     with pytest.raises(InputError, match="two flights have the name bag"):
         (place / "fleet" / "N1" / "bag.mcap").touch()
         found(place, "fleet/N2/bag", "fleet/N1/bag.mcap")
+
+
+def test_a_flight_without_airspeed_says_how_a_fleet_takes_calm_air():
+    """Not how a replay of one flight does."""
+
+    def work():
+        raise NoAirspeedError
+
+    told = flight_task._tried(work, "not diagnosed", None)[1]
+    assert told.startswith("not diagnosed: this flight has no airspeed")
+    assert "fly the fleet with --calm-air" in told and "replay it" not in told
