@@ -1,8 +1,9 @@
-"""What is said of any flight: inputs that failed where no vanes are, then everything else that it allows.
+"""What is said of any flight: inputs that failed, then everything else that it allows.
 
 Without vanes, and without airspeed more so, the angles of flow are inferred, and few effects can be told by them. What
 can be told all the same is whether the inputs act (``failures``); where one does not, that is the answer, since it
-would look like many other effects. Where the flight allows no search of the library, the answer says why.
+would look like many other effects. With vanes that is asked of an engine whose thrust nobody measured; the library
+judges the rest. Where the flight allows no search of the library, the answer says why.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.failures.failures import FailureReport, failures_of, has_vanes
+from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, has_vanes
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
@@ -60,10 +61,13 @@ def answer(
     """
     options_after_flight(samples, calm_air)
     notes = assumed_calm(samples, calm_air)
-    report = None if has_vanes(samples) else _failures(aircraft, samples, progress)
+    vanes = has_vanes(samples)
+    report = by_forces(aircraft, samples, lambda share: progress("look at the inputs", share))
     if report is not None and report.says_something:
         notes.append("the library was not searched: what failed or changed would stand for other effects")
         return report_json(report, notes)
+    if vanes:
+        report = None  # the library judges the rest
     if report is not None and not has_airspeed(samples):
         notes.append("the library was not searched: without airspeed its effects cannot be told from wind")
         return report_json(report, notes)
@@ -75,11 +79,3 @@ def answer(
         return report_json(report, [*notes, f"the library was not searched: {error}"])
     said = [*notes, *found.flight.notes, *([] if report is None else notes_of(report))]
     return {**found.json, "notes": said}
-
-
-def _failures(aircraft: Aircraft, samples: Samples, progress: Callable[[str, float], None]) -> FailureReport | None:
-    """Inputs that failed; None where the flight has too little for that, and the search of the library may say why."""
-    try:
-        return failures_of(aircraft, samples, lambda share: progress("look at the inputs", share))
-    except InputError:
-        return None

@@ -141,6 +141,38 @@ def has_vanes(samples: Samples) -> bool:
     return all(measured) or bool(np.any(samples.kind == Kind.SEAM))
 
 
+def by_forces(
+    aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
+) -> FailureReport | None:
+    """What forces alone say of the inputs of a flight; None where it has too little for that.
+
+    With vanes the library judges the surfaces. It has no word of an engine whose thrust is not measured.
+    """
+    try:
+        return engine_of(aircraft, samples) if has_vanes(samples) else failures_of(aircraft, samples, progress)
+    except InputError:
+        return None
+
+
+def engine_of(aircraft: Aircraft, samples: Samples) -> FailureReport | None:
+    """Look for an engine that failed by C_X alone; None where thrust is measured, or the flight consists of manoeuvres.
+
+    Raises InputError where the flight is too short or lacks a sensor.
+    """
+    if np.any(samples.kind == Kind.SEAM):
+        return None
+    balance = force_balance(aircraft, samples, ENGINE_BAND)
+    relation = relations_of(balance).get("CX")
+    stands_for_thrust = np.isfinite(balance.full_thrust).all()  # the throttle does
+    if relation is None or ENGINE not in relation.acting or not stands_for_thrust:
+        return None
+    form = _Form(balance, FailureSearch({"CX": relation}, balance.step), THRESHOLDS.failure_evidence)
+    searched = _searched(_Job(form, ENGINE))
+    found = () if searched.failure is None else (searched.failure,)
+    shown = frozenset({ENGINE} if searched.is_shown else ())
+    return FailureReport(found, None, (ENGINE,), shown, ("CX",), {}, balance)
+
+
 def failures_of(
     aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
 ) -> FailureReport:

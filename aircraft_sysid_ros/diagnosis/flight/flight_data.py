@@ -258,6 +258,8 @@ class FlightData:
     def _limited(self, lag: Lag) -> Array | None:
         """What moves at its greatest rate (n,), worked out as quickly as a surface was recorded, in the mean over the
         windows of the coefficients: the mean of what is limited is not what limits the mean. None of anything else.
+
+        What it lacks of the command is what is averaged: of a rate that is never reached nothing, to the last bit.
         """
         name = lag.program.text
         if name not in SURFACE_SIGNALS or np.isinf(lag.rate) or self.surfaces is None or self.sparse_interval > 0.0:
@@ -267,8 +269,10 @@ class FlightData:
         if known.sum() < 2:
             return None
         grid = np.arange(time[known][0], time[known][-1], _QUICK)
-        moved = rate_limited(np.interp(grid, time[known], column[known]), lag.rate, _QUICK)
-        return window_averages(grid, moved[:, None], self.signal("time"), ParameterOptions().half_width, False)[:, 0]
+        told = np.interp(grid, time[known], column[known])
+        left = (rate_limited(told, lag.rate, _QUICK) - told)[:, None]
+        mean = window_averages(grid, left, self.signal("time"), ParameterOptions().half_width, False)[:, 0]
+        return self.signal(name) + (mean if np.any(left) else 0.0)
 
 
 def load_flight_data(run: str | Path) -> FlightData:

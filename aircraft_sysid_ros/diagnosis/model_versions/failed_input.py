@@ -1,7 +1,7 @@
-"""An input that failed, or a moment that no input shows, as a change of the model of a flight without vanes.
+"""An input that failed, or a moment that no input shows, as a change of the model.
 
-``diagnose`` finds these by the forces alone (``failures``), on flights of which no filter may know the angles of flow
-well enough to fit the coefficients. What is added is what it has found, judged by the same balances: the errors are
+``diagnose`` finds these by the forces alone (``failures``), most of them on flights without vanes, of which no filter
+may know the angles of flow well enough to fit the coefficients. What is added is what it has found, judged by the same balances: the errors are
 those that it showed.
 """
 
@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.failures.failures import failures_of, has_vanes
+from aircraft_sysid_ros.diagnosis.failures.failures import by_forces
 from aircraft_sysid_ros.diagnosis.failures.words import CHANGE_OF_MOMENTS, DAMAGED, LOSS_OF_THRUST, STUCK, candidates_of
-from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Samples
 
 #: Effects that forces alone tell.
@@ -31,13 +30,8 @@ def failed_input(aircraft: Aircraft, samples: Samples | None, identifier: str) -
     """What ``diagnose`` says of an effect by forces alone; None where it does not judge the flight so, or says no such
     thing.
     """
-    if identifier not in BY_FORCES or samples is None or has_vanes(samples):
-        return None
-    try:
-        report = failures_of(aircraft, samples)
-    except InputError:  # the flight has too little for that
-        return None
-    for candidate, episode in candidates_of(report):
+    report = None if identifier not in BY_FORCES or samples is None else by_forces(aircraft, samples)
+    for candidate, episode in candidates_of(report) if report is not None else ():
         if candidate["effect"] == identifier:
             terms = {axis: tuple(texts) for axis, texts in candidate["terms"].items()}
             return FailedInput(terms, dict(episode.errors))
