@@ -54,6 +54,12 @@ def engine():
     return flights.fly(3, flights.LAYOUTS["airspeed, 10 Hz"], "engine")
 
 
+@pytest.fixture(scope="module")
+def engine_report(engine):
+    """What the search says of it."""
+    return failures_of(engine.aircraft, engine.samples)
+
+
 # -- laws -----------------------------------------------------------------------------------------------------
 
 
@@ -155,8 +161,8 @@ def test_an_elevon_that_sticks_is_named_and_dated(stuck) -> None:
     assert abs(found.left) < 0.35, "nothing is left of what it does"
 
 
-def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine) -> None:
-    report = failures_of(engine.aircraft, engine.samples)
+def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine, engine_report) -> None:
+    report = engine_report
     (found,) = report.found
     assert found.is_loss_of_thrust and found.end is None
     assert abs(found.begin - engine.begin) < 2.0
@@ -253,8 +259,8 @@ def run_without_vanes(engine, tmp_path_factory):
     return written(tmp_path_factory.mktemp("runs") / "engine", engine)
 
 
-def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes, engine) -> None:
-    (found,) = failures_of(engine.aircraft, engine.samples).found
+def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes, engine, engine_report) -> None:
+    (found,) = engine_report.found
     added = add(run_without_vanes, "loss_of_thrust")
     assert {a: (e["error_before"], e["error_after"]) for a, e in added.axes.items()} == dict(found.errors)
     assert added.improved and "falls from" in added.verdict and "by the balance of forces" in added.verdict
@@ -268,8 +274,8 @@ def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes,
     assert open_run(run_without_vanes).current.changes == {}
 
 
-def test_what_the_model_has_failed_is_not_called_sound(engine) -> None:
-    report = failures_of(engine.aircraft, engine.samples)
+def test_what_the_model_has_failed_is_not_called_sound(engine, engine_report) -> None:
+    report = engine_report
     (found,) = report.found
     known = with_terms(engine.aircraft, {a: tuple(t) for a, t in terms_of(found, report).items()}, {})
     said = report_json(failures_of(known, engine.samples), [])
