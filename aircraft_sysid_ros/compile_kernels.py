@@ -28,6 +28,9 @@ from aircraft_sysid_ros.calibration.calibration_file import Calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.calibration.kinematics import integrated_outputs
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import whitened
+from aircraft_sysid_ros.diagnosis.failures.coloured_fit import coloured_fit
+from aircraft_sysid_ros.diagnosis.failures.interval_search import FROZEN, Whitened, sums_of_squares
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains
 from aircraft_sysid_ros.estimation.kalman_filter import LinearSystem, filter_series
@@ -85,6 +88,14 @@ def search() -> None:
     fits["CZ"].gain(signals[:, :2])
     _ = fits["CZ"].fit
     tied_gains(fits, {"CZ": signals[:, :1]}, {"CZ": np.ones((1, 1))})
+
+
+def failures() -> None:
+    """The fits on which an input is sought that stopped acting."""
+    columns, white = np.random.default_rng(0).standard_normal((50, 2)), np.ones(1)
+    coloured_fit(columns, np.ones(50), white, 3, 0.1, 1)
+    series = Whitened(columns, columns, columns, columns[:, 0], whitened(columns[:, 1], white))
+    sums_of_squares(series, FROZEN, np.array([10]), np.array([40]))
 
 
 def simulation() -> None:
@@ -146,6 +157,7 @@ PARTS: tuple[Callable[[], None], ...] = (
     simulation,
     least_squares,
     search,
+    failures,
     checks,
     calibration,
     refinement,

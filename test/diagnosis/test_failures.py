@@ -11,7 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_toeplitz
 
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import whitened
+from aircraft_sysid_ros.diagnosis.failures.coloured_fit import coloured_fit
 from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import force_balance
 from aircraft_sysid_ros.diagnosis.failures.interval_search import (
@@ -51,6 +54,12 @@ def engine():
     return flights.fly(3, flights.LAYOUTS["airspeed, 10 Hz"], "engine")
 
 
+@pytest.fixture(scope="module")
+def engine_report(engine):
+    """What the search says of it."""
+    return failures_of(engine.aircraft, engine.samples)
+
+
 # -- laws -----------------------------------------------------------------------------------------------------
 
 
@@ -71,6 +80,32 @@ def test_running_sums_are_the_sums_of_squares_of_the_fits() -> None:
             x = np.column_stack([rest, moving, inside * constant])
             left = response - x @ np.linalg.lstsq(x, response, rcond=None)[0]
             assert found[kind][w] == pytest.approx(float(left @ left), rel=1e-5), (kind, first, last)
+
+
+def test_a_fit_with_a_colour_is_that_of_plain_least_squares_and_the_smallest_where_columns_are_alike() -> None:
+    rng, count, order, floor = np.random.default_rng(5), 300, 4, 0.05
+    columns = rng.standard_normal((count, 3)) * [1.0, 1e3, 1e-3]
+    noise = np.convolve(rng.standard_normal(count + 1), [1.0, 0.8], "valid")
+    for x in (columns, np.column_stack([columns, 2.0 * columns[:, 0], np.zeros(count)])):
+        y = columns @ [1.0, 2e-3, 5e2] + noise
+        rows, theta, colour, size, variance = coloured_fit(x, y, np.ones(1), order, floor, 3)
+        scaled = x / np.where(size > 0.0, size, 1.0)
+        known = np.linalg.lstsq(scaled, y, rcond=1e-8)[0]
+        for _ in range(3):
+            left = y - scaled @ known
+            left -= left.mean()
+            lags = np.array([left[k:] @ left[: count - k] / count for k in range(order + 1)])
+            lags[0] = lags[0] * (1.0 + 1e-4) + floor**2
+            expected = np.concatenate([[1.0], -solve_toeplitz(lags[:-1], lags[1:])])
+            white = whitened(scaled, expected), whitened(y, expected)
+            known = np.linalg.lstsq(*white, rcond=1e-8)[0]
+        assert colour == pytest.approx(expected, rel=1e-9) and theta == pytest.approx(known, rel=1e-9, abs=1e-12)
+        assert rows == pytest.approx(np.vstack([white[0].T, white[1]]), rel=1e-9, abs=1e-9)
+        assert white[1] == pytest.approx(np.convolve(y, expected, "valid"), rel=1e-12, abs=1e-12)
+        innovations = white[1] - white[0] @ known
+        assert variance == pytest.approx(np.mean(innovations**2) + floor**2 * np.sum(expected**2), rel=1e-9)
+    assert whitened(columns[:, :0], colour).shape == (count - order, 0), "an input may have a constant only"
+    assert whitened(y[:3], colour).shape == (0,), "a series may be shorter than the filter"
 
 
 def test_the_likeliest_times_are_the_best_of_all_that_there_are() -> None:
@@ -126,8 +161,8 @@ def test_an_elevon_that_sticks_is_named_and_dated(stuck) -> None:
     assert abs(found.left) < 0.35, "nothing is left of what it does"
 
 
-def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine) -> None:
-    report = failures_of(engine.aircraft, engine.samples)
+def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine, engine_report) -> None:
+    report = engine_report
     (found,) = report.found
     assert found.is_loss_of_thrust and found.end is None
     assert abs(found.begin - engine.begin) < 2.0
@@ -224,8 +259,8 @@ def run_without_vanes(engine, tmp_path_factory):
     return written(tmp_path_factory.mktemp("runs") / "engine", engine)
 
 
-def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes, engine) -> None:
-    (found,) = failures_of(engine.aircraft, engine.samples).found
+def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes, engine, engine_report) -> None:
+    (found,) = engine_report.found
     added = add(run_without_vanes, "loss_of_thrust")
     assert {a: (e["error_before"], e["error_after"]) for a, e in added.axes.items()} == dict(found.errors)
     assert added.improved and "falls from" in added.verdict and "by the balance of forces" in added.verdict
@@ -239,8 +274,8 @@ def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes,
     assert open_run(run_without_vanes).current.changes == {}
 
 
-def test_what_the_model_has_failed_is_not_called_sound(engine) -> None:
-    report = failures_of(engine.aircraft, engine.samples)
+def test_what_the_model_has_failed_is_not_called_sound(engine, engine_report) -> None:
+    report = engine_report
     (found,) = report.found
     known = with_terms(engine.aircraft, {a: tuple(t) for a, t in terms_of(found, report).items()}, {})
     said = report_json(failures_of(known, engine.samples), [])

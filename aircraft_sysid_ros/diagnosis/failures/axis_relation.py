@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.diagnosis.failures.coloured_fit import whitened_rows
 from aircraft_sysid_ros.diagnosis.failures.force_balance import ForceBalance
 
 Array = npt.NDArray[np.float64]
@@ -180,21 +181,8 @@ def _held(balance: ForceBalance, name: str, level: float) -> Array:
     return signals
 
 
-def autoregression(residual: Array, order: int, floor: float) -> Array:
-    """Filter (order + 1,) that makes a series white, by Yule and Walker;
-    ``floor``: white noise that is in it besides."""
-    from scipy.linalg import solve_toeplitz
-
-    centred = residual - residual.mean()
-    lags = np.array([float(centred[k:] @ centred[: len(centred) - k]) for k in range(order + 1)]) / len(centred)
-    lags[0] = lags[0] * (1.0 + 1e-4) + floor**2
-    return np.concatenate([[1.0], -solve_toeplitz(lags[:-1], lags[1:])])
-
-
 def whitened(values: Array, filtering: Array) -> Array:
     """Series (n, …) through the filter, without its beginning."""
-    first = len(filtering) - 1
-    if len(values) <= first or not values.size:
-        return values[first:]
-    columns = (np.convolve(column, filtering, "valid") for column in values.reshape(len(values), -1).T)
-    return np.stack([*columns], axis=-1).reshape(-1, *values.shape[1:])
+    rows = np.ascontiguousarray(values.reshape(len(values), int(np.prod(values.shape[1:]))).T, np.float64)
+    found = whitened_rows(rows, filtering)
+    return found.T.reshape(found.shape[1], *values.shape[1:])

@@ -12,11 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, MEMORY, AxisRelation, autoregression, whitened
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, MEMORY, AxisRelation, whitened
+from aircraft_sysid_ros.diagnosis.failures.coloured_fit import coloured_fit
 from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     FROZEN,
     HELD,
@@ -50,6 +52,8 @@ _SHORT = 15.0
 _TURNS = 6
 #: Rounds of search and of the colour of what is left.
 _ROUNDS = 3
+#: The colour of noise that has none.
+_WHITE = np.ones(1)
 #: Colours of noise with which the first pass begins, how many intervals of each it keeps, and how far apart [edges].
 _COLOURS = ((1.0,), (1.0, -0.6))
 _STARTS, _APART = 4, 3
@@ -70,27 +74,19 @@ class AxisFit:
     filtering: Array
 
 
-@dataclass(frozen=True)
-class _Solved:
-    """Whitened columns of usual size 1, what solves them, and the white noise that is in their residuals besides."""
+class _Solved(NamedTuple):
+    """Whitened columns of usual size 1 and what solves them."""
 
-    x: Array  # (m, k)
-    y: Array  # (m,)
+    rows: Array  # (k + 1, m), the last is the response
     parameters: Array  # (k,) of columns of size 1
     filtering: Array
     size: Array  # (k,) that the columns have
-    floor: float
-
-    @property
-    def variance(self) -> float:
-        """Of the innovations."""
-        innovations = self.y - self.x @ self.parameters
-        return float(np.mean(innovations**2) + self.floor**2 * np.sum(self.filtering**2))
+    variance: float  # of the innovations, with the white noise that is in the residuals besides
 
     @property
     def log_likelihood(self) -> float:
         """Of the innovations, at their own variance."""
-        return -0.5 * len(self.y) * np.log(max(self.variance, 1e-300))
+        return float(-0.5 * self.rows.shape[1] * np.log(max(self.variance, 1e-300)))
 
 
 @dataclass(frozen=True)
@@ -185,26 +181,18 @@ class FailureSearch:
     def fit(self, axis: str, columns: Array, filtering: Array | None = None) -> AxisFit:
         """Generalised least squares of an axis, with the colour of residuals that suits them best or a given one."""
         found = self._solved(axis, columns, filtering)
-        x, theta, colour, size = found.x, found.parameters, found.filtering, found.size
-        covariance = found.variance * np.linalg.pinv(x.T @ x, rcond=1e-10)
+        rows, theta, colour, size = found.rows[:-1], found.parameters, found.filtering, found.size
+        covariance = found.variance * np.linalg.pinv(rows @ rows.T, rcond=1e-10)
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         size = np.where(size > 0.0, size, 1.0)
         residual = self.relations[axis].response - columns / size @ theta
         return AxisFit(found.log_likelihood, theta / size, std / size, residual, colour)
 
     def _solved(self, axis: str, columns: Array, filtering: Array | None = None) -> _Solved:
-        response, floor = self.relations[axis].response, self._floors[axis]
-        size = np.sqrt(np.mean(columns**2, axis=0))
-        scaled = columns / np.where(size > 0.0, size, 1.0)
-        if filtering is not None:
-            x, y = whitened(scaled, filtering), whitened(response, filtering)
-            return _Solved(x, y, _least_squares(x, y), filtering, size, floor)
-        theta = _least_squares(scaled, response)
-        for _ in range(_ROUNDS):
-            colour = autoregression(response - scaled @ theta, self._order, floor)
-            x, y = whitened(scaled, colour), whitened(response, colour)
-            theta = _least_squares(x, y)
-        return _Solved(x, y, theta, colour, size, floor)
+        colour, rounds = (_WHITE, _ROUNDS) if filtering is None else (filtering, 0)
+        response = self.relations[axis].response
+        regressors = np.ascontiguousarray(columns)
+        return _Solved(*coloured_fit(regressors, response, colour, self._order, self._floors[axis], rounds))
 
     def fitted(self, axis: str, hypothesis: Hypothesis | None) -> AxisFit:
         """An axis under a hypothesis."""
@@ -304,15 +292,16 @@ class FailureSearch:
         """The best intervals with some colours of the axes that begin at different times; ``longest`` [points]."""
         begin, end = intervals(self.count, self.shortest, self._every)
         begin, end = begin[end - begin <= longest], end[end - begin <= longest]
-        total = self._scored(name, kind, colours, begin, end)
+        series = {axis: self._whitened(axis, name, colour) for axis, colour in colours.items()}
+        total = self._scored(kind, series, begin, end)
         chosen: list[Hypothesis] = []
         while len(chosen) < _STARTS and np.isfinite(total).any():
             at = int(np.argmax(total))
-            chosen.append(self._nearby(name, kind, colours, int(begin[at]), int(end[at])))
+            chosen.append(self._nearby(name, kind, series, int(begin[at]), int(end[at])))
             total[np.abs(begin - begin[at]) <= _APART * self._every] = -np.inf
         return chosen
 
-    def _nearby(self, name: str, kind: str, colours: Mapping[str, Array], begin: int, end: int) -> Hypothesis:
+    def _nearby(self, name: str, kind: str, series: Mapping[str, Whitened], begin: int, end: int) -> Hypothesis:
         """The best interval whose edges are within one of those of the first pass: a sudden step is easily missed.
 
         Of a long flight the edges of the first pass are far apart: the first look is at every so many points.
@@ -325,18 +314,18 @@ class FailureSearch:
             first, last = first.ravel(), np.minimum(last.ravel(), self.count)
             keep = (first > 0) & (last - first >= self.shortest)
             first, last = first[keep], last[keep]
-            best = int(np.argmax(self._scored(name, kind, colours, first, last)))
+            best = int(np.argmax(self._scored(kind, series, first, last)))
             begin, end, reach = int(first[best]), int(last[best]), apart
             if apart == 1:
                 return Hypothesis(name, kind, float(begin), float(end))
 
-    def _scored(self, name: str, kind: str, colours: Mapping[str, Array], begin: Integers, end: Integers) -> Array:
-        """Log-likelihood (w,) of intervals with given colours; -inf where too little of the flight is intact."""
+    def _scored(self, kind: str, series: Mapping[str, Whitened], begin: Integers, end: Integers) -> Array:
+        """Log-likelihood (w,) of intervals by the axes' series; -inf where too little of the flight is intact."""
         total = np.where(end < self.count, -0.5 * np.log(self.count), 0.0)
-        for axis, colour in colours.items():
-            lost = len(colour) - 1
+        for white in series.values():
+            lost = self.count - len(white.response)
             first, last = np.maximum(begin - lost, 0), np.maximum(end - lost, 1)
-            left = sums_of_squares(self._whitened(axis, name, colour), FROZEN if kind == NIL else kind, first, last)
+            left = sums_of_squares(white, FROZEN if kind == NIL else kind, first, last)
             total -= 0.5 * (self.count - lost) * np.log(np.maximum(left, 1e-300))
         return np.where(self._leaves_enough(begin, end), total, -np.inf)
 
@@ -411,8 +400,3 @@ class FailureSearch:
         """Whether its times are in the flight and follow each other."""
         edges = np.ravel(hypothesis.spans)
         return bool(edges[0] > 0.0 and edges[-1] <= self.count and np.all(np.diff(edges) > 1.0))
-
-
-def _least_squares(columns: Array, response: Array) -> Array:
-    """Parameters (k,)."""
-    return np.asarray(np.linalg.lstsq(columns, response, rcond=1e-8)[0])

@@ -9,9 +9,12 @@ products, so that a pass over thousands of intervals is some thousand small solv
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+
+from aircraft_sysid_ros.diagnosis.failures.coloured_fit import all_left, running
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -31,6 +34,20 @@ class Whitened:
     constant: Array  # (n,) what a unit of the input does
     response: Array  # (n,)
 
+    @cached_property
+    def of_acting(self) -> Array:
+        """Running sums of products of all columns with those that read the input."""
+        return self._running(self.acting)
+
+    @cached_property
+    def of_frozen(self) -> Array:
+        """The same with those at its mean."""
+        return self._running(self.frozen)
+
+    def _running(self, moving: Array) -> Array:
+        columns = np.column_stack([self.rest, moving, self.constant, self.response])
+        return running(np.ascontiguousarray(columns.T))
+
 
 def intervals(count: int, shortest: int, every: int) -> tuple[Integers, Integers]:
     """First and last index (exclusive) of intervals of n points; those that go on to the end have last = n."""
@@ -42,53 +59,7 @@ def intervals(count: int, shortest: int, every: int) -> tuple[Integers, Integers
 
 def sums_of_squares(series: Whitened, kind: str, begin: Integers, end: Integers) -> Array:
     """Residual sums of squares (w,) of CONSTANT, FROZEN or PART for each interval."""
-    constant = series.rest.shape[1] + series.acting.shape[1]
-    ends = [series.constant[:, None], series.response[:, None]]
-    of_acting = _running(np.column_stack([series.rest, series.acting, *ends]))
-    total, inside = of_acting[-1], of_acting[end] - of_acting[begin]  # (w, c, c)
-    if kind == FROZEN:
-        of_frozen = _running(np.column_stack([series.rest, series.frozen, *ends]))
-        held = of_frozen[end] - of_frozen[begin]
-        total, inside = total - inside + held, held
-    if kind == PART:
-        return _all_left(*_with_part(total, inside, series.rest.shape[1], constant))
-    return _all_left(_with_constant(total, inside, constant), constant + 1)
-
-
-def _running(columns: Array) -> Array:
-    """Sums (n + 1, c, c) of products of columns (n, c) up to each point."""
-    products = columns[:, :, None] * columns[:, None, :]
-    return np.concatenate([np.zeros((1, *products.shape[1:])), np.cumsum(products, axis=0)])
-
-
-def _with_constant(sums: Array, inside: Array, constant: int) -> Array:
-    """Sums of products (w, c, c) in which the constant is there inside of the interval only."""
-    out = np.broadcast_to(sums, inside.shape).copy()
-    out[:, constant, :] = inside[:, constant, :]
-    out[:, :, constant] = inside[:, :, constant]
-    return out
-
-
-def _with_part(sums: Array, inside: Array, first: int, constant: int) -> tuple[Array, int]:
-    """Sums of products with the columns from ``first`` up to the constant once more, there inside of the interval only.
-
-    Returns them and the place of the response.
-    """
-    whole = [*range(constant)]
-    only_inside = [*range(first, constant + 1)]
-    order = np.array([*whole, *only_inside, constant + 1])
-    out = inside[:, order[:, None], order[None, :]]
-    everywhere = np.array([*whole, len(order) - 1])
-    out[:, everywhere[:, None], everywhere[None, :]] = sums[order[everywhere][:, None], order[everywhere][None, :]]
-    return out, len(order) - 1
-
-
-def _all_left(sums: Array, response: int) -> Array:
-    """Residual sums of squares of all columns before the response."""
-    a, b = sums[:, :response, :response], sums[:, :response, response]
-    scale = 1.0 / np.sqrt(np.maximum(np.einsum("wii->wi", a), 1e-30))
-    a = a * scale[:, :, None] * scale[:, None, :] + 1e-9 * np.eye(response)
-    b = b * scale
-    return np.asarray(
-        sums[:, response, response] - np.einsum("wi,wi->w", b, np.linalg.solve(a, b[:, :, None])[:, :, 0])
-    )
+    first, constant = series.rest.shape[1], series.rest.shape[1] + series.acting.shape[1]
+    replaced = series.of_frozen if kind == FROZEN else series.of_acting
+    again = first if kind == PART else constant
+    return all_left(series.of_acting, replaced, kind == FROZEN, again, constant, begin, end)
