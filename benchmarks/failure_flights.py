@@ -1,7 +1,8 @@
 """Missions without test inputs in which a control sticks or the engine fails, as a logger saw them.
 
-The aeroplane is that of ``simulation.closed_loop``. What a stranger's log would hold is kept: no vanes, an IMU of 10 or
-60 Hz, commands in place of deflections at 2.5 or 20 Hz, with airspeed or without. Everything is drawn from the seed.
+The aeroplane is that of ``simulation.closed_loop``. What a stranger's log would hold is kept: mostly no vanes, an
+IMU of 10 or 60 Hz, commands in place of deflections at 2.5 or 20 Hz, with airspeed or without. Everything is drawn
+from the seed.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ class Layout:
     controls: float  # [Hz]
     airspeed: float  # [Hz]; 0: none
     elevons: bool  # as named inputs, in place of surfaces
+    vanes: bool = False  # beside the airspeed
 
 
 LAYOUTS = {
@@ -54,6 +56,8 @@ LAYOUTS = {
     "no airspeed, 60 Hz": Layout(60.0, 20.0, 0.0, True),
     "no airspeed, 25 Hz": Layout(25.0, 10.0, 0.0, False),
 }
+#: And one whose surfaces the library judges: of its engine, whose thrust nobody measures, the forces tell.
+WITH_VANES = Layout(50.0, 20.0, 10.0, False, vanes=True)
 
 
 @dataclass(frozen=True)
@@ -224,6 +228,9 @@ def _logged(
     if layout.airspeed:
         stamp, values = at(layout.airspeed, readings[:, Reading.AIR][:, :1], 0.3 * noise[3])
         parts.append(samples_of(Kind.AIRSPEED, stamp, values))
+    if layout.vanes:
+        stamp, values = at(layout.airspeed, readings[:, Reading.AIR][:, 1:3], np.radians(0.3) * noise[3])
+        parts += [samples_of(k, stamp, values[:, j]) for j, k in enumerate((Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP))]
     stamp, values = at(layout.controls, commands, 0.0)
     unknown = np.full(len(stamp), np.nan)
     if layout.elevons:

@@ -267,6 +267,8 @@ def test_a_surface_at_its_greatest_rate_is_followed_as_quickly_as_it_was_recorde
     assert explained.log_ratios["Cm"] > 2.0 > 10.0 * hardly.log_ratios["Cm"]
     best = quick.best_of(effect).candidate
     assert best.variant == variant.name and dict(best.inner)["rate"] == pytest.approx(true, rel=0.05)
+    never_reached = data.columns(data.parsed(["limited(de,50)-de"]))
+    assert np.all(never_reached == 0.0), "what is left by rounding had explained a tenth of a moment"
 
 
 def test_a_line_pulls_as_hard_at_any_speed():

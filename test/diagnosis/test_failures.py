@@ -15,7 +15,7 @@ from scipy.linalg import solve_toeplitz
 
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import whitened
 from aircraft_sysid_ros.diagnosis.failures.coloured_fit import coloured_fit
-from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
+from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import force_balance
 from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     CONSTANT,
@@ -178,6 +178,23 @@ def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine, engine_report)
 def test_nothing_is_named_where_nothing_fails(layout) -> None:
     flight = flights.fly(3002, flights.LAYOUTS[layout], "none")
     assert not failures_of(flight.aircraft, flight.samples).says_something
+
+
+@pytest.mark.parametrize(("seed", "failure"), [(9720005, "engine"), (9710003, "none")])
+def test_with_vanes_an_engine_is_told_by_the_forces_where_nobody_measured_its_thrust(seed, failure) -> None:
+    flight = flights.fly(seed, flights.WITH_VANES, failure)
+    report = by_forces(flight.aircraft, flight.samples)
+    assert report is not None and report.tried == ("engine",)
+    if failure == "none":
+        assert not report.says_something
+        return
+    (found,) = report.found
+    assert found.is_loss_of_thrust and found.end is None
+    assert abs(found.begin - flight.begin) < found.begin_error
+    said = answer(flight.aircraft, flight.samples)
+    assert [each["effect"] for each in said["candidates"]] == ["loss_of_thrust"]
+    known = with_terms(flight.aircraft, {a: tuple(t) for a, t in terms_of(found, report).items()}, {})
+    assert not by_forces(known, flight.samples).says_something, "the model has it now"
 
 
 def test_an_elevon_that_is_held_for_seconds_only_is_told_by_two_moments() -> None:

@@ -1,8 +1,8 @@
 """An input that failed, or a moment that no input shows, as a change of the model.
 
 ``diagnose`` finds these by the forces alone (``failures``), most of them on flights without vanes, of which no filter
-may know the angles of flow well enough to fit the coefficients. What is added is what it has found, judged by the same balances: the errors are
-those that it showed.
+may know the angles of flow well enough to fit the coefficients. What is added is what it has found, judged by the same
+balances: the errors are those that it showed.
 """
 
 from __future__ import annotations
