@@ -59,7 +59,8 @@ def render(result: dict[str, Any]) -> str:
             f"given another verdict in at most {result['false_alarm_rate']:.0%} of cases"
         )
     else:
-        lines.append(f"{result['tried']} inputs looked at, without replicas")
+        count = result["tried"]
+        lines.append(f"{count} {'input' if count == 1 else 'inputs'} looked at, without replicas")
     return "\n".join(lines)
 
 

@@ -81,6 +81,8 @@ class Finding:
             return f"it does not show in {self._must_show_in}, where it cannot be absent"
         if wrong := self._wrong_sign:
             return f"its part of {wrong[0]}_{wrong[1]} has the sign that it cannot have"
+        if self._leads:
+            return "its share of what the surface does has the sign that it cannot have"
         return ""
 
     @property
@@ -105,6 +107,20 @@ class Finding:
                 if sign * np.nanmean(columns @ np.nan_to_num(trial.gains[axis].parameters)) < 0.0:
                     return axis
         return ""
+
+    @property
+    def _leads(self) -> bool:
+        """Whether its share of a surface's derivative has the wrong sign in its main axis.
+
+        A surface that an autopilot moves against the motion tells of it: in gusts what is late seems to lead.
+        """
+        effect, axis = self.trial.candidate.effect, self.trial.main_axis
+        ties = self.trial.candidate.ties.get(axis, ())
+        if effect is None or not effect.share_sign or not ties:
+            return False
+        gain = self.trial.gains[axis]
+        derivative = dict(zip(gain.fit.names, gain.fit.parameters, strict=True)).get(ties[0].of, 0.0)
+        return bool(effect.share_sign * derivative * gain.parameters[0] < 0.0)
 
     def refusal(self, first: bool) -> str:
         """Why it is no verdict, in words; empty where nothing but what was found before it is in the way."""

@@ -354,6 +354,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Small inputs of one surface do nothing, large ones nearly what they should.",
         "Doublets of one surface in three sizes, from the smallest that shows to the largest.",
         (ShapeParameter("gap", "rad", 0.008, 0.056, 4), ShapeParameter("centre", "rad", -0.08, 0.08, 5)),
+        share_sign=-1.0,
     ),
     Effect(
         "rate_limit",
@@ -369,6 +370,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Slow inputs of one surface fit, quick ones come late, and the later the larger they are.",
         "Doublets of one surface in three sizes, as quick as they can be commanded.",
         (ShapeParameter("rate", "rad/s", 0.05, 1.65, 9),),
+        share_sign=1.0,
     ),
     Effect(
         "control_effectiveness_alpha",

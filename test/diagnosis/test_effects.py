@@ -12,6 +12,7 @@ from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.sensor_settings import SCALED_SENSORS
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.aircraft.term_values import evaluate
+from aircraft_sysid_ros.diagnosis.finding import Finding
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.search.candidates import with_inner
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
@@ -265,7 +266,12 @@ def test_a_surface_at_its_greatest_rate_is_followed_as_quickly_as_it_was_recorde
     variant = next(each for each in effect.variants if each.name == flown.hidden[0].variant)
     explained, hardly = (b.trial(with_inner(effect, variant, {"rate": true}, b.base)) for b in (quick, of_means))
     assert explained.log_ratios["Cm"] > 2.0 > 10.0 * hardly.log_ratios["Cm"]
-    best = quick.best_of(effect).candidate
+    score = quick.best_of(effect)
+    for sign, words in ((1.0, ""), (-1.0, "sign that it cannot have")):  # who leads is not late
+        gains = {axis: replace(gain, parameters=sign * gain.parameters) for axis, gain in score.gains.items()}
+        said = Finding(replace(score, gains=gains), data, 0.0, 0.0, 0.0, 0.0, 0.0).impossible
+        assert words in said if words else not said
+    best = score.candidate
     assert best.variant == variant.name and dict(best.inner)["rate"] == pytest.approx(true, rel=0.05)
     never_reached = data.columns(data.parsed(["limited(de,50)-de"]))
     assert np.all(never_reached == 0.0), "what is left by rounding had explained a tenth of a moment"
