@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.diagnosis.search.block_sums import dot
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
@@ -16,14 +17,6 @@ Integers = npt.NDArray[np.int64]
 
 #: A direction of the columns that is this small against the largest is not in the data.
 SINGULAR = 1e-8
-
-
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})  # several points at a time, added up at the end
-def _dot(a: Array, b: Array) -> float:
-    total = 0.0
-    for n in range(len(a)):
-        total += a[n] * b[n]
-    return total
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -40,7 +33,7 @@ def _autoregression(residual: Array, order: int, floor: float) -> Array:
     centred = residual - residual.mean()
     lags = np.empty(order + 1)
     for k in range(order + 1):
-        lags[k] = _dot(centred[k:], centred[: count - k]) / count
+        lags[k] = dot(centred[k:], centred[: count - k]) / count
     lags[0] = lags[0] * (1.0 + 1e-4) + floor**2
     found, before, left = np.zeros(order + 1), np.empty(order + 1), lags[0]
     found[0] = 1.0
@@ -78,7 +71,7 @@ def _triangular(rows: Array) -> Array:
     out = np.zeros((k, k))
     for i in range(k):
         along = work[i, i:]
-        length = np.sqrt(_dot(along, along))
+        length = np.sqrt(dot(along, along))
         if length == 0.0:
             for j in range(i + 1, k):
                 out[i, j] = work[j, i]
@@ -87,7 +80,7 @@ def _triangular(rows: Array) -> Array:
         along[0] -= out[i, i]
         half = -along[0] * out[i, i]  # of the square of the reflection's normal
         for j in range(i + 1, k):
-            _add(work[j, i:], -_dot(along, work[j, i:]) / half, along)
+            _add(work[j, i:], -dot(along, work[j, i:]) / half, along)
             out[i, j] = work[j, i]
     return out
 
@@ -159,7 +152,7 @@ def coloured_fit(
     rows, size = np.empty((k + 1, count)), np.empty(k)
     for i in range(k):
         rows[i] = columns[:, i]
-        size[i] = np.sqrt(_dot(rows[i], rows[i]) / count)
+        size[i] = np.sqrt(dot(rows[i], rows[i]) / count)
         if size[i] > 0.0:
             rows[i] /= size[i]
     rows[k] = response
@@ -172,7 +165,7 @@ def coloured_fit(
         white = whitened_rows(rows, colour)
         theta = _least_squares(white)
     innovations = _residual(white, theta)
-    variance = _dot(innovations, innovations) / len(innovations) + floor**2 * _dot(colour, colour)
+    variance = dot(innovations, innovations) / len(innovations) + floor**2 * dot(colour, colour)
     if not np.isfinite(variance):
         raise ValueError("a series that is to be fitted is not finite")
     return white, theta, colour, size, variance

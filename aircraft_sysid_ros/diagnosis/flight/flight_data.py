@@ -272,7 +272,7 @@ class FlightData:
         told = np.interp(grid, time[known], column[known])
         left = (rate_limited(told, lag.rate, _QUICK) - told)[:, None]
         mean = window_averages(grid, left, self.signal("time"), ParameterOptions().half_width, False)[:, 0]
-        return self.signal(name) + (mean if np.any(left) else 0.0)
+        return self.signal(name) + mean
 
 
 def load_flight_data(run: str | Path) -> FlightData:

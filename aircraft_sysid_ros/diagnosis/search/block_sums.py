@@ -47,7 +47,8 @@ class Base(NamedTuple):
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})  # several points at a time, added up at the end
-def _dot(a: Array, b: Array) -> float:
+def dot(a: Array, b: Array) -> float:
+    """Product of two series (n,)."""
     total = 0.0
     for n in range(len(a)):
         total += a[n] * b[n]
@@ -62,7 +63,7 @@ def products(a: Array, b: Array, edges: Integers) -> Array:
         inside = slice(edges[block], edges[block + 1])
         for i in range(len(a)):
             for j in range(len(b)):
-                out[block, i, j] = _dot(a[i, inside], b[j, inside])
+                out[block, i, j] = dot(a[i, inside], b[j, inside])
     return out
 
 
@@ -216,7 +217,7 @@ def taken_off(z: Array, basis: Array, parts: Array) -> None:
 @njit(cache=True)
 def lengths(z: Array) -> Array:
     """Square roots (m,) of the sums of squares of z (m, N)."""
-    return np.sqrt(np.array([_dot(row, row) for row in z]))
+    return np.sqrt(np.array([dot(row, row) for row in z]))
 
 
 @njit(cache=True)
@@ -242,7 +243,7 @@ def _triangular(z: Array) -> tuple[Array, Array]:
             taken_off(q[j : j + 1], q[:j], along)
             for i in range(j):
                 r[i, j] += along[i, 0]
-        size = np.sqrt(_dot(q[j], q[j]))
+        size = np.sqrt(dot(q[j], q[j]))
         r[j, j] = size if size > _NOTHING else 0.0
         for n in range(q.shape[1]):
             q[j, n] = q[j, n] / size if size > _NOTHING else 0.0
@@ -331,7 +332,7 @@ def with_columns(base: Base, z: Array) -> tuple[Array, float, Array]:
     squares = products(residual, residual, base.edges)[:, 0, 0].copy()
     normal = training(gram, base.fold, len(base.normal))
     after, _ = held_out(gram, moment, squares, full, scaled, normal, base.fold)
-    return after, _dot(residual[0], residual[0]), parameters
+    return after, dot(residual[0], residual[0]), parameters
 
 
 @njit(cache=True)
@@ -396,4 +397,4 @@ def with_numbers(base: Base, z: Array, cross: Array, own: Array, moment: Array, 
     after, _ = held_out(base.gram, changed, squares, base.projected, base.scaled, base.normal, base.fold)
     rest = base.residual.copy().reshape((1, -1))
     taken_off(rest, z, np.ascontiguousarray(numbers[-1]).reshape((-1, 1)))
-    return after, _dot(rest[0], rest[0])
+    return after, dot(rest[0], rest[0])
