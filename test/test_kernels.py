@@ -1,5 +1,6 @@
 """Kernels are loaded without what Numba compiles with; they answer, raise, and serve others, as compiled ones do."""
 
+import itertools
 import json
 import os
 import re
@@ -90,9 +91,14 @@ def test_after_an_update_no_kernel_runs_with_what_another_file_was(tmp_path):
         "apart": "NUMBER = 1\n",
     }
 
+    seconds = itertools.count(1_700_000_000)
+
     def write(**changed):
+        second = next(seconds)  # Python's own cache does not tell files of one length and one second apart
         for name, text in {**sources, **changed}.items():
-            (package / f"{name}.py").write_text(text.replace("{p}", package.name), encoding="utf8")
+            path = package / f"{name}.py"
+            path.write_text(text.replace("{p}", package.name), encoding="utf8")
+            os.utime(path, (second, second))
 
     def answer():
         code = f"from {package.name}.outer import outer; print(outer(1.0), len(outer.stats.cache_hits))"
