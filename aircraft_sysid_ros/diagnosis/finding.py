@@ -39,6 +39,7 @@ class Finding:
     above_floor: float  # error of its main axis without it, over that of the replicas
     confounded_with: tuple[str, ...] = ()
     blocks: tuple[int, ...] = ()  # numbers of the blocks of time that hold most of the evidence
+    outdone_by: str = ""  # what explains clearly more of its main axis, but is ruled out by its own physics
     amid: tuple[str, ...] = ()  # axes on which it does not act and of which most is left
     #: By axis the term that explains most of what the effect leaves since it has another shape, if that has size.
     shape: Mapping[str, str] = field(default_factory=dict)
@@ -59,6 +60,8 @@ class Finding:
             return impossible
         if self._must_show_in and not self._shown:
             return f"it cannot be seen in {self._must_show_in}, where it cannot be absent"
+        if self.outdone_by:
+            return f"{self.outdone_by} explains clearly more, and cannot be it either: what is there is something else"
         if self.size < THRESHOLDS.size:
             return f"that is less than {THRESHOLDS.size:.0%}"
         if moved < THRESHOLDS.least_moved:
@@ -88,14 +91,13 @@ class Finding:
     @property
     def _must_show_in(self) -> str:
         """The axes where its physics cannot be absent, in words."""
-        effect = self.trial.candidate.effect
-        return " and ".join(f"{axis[0]}_{axis[1]}" for axis in (effect.shows_in if effect else ()))
+        return " and ".join(f"{axis[0]}_{axis[1]}" for axis in self.trial.candidate.shows_in)
 
     @property
     def _shown(self) -> list[float]:
         """Share of the error of each of these axes that goes, where the flight can judge it."""
-        effect, gains = self.trial.candidate.effect, self.trial.gains
-        return [size_of(gains[axis]) for axis in (effect.shows_in if effect else ()) if axis in gains]
+        gains = self.trial.gains
+        return [size_of(gains[axis]) for axis in self.trial.candidate.shows_in if axis in gains]
 
     @property
     def _wrong_sign(self) -> str:

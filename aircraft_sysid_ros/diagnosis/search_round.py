@@ -216,20 +216,27 @@ class SearchRound:
         return self._finding(trial, excess, evidence, p_value)
 
     def _with_company(self, finding: Finding, others: Sequence[Finding]) -> Finding:
-        """The finding with the candidates that this flight cannot tell from it; what physics rules out is none."""
+        """The finding with the candidates that this flight cannot tell from it; what physics rules out is none.
+
+        Where that explains clearly more, something else is there that is like it.
+        """
         axis, family = finding.trial.main_axis, finding.trial.candidate.family
         own = self.bench.contribution(finding.trial, axis)
-        names = []
+        names, outdone_by = list[str](), ""
         for other in others:
             candidate = other.trial.candidate
             if candidate.effect is None or candidate.family == family or axis not in other.trial.gains:
                 continue
             if other.impossible:
+                if not outdone_by and clearly_more(other.trial.gains[axis], finding.trial.gains[axis]):
+                    outdone_by = candidate.label
                 continue
             alike = _correlation(own, self.bench.contribution(other.trial, axis))
             if alike >= THRESHOLDS.alike and other.excess >= THRESHOLDS.as_good * finding.excess:
                 names.append(candidate.family)
-        return replace(finding, confounded_with=tuple(names))
+        if finding.trial.candidate.effect is None:  # no name that could be wrong
+            outdone_by = ""
+        return replace(finding, confounded_with=tuple(names), outdone_by=outdone_by)
 
 
 def _nobody(share: float) -> None:

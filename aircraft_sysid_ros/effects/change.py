@@ -61,6 +61,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Good before one moment, afterwards errors in phase with one surface.",
         "Doublets of every surface, repeated during the flight.",
         _TIME_OF_CHANGE,
+        share_sign=-1.0,
     ),
     Effect(
         "stuck_control",
@@ -80,6 +81,7 @@ EFFECTS: tuple[Effect, ...] = (
         "As of a damage, with a constant moment from the same moment on.",
         "Doublets of every surface, repeated during the flight.",
         _TIME_OF_CHANGE,
+        share_sign=-1.0,
     ),
     Effect(
         "parameter_change",

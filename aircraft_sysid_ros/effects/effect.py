@@ -143,7 +143,8 @@ class Effect:
     shows_in: tuple[str, ...] = ()
     #: Signs of its mean part by axis where physics leaves no choice: flow that separates takes lift away, C_Z is down.
     signs: Mapping[str, float] = field(default_factory=dict)
-    #: Sign of its share of a surface's derivative where physics leaves no choice: what comes late does not lead.
+    #: Sign of its share of a surface's derivative where physics leaves no choice: what comes late does not lead, and
+    #: what is lost of a surface does not make it stronger.
     share_sign: float = 0.0
     #: It begins beyond the usual angles of attack, with its inner number "onset" less the "width" where it has one: a
     #: wing whose flow has left it in half of a flight is no wing that stalls.

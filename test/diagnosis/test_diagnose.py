@@ -419,6 +419,58 @@ def test_what_physics_rules_out_is_not_what_it_may_as_well_be(aircraft, must, al
     assert found.found[0].confounded_with == alike
 
 
+@pytest.mark.parametrize(
+    ("lost", "roll", "found", "refused"),
+    [
+        (0.4, 0.02, ["control_damage"], ""),
+        (0.0, 0.02, [], "does not show in C_m and C_Z"),  # what rolls with the elevator, which does its work
+        (-0.4, 0.0, [], "has the sign that it cannot have"),  # no damage makes a surface stronger
+    ],
+)
+def test_a_half_that_is_lost_is_missed_in_pitch(aircraft, lost, roll, found, refused):
+    """Rolling moment with the elevator from one moment on: half of it is gone only where it does less, too."""
+
+    def lacking(c, after, f):
+        for column, name in ((4, "Cm_de"), (2, "CZ_de")):
+            c[:, column] -= lost * aircraft.coefficients[name] * after * f["de"]
+        c[:, 3] += roll * after * f["de"]
+        return c
+
+    library = [BY_ID["control_damage"]]
+    benches = [CandidateEvaluator(random_flight(aircraft, seed=seed)) for seed in range(1, 5)]
+    repeated = [Replica(b.data, {e.identifier: b.best_of(e).score for e in library}, {}) for b in benches]
+    answer = diagnose(CandidateEvaluator(random_flight(aircraft, lacking)), repeated, library)
+    named = [each.trial.candidate for each in answer.found if each.trial.candidate.effect is not None]
+    assert [each.family for each in named] == found
+    first = next(each for each in answer.candidates if each.trial.candidate.family == "control_damage")
+    assert refused in first.refusal(first=True)
+    if found:
+        assert named[0].variant == "one half of the elevator" and first.refusal(first=True) == ""
+
+
+@pytest.mark.parametrize("less", [0.3, 0.9])
+def test_what_only_resembles_what_cannot_be_is_not_named(aircraft, less):
+    """One explains clearly more but is ruled out: another one that explains little beside it is not the name either."""
+
+    def lacking(c, after, f):
+        c[:, 3] -= 0.8 * f["alpha"] * f["beta"]
+        return c
+
+    def with_terms(name, **terms):
+        return replace(BY_ID["dihedral_alpha"], identifier=name, variants=(Variant(terms=terms),), shows_in=())
+
+    noisy = f"alpha*beta+{0.002 if less < 0.5 else 0.0002}*cos(7*time)"
+    ruled_out = replace(with_terms("ruled_out", Cl=("alpha*beta",), Cn=("alpha*de",)), shows_in=("Cn",))
+    library = [ruled_out, with_terms("lesser", Cl=(noisy,))]
+    benches = [CandidateEvaluator(random_flight(aircraft, seed=seed)) for seed in range(1, 5)]
+    repeated = [Replica(b.data, {e.identifier: b.best_of(e).score for e in library}, {}) for b in benches]
+    answer = diagnose(CandidateEvaluator(random_flight(aircraft, lacking)), repeated, library)
+    lesser = next(each for each in answer.candidates if each.trial.candidate.family == "lesser")
+    named = [each.trial.candidate.family for each in answer.found]
+    assert "lesser" not in named if less < 0.5 else named == ["lesser"]
+    assert ("ruled_out explains clearly more" in lesser.refusal(first=True)) == (less < 0.5)
+
+
 @pytest.mark.parametrize(("size", "share"), [(0.0, ""), (0.05, "part"), (0.3, "most")])
 def test_what_nothing_explains_is_said_though_it_has_no_name(aircraft, size, share):
     """A pitching moment that follows nothing that is recorded: the answer is not that nothing is missing."""

@@ -57,6 +57,16 @@ class Candidate:
         return Variant(terms=self.terms, ties=self.ties).numbers + len(self.inner)
 
     @property
+    def shows_in(self) -> tuple[str, ...]:
+        """Axes where its physics cannot be absent.
+
+        What is lost of one half of a surface has an arm of its own in roll, but is lost of what the surface does, too.
+        """
+        own = () if self.effect is None else self.effect.shows_in
+        shared = tuple(axis for axis, ties in self.ties.items() if any(tie.of for tie in ties))
+        return own or (shared if len(shared) < len(self.ties) else ())
+
+    @property
     def label(self) -> str:
         """Id with variant, or the expression."""
         if self.changed:
