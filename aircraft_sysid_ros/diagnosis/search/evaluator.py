@@ -441,8 +441,9 @@ def tilt_terms(data: FlightData) -> list[str]:
 _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "flaps", "Tc", "V", "height", "alpha_dot", "beta_dot")
 _HINGED = ("alpha", "beta", "V", "height")
 #: Rates of the flow angles contain the measured forces, which answer to gusts before the reconstructed angles do, and
-#: the gradient of a gust along the aeroplane, which no replica has: in gusts they say something of every force.
-_RATES, _FORCES = frozenset({"alpha_dot", "beta_dot"}), ("CX", "CY", "CZ")
+#: the gradient of a gust along the aeroplane, which turns it as a rate does and which no replica has: in gusts they say
+#: something of every force and moment.
+_RATES = frozenset({"alpha_dot", "beta_dot"})
 
 
 def expressions(data: FlightData) -> Iterator[Candidate]:
@@ -460,7 +461,7 @@ def expressions(data: FlightData) -> Iterator[Candidate]:
     for axis in AXES:
         known = set(data.model.terms[axis]) | (set(tilt_terms(data)) if axis == "CX" else set())
         for program in data.parsed(texts):
-            if program.text not in known and not (gusty and axis in _FORCES and program.signals & _RATES):
+            if program.text not in known and not (gusty and program.signals & _RATES):
                 yield Candidate(None, "", (), {axis: (program.text,)})
 
 
