@@ -419,6 +419,15 @@ def test_of_a_vane_that_nobody_has_placed_a_zero_is_off_wherever_it_is(monkeypat
     assert all(error.std > np.degrees(0.5 * (0.05 - ahead)) for error in found)
 
 
+@pytest.mark.parametrize(("scale", "said"), [(0.3, 1), (1.8, 0)])
+def test_a_zero_beside_a_scale_that_no_vane_has_is_that_of_gusts(monkeypatch, aircraft, flight, scale, said):
+    """A sound vane in slow gusts showed 6.5 ± 0.8° too much, and a third of the angle of attack."""
+    none = {f"{name}_{of}": {"value": 0.0, "std": 1e-3} for name in ("b", "lambda") for of in ("V", "alpha", "beta")}
+    found = {"b_alpha": {"value": -0.12, "std": 1e-3}, "lambda_alpha": {"value": scale, "std": 0.08}}
+    monkeypatch.setattr(instruments, "air_data_errors", lambda placed, samples: none | found)
+    assert len(instrument_errors(aircraft, flight.samples)) == said
+
+
 def test_of_a_vane_that_is_bent_in_flight_no_zero_is_given(aircraft, flight):
     values, stamps = flight.samples.values.copy(), flight.samples.stamp
     late = stamps > stamps.min() + 0.5 * np.ptp(stamps)

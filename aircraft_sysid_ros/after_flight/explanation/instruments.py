@@ -27,6 +27,9 @@ Offset = tuple[float, float]  # [rad], with its standard deviation
 _DEGREES = 180.0 / np.pi
 #: How far ahead vanes may be, over the span, where nobody says it: nose booms of jets.
 LONGEST_BOOM = 0.6
+#: An angle's scale that no vane has: where the filter finds that much, it is gusts that it has found, and a constant
+#: beside it is theirs.
+MOST_SCALE = 0.5
 #: An error is said where it is so many standard deviations from none (the filter takes gusts for noise) ...
 SIGMA = 8.0
 #: ... and this large: scales [1], angles [rad].
@@ -73,6 +76,8 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
         if f"{effect}_scale" in named and sureness > SIGMA and abs(scale["value"]) > LEAST_SCALE:
             found.append((sureness, _scale(signal, words, scale["value"], scale["std"])))
         if name == "V" or f"{effect}_scale" in named:
+            continue
+        if max(abs(errors[f"lambda_{name}"]["value"]) for errors in (known, ahead)) > MOST_SCALE:
             continue
         here, there = (offset_of(errors or known, samples, name, kind) for errors in (known, ahead))
         offset, std = _wherever(here, there)
