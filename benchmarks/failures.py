@@ -1,6 +1,6 @@
 """How often a control that sticks, or an engine that fails, is found in flights without vanes; and false alarms.
 
-    python benchmarks/failures.py [--clean 40] [--failed 48] [--again 16] [--first 8800000] [--jobs 2]
+    python benchmarks/failures.py [--clean 64] [--failed 48] [--again 16] [--first 9900000] [--jobs 2]
 
 The flights are those of failure_flights.py; each is a line in results/failures.jsonl. Seeds are looked at once.
 """
@@ -23,7 +23,7 @@ from aircraft_sysid_ros.diagnosis.failures.failures import failures_of
 from aircraft_sysid_ros.errors import InputError
 
 RESULTS = Path(__file__).parent / "results" / "failures.jsonl"
-FIRST = 8_800_000
+FIRST = 9_900_000
 
 
 def fly(job: dict[str, Any]) -> dict[str, Any]:
@@ -99,7 +99,7 @@ def summary(results: list[dict[str, Any]]) -> str:
 def main() -> None:
     """Fly what is not flown yet, and count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clean", type=int, default=40)
+    parser.add_argument("--clean", type=int, default=64)
     parser.add_argument("--failed", type=int, default=48)
     parser.add_argument("--again", type=int, default=16, help="flights in which a control fails several times")
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")

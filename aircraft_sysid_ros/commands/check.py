@@ -11,7 +11,7 @@ from typing import Any
 from aircraft_sysid_ros.after_flight.check import check_recording
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import telling
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.flight_check.check import Checked, nothing_wrong
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, SEVERITIES, WARNING, Finding, joined, short_names
 from aircraft_sysid_ros.text_file import write_whole
@@ -38,13 +38,19 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Check and draw; returns findings, rates and what can be identified. Raises InputError."""
+    """Check and draw; returns findings, rates and what can be identified.
+
+    Raises InputError, or IncompleteError with all but the picture where that cannot be written.
+    """
     _check_out(args.out)
     with telling() as tell:
         found = check_recording(args.bag, args.aircraft, tell)
         title = f"{args.bag}, {found.duration:.1f} s"
         figure, notes = picture(lambda: _draw(found.checked, args.out, title)) if args.out else (None, [])
-    return {**found.json, "figure": figure, "notes": [*found.notes, *notes]}
+    result = {**found.json, "figure": figure, "notes": [*found.notes, *notes]}
+    if args.out and figure is None:
+        raise IncompleteError(f"--out {args.out} is not written", result)
+    return result
 
 
 def _check_out(out: str | None) -> None:

@@ -186,6 +186,9 @@ def _run(arguments: Sequence[str]) -> int:
         print(f"{args.prog}: the system refused{where}: {error.strerror or error}", file=sys.stderr)
         return BAD_INPUT
     except Exception as error:
+        if _was_stopped(error):
+            print(f"{args.prog}: stopped", file=sys.stderr)
+            return STOPPED
         return _failed(args.prog, error)
     try:
         print(json_text(result) if args.json else without_control(args.module.render(result)))
@@ -197,6 +200,13 @@ def _run(arguments: Sequence[str]) -> int:
         print(f"{args.prog}: the answer cannot be written: {error.strerror or error}", file=sys.stderr)
         return BAD_INPUT
     return status
+
+
+def _was_stopped(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind it: within a compiled kernel it becomes a SystemError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _failed(prog: str, error: Exception) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,8 @@ OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions) | PRIO
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
 PERIOD = 1.0
+#: Time [s] without states after which whoever made them is said to be silent.
+SILENT = 5.0
 
 
 class ParameterEstimatorNode(EstimatorNode):
@@ -66,7 +69,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("parameter_estimator", INPUTS, OPTIONS, **arguments)
-        self.states_received = 0
+        self.states_received, self._heard = 0, 0.0
         self.hears_states = True  # False before it is activated: a node of this process gives them to `take_states`
         self.on_points: Callable[[Any], None] | None = None  # `live --out` keeps both for the run folder
         self.on_parameters: Callable[[Any, Any], None] | None = None
@@ -178,7 +181,16 @@ class ParameterEstimatorNode(EstimatorNode):
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),
         }
-        return "" if self.estimator.learning.newest is not None else "waiting for states in flight", values
+        return self._waits_for(), values
+
+    def _waits_for(self) -> str:
+        """States that it has not, in words; empty while they come."""
+        if self.estimator.learning.newest is None:
+            return "waiting for states in flight"
+        silence = time.monotonic() - self._heard
+        if self.is_active and silence > SILENT:
+            return f"no states for {silence:.0f} s: the parameters are as old"
+        return ""
 
     def take_states(self, rows: Any, stamps: Any) -> None:
         """States (n, StateField.WIDTH) with stamps (n,) [ns] from a node of this process: none can be lost."""
@@ -190,6 +202,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def _learn(self, rows: Any, stamps: Any) -> None:
         """Learn from states up to each that may bring news: what is published does not depend on how they come."""
+        self._heard = time.monotonic()
         if self._epoch is None:
             self._epoch = epoch_of(int(stamps[0]))
         rows = rows.copy()

@@ -383,13 +383,16 @@ def test_a_run_that_another_replay_wrote_meanwhile_is_kept(cli, run, bag, aircra
     }
 
 
-@pytest.mark.parametrize("place", ["push", "finish"])
+@pytest.mark.parametrize("place", ["push", "kernel", "finish"])
 def test_an_interrupted_replay_leaves_nothing(cli, bag, aircraft_file, tmp_path, monkeypatch, place):
     def interrupt(*_):
+        if place == "kernel":  # what Python makes of it when a compiled function returns
+            raise SystemError("a compiled kernel returned a result with an exception set") from KeyboardInterrupt()
         raise KeyboardInterrupt
 
     target = {
         "push": "aircraft_sysid_ros.pipeline.Pipeline.flush",
+        "kernel": "aircraft_sysid_ros.pipeline.Pipeline.flush",
         "finish": "aircraft_sysid_ros.run_writer.RunWriter._write_points",
     }[place]
     monkeypatch.setattr(target, interrupt)

@@ -204,9 +204,28 @@ def test_an_elevon_that_is_held_for_seconds_only_is_told_by_two_moments() -> Non
     assert abs(found.begin - flight.begin) < 0.5 and abs(found.end - flight.end) < 0.5
 
 
-def test_an_elevator_that_only_seems_to_be_held_for_seconds_is_none() -> None:
-    flight = flights.fly(8700007, flights.LAYOUTS["no airspeed, 25 Hz"], "none")
-    assert not failures_of(flight.aircraft, flight.samples).found
+@pytest.mark.parametrize(
+    ("seed", "layout"),
+    [
+        (8700007, "no airspeed, 25 Hz"),  # held for the 3 s before it pushes
+        (9850011, "no airspeed, 25 Hz"),  # held up to the midst of a doublet
+        (9860024, "airspeed, 10 Hz"),  # held for as long as the aeroplane turns
+        (9860041, "airspeed, 50 Hz"),  # another rolling moment for as long as it does not
+    ],
+)
+def test_what_only_seems_to_fail_is_none(seed, layout) -> None:
+    flight = flights.fly(seed, flights.LAYOUTS[layout], "none")
+    assert not failures_of(flight.aircraft, flight.samples).says_something
+
+
+def test_a_surface_that_does_more_to_one_side_has_not_failed() -> None:
+    """An elevator that moves half of what is recorded when it goes up, all flight long: as a log of commands has it."""
+    flight = flights.fly(9840002, flights.LAYOUTS["airspeed, 50 Hz"], "none")
+    values, controls = flight.samples.values.copy(), flight.samples.kind == Kind.CONTROLS
+    elevator = values[controls, 0]
+    trim = np.nanmedian(elevator)
+    values[controls, 0] = np.where(elevator > trim, elevator, trim + 2.0 * (elevator - trim))
+    assert not failures_of(flight.aircraft, replace(flight.samples, values=values)).says_something
 
 
 @pytest.fixture(scope="module")

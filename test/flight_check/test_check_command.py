@@ -167,6 +167,10 @@ def test_a_page_and_a_picture_are_written_and_a_bad_name_is_refused_before_the_w
         assert main(["check", str(path), "--out", str(tmp_path / name)]) == 2
         out, err = capsys.readouterr()
         assert out == "" and err.count("\n") == 1
+    (tmp_path / "folder.html").mkdir()
+    assert main(["check", str(path), "--out", str(tmp_path / "folder.html"), "--json"]) == 1
+    out, err = capsys.readouterr()  # the answer is there all the same
+    assert json.loads(out)["figure"] is None and f"--out {tmp_path / 'folder.html'} is not written" in err
 
 
 def test_the_late_gps_of_a_real_log_is_found_and_is_known_with_its_aircraft_file(shared_data, capsys, tmp_path):

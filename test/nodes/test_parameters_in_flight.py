@@ -1,5 +1,6 @@
 """`ros2 param set` through its services: what is set takes effect, or is refused with the reason."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -128,6 +129,16 @@ def test_a_change_in_flight_divides_it_to_the_last_bit(bench, aircraft, flying):
     options = replace(ParameterOptions(), **learning)
     assert np.array_equal(parameters.estimator.learning.least_squares.state.theta, second_step(options))
     assert not np.array_equal(parameters.estimator.learning.least_squares.state.theta, second_step(ParameterOptions()))
+
+
+def test_parameters_without_new_states_are_said_to_be_old(flying, monkeypatch):
+    """Their state estimator was killed in flight: what they say is of then, and was "ok" for as long as nobody came."""
+    _, parameters, _, fly = flying
+    fly(0.0, 12.0)
+    assert parameters.condition()[0] == ""
+    later = time.monotonic() + 2.0 * parameter_estimator.SILENT
+    monkeypatch.setattr(parameter_estimator.time, "monotonic", lambda: later)
+    assert "no states for 10 s" in parameters.condition()[0]
 
 
 def test_a_shorter_horizon_is_seen_in_the_states(bench, raw):

@@ -6,7 +6,7 @@ that makes them white is applied to both sides (Cochrane and Orcutt), so that su
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,8 @@ _PROXY_AXIS = {"CZ": "alpha", "CY": "beta"}
 #: noise of gyros, differentiated, is most of the acceleration; solved for the acceleration it is right where the motion
 #: is that of gusts, or where lift stands for an angle of attack badly.
 _MOTION = {"Cl": "p", "Cm": "alpha", "Cn": "beta"}
+#: The rate of a turn, by axis, and the time [s] in whose mean it is one.
+_TURN, _STEADY = {"Cl": "r", "Cm": "q", "Cn": "r"}, 2.0
 #: Terms of C_X that any flight with changes of lift needs.
 _POLAR = ("alpha", "alpha**2")
 #: Thrust falls with speed and is not in proportion to the throttle.
@@ -156,6 +158,46 @@ def _acting(balance: ForceBalance, texts: list[str], name: str) -> Acting | None
         for level in (mean, mean + spread, 0.0)
     ]
     return Acting(tuple(at), made[0], made[2], (made[1] - made[0]) / spread, mean, values)
+
+
+def with_turns(relation: AxisRelation, balance: ForceBalance) -> AxisRelation:
+    """The relation with a derivative of its own for the rate of a steady turn.
+
+    That is not the one of quick motion where lift stands for the angle of attack, or where a log has smoothed.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    if relation.axis not in _TURN:
+        return relation
+    turn = gaussian_filter1d(balance.signal(_TURN[relation.axis]), _STEADY / balance.step) * balance.weight
+    return replace(relation, columns=np.column_stack([relation.columns, turn]))
+
+
+def with_bend(relation: AxisRelation, name: str, weight: Array) -> AxisRelation:
+    """The relation with what an input does bent, at 0 and further out: a surface may do more to one side.
+
+    ``weight`` (n,) is that of the balance. Without such an input it stays as it is.
+    """
+    acting = relation.acting.get(name)
+    if acting is None:
+        return relation
+    more = len(_bent(acting.mean))
+    spread = float(np.std(acting.values))
+    bent, frozen = (weight[:, None] * _bent(values) for values in (acting.values, acting.mean))
+    per_unit = weight[:, None] * (_bent(acting.mean + spread) - _bent(acting.mean)) / spread
+    first = relation.columns.shape[1]
+    changed = replace(
+        acting, columns=(*acting.columns, *range(first, first + more)), frozen=np.column_stack([acting.frozen, frozen]),
+        idle=np.column_stack([acting.idle, 0.0 * frozen]), per_unit=np.column_stack([acting.per_unit, per_unit]),
+    )  # fmt: skip
+    columns = np.column_stack([relation.columns, bent])
+    return replace(relation, columns=columns, acting={**relation.acting, name: changed})
+
+
+def _bent(values: Array | float) -> Array:
+    """Values (n,) or one, bent (…, 2)."""
+    size = np.abs(values)
+    return np.stack([size, values * size], axis=-1)
 
 
 def input_values(balance: ForceBalance, name: str) -> Array:

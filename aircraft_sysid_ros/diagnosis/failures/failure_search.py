@@ -46,6 +46,8 @@ _LONGEST_DOUBT, _LEAST_DOUBT = 25.0, 0.5
 #: Fall of the log-likelihood at two standard errors of a time: 2 where the model is right. With that 16 of 25 dates
 #: were within their errors (benchmarks/failures.py, seeds 8650000 on).
 _FALL = 8.0
+#: Time [s] about a begin or an end in which an input that is sooner or later than recorded looks as if it failed.
+_EDGE = 1.0
 #: Longest time [s] from which others like it are looked for.
 _SHORT = 15.0
 #: Turns of times and of what a failure does.
@@ -214,6 +216,18 @@ class FailureSearch:
             likelihoods = [self._solved(a, columns_of(r, hypothesis)).log_likelihood for a, r in relations.items()]
             self._scores[hypothesis] = sum(likelihoods) - self._cost(hypothesis)
         return self._scores[hypothesis]
+
+    def inside(self, hypothesis: Hypothesis) -> float:
+        """ln of the likelihood over that of the same input if it had not failed, between its begins and ends only.
+
+        What is there only near one is an input that comes sooner or later than it is recorded: a begin or an end in the
+        midst of a doublet makes it so.
+        """
+        at, within = np.arange(self.count), np.zeros(self.count, np.bool_)
+        edge = _EDGE / self.step
+        for begin, end in hypothesis.spans:
+            within |= (at > begin + edge) & (at < (end if end >= self.count else end - edge))
+        return float(np.sum(self._told(hypothesis)[within]))
 
     def _cost(self, hypothesis: Hypothesis) -> float:
         """Half of ln n for each free number."""

@@ -23,12 +23,12 @@ class UnrecordedChange(Episode):
 
 
 def unrecorded_change(searched: Iterable[tuple[FailureSearch, Judged]], first: float) -> UnrecordedChange | None:
-    """The likeliest of the changes of constants that were sought, where it is one beyond doubt.
+    """The likeliest of some changes of constants, which are sure, where it has size.
 
     ``first`` [s]: time of the first point of the series.
     """
     search, best = max(searched, key=lambda item: item[1].evidence, default=(None, None))
-    if search is None or best is None or best.evidence < THRESHOLDS.unrecorded_evidence:
+    if search is None or best is None:
         return None
     axis = max(best.gains, key=lambda a: best.gains[a])
     size = 1.0 - float(np.exp(-best.gains[axis] / search.count))  # a gain is n times ln of the ratio of errors
