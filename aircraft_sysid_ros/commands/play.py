@@ -3,8 +3,9 @@
 The messages go out as they were recorded, byte for byte, with their original stamps, in the order of arrival.
 Publishers are reliable by default, since a reliable publisher matches every subscriber, whereas a best-effort
 one is deaf to those who ask for every sample; --best-effort plays as a sensor driver would. A reliable playback
-waits for subscribers that are behind, and ends when they have everything. One that keeps every sample, as
-`live --reliable` does, loses none at any rate; another loses what its own queue does not hold.
+waits for subscribers that are behind, before one topic is a second of the recording ahead of another, and ends when
+they have everything. One that keeps every sample, as `live --reliable` does, loses none at any rate; another loses what
+its own queue does not hold.
 
 With --clock the time of the recording goes to /clock, for nodes whose use_sim_time is true.
 """
@@ -12,8 +13,12 @@ With --clock the time of the recording goes to /clock, for nodes whose use_sim_t
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -38,6 +43,15 @@ LONGEST_WAIT, DISCOVERY_SETTLED = 5.0, 1.5
 #: And where every topic has one, no more have appeared for this time [s]: of two nodes that hear a topic one is found
 #: first, and the other would lack the beginning.
 ALL_FOUND = 0.5
+#: Longest time [s] of the recording that one topic runs ahead of another.
+MOST_AHEAD = 1.0
+_PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <publisher profile_name="quick_heartbeats" is_default_profile="true">
+    <times><heartbeatPeriod><sec>0</sec><nanosec>20000000</nanosec></heartbeatPeriod></times>
+  </publisher>
+</profiles>
+"""
 CLOCK_RATE = 40.0  # [Hz] of --clock, as of `ros2 bag play`
 LAST_MESSAGES = 0.2  # [s] for the middleware to send what best-effort publishers still hold
 
@@ -93,7 +107,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print(f"playing to {said}", file=sys.stderr, flush=True)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C then ends the loop, not the context under it
     try:
-        node = rclpy.create_node("player")
+        with _quick_heartbeats():
+            node = rclpy.create_node("player")
         publishers, unknown = _publishers(node, raw, selected, args)
         if not publishers:
             raise InputError(f"no message type of {args.recording} is installed: {', '.join(unknown.values())}")
@@ -180,11 +195,13 @@ def _play(
     duration = (log_times[-1] - log_times[0]) / NANOSECONDS if log_times else 0.0
     counts = dict.fromkeys(publishers, 0)
     schedule, show = Schedule(args.rate), every(0.1)
+    together = _Together([] if args.best_effort else list(publishers.values()))
     started = time.perf_counter()
     with progress_bar() as progress:
         task = progress.add_task("playing", total=duration)
         for row, key, log_time in zip(rows.tolist(), channels, log_times, strict=True):
             schedule.wait(log_time)
+            together.wait(log_time)
             if clock is not None:
                 clock.tell(log_time)
             _publish(publishers[key], raw[row])
@@ -201,6 +218,43 @@ def _play(
         messages[topic] = messages.get(topic, 0) + count
     timing = {"rate": args.rate, "duration": duration, "elapsed": elapsed, "delay": schedule.delay}
     return {**timing, "messages": messages, "subscribers": subscribers}
+
+
+@contextmanager
+def _quick_heartbeats() -> Iterator[None]:
+    """For a node that is made meanwhile: Fast DDS asks reliable subscribers for what they have 50 times in a second.
+
+    By default it asks every three seconds, for which ``_Together`` would wait. A profile of the user's own stays.
+    """
+    name = "FASTRTPS_DEFAULT_PROFILES_FILE"
+    if os.environ.get(name) or os.environ.get("FASTDDS_DEFAULT_PROFILES_FILE"):
+        yield
+        return
+    with tempfile.NamedTemporaryFile("w", suffix=".xml") as file:
+        file.write(_PROFILE)
+        file.flush()
+        os.environ[name] = file.name
+        try:
+            yield
+        finally:
+            del os.environ[name]
+
+
+class _Together:
+    """Lets no topic run ahead of another: reliable subscribers have what was sent before more of the flight is.
+
+    The queues of a fast topic are full first, at the publisher as at a subscriber that is slow: what waits there would
+    come a minute after what slow topics go on to send.
+    """
+
+    def __init__(self, publishers: list[Any]) -> None:
+        self._publishers, self._due = publishers, 0
+
+    def wait(self, log_time: int) -> None:
+        """Before what was recorded at a time [ns]."""
+        if log_time >= self._due:
+            self._due = log_time + int(MOST_AHEAD * NANOSECONDS)
+            _wait_until_all_have_it(self._publishers)
 
 
 class _Clock:
@@ -265,7 +319,12 @@ def _all_have_it(publisher: Any) -> bool:
 def _let_arrive(publishers: list[Any], best_effort: bool) -> None:
     """Until reliable subscribers have what was sent, or are gone; best-effort ones never say, and get a moment."""
     time.sleep(LAST_MESSAGES)
-    for publisher in publishers if not best_effort else []:
+    _wait_until_all_have_it(publishers if not best_effort else [])
+
+
+def _wait_until_all_have_it(publishers: list[Any]) -> None:
+    """Until reliable subscribers have what was sent, or are gone."""
+    for publisher in publishers:
         slow = _SlowSubscriber(publisher)
         while not _all_have_it(publisher):
             slow.tell()

@@ -89,6 +89,17 @@ def test_live_is_replay_to_the_last_bit(domain, recording, aircraft_file, replay
     played_in_time(playback)
 
 
+@pytest.mark.long
+def test_as_fast_as_it_goes_no_topic_runs_ahead_of_the_imu(domain, aircraft, aircraft_file, tmp_path, capsys):
+    """Longer than the queues on the way: GPS and air data had come 50 s before the IMU, and were lost."""
+    recording, expected, run = (tmp_path / name for name in ("flight", "replayed", "run"))
+    write_flight(simulate_samples(aircraft, seed=4, duration=130.0), recording)
+    assert main([*map(str, ["replay", recording, "--aircraft", aircraft_file, "--out", expected, "--json"])]) == 0
+    with live(run, aircraft_file, "--reliable", "--until-idle", 5.0) as process:
+        sent = play(recording, 0)
+        check_same(process, run, expected, sent["messages"])
+
+
 def prior_of(aircraft, folder, **wrong):
     """The file that a fleet leaves, of one airframe: the coefficients that fly, but for those that are given."""
     known = {**aircraft.coefficients, **wrong}

@@ -223,3 +223,50 @@ def test_a_second_node_that_hears_a_topic_is_waited_for(monkeypatch):
     monkeypatch.setattr(play.time, "sleep", sleep)
     play._wait_for_subscribers({0: Publisher()}, None)
     assert 0.5 + play.ALL_FOUND < now < 0.6 + play.ALL_FOUND
+
+
+HEARS = """
+import rclpy
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu
+
+QUALITY = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
+if __name__ == "__main__":
+    rclpy.init()
+    node = rclpy.create_node("hears")
+    node.create_subscription(Imu, "soon", lambda message: None, QUALITY)
+    rclpy.spin(node)
+"""
+SAYS = """
+import time
+import rclpy
+from sensor_msgs.msg import Imu
+from hears import QUALITY
+from aircraft_sysid_ros.commands import play
+
+rclpy.init()
+with play._quick_heartbeats():
+    publisher = rclpy.create_node("says").create_publisher(Imu, "soon", QUALITY)
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+started, together = time.monotonic(), play._Together([publisher])
+for second in range(5):
+    together.wait(second * play.NANOSECONDS)
+    publisher.publish(Imu())
+print(time.monotonic() - started)
+"""
+
+
+def test_what_subscribers_have_is_known_soon(domain, tmp_path):
+    """Each second of a recording waits for it, and by default the middleware asks every three seconds only."""
+    pytest.importorskip("rclpy")
+    for name, text in (("hears.py", HEARS), ("says.py", SAYS)):
+        (tmp_path / name).write_text(text)
+    hears = subprocess.Popen([sys.executable, tmp_path / "hears.py"])
+    try:
+        command = [sys.executable, tmp_path / "says.py"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    finally:
+        hears.kill()
+        hears.wait()
+    assert float(done.stdout.splitlines()[-1]) < 5.0
