@@ -15,7 +15,7 @@ import pytest
 from aircraft_sysid_ros.after_flight.check import CheckedRecording
 from aircraft_sysid_ros.after_flight.explanation import instruments
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, Learnt, apparent_mass, facts_of, known_modes
-from aircraft_sysid_ros.after_flight.explanation.explain import _lacking, _with_flight
+from aircraft_sysid_ros.after_flight.explanation.explain import _lacking, _with_flight, _without_what_is_checked
 from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
 from aircraft_sysid_ros.after_flight.explanation.instruments import LONGEST_BOOM, instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
@@ -417,6 +417,14 @@ def test_of_a_vane_that_nobody_has_placed_a_zero_is_off_wherever_it_is(monkeypat
     found = instrument_errors(bare, flight.samples)
     assert [error.value for error in found] == pytest.approx([np.degrees(-0.03)] * len(said))
     assert all(error.std > np.degrees(0.5 * (0.05 - ahead)) for error in found)
+
+
+def test_what_the_check_has_of_a_signal_is_not_said_again_with_another_number():
+    """Of ALFA's late GPS the check had 0.24 ± 0.05 s, and the replay in its turn 0.27 ± 0.10 s."""
+    late = [Finding((f"velocity.{axis}",), "offset", "warning", "it comes 0.24 s late") for axis in ("north", "east")]
+    slow = Finding(("throttle",), "rate", "info", "2.5 Hz")
+    notes = ["velocity.{north,east}: it comes 0.27 s late", "throttle: it is off", "thrust is not measured: so"]
+    assert _without_what_is_checked(notes, [*late, slow]) == notes[1:]
 
 
 @pytest.mark.parametrize(("scale", "said"), [(0.3, 1), (1.8, 0)])

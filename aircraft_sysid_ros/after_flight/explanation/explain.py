@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_check.finding import ERROR, INFO
+from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, Finding, joined, short_names
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, read_parameters
@@ -151,7 +151,7 @@ def _explained(
         said = tuple(what_matters(Evidence(_of_motion(checked), (0, len(aircraft.model.parameter_names)))))
         further = tuple(next_flights(checked.json, None, (), None))
         return Explanation(str(log), out, aircraft, checked, said, further, why_not=why_not, notes=tuple(notes))
-    notes += replayed["notes"]
+    notes += _without_what_is_checked(replayed["notes"], checked.checked.findings)
     compared, diagnosis, why_not = _judged(place / RUN, options, tell)
     why_not = why_not.replace(str(place / RUN), "the flight")  # a reader has never seen that folder
     tell("put it into words", 0.97)
@@ -255,6 +255,12 @@ def _stall_onset(diagnosis: Mapping[str, Any] | None) -> float | None:
         if candidate["found"] and "stall" in str(candidate["effect"]) and "onset" in candidate["inner"]:
             return float(candidate["inner"]["onset"])
     return None
+
+
+def _without_what_is_checked(notes: Sequence[str], findings: Sequence[Finding]) -> list[str]:
+    """Notes of the replay without what it says, by less of the flight, of signals that the check accuses."""
+    accused = {short_names(finding.signals) for finding in joined(findings) if finding.severity != INFO}
+    return [note for note in notes if note.partition(": ")[0] not in accused]
 
 
 def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, list[str]]:
