@@ -419,3 +419,11 @@ def test_times_of_day_and_counted_times_have_the_clock_that_import_gives_them(fl
     assert f"{time[-1]:.1f} s from" in capsys.readouterr().out  # all of both within the 19.9 s of each
     layouts.write_rows(source / "imu.csv", ["time_s", "p"], [time + 51730.5, np.sin(time)])
     assert guess_map(source).notes == []
+
+
+def test_where_no_name_says_anything_the_answer_is_what_to_write(tmp_path, capsys):
+    """It had been "0 sure, 0 likely, 0 undecided: check it", of a map that import then refused."""
+    (tmp_path / "a.csv").write_text("t,a,b\n0,1,2\n0.1,2,3\n0.2,3,4\n")
+    assert main(["import", str(tmp_path / "a.csv"), "--guess", str(tmp_path / "a.yaml")]) == 0
+    out = capsys.readouterr().out
+    assert "no name says what a column is" in out and "0 sure" not in out

@@ -334,6 +334,12 @@ def render_guess(report: dict[str, Any]) -> str:
         if table["not_mapped"]:
             lines.append(f"  no signal by their names: {', '.join(table['not_mapped'])[:500]}")
     lines += [f"note: {note}" for note in report["notes"]]
+    if not any(counts.values()):
+        lines.append(
+            f"no name says what a column is: write into {report['map']} which signals they are (docs/import.md has "
+            f"their names), then import with --map {report['map']}"
+        )
+        return "\n".join(lines)
     lines.append(
         f"{counts['sure']} sure, {counts['likely']} likely, {counts['undecided']} undecided and commented out: "
         f"check {report['map']}, then import with --map {report['map']}"
