@@ -45,6 +45,7 @@ LONGEST_WAIT, DISCOVERY_SETTLED = 5.0, 1.5
 ALL_FOUND = 0.5
 #: Longest time [s] of the recording that one topic runs ahead of another.
 MOST_AHEAD = 1.0
+#: Of Fast DDS, for ``_quick_heartbeats``.
 _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <publisher profile_name="quick_heartbeats" is_default_profile="true">
@@ -195,7 +196,8 @@ def _play(
     duration = (log_times[-1] - log_times[0]) / NANOSECONDS if log_times else 0.0
     counts = dict.fromkeys(publishers, 0)
     schedule, show = Schedule(args.rate), every(0.1)
-    together = _Together([] if args.best_effort else list(publishers.values()))
+    reliable = [] if args.best_effort else list(publishers.values())  # best-effort subscribers never say what they have
+    together = _Together(reliable)
     started = time.perf_counter()
     with progress_bar() as progress:
         task = progress.add_task("playing", total=duration)
@@ -211,7 +213,8 @@ def _play(
         elapsed = time.perf_counter() - started
         subscribers = {p.topic_name: p.get_subscription_count() for p in publishers.values()}
         progress.update(task, description="waiting for subscribers that are behind", completed=duration)
-        _let_arrive(list(publishers.values()), args.best_effort)
+        time.sleep(LAST_MESSAGES)
+        _wait_until_all_have_it(reliable)
     messages: dict[str, int] = {}
     for key, count in counts.items():
         topic = publishers[key].topic_name
@@ -314,12 +317,6 @@ def _all_have_it(publisher: Any) -> bool:
     from rclpy.duration import Duration
 
     return bool(publisher.wait_for_all_acked(Duration(nanoseconds=int(PATIENCE * NANOSECONDS))))
-
-
-def _let_arrive(publishers: list[Any], best_effort: bool) -> None:
-    """Until reliable subscribers have what was sent, or are gone; best-effort ones never say, and get a moment."""
-    time.sleep(LAST_MESSAGES)
-    _wait_until_all_have_it(publishers if not best_effort else [])
 
 
 def _wait_until_all_have_it(publishers: list[Any]) -> None:

@@ -84,7 +84,7 @@ class Finding:
             return f"it does not show in {self._must_show_in}, where it cannot be absent"
         if wrong := self._wrong_sign:
             return f"its part of {wrong[0]}_{wrong[1]} has the sign that it cannot have"
-        if self._leads:
+        if self._has_wrong_share:
             return "its share of what the surface does has the sign that it cannot have"
         return ""
 
@@ -111,8 +111,8 @@ class Finding:
         return ""
 
     @property
-    def _leads(self) -> bool:
-        """Whether its share of a surface's derivative has the wrong sign in its main axis.
+    def _has_wrong_share(self) -> bool:
+        """Whether its share of a surface's derivative has the wrong sign in its main axis: it leads, or makes more.
 
         A surface that an autopilot moves against the motion tells of it: in gusts what is late seems to lead.
         """

@@ -61,12 +61,11 @@ def answer(
     """
     options_after_flight(samples, calm_air)
     notes = assumed_calm(samples, calm_air)
-    vanes = has_vanes(samples)
     report = by_forces(aircraft, samples, lambda share: progress("look at the inputs", share))
     if report is not None and report.says_something:
         notes.append("the library was not searched: what failed or changed would stand for other effects")
         return report_json(report, notes)
-    if vanes:
+    if has_vanes(samples):
         report = None  # the library judges the rest
     if report is not None and not has_airspeed(samples):
         notes.append("the library was not searched: without airspeed its effects cannot be told from wind")

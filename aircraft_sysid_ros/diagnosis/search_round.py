@@ -222,20 +222,19 @@ class SearchRound:
         """
         axis, family = finding.trial.main_axis, finding.trial.candidate.family
         own = self.bench.contribution(finding.trial, axis)
+        has_name = finding.trial.candidate.effect is not None  # one that could be wrong
         names, outdone_by = list[str](), ""
         for other in others:
             candidate = other.trial.candidate
             if candidate.effect is None or candidate.family == family or axis not in other.trial.gains:
                 continue
             if other.impossible:
-                if not outdone_by and clearly_more(other.trial.gains[axis], finding.trial.gains[axis]):
+                if has_name and not outdone_by and clearly_more(other.trial.gains[axis], finding.trial.gains[axis]):
                     outdone_by = candidate.label
                 continue
             alike = _correlation(own, self.bench.contribution(other.trial, axis))
             if alike >= THRESHOLDS.alike and other.excess >= THRESHOLDS.as_good * finding.excess:
                 names.append(candidate.family)
-        if finding.trial.candidate.effect is None:  # no name that could be wrong
-            outdone_by = ""
         return replace(finding, confounded_with=tuple(names), outdone_by=outdone_by)
 
 

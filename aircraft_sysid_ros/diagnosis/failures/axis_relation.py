@@ -173,24 +173,24 @@ def with_turns(relation: AxisRelation, balance: ForceBalance) -> AxisRelation:
     return replace(relation, columns=np.column_stack([relation.columns, turn]))
 
 
-def with_bend(relation: AxisRelation, name: str, weight: Array) -> AxisRelation:
+def with_bend(relation: AxisRelation, name: str, balance: ForceBalance) -> AxisRelation:
     """The relation with what an input does bent, at 0 and further out: a surface may do more to one side.
 
-    ``weight`` (n,) is that of the balance. Without such an input it stays as it is.
+    Without such an input it stays as it is.
     """
     acting = relation.acting.get(name)
     if acting is None:
         return relation
-    more = len(_bent(acting.mean))
-    spread = float(np.std(acting.values))
-    bent, frozen = (weight[:, None] * _bent(values) for values in (acting.values, acting.mean))
-    per_unit = weight[:, None] * (_bent(acting.mean + spread) - _bent(acting.mean)) / spread
-    first = relation.columns.shape[1]
-    changed = replace(
-        acting, columns=(*acting.columns, *range(first, first + more)), frozen=np.column_stack([acting.frozen, frozen]),
-        idle=np.column_stack([acting.idle, 0.0 * frozen]), per_unit=np.column_stack([acting.per_unit, per_unit]),
-    )  # fmt: skip
+    weight, spread = balance.weight[:, None], float(np.std(acting.values))
+    bent, frozen = (weight * _bent(values) for values in (acting.values, acting.mean))
+    per_unit = weight * (_bent(acting.mean + spread) - _bent(acting.mean)) / spread
     columns = np.column_stack([relation.columns, bent])
+    new = range(relation.columns.shape[1], columns.shape[1])
+    changed = replace(
+        acting, columns=(*acting.columns, *new), frozen=np.column_stack([acting.frozen, frozen]),
+        idle=np.column_stack([acting.idle, np.zeros_like(frozen)]),
+        per_unit=np.column_stack([acting.per_unit, per_unit]),
+    )  # fmt: skip
     return replace(relation, columns=columns, acting={**relation.acting, name: changed})
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -167,9 +168,13 @@ class FailureSearch:
         self._order = round(MEMORY / step)
         self._scores: dict[Hypothesis, float] = {}
         self._floors = {axis: _MODEL_ERROR * float(np.std(r.response)) for axis, r in relations.items()}
-        self.base = {axis: self.fit(axis, r.columns) for axis, r in relations.items()}
         self.shortest = max(round(SHORTEST / step), LEAST_POINTS)
         self._every = max(self.count // _EDGES, 1)
+
+    @cached_property
+    def base(self) -> dict[str, AxisFit]:
+        """The axes as they are, without any failure."""
+        return {axis: self.fit(axis, r.columns) for axis, r in self.relations.items()}
 
     def axes_of(self, name: str) -> list[str]:
         """Axes that tell whether an input acts: those of its moments, or C_X of an engine.

@@ -270,7 +270,7 @@ def _holds(form: _Form, judged: Judged, least: float) -> bool:
         return False
     relations = {axis: with_turns(search.relations[axis], form.balance) for axis in search.axes_of(hypothesis.name)}
     if hypothesis.kind == PART:
-        relations = {axis: with_bend(r, hypothesis.name, form.balance.weight) for axis, r in relations.items()}
+        relations = {axis: with_bend(r, hypothesis.name, form.balance) for axis, r in relations.items()}
     return FailureSearch(relations, search.step).judged(hypothesis).evidence >= least
 
 
