@@ -37,11 +37,12 @@ BEST_EFFORT_DEPTH = 100
 PATIENCE = 0.1
 #: After so long [s] it is said who is behind.
 LONG_WAIT = 10.0
-#: Without --wait: as long as this [s], and when some topics have listeners and no more appear for the shorter
-#: time [s], the rest is taken to have none. A busy machine can take longer to find them all.
-LONGEST_WAIT, DISCOVERY_SETTLED = 5.0, 1.5
-#: And where every topic has one, no more have appeared for this time [s]: of two nodes that hear a topic one is found
-#: first, and the other would lack the beginning.
+#: Without --wait: as long as this [s] for the first subscriber.
+LONGEST_WAIT = 5.0
+#: Within this time [s] of its start a program has found all that were there, and they it. The middleware exchanges
+#: what it lost once in three seconds: of two nodes that hear a topic one may be found so much later.
+DISCOVERY = 3.2
+#: And no more have appeared for this time [s].
 ALL_FOUND = 0.5
 #: Longest time [s] of the recording that one topic runs ahead of another.
 MOST_AHEAD = 1.0
@@ -110,12 +111,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     try:
         with _quick_heartbeats():
             node = rclpy.create_node("player")
+        created = time.perf_counter()
         publishers, unknown = _publishers(node, raw, selected, args)
         if not publishers:
             raise InputError(f"no message type of {args.recording} is installed: {', '.join(unknown.values())}")
-        _wait_for_subscribers(publishers, args.wait)
+        _wait_for_subscribers(publishers, args.wait, created)
         played = _play(raw, publishers, args, _Clock(node, args) if args.clock else None)
-        return {"recording": str(args.recording), **played, "not_played": unknown, "notes": list(raw.notes)}
+        notes = [*raw.notes, *played.pop("notes")]
+        return {"recording": str(args.recording), **played, "not_played": unknown, "notes": notes}
     finally:
         rclpy.try_shutdown()
 
@@ -171,19 +174,22 @@ def _publishers(
     return publishers, unknown
 
 
-def _wait_for_subscribers(publishers: dict[int, Any], asked: float | None) -> None:
+def _wait_for_subscribers(publishers: dict[int, Any], asked: float | None, created: float) -> None:
     """Until every topic has a subscriber and no more appear, or the time is over; if none was asked for, or no more
-    appear at all.
+    appear at all. ``created``: when the node was, by the clock of ``time.perf_counter``.
     """
     start = changed = time.perf_counter()
-    longest, settled = (LONGEST_WAIT, DISCOVERY_SETTLED) if asked is None else (asked, asked)
+    longest = LONGEST_WAIT if asked is None else asked
     before = 0
     while (now := time.perf_counter()) - start < longest:
         counts = [publisher.get_subscription_count() for publisher in publishers.values()]
         if sum(counts) != before:
             before, changed = sum(counts), now
-        elif before and now - changed > (min(ALL_FOUND, settled) if all(counts) else settled):
-            return
+        is_enough = all(counts) or (before and asked is None)
+        if is_enough and now - created > DISCOVERY:
+            was_there = changed - created < DISCOVERY  # else it has just started, and so may have others
+            if now - changed > (ALL_FOUND if was_there else DISCOVERY):
+                return
         time.sleep(0.02)
 
 
@@ -197,7 +203,7 @@ def _play(
     counts = dict.fromkeys(publishers, 0)
     schedule, show = Schedule(args.rate), every(0.1)
     reliable = [] if args.best_effort else list(publishers.values())  # best-effort subscribers never say what they have
-    together = _Together(reliable)
+    together, latecomers = _Together(reliable), _Latecomers(list(publishers.values()))
     started = time.perf_counter()
     with progress_bar() as progress:
         task = progress.add_task("playing", total=duration)
@@ -209,7 +215,9 @@ def _play(
             _publish(publishers[key], raw[row])
             counts[key] += 1
             if next(show):
-                progress.update(task, completed=(log_time - log_times[0]) / NANOSECONDS)
+                played = (log_time - log_times[0]) / NANOSECONDS
+                progress.update(task, completed=played)
+                latecomers.look(played)
         elapsed = time.perf_counter() - started
         subscribers = {p.topic_name: p.get_subscription_count() for p in publishers.values()}
         progress.update(task, description="waiting for subscribers that are behind", completed=duration)
@@ -220,7 +228,7 @@ def _play(
         topic = publishers[key].topic_name
         messages[topic] = messages.get(topic, 0) + count
     timing = {"rate": args.rate, "duration": duration, "elapsed": elapsed, "delay": schedule.delay}
-    return {**timing, "messages": messages, "subscribers": subscribers}
+    return {**timing, "messages": messages, "subscribers": subscribers, "notes": latecomers.notes}
 
 
 @contextmanager
@@ -325,3 +333,21 @@ def _wait_until_all_have_it(publishers: list[Any]) -> None:
         slow = _SlowSubscriber(publisher)
         while not _all_have_it(publisher):
             slow.tell()
+
+
+class _Latecomers:
+    """Notes of subscribers that were found only after the playback had begun: what had gone out they do not have."""
+
+    def __init__(self, publishers: list[Any]) -> None:
+        self._publishers, self._counts = publishers, [p.get_subscription_count() for p in publishers]
+        self.notes: list[str] = []
+
+    def look(self, played: float) -> None:
+        """When so much [s] of the recording has been played."""
+        before, self._counts = self._counts, [p.get_subscription_count() for p in self._publishers]
+        new = [p.topic_name for p, *n in zip(self._publishers, self._counts, before, strict=True) if n[0] > n[1]]
+        if new:
+            self.notes.append(
+                f"a subscriber of {', '.join(new)} was found when {played:.1f} s had been played, and lacks what came "
+                "before: start it before the playback"
+            )

@@ -203,17 +203,26 @@ def test_bad_rate_is_refused_before_anything_else(flight):
         run(argparse.Namespace(recording="nowhere", rate=-1.0, wait=0.0))
 
 
-def test_a_second_node_that_hears_a_topic_is_waited_for(monkeypatch):
+@pytest.mark.parametrize(
+    ("found", "begins"),
+    [
+        ((0.2, 0.5), 3.2),
+        ((0.1, 2.6), 3.2),  # the middleware had lost something, and sends it again
+        ((0.1, 3.1), 3.6),
+        ((4.0, 6.5), 9.7),  # started after the playback, one a moment after the other
+    ],
+)
+def test_a_second_node_that_hears_a_topic_is_waited_for(monkeypatch, found, begins):
     """Both estimators hear the controls: the one that is found later had missed the beginning of a fast playback."""
     from aircraft_sysid_ros.commands import play
 
     now = 0.0
 
     class Publisher:
-        """Of a topic that two nodes hear, of which one is found 0.3 s after the other."""
+        """Of a topic that two nodes hear, which are found one after the other."""
 
         def get_subscription_count(self):
-            return int(now > 0.2) + int(now > 0.5)
+            return sum(now > each for each in found)
 
     def sleep(seconds):
         nonlocal now
@@ -221,8 +230,28 @@ def test_a_second_node_that_hears_a_topic_is_waited_for(monkeypatch):
 
     monkeypatch.setattr(play.time, "perf_counter", lambda: now)
     monkeypatch.setattr(play.time, "sleep", sleep)
-    play._wait_for_subscribers({0: Publisher()}, None)
-    assert 0.5 + play.ALL_FOUND < now < 0.6 + play.ALL_FOUND
+    play._wait_for_subscribers({0: Publisher()}, 60.0, created=0.0)
+    assert now == pytest.approx(begins, abs=0.05)
+
+
+def test_who_comes_after_the_beginning_is_told_of():
+    from aircraft_sysid_ros.commands import play
+
+    class Publisher:
+        """Of a topic with so many subscribers."""
+
+        topic_name, count = "/air_data", 1
+
+        def get_subscription_count(self):
+            return self.count
+
+    late = play._Latecomers([publisher := Publisher()])
+    late.look(1.0)
+    assert late.notes == []
+    for count, played in ((2, 1.6), (1, 3.0), (1, 4.0)):  # one more; gone again
+        publisher.count = count
+        late.look(played)
+    assert len(late.notes) == 1 and "/air_data" in late.notes[0] and "1.6 s" in late.notes[0]
 
 
 HEARS = """
