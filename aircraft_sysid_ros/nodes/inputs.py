@@ -18,6 +18,8 @@ from typing import Any
 
 #: Time [ns] after which a message that waits says that the process is behind.
 _BEHIND = 20_000_000
+#: Messages that a process that is behind receives before its executor has its turn again.
+_MOST_AT_ONCE = 200
 #: A message and its information.
 _Taken = tuple[Any, dict[str, Any]]
 
@@ -95,29 +97,36 @@ class Input:
         return self._next
 
     def _come(self, message: Any, info: dict[str, Any]) -> None:
-        """The executor gives a message: first what came before it."""
-        own, self._next = self._next, None
-        if own is not None:
-            self._come(*own)
-        came, others = info["received_timestamp"], [each for each in self._beside() if each is not self]
-        if time.time_ns() - came > _BEHIND or any(each._next is not None for each in others):
-            _receive_until(came, others)
-        self._take(message, info)
+        """The executor gives a message: first what came before it, where the process is behind."""
+        came = info["received_timestamp"]  # 0: the middleware does not say
+        if came and time.time_ns() - came > _BEHIND:
+            self._next = message, info
+            _catch_up(self._beside() or (self,))
+        else:
+            self._take(message, info)
 
     def _take(self, message: Any, info: dict[str, Any]) -> None:
         self._numbers.take(info["publication_sequence_number"])
         self._receive(message)
 
 
-def _receive_until(came: int, inputs: Sequence[Input]) -> None:
-    """Receive what came before a time [ns], the oldest first; 0: the middleware does not say when."""
-    while came:
+def _catch_up(inputs: Sequence[Input]) -> None:
+    """Receive what has come by now, the oldest first.
+
+    What was taken to see how old it is is received too: the executor knows no more of it.
+    """
+    now = time.time_ns()
+    for _ in range(_MOST_AT_ONCE):
         heads = [(taken, each) for each in inputs if (taken := each._look())]
         taken, first = min(heads, key=lambda head: head[0][1]["received_timestamp"], default=(None, None))
-        if taken is None or first is None or taken[1]["received_timestamp"] >= came:
-            return
+        if taken is None or first is None or taken[1]["received_timestamp"] > now:
+            break
         first._next = None
         first._take(*taken)
+    held = [(each._next, each) for each in inputs if each._next]
+    for taken, each in sorted(held, key=lambda head: head[0][1]["received_timestamp"]):
+        each._next = None
+        each._take(*taken)
 
 
 class _Both:

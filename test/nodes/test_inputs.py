@@ -157,3 +157,20 @@ def test_where_a_fast_topic_lost_its_oldest_a_slow_one_is_not_late(bench):
     assert [number for number, topic in taken if topic == "slow"] == list(range(10, 200, 20))
     assert 50 <= len(taken) - 10 < 200
     assert taken == sorted(taken)
+
+
+def test_what_was_looked_at_is_received_though_nothing_comes_after_it(bench):
+    """A message taken to see how old it is waited for the next event, which at the end of a flight never comes."""
+    taken, inputs = [], []
+    for topic in ("first", "second"):
+        quality = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+        inputs.append(
+            Input(bench.helper, Imu, topic, lambda _, topic=topic: taken.append(topic), quality, lambda: inputs)
+        )
+    publishers = [bench.helper.create_publisher(Imu, topic, QoSProfile(depth=1000)) for topic in ("first", "second")]
+    bench.spin_until(lambda: all(publisher.get_subscription_count() for publisher in publishers))
+    for publisher in publishers:
+        publisher.publish(Imu())
+        time.sleep(0.05)  # nobody takes it: the process is behind
+    bench.spin_until(lambda: len(taken) == 2, 10.0)
+    assert taken == ["first", "second"]
