@@ -46,11 +46,12 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
         "evidence": report.changed.evidence, "size": report.changed.size,
         "errors": [report.changed.begin_error, report.changed.end_error],
     }  # fmt: skip
+    unexplained = report.unexplained and {"name": report.unexplained.name, "begin": report.unexplained.begin}
     stamps = flight.samples.stamp
     last = float(stamps.max() - stamps.min()) * 1e-9
     return {
         **job, "begin": flight.begin, "end": flight.end, "last": last, "share": flight.share, "found": found,
-        "changed": changed,
+        "changed": changed, "unexplained": unexplained,
     }  # fmt: skip
 
 
@@ -90,9 +91,12 @@ def summary(results: list[dict[str, Any]]) -> str:
     done = [r for r in results if "found" in r]
     clean = [r for r in done if r["failure"] == "none"]
     failed = [r for r in done if r["failure"] != "none"]
+    clean_given, failed_given = (
+        sum(bool(r["found"] or r["changed"] or r["unexplained"]) for r in some) for some in (clean, failed)
+    )
     return (
-        f"clean flights: {len(clean)}, given a verdict: {sum(bool(r['found'] or r['changed']) for r in clean)}; "
-        f"with a failure: {len(failed)}, given one: {sum(bool(r['found'] or r['changed']) for r in failed)}"
+        f"clean flights: {len(clean)}, given a verdict: {clean_given}; "
+        f"with a failure: {len(failed)}, given one: {failed_given}"
     )
 
 

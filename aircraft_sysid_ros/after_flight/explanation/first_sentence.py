@@ -86,7 +86,7 @@ def _findings(check: Mapping[str, Any], severity: str) -> list[Finding]:
 def _failed(evidence: Evidence) -> Iterator[Said]:
     """Inputs that failed in a flight of which the library could not be searched: the diagnosis says it in sentences."""
     if evidence.diagnosis and _inputs_alone(evidence.diagnosis) and (found := _found(evidence)):
-        yield Said(str(found[0]["effect"]), str(evidence.diagnosis["advice"]))
+        yield Said(str(found[0]["effect"] or "unexplained"), str(evidence.diagnosis["advice"]))
 
 
 def _inputs_alone(diagnosis: Mapping[str, Any]) -> bool:

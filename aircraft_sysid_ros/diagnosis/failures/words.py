@@ -21,6 +21,10 @@ from aircraft_sysid_ros.identification.conditions import listed
 
 LOSS_OF_THRUST, STUCK, DAMAGED = "loss_of_thrust", "stuck_control", "control_damage"
 CHANGE_OF_MOMENTS = "parameter_change"
+_NO_NAME = (
+    "What is commanded makes other moments than before. It is neither a control that stands still nor one that lost "
+    "part of its effect: one of several surfaces that no longer moves, a linkage that slips, or another surface."
+)
 _WHAT = {**CONTROL_WORDS, ENGINE: "engine"}
 #: What a moment is called, and what else than a control it could be, by effect and in words.
 _MOMENTS = {"Cl": "rolling", "Cm": "pitching", "Cn": "yawing"}
@@ -98,6 +102,14 @@ def sentence_of_change(change: UnrecordedChange) -> str:
     )
 
 
+def sentence_of_unlike(failure: Failure) -> str:
+    """One sentence that a pilot understands."""
+    return (
+        f"The aeroplane does not answer the control '{_WHAT.get(failure.name, failure.name)}' as before "
+        f"{span_of(failure)}, and no failure that is known explains how."
+    )
+
+
 def _times_likelier(evidence: float) -> str:
     powers = evidence / np.log(10.0)
     return f"10^{powers:.0f} times likelier" if powers < _POWERS else f"more than 10^{_POWERS} times likelier"
@@ -165,6 +177,17 @@ def change_json(change: UnrecordedChange, report: FailureReport) -> dict[str, An
     }
 
 
+def unlike_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
+    """As of any candidate without a name: the terms say that the input does something else for that time."""
+    label = f"another effect of the control '{_WHAT.get(failure.name, failure.name)}'"
+    return {
+        **{"effect": None, "label": label, "name": label, "kind": CHANGE, "physics": _NO_NAME},
+        "manoeuvre": _MANOEUVRES[STUCK],
+        **_shown(failure, terms_of(failure, report), (STUCK, DAMAGED), report),
+        "input": failure.name,
+    }
+
+
 def _what(identifier: str, which: str, name: str) -> dict[str, Any]:
     return {
         "effect": identifier,
@@ -215,8 +238,10 @@ def candidates_of(report: FailureReport) -> Iterator[tuple[dict[str, Any], Episo
 def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:
     """The answer of a flight of which nothing but its inputs could be judged, or one of whose inputs failed."""
     return {
-        "verdict": "missing" if report.says_something else "none",
-        "candidates": [candidate for candidate, _ in candidates_of(report)],
+        "verdict": "unexplained" if report.unexplained else "missing" if report.says_something else "none",
+        "candidates": [unlike_json(report.unexplained, report)]
+        if report.unexplained
+        else [candidate for candidate, _ in candidates_of(report)],
         "advice": " ".join(_advice(report)),
         "notes": [*notes, *notes_of(report)],
         "false_alarm_rate": THRESHOLDS.false_alarm,
@@ -260,17 +285,27 @@ def _advice(report: FailureReport) -> Iterator[str]:
     if report.changed is not None:
         yield sentence_of_change(report.changed)
         yield f"It is {_times_likelier(report.changed.evidence)} than that nothing changed."
+    elif report.unexplained is not None:
+        yield sentence_of_unlike(report.unexplained)
+        yield f"It is {_times_likelier(report.unexplained.evidence)} than that nothing changed."
     elif not report.tried:
         yield (
             "Nothing could be looked for: no recorded input moves what this flight tells of a coefficient. The notes "
             "say why of each axis. Record deflections, and vanes; what such a flight does tell is its drag (polar)."
         )
     elif not report.found:
-        known = [_WHAT.get(name, name) for name in report.tried if name in report.shown]
+        unlike = {failure.name for failure in report.unlike}
+        known = [_WHAT.get(name, name) for name in report.tried if name in report.shown - unlike]
         if failed := _failed_in_model(report):
             yield f"The model has it that {listed(failed)} failed or changed for a time. Beyond that:"
-        hidden = [_WHAT.get(name, name) for name in report.tried if name not in report.shown]
+        hidden = [_WHAT.get(name, name) for name in report.tried if name not in report.shown | unlike]
         if known:
             yield f"None of the inputs of which this flight would show it has failed: {', '.join(known)}."
+        if unlike:
+            yield (
+                f"What {listed([_WHAT.get(name, name) for name in report.tried if name in unlike])} does is not the "
+                "same throughout the flight, as where a model is simpler than an aeroplane in turns: whether that is a "
+                "failure for a while is not told."
+            )
         if hidden:
             yield f"Whether {listed(hidden)} failed it cannot show, since what that does here is too little to be told."
