@@ -246,11 +246,12 @@ def failures(flown: list[dict[str, Any]]) -> Rows:
         said = [(f["found"][0], f) for f in named] + [(f["changed"], f) for f in changed]
         near = sum(abs(found["begin"] - flight["begin"]) < 2.0 for found, flight in said)
         within = sum(abs(found["begin"] - flight["begin"]) <= found["errors"][0] for found, flight in said)
-        false = sum(bool(flight["found"] or flight["changed"]) for flight in clean)
-        numbers = (len(clean), false, len(failed), len(named), len(changed), len(answered) - len(named), near, within)
-        rows.append([words, *map(str, numbers)])
+        false = sum(bool(flight["found"] or flight["changed"] or flight["unexplained"]) for flight in clean)
+        unexplained = sum(bool(flight["unexplained"]) for flight in failed)
+        numbers = (len(clean), false, len(failed), len(named), len(changed), unexplained, len(answered) - len(named))
+        rows.append([words, *map(str, (*numbers, near, within))])
     head = ["log", "clean flights", "given a verdict", "with a failure", "named", "a moment that no input shows",
-            "named another", "dated within 2 s", "within its error"]  # fmt: skip
+            "unexplained", "named another", "dated within 2 s", "within its error"]  # fmt: skip
     return head, rows
 
 

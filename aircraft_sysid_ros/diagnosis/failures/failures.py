@@ -117,7 +117,8 @@ class FailureReport:
 
         What is over again is no verdict: of 24 clean flights (JSBSim) four had that, in turns and manoeuvres.
         """
-        return next((failure for failure in self.unlike if failure.times[-1].end is None), None)
+        lasting = [failure for failure in self.unlike if [times.end for times in failure.times] == [None]]
+        return next((failure for failure in lasting if failure.size >= THRESHOLDS.unrecorded_size), None)
 
 
 class _Form(NamedTuple):
@@ -243,9 +244,12 @@ def _searched(job: _Job) -> _Searched:
     form, name = job
     tried, constant = _frozen(form.search, name), form.search.best(name, CONSTANT)
     part = None if name == ENGINE else _weakened(form, name, max(tried.score, constant.score))
-    sure = part or _of_input(form, tried)
-    failure = sure if part or sure is None else _named(sure, tried, constant)
-    unlike = sure if failure is None and sure is not None and name != ENGINE and _is_long_enough(sure) else None
+    sure = None if part else _of_input(form, tried)
+    failure = part if sure is None else _named(form, sure, constant)
+    unlike = None
+    if failure is None and sure is not None and name != ENGINE:
+        described = _described(form.balance, form.search, sure)
+        unlike = described if _is_long_enough(described) else None
     if failure is None and name == ENGINE:
         failure = _cut(form.balance)
     evidence = tried.evidence if part is None else part.evidence
@@ -382,25 +386,23 @@ def _frozen(search: FailureSearch, name: str) -> Judged:
     return best
 
 
-def _of_input(form: _Form, best: Judged) -> Failure | None:
+def _of_input(form: _Form, best: Judged) -> Judged | None:
     """That one input is frozen, by the best that this explains, where it is sure."""
-    (balance, search, least), name = form, best.hypothesis.name
-    if best.evidence < least:
+    if best.evidence < form.least:
         return None
-    best = best if name == ENGINE else search.held(best)
-    if best.evidence < least or not _holds(form, best, least):
-        return None
-    return _described(balance, search, best)
+    best = best if best.hypothesis.name == ENGINE else form.search.held(best)
+    return None if best.evidence < form.least or not _holds(form, best, form.least) else best
 
 
-def _named(failure: Failure, best: Judged, constant: Judged) -> Failure | None:
-    """What is sure of an input, with what else it could be, if it is enough to be named.
+def _named(form: _Form, sure: Judged, constant: Judged) -> Failure | None:
+    """What failed of an input, with what else it could be, if it is enough to be named.
 
     ``constant``: the best that another constant of the same axes explains.
     """
-    if failure.size < THRESHOLDS.size or not _is_told(failure, best.score - constant.score):
+    failure = _described(form.balance, form.search, sure)
+    if failure.size < THRESHOLDS.size or not _is_told(failure, sure.score - constant.score):
         return None
-    return replace(failure, rivals=_rivals(failure, best, constant))
+    return replace(failure, rivals=_rivals(failure, sure, constant))
 
 
 def _cut(balance: ForceBalance) -> Failure | None:
@@ -446,7 +448,8 @@ def _is_told(failure: Failure, ahead: float) -> bool:
         return False
     gone = abs(failure.left) < MOST_LEFT and failure.left + 2.0 * failure.left_std < MOST_LEFT_AT_ALL
     shown = failure.moved >= LEAST_MOTION * failure.usual
-    return ((gone and shown) or _is_far(failure)) and ahead > 0.0
+    is_there = failure.left - 2.0 * failure.left_std > MOST_LEFT  # it acts, and does so surely
+    return ((gone and shown) or (_is_far(failure) and not is_there)) and ahead > 0.0
 
 
 def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> Failure:
