@@ -218,6 +218,22 @@ def test_what_only_seems_to_fail_is_none(seed, layout) -> None:
     assert not failures_of(flight.aircraft, flight.samples).says_something
 
 
+def test_a_control_that_does_something_else_to_the_end_is_unexplained() -> None:
+    """An elevator that sticks where it is, in a flight whose autopilot hardly moves it: not enough for the name."""
+    flight = flights.fly(9970001, flights.LAYOUTS["airspeed, 50 Hz"], "elevator")
+    report = failures_of(flight.aircraft, flight.samples)
+    assert report.found == () and report.unexplained is not None
+    said = report_json(report, [])
+    (candidate,) = said["candidates"]
+    assert (said["verdict"], candidate["effect"], candidate["input"]) == ("unexplained", None, "de")
+    assert "does not answer the control 'elevator' as before" in said["advice"]
+    assert all(set(texts) for texts in candidate["terms"].values()) and candidate["main_axis"] == "Cm"
+    over = replace(report.unexplained, times=(report.unexplained.times[0]._replace(end=100.0, end_error=1.0),))
+    said = report_json(replace(report, unlike=(over,)), [])
+    assert said["verdict"] == "none" and "What elevator does is not the same throughout" in said["advice"]
+    assert "elevator" not in said["advice"].split("What elevator does")[0], "it is not said to be sound"
+
+
 def test_a_surface_that_does_more_to_one_side_has_not_failed() -> None:
     """An elevator that moves half of what is recorded when it goes up, all flight long: as a log of commands has it."""
     flight = flights.fly(9840002, flights.LAYOUTS["airspeed, 50 Hz"], "none")

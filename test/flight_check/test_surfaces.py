@@ -1,0 +1,40 @@
+"""What a surface does to the turning, and what the turning does to a surface that an autopilot moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.flight_check.laws import surfaces
+
+STEP, COUNT, FINE, LATE = 0.1, 1500, 10, 8  # [s], points, steps of the motion in one, and of those an actuator's delay
+
+
+def flown(seed, *, by_autopilot):
+    """Angular acceleration (n,), a surface (n,) and rate and angle (n, 2) of a weathercock in gusts, at 10 Hz."""
+    rng, h = np.random.default_rng(seed), STEP / FINE
+    rate, surface, angle, gust = np.zeros(COUNT * FINE), np.zeros(COUNT * FINE), 0.0, 0.0
+    pulses = np.repeat(rng.choice([-0.3, 0.3], COUNT), FINE * 4)
+    for i in range(LATE, COUNT * FINE):
+        gust += -gust / 0.5 * h + np.sqrt(2.0 * h / 0.5) * rng.normal()
+        surface[i] = 0.4 * rate[i - LATE] if by_autopilot else pulses[i]
+        turning = -2.0 * rate[i - 1] - 4.0 * angle - 6.0 * surface[i - LATE] + 0.8 * gust
+        rate[i] = rate[i - 1] + turning * h
+        angle += rate[i] * h
+    measured = rate[::FINE] + 0.002 * rng.normal(size=COUNT)
+    recorded = surface[::FINE] + 0.001 * rng.normal(size=COUNT)
+    terms = np.column_stack([measured, np.cumsum(measured) * STEP])
+    return np.gradient(measured, STEP), recorded, terms
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_follows_the_gyros_is_neither_late_nor_reversed(seed):
+    scan = surfaces._scan(*flown(seed, by_autopilot=True), STEP)
+    assert scan.is_both_ways
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_turns_the_aeroplane_does_so_one_way(seed):
+    scan = surfaces._scan(*flown(seed, by_autopilot=False), STEP)
+    assert not scan.is_both_ways and scan.partial < -0.5
+    assert scan.shift == pytest.approx(LATE * STEP / FINE, abs=STEP)
