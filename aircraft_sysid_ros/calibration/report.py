@@ -213,8 +213,9 @@ def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span =
     left = np.sqrt(answer.noise[:3])
     if np.any(left > compatibility.STEADY):
         notes.append(
-            f"the wind was not steady: residuals of V, alpha, beta are {', '.join(f'{x:.1f}' for x in left)} times the "
-            f"noise of the aircraft file over pieces of {compatibility.PIECE:g} s: do not use what is said of air data"
+            f"the wind was not steady: residuals of V, alpha, beta are {', '.join(f'{x:.2f}' for x in left)} times the "
+            f"noise of the aircraft file over pieces of {compatibility.PIECE:g} s, and a steady wind leaves less than "
+            f"{compatibility.STEADY:g}: do not use what is said of air data"
         )
     return _report(
         "data compatibility", answer, parameters, section, compatibility.OUTPUT_NAMES, "sigma of the aircraft file",

@@ -61,6 +61,11 @@ class Fleet:
         return sum(flown.answer["ok"] for flown in self.flown)
 
     @property
+    def losses(self) -> list[str]:
+        """What could not be read of flights that were used, a sentence each."""
+        return [f"{f.flight.name}: {loss}" for f in self.flown for loss in f.answer.get("losses", ())]
+
+    @property
     def json(self) -> dict[str, Any]:
         """The content of ``fleet --json``."""
         failures = [{"flight": f.flight.name, "reason": f.answer["reason"]} for f in self.flown if not f.answer["ok"]]
@@ -76,7 +81,7 @@ class Fleet:
             "effects": self.between.effects,
             "false_discovery_rate": self.between.rate,
             "page": str(self.out / "fleet.html"),
-            "notes": list(self.notes),
+            "notes": [*self.notes, *self.losses],
         }
 
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.after_flight.check import check_recording
+from aircraft_sysid_ros.after_flight.check import CheckedRecording, check_recording
 from aircraft_sysid_ros.after_flight.compare import compare_run
 from aircraft_sysid_ros.after_flight.diagnose import diagnose
 from aircraft_sysid_ros.after_flight.log_import import import_log, why_no_calibration
@@ -32,6 +32,7 @@ from aircraft_sysid_ros.fleet.apart import Failed
 from aircraft_sysid_ros.fleet.flights import AUTOPILOTS
 from aircraft_sysid_ros.reconstruction.absences import NoAirspeedError
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.recordings.losses import losses
 from aircraft_sysid_ros.run_reader import AIRCRAFT, read_parameters, read_points, read_samples, read_state
 
 #: Signals of the condition in which a parameter was learnt.
@@ -143,12 +144,14 @@ def _answer_of(job: Job, folder: Path) -> Answer:
     recording, run, began = job.recording, folder / _RUN, _cpu()
     if not recording.exists():
         raise Failed(f"the worker finds no {recording}: recordings must be where all workers see them", lasting=False)
-    checked, recording, unread = _checked(job, folder / _IMPORTED)
+    found, recording, unread = _checked(job, folder / _IMPORTED)
+    checked = found.json
     replay([str(recording)], job.aircraft, run, ReplayOptions(state=StateOptions(calm_air=job.options.calm_air)))
     answer: Answer = {"ok": True, "reason": "", "duration": checked["duration"], "findings": checked["findings"]}
+    answer["losses"] = losses(found.notes)
     answer["start"] = int(read_samples(run).stamp.min())
     answer["parameters"] = _parameters(run)
-    reasons = [unread]
+    reasons = [*answer["losses"], unread]
     answer["axes"], told = _tried(lambda: compare_run(run).json["axes"], "not compared", {})
     reasons.append(told)
     answer["diagnosis"] = None
@@ -164,14 +167,14 @@ def _answer_of(job: Job, folder: Path) -> Answer:
     return answer
 
 
-def _checked(job: Job, imported: Path) -> tuple[Answer, Path, str]:
+def _checked(job: Job, imported: Path) -> tuple[CheckedRecording, Path, str]:
     """The check, its recording, and why the file of servos was not read; ``imported``: where a log becomes one.
 
     A bag is a recording, or, as for ``explain``, the log of an autopilot.
     """
     if not job.is_log:
         try:
-            checked = check_recording(job.recording, job.aircraft).json
+            checked = check_recording(job.recording, job.aircraft)
         except InputError as refused:
             try:
                 without = replace(job.options, map=None)  # which is for tables
@@ -181,7 +184,7 @@ def _checked(job: Job, imported: Path) -> tuple[Answer, Path, str]:
         return checked, job.recording, _unread(job, "a recording says its deflections itself")
     options, unread = _import_options(job)
     import_log(job.recording, imported, **options)
-    return check_recording(imported, job.aircraft).json, imported, unread
+    return check_recording(imported, job.aircraft), imported, unread
 
 
 def _import_options(job: Job) -> tuple[dict[str, Any], str]:

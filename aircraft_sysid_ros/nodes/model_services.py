@@ -26,6 +26,7 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.pace import too_slow
+from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.nodes import common
@@ -198,8 +199,8 @@ class ModelServices:
         parsed = self._requested(text)
         if isinstance(parsed, Effect):
             if parsed.identifier not in self._added:
-                there = ", ".join(self._added) or "no effect"
-                raise InputError(f"'{parsed.identifier}' was not added in this flight: {there} was")
+                there = f"only {listed(list(self._added))}" if self._added else "nothing"
+                raise InputError(f"'{parsed.identifier}' was not added in this flight, {there} was")
             terms = self._added[parsed.identifier]
         else:
             terms = parsed

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 NO_CHECKSUMS = "the recording carries no checksums: a wrong bit inside a message cannot be seen"
 NOT_FINISHED = "the recording breaks off (the recorder did not finish it): read up to there"
+_MISSING = "messages may be missing"
 #: Places, and topics in a sentence, that are named one by one.
 _MOST_PLACES, _MOST_TOPICS = 5, 8
 
@@ -43,7 +44,12 @@ def _span(before: int, seconds: npt.NDArray[np.float64]) -> str:
         return ""
     first = f" from {seconds[before - 1]:.2f} s" if before else ""
     last = f" to {seconds[before]:.2f} s" if before < len(seconds) else ""
-    return f": messages may be missing{first}{last}"
+    return f": {_MISSING}{first}{last}"
+
+
+def losses(notes: Sequence[str]) -> list[str]:
+    """Those notes of a recording that say that part of it could not be read."""
+    return [note for note in notes if NOT_FINISHED in note or _MISSING in note]
 
 
 def undescribed_notes(count: int) -> list[str]:

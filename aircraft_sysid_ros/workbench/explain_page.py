@@ -11,6 +11,7 @@ from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, KnownMod
 from aircraft_sysid_ros.after_flight.explanation.explain import Explanation
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
+from aircraft_sysid_ros.flight_check.check import SHORTEST, nothing_wrong
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, SEVERITIES, WARNING, short_names
 from aircraft_sysid_ros.identification.conditions import TELL_FLOW, throttle_instead
 from aircraft_sysid_ros.workbench import markup
@@ -53,6 +54,8 @@ def _trust(found: Explanation) -> list[str]:
         first = f"With care: {_counted(count[WARNING], 'warning')}, of parts of the flight or single parameters."
     else:
         first = "Yes: its sensors do not contradict each other."
+    if found.check.duration < SHORTEST and not count[ERROR]:
+        first = f"That is not told: {nothing_wrong(found.check.duration)}."
     said = [first]
     if found.why_not and found.diagnosis is None:  # else it stands with what is wrong with the model
         said.append(f"It could not be judged to the end: {found.why_not}.")
@@ -110,6 +113,8 @@ def _off(found: Explanation) -> list[str]:
 
 
 def _sensors(found: Explanation) -> list[str]:
+    if found.check.duration < SHORTEST:
+        return _off(found) or [f"That is not told: {nothing_wrong(found.check.duration)}."]
     return _off(found) or ["None that could be seen: what they show fits together."]
 
 

@@ -502,6 +502,21 @@ class Page(HTMLParser):
         self.words.append(data)
 
 
+def test_a_log_that_breaks_off_at_once_is_not_trusted(aircraft_file, tmp_path, capsys):
+    """It had been: its sensors did not contradict each other, and other manoeuvres were to be flown."""
+    assert main(["simulate", "--out", str(tmp_path / "whole"), "--duration", "30"]) == 0
+    (whole,) = (tmp_path / "whole").glob("*.mcap")
+    (tmp_path / "log.mcap").write_bytes(whole.read_bytes()[:200_000])
+    capsys.readouterr()
+    command = ["explain", str(tmp_path / "log.mcap"), "--aircraft", str(aircraft_file), "--out", str(tmp_path / "out")]
+    assert main([*command, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["check"]["duration"] < 5.0 and found["said"][0]["kind"] == "short"
+    assert "too little for anything to be said" in found["first"] and "breaks off" in found["first"]
+    words = " ".join(" ".join(Page((tmp_path / "out" / "explain.html").read_text()).words).split())
+    assert words.count("That is not told: too short to say") == 2 and "Yes: its sensors" not in words
+
+
 def without_setting(text):
     """Words without spaces and underscores: a page sets C_Z with a subscript."""
     return re.sub(r"[\s_]", "", text)

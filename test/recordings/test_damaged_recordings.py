@@ -591,3 +591,11 @@ def test_a_file_that_holds_more_than_its_size_can_is_refused(tmp_path, monkeypat
     (tmp_path / "bag.mcap.zstd").write_bytes(content)
     with pytest.raises(InputError, match="holds more than a file of its size can: it is no recording"):
         read_raw(tmp_path / "bag.mcap.zstd")
+
+
+def test_of_the_notes_of_a_recording_some_say_that_part_of_it_is_lost():
+    from aircraft_sysid_ros.recordings import losses
+
+    times = np.arange(10) * 10**9
+    (lost,) = losses.damage_notes([losses.Damage("a chunk is broken", 4)], times)
+    assert losses.losses([losses.NO_CHECKSUMS, losses.NOT_FINISHED, lost]) == [losses.NOT_FINISHED, lost]

@@ -33,6 +33,7 @@ from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, Finding, joined, short_names
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.recordings.losses import NOT_FINISHED
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, read_parameters
 from aircraft_sysid_ros.text_file import put_in_place
@@ -164,7 +165,8 @@ def _explained(
     weighed = None if learnt is None else apparent_mass(learnt)
     mass = None if weighed is None else (float(aircraft.mass), *weighed)
     checks = _with_flight(_of_motion(checked), replayed, instruments)
-    evidence = Evidence(checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass)
+    broken = NOT_FINISHED if NOT_FINISHED in checked.notes else ""
+    evidence = Evidence(checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass, broken)
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
     return Explanation(

@@ -20,6 +20,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
+from aircraft_sysid_ros.flight_check.check import SHORTEST
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, KEEPS_TIME, WARNING, Finding, joined, short_names
 from aircraft_sysid_ros.flight_check.signals import SURFACES
 from aircraft_sysid_ros.identification.conditions import listed
@@ -57,6 +58,7 @@ class Evidence:
     facts: Sequence[Fact] = ()
     calm_air: bool = False  # whether the speed over ground stood for the airspeed
     mass: tuple[float, float, float] | None = None  # of the file, by the thrust, and its standard deviation [kg]
+    broken: str = ""  # that the recorder did not finish the log, in words
 
 
 def what_matters(evidence: Evidence) -> list[Said]:
@@ -96,6 +98,12 @@ def _inputs_alone(diagnosis: Mapping[str, Any]) -> bool:
 
 def _motion(evidence: Evidence) -> Iterator[Said]:
     used, _ = evidence.used
+    if evidence.check.get("duration", SHORTEST) < SHORTEST:
+        why = f": {evidence.broken}" if evidence.broken else ""
+        yield Said(
+            "short", f"The log holds {evidence.check['duration']:.1f} s, too little for anything to be said of it{why}."
+        )  # fmt: skip
+        return
     lacking = [f for f in _findings(evidence.check, WARNING) if f.kind == "missing"] if not used else []
     if lacking:
         named = listed(short_names(lacking[0].signals).split(", "))

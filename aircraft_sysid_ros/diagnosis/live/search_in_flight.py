@@ -39,7 +39,14 @@ from aircraft_sysid_ros.diagnosis.finding import explained
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, can_act
-from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, errors_of, expressions, new_terms
+from aircraft_sysid_ros.diagnosis.search.evaluator import (
+    CandidateEvaluator,
+    Score,
+    errors_of,
+    expressions,
+    new_terms,
+    why_no_terms,
+)
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -402,5 +409,5 @@ def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> Terms:
         raise InputError(f"'{effect.identifier}' needs {needed}, which this flight does not have")
     terms = new_terms(data, trial)
     if not terms:
-        raise InputError(f"this flight does not determine '{effect.identifier}', or the model has it already")
+        raise InputError(why_no_terms(data, trial, effect.identifier))
     return terms

@@ -42,7 +42,13 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     version_with,
     write_version,
 )
-from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score, new_terms, undetermined
+from aircraft_sysid_ros.diagnosis.search.evaluator import (
+    CandidateEvaluator,
+    Score,
+    new_terms,
+    undetermined,
+    why_no_terms,
+)
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit, fits_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
@@ -165,7 +171,7 @@ def _of_effect(flight: FlightData, effect: Effect) -> Change:
         raise InputError(f"nothing of '{effect.identifier}' can be fitted on this flight")
     new = new_terms(flight, trial)
     if not new:
-        raise InputError(f"this flight does not determine '{effect.identifier}', or the model has it already")
+        raise InputError(why_no_terms(flight, trial, effect.identifier))
     return Change(terms=new)
 
 
@@ -385,8 +391,9 @@ def _verdict_of(setting: Setting, axes: Mapping[str, Mapping[str, float]]) -> st
 
 def _largest_change(axes: Mapping[str, Mapping[str, float]]) -> str:
     axis = max(axes, key=lambda a: abs(np.log(axes[a]["error_before"] / axes[a]["error_after"])))
-    errors = axes[axis]
-    return f"{100 * errors['error_before']:.1f} % to {100 * errors['error_after']:.1f} % in {axis}"
+    before, after = (100.0 * axes[axis][name] for name in ("error_before", "error_after"))
+    digits = next((d for d in (1, 2, 3) if f"{before:.{d}f}" != f"{after:.{d}f}"), 1)
+    return f"{before:.{digits}f} % to {after:.{digits}f} % in {axis}"
 
 
 def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool, removed: bool, where: str) -> str:

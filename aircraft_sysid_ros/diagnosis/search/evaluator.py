@@ -374,6 +374,15 @@ def new_terms(flight: FlightData, trial: Score) -> dict[str, tuple[str, ...]]:
     return found
 
 
+def why_no_terms(flight: FlightData, trial: Score, name: str) -> str:
+    """Why ``new_terms`` has none of an effect, in words."""
+    terms = trial.candidate.terms
+    texts = {axis: {program.text for program in flight.parsed(terms[axis])} for axis in trial.gains}
+    if all(found <= set(flight.model.terms[axis]) for axis, found in texts.items()):
+        return f"the model has '{name}' already"
+    return f"this flight does not determine '{name}' beside what the model has"
+
+
 def errors_of(flight: FlightData, trial: Score, axis: str) -> tuple[float, float]:
     """Held-out errors of an axis without a candidate and with it, as ``compare`` has them before and after ``add``."""
     return held_out_error(flight, axis), held_out_error(flight.with_terms(new_terms(flight, trial)), axis)
