@@ -473,7 +473,8 @@ def test_a_number_ends_where_its_error_does():
 )
 def test_a_log_is_trusted_as_far_as_its_sensors(kinds, findings, begin):
     found = SimpleNamespace(
-        said=[Said(kind, kind) for kind in kinds], check=SimpleNamespace(duration=60.0, checked=SimpleNamespace(findings=findings)),
+        said=[Said(kind, kind) for kind in kinds],
+        check=SimpleNamespace(duration=60.0, checked=SimpleNamespace(findings=findings)),
         why_not="", used=(30, 32), replayed={},
     )  # fmt: skip
     assert explain_page._trust(found)[0].startswith(begin)
