@@ -46,6 +46,8 @@ def _trust(found: Explanation) -> list[str]:
     count = {severity: sum(f.severity == severity for f in findings) for severity in SEVERITIES}
     if count[ERROR]:
         first = f"Not as it is: {_counted(count[ERROR], 'error')} make what is estimated from it wrong."
+    elif found.check.duration < SHORTEST:
+        first = f"That is not told: {nothing_wrong(found.check.duration)}."
     elif off := _off(found):
         of = "them" if len(off) > 1 else "it"
         sensors = _counted(len(off), "sensor")
@@ -54,8 +56,6 @@ def _trust(found: Explanation) -> list[str]:
         first = f"With care: {_counted(count[WARNING], 'warning')}, of parts of the flight or single parameters."
     else:
         first = "Yes: its sensors do not contradict each other."
-    if found.check.duration < SHORTEST and not count[ERROR]:
-        first = f"That is not told: {nothing_wrong(found.check.duration)}."
     said = [first]
     if found.why_not and found.diagnosis is None:  # else it stands with what is wrong with the model
         said.append(f"It could not be judged to the end: {found.why_not}.")

@@ -244,12 +244,13 @@ def _searched(job: _Job) -> _Searched:
     form, name = job
     tried, constant = _frozen(form.search, name), form.search.best(name, CONSTANT)
     part = None if name == ENGINE else _weakened(form, name, max(tried.score, constant.score))
+    failure, unlike = part, None
     sure = None if part else _of_input(form, tried)
-    failure = part if sure is None else _named(form, sure, constant)
-    unlike = None
-    if failure is None and sure is not None and name != ENGINE:
+    if sure is not None:
         described = _described(form.balance, form.search, sure)
-        unlike = described if _is_long_enough(described) else None
+        failure = _named(described, sure, constant)
+        if failure is None and name != ENGINE and _is_long_enough(described):
+            unlike = described
     if failure is None and name == ENGINE:
         failure = _cut(form.balance)
     evidence = tried.evidence if part is None else part.evidence
@@ -394,12 +395,11 @@ def _of_input(form: _Form, best: Judged) -> Judged | None:
     return None if best.evidence < form.least or not _holds(form, best, form.least) else best
 
 
-def _named(form: _Form, sure: Judged, constant: Judged) -> Failure | None:
-    """What failed of an input, with what else it could be, if it is enough to be named.
+def _named(failure: Failure, sure: Judged, constant: Judged) -> Failure | None:
+    """What is sure of an input, with what else it could be, if it is enough to be named.
 
     ``constant``: the best that another constant of the same axes explains.
     """
-    failure = _described(form.balance, form.search, sure)
     if failure.size < THRESHOLDS.size or not _is_told(failure, sure.score - constant.score):
         return None
     return replace(failure, rivals=_rivals(failure, sure, constant))
