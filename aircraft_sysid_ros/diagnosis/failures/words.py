@@ -22,8 +22,8 @@ from aircraft_sysid_ros.identification.conditions import listed
 LOSS_OF_THRUST, STUCK, DAMAGED = "loss_of_thrust", "stuck_control", "control_damage"
 CHANGE_OF_MOMENTS = "parameter_change"
 _NO_NAME = (
-    "What is commanded makes other moments than before. It is neither a control that stands still nor one that lost "
-    "part of its effect: one of several surfaces that no longer moves, a linkage that slips, or another surface."
+    "What is commanded makes other moments than before: a control that stands still, one that lost part of its effect, "
+    "or one of several surfaces that no longer moves. The flight does not tell well enough which it is."
 )
 _WHAT = {**CONTROL_WORDS, ENGINE: "engine"}
 #: What a moment is called, and what else than a control it could be, by effect and in words.
@@ -106,7 +106,7 @@ def sentence_of_unlike(failure: Failure) -> str:
     """One sentence that a pilot understands."""
     return (
         f"The aeroplane does not answer the control '{_WHAT.get(failure.name, failure.name)}' as before "
-        f"{span_of(failure)}, and no failure that is known explains how."
+        f"{span_of(failure)}, and whether it is stuck or damaged the flight does not tell."
     )
 
 
